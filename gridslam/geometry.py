@@ -1,0 +1,218 @@
+"""Mirrors, surfaces and virtual anchors, paths and their derivatives (paper 002, section II).
+
+A surface is an infinite line. Inside the package it is written by the angle of its normal and its
+offset, ``{q : q . (cos a, sin a) = r}``; users see the surface feature vector (SFV), the mirror image
+of the origin, ``p_s = 2 r (cos a, sin a)``. The line form has no singularity when a surface passes
+through the origin, and its two numbers mean the same wherever the wall stands.
+
+All functions broadcast over leading axes; points have shape ``(..., 2)`` and are in metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def wrap(angle: Array | float) -> Array:
+    """Angle in (-pi, pi], rad."""
+    return -np.remainder(np.pi - np.asarray(angle, dtype=np.float64), 2 * np.pi) + np.pi
+
+
+def direction(start: Array, end: Array) -> Array:
+    """Angle of the direction from `start` to `end`, rad in (-pi, pi]."""
+    step = np.asarray(end) - np.asarray(start)
+    return np.arctan2(step[..., 1], step[..., 0])
+
+
+def unit(angle: Array | float) -> Array:
+    """Unit vector of an angle, shape ``(..., 2)``."""
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def mirror(line: Array, point: Array) -> Array:
+    """Mirror image of `point` at `line` = (normal angle, offset): h_va of paper 002."""
+    line, point = np.asarray(line, dtype=np.float64), np.asarray(point, dtype=np.float64)
+    normal = unit(line[..., 0])
+    return point + 2 * (line[..., 1] - (normal * point).sum(-1))[..., None] * normal
+
+
+def mirror_derivative(line: Array, point: Array) -> Array:
+    """Derivative of `mirror` by (normal angle, offset), shape ``(..., 2, 2)`` [coordinate, parameter]."""
+    normal = unit(line[..., 0])
+    tangent = np.stack([-normal[..., 1], normal[..., 0]], axis=-1)
+    height = line[..., 1] - (normal * point).sum(-1)
+    along = (tangent * point).sum(-1)
+    by_angle = 2 * height[..., None] * tangent - 2 * along[..., None] * normal
+    return np.stack([by_angle, 2 * np.broadcast_to(normal, by_angle.shape)], axis=-1)
+
+
+def line_between(point: Array, image: Array) -> Array:
+    """The line at which `point` is mirrored into `image`: h_sfv of paper 002 in line form."""
+    angle = direction(point, image)
+    middle = 0.5 * (np.asarray(point) + np.asarray(image))
+    return np.stack([angle, (middle * unit(angle)).sum(-1)], axis=-1)
+
+
+def line_through(start: Array, end: Array) -> Array:
+    """The line through two points, as (normal angle, offset >= 0)."""
+    angle = direction(start, end) + 0.5 * np.pi
+    return canonical(np.stack([angle, (np.asarray(start) * unit(angle)).sum(-1)], axis=-1))
+
+
+def canonical(line: Array) -> Array:
+    """The same line with offset >= 0 and a wrapped angle."""
+    line = np.asarray(line, dtype=np.float64)
+    flip = line[..., 1] < 0
+    return np.stack([wrap(line[..., 0] + np.pi * flip), np.abs(line[..., 1])], axis=-1)
+
+
+def sfv(line: Array) -> Array:
+    """Surface feature vector, the mirror image of the origin, m."""
+    line = np.asarray(line)
+    return 2 * line[..., 1, None] * unit(line[..., 0])
+
+
+def line_of_sfv(vector: Array) -> Array:
+    """The line of a surface feature vector; the origin itself has none (offset 0, angle 0)."""
+    vector = np.asarray(vector, dtype=np.float64)
+    return np.stack(
+        [np.arctan2(vector[..., 1], vector[..., 0]), 0.5 * np.hypot(*np.moveaxis(vector, -1, 0))], -1
+    )
+
+
+def sfv_covariance(line: Array, covariance: Array) -> Array:
+    """Covariance of the SFV from that of (angle, offset), shape ``(..., 2, 2)``, m^2."""
+    jacobian = mirror_derivative(np.asarray(line), np.zeros(2))
+    return jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Finite wall pieces.
+
+    Attributes
+    ----------
+    start, end : (W, 2) float64, m
+    reflection : (W,) float64
+        Amplitude reflection coefficient.
+    surface : (W,) int
+        Infinite line on which the piece lies; a window and the wall around it share one.
+    wall : (W,) int
+        Index of the scene's wall entry.
+    """
+
+    start: Array
+    end: Array
+    reflection: Array
+    surface: NDArray[np.intp]
+    wall: NDArray[np.intp]
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    @property
+    def line(self) -> Array:
+        """Line of every piece, (W, 2): normal angle (rad) and offset (m)."""
+        return line_through(self.start, self.end)
+
+
+def crossing(start: Array, end: Array, line: Array) -> Array:
+    """Fraction of the way from `start` to `end` at which `line` is crossed (inf or nan if parallel)."""
+    normal = unit(line[..., 0])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return (line[..., 1] - (normal * start).sum(-1)) / (normal * (end - start)).sum(-1)
+
+
+def distance_to_segments(points: Array, start: Array, end: Array) -> Array:
+    """Distance of every point to every segment, shape ``points.shape[:-1] + (W,)``, m."""
+    points = np.asarray(points)[..., None, :]
+    span = end - start
+    along = ((points - start) * span).sum(-1) / np.maximum((span**2).sum(-1), 1e-300)
+    foot = start + np.clip(along, 0, 1)[..., None] * span
+    return np.linalg.norm(points - foot, axis=-1)
+
+
+@dataclass(frozen=True)
+class PathGeometry:
+    """Paths from anchors over up to two lines to an agent (paper 002, section II).
+
+    Attributes
+    ----------
+    distance : (L,) m
+    departure, arrival : (L,) rad
+        World direction in which the path leaves the anchor; direction from the agent to where it comes from.
+    last_point, first_point : (L, 2) m
+        Interaction points on the last and the first surface (equal for a single bounce, NaN for LOS).
+    valid : (L,) bool
+        The interaction points lie strictly inside their legs and in order.
+    jacobian : (L, 3, 7)
+        Derivative of (distance, AoD, AoA) by (agent x, y, heading, last line angle, offset, first line
+        angle, offset). The AoA is taken relative to the heading, so its derivative by it is -1.
+    """
+
+    distance: Array
+    departure: Array
+    arrival: Array
+    last_point: Array
+    first_point: Array
+    valid: NDArray[np.bool_]
+    jacobian: Array
+
+
+def trace(agent: Array, anchor: Array, last: Array, first: Array, bounces: NDArray[np.intp]) -> PathGeometry:
+    """Distance, directions, interaction points and derivatives of paths.
+
+    Parameters
+    ----------
+    agent, anchor : (L, 2) m
+    last, first : (L, 2)
+        Lines hit last and first (normal angle, offset); ignored where `bounces` says so.
+    bounces : (L,) int
+        0 line of sight, 1 single bounce (uses `last`), 2 double bounce.
+    """
+    single, double = bounces == 1, bounces == 2
+    reflected = single | double
+    image_first = np.where(double[:, None], mirror(first, anchor), anchor)
+    image = np.where(reflected[:, None], mirror(last, image_first), anchor)
+    away = agent - image
+    distance = np.maximum(np.linalg.norm(away, axis=-1), 1e-9)
+    toward = -away / distance[:, None]
+    arrival = np.arctan2(toward[:, 1], toward[:, 0])
+    departure = np.where(
+        single,
+        2 * last[:, 0] - arrival,
+        np.where(double, 2 * first[:, 0] - 2 * last[:, 0] + arrival + np.pi, arrival + np.pi),
+    )
+
+    fraction = crossing(agent, image, last)
+    with np.errstate(invalid="ignore"):
+        last_point = agent + fraction[:, None] * (image - agent)
+        fraction_first = crossing(last_point, image_first, first)
+        first_point = last_point + fraction_first[:, None] * (image_first - last_point)
+        inside = (fraction > 0) & (fraction < 1)
+        inside_first = (fraction_first > 0) & (fraction_first < 1)
+    valid = np.where(double, inside & inside_first, np.where(single, inside, True))
+    last_point = np.where(reflected[:, None], last_point, np.nan)
+    first_point = np.where(double[:, None], first_point, last_point)
+
+    by_last = mirror_derivative(last, image_first) * reflected[:, None, None]
+    normal = unit(last[:, 0])
+    flip = np.eye(2) - 2 * normal[:, :, None] * normal[:, None, :]
+    by_first = flip @ mirror_derivative(first, anchor) * double[:, None, None]
+    across = np.stack([-toward[:, 1], toward[:, 0]], axis=-1) / distance[:, None]
+    jacobian = np.zeros((len(agent), 3, 7))
+    for block, derivative in ((slice(3, 5), by_last), (slice(5, 7), by_first)):
+        jacobian[:, 0, block] = np.einsum("li,lij->lj", toward, derivative)
+        jacobian[:, 2, block] = np.einsum("li,lij->lj", across, derivative)
+    jacobian[:, 0, 0:2] = -toward
+    jacobian[:, 2, 0:2] = -across
+    jacobian[:, 1] = np.where(single[:, None], -jacobian[:, 2], jacobian[:, 2])
+    jacobian[:, 1, 3] += np.where(single, 2.0, np.where(double, -2.0, 0.0))
+    jacobian[:, 1, 5] += np.where(double, 2.0, 0.0)
+    jacobian[:, 2, 2] = -1.0
+    return PathGeometry(distance, wrap(departure), arrival, last_point, first_point, valid, jacobian)

@@ -1,0 +1,1 @@
+"""Parts of the factor graph, shared by every system."""

@@ -1,0 +1,307 @@
+"""What an agent heard: one table of detected paths, handed out step by step."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gridslam import formats
+from gridslam.errors import InputError
+from gridslam.formats import DEVIATIONS, KEYS, VALUES
+from gridslam.geometry import wrap
+from gridslam.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """What was heard at one step; NaN stands for not measured.
+
+    Attributes
+    ----------
+    step : int
+    time_s : float
+    anchor : (M,) int
+        Index of the anchor.
+    distance_m : (M,) float64
+    aod_rad, aoa_rad : (M,) float64
+        Departure relative to the anchor's orientation, arrival relative to the heading.
+    amplitude : (M,) float64
+        Square root of the path's SNR.
+    distance_std_m, aod_std_rad, aoa_std_rad : (M,) float64 or None
+        Used instead of the Fisher-information values.
+    """
+
+    step: int
+    time_s: float
+    anchor: NDArray[np.intp]
+    distance_m: Array
+    aod_rad: Array
+    aoa_rad: Array
+    amplitude: Array
+    distance_std_m: Array | None = None
+    aod_std_rad: Array | None = None
+    aoa_std_rad: Array | None = None
+
+    def __len__(self) -> int:
+        return len(self.anchor)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Measurements:
+    """All that an agent heard, read-only; iterating yields one `Scan` per step.
+
+    Attributes
+    ----------
+    anchors : tuple of str, J names
+    step : (K,) int
+        Rising; a missing step is one at which nothing was heard.
+    time_s : (K,) float64
+        Rises strictly from step to step.
+    anchor : (K,) int
+        Index into `anchors`.
+    distance_m, aod_rad, aoa_rad, amplitude : (K,) float64
+        As in `Scan`; NaN where not measured.
+    distance_std_m, aod_std_rad, aoa_std_rad : (K,) float64 or None
+    anchor_position_m : (J, 2) float64, m, or None
+    anchor_orientation_rad : (J,) float64, rad, or None
+    interval_s : float
+        Time between steps, for those before the first and after the last row; 0 stands for the median.
+    steps : int
+        Number of steps; 0 stands for all up to the last one heard.
+    truth : Trajectory or None
+        For scoring alone: no filter reads it.
+
+    Raises
+    ------
+    InputError
+        Columns of different lengths, unordered steps or times, infinities, impossible values.
+    """
+
+    anchors: tuple[str, ...]
+    step: NDArray[np.intp]
+    time_s: Array
+    anchor: NDArray[np.intp]
+    distance_m: Array
+    aod_rad: Array
+    aoa_rad: Array
+    amplitude: Array
+    distance_std_m: Array | None = None
+    aod_std_rad: Array | None = None
+    aoa_std_rad: Array | None = None
+    anchor_position_m: Array | None = None
+    anchor_orientation_rad: Array | None = None
+    interval_s: float = 0.0
+    steps: int = 0
+    truth: Trajectory | None = None
+
+    def __post_init__(self) -> None:
+        names = tuple(self.anchors)
+        if not names or len(set(names)) < len(names):
+            raise InputError("measurements: anchors", ", ".join(names) or "none", "names, each once")
+        count = np.size(self.step)
+        shapes: dict[str, tuple[int, ...]] = dict.fromkeys((*KEYS, *VALUES, *DEVIATIONS), (count,))
+        shapes |= {"anchor_position_m": (len(names), 2), "anchor_orientation_rad": (len(names),)}
+        arrays: formats.Columns = {}
+        for name, shape in shapes.items():
+            if name in (*KEYS, *VALUES) or getattr(self, name) is not None:
+                kind = np.intp if name in ("step", "anchor") else np.float64
+                arrays[name] = np.array(getattr(self, name), dtype=kind)
+                if arrays[name].shape != shape:
+                    raise InputError(f"measurements: {name}", f"shape {arrays[name].shape}", f"shape {shape}")
+        for name in ("anchor_position_m", "anchor_orientation_rad"):
+            if name in arrays and not np.isfinite(arrays[name]).all():
+                raise InputError(f"measurements: {name}", "NaN or infinity", "finite numbers")
+        formats.check_columns(arrays, len(names), lambda row, name: f"measurements: {name}[{row}]")
+        for name in ("aod_rad", "aoa_rad"):
+            arrays[name] = wrap(arrays[name])
+        for name, values in arrays.items():
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
+
+        heard = int(self.step[-1]) + 1 if count else 0
+        steps, interval = self.steps or heard, self.interval_s or self._median_interval()
+        if not heard <= steps <= formats.MOST_STEPS:
+            raise InputError("measurements: steps", str(steps), f"{heard} to {formats.MOST_STEPS}")
+        if not (np.isfinite(interval) and interval > 0):
+            raise InputError("measurements: interval_s", str(interval), "a number above 0")
+        for name, value in (("anchors", names), ("steps", int(steps)), ("interval_s", float(interval))):
+            object.__setattr__(self, name, value)
+
+    def _median_interval(self) -> float:
+        steps, first = np.unique(self.step, return_index=True)
+        gaps = np.diff(self.time_s[first]) / np.diff(steps)
+        return float(np.median(gaps)) if len(gaps) else 1.0
+
+    def __len__(self) -> int:
+        return self.steps
+
+    def __iter__(self) -> Iterator[Scan]:
+        return map(self.scan, range(self.steps))
+
+    def scan(self, step: int) -> Scan:
+        """What was heard at one step, possibly nothing.
+
+        Raises
+        ------
+        IndexError
+            There is no such step.
+        """
+        if not 0 <= step < self.steps:
+            raise IndexError(f"step {step} of {self.steps}")
+        rows = slice(*np.searchsorted(self.step, [step, step + 1]))
+        cut = {
+            name: values[rows] for name, values in self._columns().items() if name not in ("step", "time_s")
+        }
+        return Scan(step=step, time_s=self._time(step, rows), **cut)
+
+    def _time(self, step: int, rows: slice) -> float:
+        """Time of a step: its own, between its neighbours, or at `interval_s` beyond the ends."""
+        if rows.start < rows.stop:
+            return float(self.time_s[rows.start])
+        if not len(self.step):
+            return step * self.interval_s
+        before, after = max(rows.start - 1, 0), min(rows.start, len(self.step) - 1)
+        if self.step[before] < step < self.step[after]:
+            return float(np.interp(step, self.step[[before, after]], self.time_s[[before, after]]))
+        nearest = before if step > self.step[before] else after
+        return float(self.time_s[nearest] + (step - self.step[nearest]) * self.interval_s)
+
+    def _columns(self) -> formats.Columns:
+        """Columns of the table that are there, in the order of the files."""
+        names = (*KEYS, *VALUES, *(name for name in DEVIATIONS if getattr(self, name) is not None))
+        return {name: getattr(self, name) for name in names}
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write one row per detected path (no anchors' places, no truth).
+
+        Raises
+        ------
+        InputError
+            The file can't be written.
+        """
+        formats.write_csv(path, self._columns(), self.anchors)
+
+    @classmethod
+    def from_csv(cls, path: str | os.PathLike[str], anchors: Sequence[str]) -> Measurements:
+        """Read a CSV file that names the anchors `anchors`.
+
+        Raises
+        ------
+        InputError
+            The first fault, with its line.
+        """
+        with formats.located(path):
+            columns: dict[str, Any] = formats.read_csv(path, tuple(anchors))
+            return cls(anchors=tuple(anchors), **columns)
+
+    def to_h5(self, path: str | os.PathLike[str]) -> None:
+        """Write everything, the truth included, as HDF5 (``h5read`` of MATLAB reads it).
+
+        Raises
+        ------
+        InputError
+            The file can't be written.
+        """
+        formats.write_h5(path, self._columns(), {f.name: getattr(self, f.name) for f in fields(self)})
+
+    @classmethod
+    def from_h5(cls, path: str | os.PathLike[str]) -> Measurements:
+        """Read an HDF5 file.
+
+        Raises
+        ------
+        InputError
+            Not such a file, cut short, or any fault in its content.
+        """
+        with formats.located(path):
+            return cls(**formats.read_h5(path))
+
+    @classmethod
+    def from_arrays(
+        cls,
+        distance_m: Mapping[str, Sequence[ArrayLike]],
+        aod_rad: Mapping[str, Sequence[ArrayLike]] | None = None,
+        aoa_rad: Mapping[str, Sequence[ArrayLike]] | None = None,
+        amplitude: Mapping[str, Sequence[ArrayLike]] | None = None,
+        *,
+        time_s: ArrayLike | None = None,
+        interval_s: float = 1.0,
+        **more: Any,
+    ) -> Measurements:
+        """Collect arrays that hold one row of paths per step, for each anchor.
+
+        Parameters
+        ----------
+        distance_m, aod_rad, aoa_rad, amplitude : dict of anchor name to N sequences
+            Ragged lists, or (N, M) arrays padded with NaN; a quantity left out was not measured. All of an
+            anchor's quantities have the same number of paths in a step.
+        time_s : (N,) s, optional
+            Times of the steps; otherwise every `interval_s` from 0.
+        **more
+            Standard deviations in the same form, and any other argument of `Measurements`.
+
+        Raises
+        ------
+        InputError
+            Quantities whose shapes differ, or any fault of their content.
+
+        Examples
+        --------
+        >>> from gridslam.measurements import Measurements
+        >>> heard = Measurements.from_arrays({"A": [[2.0, 5.5], [], [2.1]], "B": [[4.0], [4.1], []]})
+        >>> len(heard), heard.scan(0).distance_m.tolist()
+        (3, [2.0, 5.5, 4.0])
+        """
+        given = {"distance_m": distance_m, "aod_rad": aod_rad, "aoa_rad": aoa_rad, "amplitude": amplitude}
+        given |= {name: more.pop(name, None) for name in DEVIATIONS}
+        tables = {name: quantity for name, quantity in given.items() if quantity is not None}
+        anchors, steps = tuple(distance_m), max((len(rows) for rows in distance_m.values()), default=0)
+        times = np.arange(steps) * interval_s if time_s is None else np.asarray(time_s, dtype=np.float64)
+        if times.shape != (steps,):
+            raise InputError("measurements: time_s", f"shape {times.shape}", f"shape ({steps},)")
+        counts = _counts(tables, anchors, steps)
+        flat = {name: _flat(quantity, anchors) for name, quantity in tables.items()}
+        flat |= {name: np.full(counts.sum(), np.nan) for name in VALUES if name not in flat}
+        step = np.concatenate([np.repeat(np.arange(steps), row) for row in counts])
+        anchor = np.repeat(np.arange(len(anchors)), counts.sum(axis=1))
+        kept = ~np.all([np.isnan(flat[name]) for name in VALUES], axis=0)
+        order = np.flatnonzero(kept)[np.argsort(step[kept], kind="stable")]
+        columns = {"step": step, "time_s": times[step], "anchor": anchor, **flat}
+        taken = {name: values[order] for name, values in columns.items()}
+        return cls(anchors=anchors, interval_s=interval_s, **{"steps": steps, **more}, **taken)
+
+
+def _counts(
+    tables: Mapping[str, Mapping[str, Sequence[ArrayLike]]], anchors: tuple[str, ...], steps: int
+) -> NDArray[np.intp]:
+    """Paths per anchor and step, (J, N), the same in every quantity."""
+    found = None
+    for name, quantity in tables.items():
+        if set(quantity) != set(anchors):
+            raise InputError(
+                f"measurements: {name}", f"anchors {sorted(quantity)}", f"anchors {sorted(anchors)}"
+            )
+        counts = np.zeros((len(anchors), steps), dtype=np.intp)
+        for index, anchor in enumerate(anchors):
+            if len(quantity[anchor]) != steps:
+                found_steps = f"{len(quantity[anchor])} steps"
+                raise InputError(f"measurements: {name}[{anchor!r}]", found_steps, f"{steps} steps")
+            counts[index] = [np.size(row) for row in quantity[anchor]]
+        found = counts if found is None else found
+        if (counts != found).any():
+            index, step = np.argwhere(counts != found)[0]
+            where = f"measurements: {name}[{anchors[index]!r}][{step}]"
+            raise InputError(where, f"{counts[index, step]} paths", f"{found[index, step]}, as in distance_m")
+    return np.zeros((len(anchors), steps), dtype=np.intp) if found is None else found
+
+
+def _flat(quantity: Mapping[str, Sequence[ArrayLike]], anchors: tuple[str, ...]) -> Array:
+    rows = [np.ravel(np.asarray(row, dtype=np.float64)) for anchor in anchors for row in quantity[anchor]]
+    return np.concatenate([np.zeros(0), *rows])

@@ -1,0 +1,131 @@
+"""What a run returns: the track, the surfaces, the map, and how good they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
+from gridslam.map import Map
+from gridslam.metrics import diverged, map_scores, p95, reflection_mae, rmse, surface_scores, track_errors
+from gridslam.runfiles import AgentFiles, RunFiles, check_output, read_run, write_run
+from gridslam.scene import Scene
+from gridslam.simulate import Truth
+from gridslam.stepfiles import read_steps, write_steps
+from gridslam.trajectory import Trajectory
+
+__all__ = [
+    "AgentFiles",
+    "Estimate",
+    "PathEstimate",
+    "Run",
+    "RunFiles",
+    "SurfaceEstimate",
+    "check_output",
+    "read_run",
+    "read_steps",
+    "write_run",
+    "write_steps",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One agent's run.
+
+    Attributes
+    ----------
+    scene : Scene
+        Resolved scene, with the settings that the run used.
+    agent, method, device : str
+        Who, how and where.
+    seed : int
+        Seed of all random numbers.
+    estimates : list of Estimate
+        One per step, (N).
+    trajectory : Trajectory
+        Estimated track, N poses.
+    covariance : (N, 5, 5) float64
+        Of [x, y, vx, vy, heading] at each step.
+    surfaces : SurfaceEstimate
+        Surfaces detected at the end.
+    map : Map
+        The map at the end.
+    seconds_per_step, peak_memory_mb : float
+        What the run cost.
+    interrupted : bool
+        Whether it was stopped before the last measurement.
+    """
+
+    scene: Scene
+    agent: str
+    method: str
+    seed: int
+    device: str
+    estimates: list[Estimate]
+    trajectory: Trajectory
+    covariance: np.ndarray
+    surfaces: SurfaceEstimate
+    map: Map
+    seconds_per_step: float
+    peak_memory_mb: float
+    interrupted: bool = False
+
+    def score(self, truth: Truth | Trajectory | None = None) -> dict[str, Any]:
+        """Score the run; the keys are those of one agent in ``run.json``.
+
+        Parameters
+        ----------
+        truth : Truth, Trajectory or None
+            A track alone gives the errors of the track. What lacks its truth is None.
+
+        Raises
+        ------
+        InputError
+            The true track doesn't cover the run.
+        """
+        found = self.surfaces.take(self.surfaces.existence > self.scene.filter.detect_above)
+        scores: dict[str, Any] = dict.fromkeys(AGENT_KEYS) | {
+            "steps": len(self.trajectory),
+            "interrupted": self.interrupted,
+            "surfaces_detected": len(found),
+            "map": dict.fromkeys(MAP_KEYS),
+            "seconds_per_step": float(self.seconds_per_step),
+            "peak_memory_mb": float(self.peak_memory_mb),
+        }
+        track = truth.trajectory if isinstance(truth, Truth) else truth
+        if track is not None and len(self.trajectory):
+            position, heading = track_errors(self.trajectory, track)
+            scores |= {
+                "position_rmse_m": rmse(position),
+                "position_p95_m": p95(position),
+                "heading_rmse_deg": float(np.degrees(rmse(heading))),
+                "final_position_error_m": float(np.linalg.norm(position[-1])),
+                "diverged": diverged(position),
+            }
+        if isinstance(truth, Truth):
+            scores |= surface_scores(found, truth.segments, truth.paths)
+            scores["reflection_mae"] = reflection_mae(self.map, truth.segments)
+            scores["map"] = map_scores(self.map, truth.segments, truth.paths)
+        return scores
+
+
+AGENT_KEYS = (
+    "steps",
+    "interrupted",
+    "position_rmse_m",
+    "position_p95_m",
+    "heading_rmse_deg",
+    "final_position_error_m",
+    "diverged",
+    "surfaces_detected",
+    "surfaces_true",
+    "surface_ospa_m",
+    "reflection_mae",
+    "map",
+    "seconds_per_step",
+    "peak_memory_mb",
+)
+MAP_KEYS = ("occupied_precision", "occupied_recall", "free_precision", "free_recall", "auc")

@@ -1,0 +1,87 @@
+"""Strict data models whose faults read as one line: file, field, found, allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from typing import Any, Self
+
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from gridslam.errors import InputError
+
+
+def fault(field: str, found: str, allowed: str) -> PydanticCustomError:
+    """Exception for a validator to raise: a field below the model, what stands there, what could."""
+    # braces in the text would be read as a template, so everything travels in the context
+    return PydanticCustomError("fault", "fault", {"field": field, "found": found, "allowed": allowed})
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """Say which known word was probably meant, or list them all."""
+    known = sorted(known)
+    close = get_close_matches(word, known, n=1, cutoff=0.6)
+    return f"{close[0]} (nearest known)" if close else ", ".join(known) or "none here"
+
+
+class Strict(BaseModel):
+    """Frozen model: no unknown keys, no silent conversions, no NaN or infinity."""
+
+    model_config = ConfigDict(
+        strict=True, extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _know_every_key(cls, data: Any) -> Any:
+        for key in data if isinstance(data, Mapping) else ():
+            if key not in cls.model_fields:
+                raise fault(str(key), "an unknown key", nearest(str(key), cls.model_fields))
+        return data
+
+    @classmethod
+    def checked(cls, data: Mapping[str, Any], where: str) -> Self:
+        """Build the model from plain data; lists stand for tuples.
+
+        Raises
+        ------
+        InputError
+            The first fault, with `where` and the path to the field.
+        """
+        try:
+            return cls.model_validate({key: _tuples(value) for key, value in data.items()})
+        except ValidationError as error:
+            raise _input_error(error.errors()[0], where) from None
+
+
+def _tuples(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return tuple(_tuples(item) for item in value)
+    if isinstance(value, Mapping):
+        return {key: _tuples(item) for key, item in value.items()}
+    return value
+
+
+def _input_error(error: ErrorDetails, where: str) -> InputError:
+    field, context = _field(error["loc"]), error.get("ctx", {})
+    if error["type"] == "fault":
+        field = f"{field}.{context['field']}" if field and context["field"] else field or context["field"]
+        found, allowed = context["found"], context["allowed"]
+    elif error["type"] == "missing":
+        found, allowed = "nothing", "a value, this key has no default"
+    else:
+        plain = {"model_type": "a table", "dict_type": "a table", "tuple_type": "a list"}
+        message = error["msg"].removeprefix("Input should be ")
+        found, allowed = _short(error["input"]), plain.get(error["type"], message)
+    return InputError(f"{where}: {field}" if field else where, found, allowed)
+
+
+def _field(location: tuple[int | str, ...]) -> str:
+    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in location)
+    return "".join(parts).removeprefix(".")
+
+
+def _short(value: Any) -> str:
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else text[:57] + "..."

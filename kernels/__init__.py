@@ -1,0 +1,1 @@
+"""Taichi kernels: arrays in, arrays out; they know nothing of scenes."""

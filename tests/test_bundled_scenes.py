@@ -1,0 +1,89 @@
+"""Bundled scenes: what each promises to make hard, checked on its true paths."""
+
+import re
+
+import numpy as np
+import pytest
+
+from gridslam.scene import BUNDLED, Scene, bundled_scenes
+from gridslam.simulate import true_paths
+
+
+def test_bundled_scenes_cite_their_source_and_say_what_is_hard():
+    assert bundled_scenes() == ["alcove", "canyon", "room"]
+    for name in bundled_scenes():
+        head = re.split(r"^(?!#)", (BUNDLED / f"{name}.toml").read_text(), maxsplit=1, flags=re.M)[0]
+        assert "paper 00" in head
+        assert "hard about it" in head
+        scene = Scene.load(name)
+        assert scene.name == name
+        assert scene.description
+        assert Scene.from_toml(scene.to_toml()) == scene
+
+
+def heard(name, agent, above):
+    """Surface (by wall entry) of every single and double bounce stronger than `above`, per step."""
+    scene = Scene.load(name)
+    paths, walls = true_paths(scene, agent), scene.segments()
+    entry = np.append(walls.wall, -1)[paths.segment]
+    loud = paths.amplitude > above
+    return scene, paths, entry, loud
+
+
+def steps_of(paths, rows):
+    return np.unique(paths.step[rows])
+
+
+def test_room_hears_every_wall_at_every_step():
+    scene, paths, _, loud = heard("room", "agent1", 2.0)
+    surface = scene.segments().surface[paths.segment[:, 0]]
+    assert len(scene.track("agent1")) == 150
+    for number in range(4):
+        rows = loud & (paths.bounces == 1) & (surface == number)
+        assert len(steps_of(paths, rows)) == 150
+
+
+def test_alcove_floor_is_known_by_double_bounces_alone_until_step_126():
+    _, paths, entry, loud = heard("alcove", "agent1", 2.45)
+    floor = (entry == 2).any(axis=1)
+    single = steps_of(paths, (paths.bounces == 1) & floor)  # however weak
+    assert single[0] == 126
+    double = steps_of(paths, (paths.bounces == 2) & floor & loud)
+    assert (double < 126).sum() >= 120
+    for wall in range(5):
+        rows = loud & (paths.bounces == 1) & (entry[:, 0] == wall)
+        assert len(steps_of(paths, rows)) >= 50
+        assert len(steps_of(paths, rows & (paths.step >= 230))) >= 10  # seen towards the end
+    assert paths.step.max() == 306
+
+
+@pytest.mark.parametrize("agent", ["agent1", "agent2"])
+def test_canyon_is_heard_well_enough_to_map(agent):
+    scene, paths, entry, loud = heard("canyon", agent, 3.0)
+    steps, sight = len(scene.track(agent)), (paths.bounces == 0) & loud
+    seen = np.zeros((steps, 3), bool)
+    seen[paths.step[sight], paths.anchor[sight]] = True
+    assert steps >= 300
+    assert seen.any(axis=1).all()
+    assert (seen.sum(axis=1) >= 2).mean() > 0.9
+    single = (paths.bounces == 1) & loud
+    walls = range(3) if agent == "agent1" else (2, 3, 4, 5)
+    for wall in walls:
+        assert len(steps_of(paths, single & (entry[:, 0] == wall))) >= 50
+    if agent == "agent2":  # the curved front, facet by facet
+        facets = paths.segment[single & (entry[:, 0] == 3), 0]
+        assert (np.unique(facets, return_counts=True)[1] >= 10).sum() >= 10
+
+
+def test_canyon_window_lies_in_the_line_of_its_wall():
+    walls = Scene.load("canyon").segments()
+    window = walls.wall == 1
+    assert len(np.unique(walls.surface[walls.wall <= 2])) == 1
+    assert walls.reflection[window] == pytest.approx(0.3)
+
+
+def test_canyon_tracks_overlap_only_in_part():
+    scene = Scene.load("canyon")
+    one, two = (scene.track(name).position_m for name in ("agent1", "agent2"))
+    near = (np.linalg.norm(two[:, None] - one[None], axis=-1) < 1.0).any(axis=1).mean()
+    assert 0.1 < near < 0.6
