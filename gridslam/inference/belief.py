@@ -1,0 +1,146 @@
+"""One correlated Gaussian belief about the agent and all surfaces (model.md, section 2.6 (g)).
+
+Separate beliefs forget that the map was built from the agent's own error. Here agent and surfaces stay
+correlated: the state is [x, y, vx, vy, heading, angle_1, offset_1, angle_2, ...].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.geometry import line_between, unit, wrap
+
+Array = NDArray[np.float64]
+AGENT = 5
+"""Entries of the agent's state; surface i stands at AGENT + 2 i."""
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Gaussian belief.
+
+    Attributes
+    ----------
+    mean : (5 + 2 S,) float64
+    covariance : (5 + 2 S, 5 + 2 S) float64
+    """
+
+    mean: Array
+    covariance: Array
+
+    @property
+    def lines(self) -> Array:
+        """Mean lines of the surfaces, (S, 2): normal angle (rad) and offset (m)."""
+        return self.mean[AGENT:].reshape(-1, 2)
+
+
+def slots(surfaces: NDArray[np.intp]) -> NDArray[np.intp]:
+    """State entries of the lines of `surfaces` (...,), shape ``(..., 2)``."""
+    return AGENT + 2 * np.asarray(surfaces)[..., None] + np.arange(2)
+
+
+def predict(belief: Belief, dt: float, acceleration: float, heading: float, shift: float, feet: Array) -> Belief:
+    """Near-constant velocity, random-walk heading, and jitter of every surface at its wall.
+
+    Parameters
+    ----------
+    dt, acceleration, heading, shift : float; s, m/s^2, rad, m
+        `shift` is the jitter of a surface along its normal at the point where it is hit.
+    feet : (S,) m
+        Tangential coordinate of the place where each surface is hit, about which it turns.
+    """
+    size = len(belief.mean)
+    forward, noise = np.eye(size), np.zeros((size, size))
+    forward[0, 2] = forward[1, 3] = dt
+    push = np.array([0.5 * dt**2, dt])
+    for axis in range(2):
+        entry = np.array([axis, axis + 2])
+        noise[np.ix_(entry, entry)] = acceleration**2 * np.outer(push, push)
+    noise[4, 4] = heading**2
+    for surface, foot in enumerate(feet):
+        angle, offset = slots(np.intp(surface))
+        turn = np.zeros((2, 2))
+        # a turn by w about the point at tangential coordinate t changes the offset by t w
+        lever = np.array([1.0, foot])
+        turn += (shift / 5.0) ** 2 * np.outer(lever, lever)
+        turn[1, 1] += shift**2
+        noise[np.ix_([angle, offset], [angle, offset])] = turn
+    mean = forward @ belief.mean
+    return Belief(mean, forward @ belief.covariance @ forward.T + noise)
+
+
+def update(belief: Belief, jacobian: Array, residuals: Array, noises: Array, weights: Array) -> Belief:
+    """Moment-matched update with one path that several measurements (or none) may have come from.
+
+    Parameters
+    ----------
+    jacobian : (D, N)
+        Derivative of the path's parameters by the state.
+    residuals : (M, D)
+        Measured minus predicted.
+    noises : (M, D)
+        Variances of the measurements.
+    weights : (M,)
+        Probability of each association; the rest, ``1 - sum``, is that of none.
+    """
+    spread = belief.covariance @ jacobian.T
+    core = jacobian @ spread
+    shift = np.zeros(len(belief.mean))
+    inner = np.zeros_like(core)
+    outer = np.zeros((len(shift), len(shift)))
+    for residual, noise, weight in zip(residuals, noises, weights, strict=True):
+        inverse = np.linalg.inv(core + np.diag(noise))
+        step = spread @ (inverse @ residual)
+        shift += weight * step
+        inner += weight * inverse
+        outer += weight * np.outer(step, step)
+    covariance = belief.covariance - spread @ inner @ spread.T + outer - np.outer(shift, shift)
+    mean = belief.mean + shift
+    mean[4] = wrap(mean[4])
+    return Belief(mean, 0.5 * (covariance + covariance.T))
+
+
+def birth_line(agent: Array, distance: float, arrival: float, source: Array, after: Array | None) -> Array:
+    """Line of the new surface that explains a measurement, (2,).
+
+    Parameters
+    ----------
+    agent : (3,) x, y, heading
+    source : (2,) m
+        Point that the new surface mirrors: the anchor, or its image at a known first surface.
+    after : (2,) or None
+        Known last line; the image point seen by the agent is mirrored back at it first.
+    """
+    from gridslam.geometry import mirror
+
+    image = agent[:2] + distance * unit(agent[2] + arrival)
+    if after is not None:
+        image = mirror(after, image)
+    return line_between(source, image)
+
+
+def give_birth(belief: Belief, line: Array, by_state: Array, by_measurement: Array, noise: Array) -> Belief:
+    """Append a surface that is a function of the state and of a measurement.
+
+    Parameters
+    ----------
+    line : (2,)
+    by_state : (2, N)
+        Derivative of the line by the state so far: this keeps the new surface correlated with its maker.
+    by_measurement : (2, D)
+    noise : (D,)
+        Variances of the measurement.
+    """
+    cross = by_state @ belief.covariance
+    own = cross @ by_state.T + by_measurement @ np.diag(noise) @ by_measurement.T
+    covariance = np.block([[belief.covariance, cross.T], [cross, own]])
+    return Belief(np.concatenate([belief.mean, line]), 0.5 * (covariance + covariance.T))
+
+
+def keep(belief: Belief, surfaces: NDArray[np.bool_]) -> Belief:
+    """Marginalise out the surfaces that aren't kept."""
+    rows = np.concatenate([np.ones(AGENT, dtype=bool), np.repeat(surfaces, 2)])
+    return Belief(belief.mean[rows], belief.covariance[np.ix_(rows, rows)])

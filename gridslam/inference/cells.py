@@ -1,0 +1,115 @@
+"""Occupancy and reflection beliefs of the grid (paper 003, eqs. (1), (43)-(46)); owner of the ray kernel."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam import runtime
+from gridslam.signal import REFLECTION_BINS
+
+Array = NDArray[np.float64]
+EVIDENCE_CLIP = 12.0
+CLEAR_ANCHOR_M = 0.35
+OUTSIDE = 0.1
+"""Factor of a hit outside the grid."""
+
+
+class Cells:
+    """Grid of cells: log odds of occupancy, and a log posterior of the reflection coefficient per hit cell.
+
+    Attributes
+    ----------
+    origin, cell : (2,) m and m
+        Lower-left corner and side of a cell.
+    evidence : (ny, nx) float64
+        Log odds, 0 where untouched.
+    coefficient : (ny, nx, BINS) float64
+        Log-likelihood over `REFLECTION_BINS`.
+    """
+
+    def __init__(self, origin: Array, cell: float, shape: tuple[int, int], free_path: float, anchors: Array) -> None:
+        self.origin, self.cell, self.shape = np.asarray(origin, float), cell, shape
+        self.evidence = np.zeros(shape)
+        self.observed = np.zeros(shape, dtype=bool)
+        self.coefficient = np.zeros((*shape, len(REFLECTION_BINS)))
+        self.prior = 1 - np.exp(-cell / free_path)
+        y, x = np.indices(shape)
+        centre = self.origin + cell * (np.stack([x, y], -1) + 0.5)
+        gap = np.linalg.norm(centre[:, :, None] - anchors, axis=-1).min(-1)
+        self._clear = gap < CLEAR_ANCHOR_M
+        self._lift = np.zeros((4, 2, *shape))
+        self._message = np.zeros((4, *shape))
+
+    def traversed(self) -> Array:
+        """Occupancy probability of a cell in the role of being crossed."""
+        o = 1 / (1 + np.exp(-(self.evidence + np.log(self.prior / (1 - self.prior)))))
+        return np.where(self._clear, 1e-6, np.clip(o, 1e-3 * 0.1, 0.99))
+
+    def hit(self) -> Array:
+        """Occupancy probability of a cell in the role of being hit, inside V."""
+        return np.where(self._clear, 1e-6, np.clip(1 / (1 + np.exp(-self.evidence)), 1e-3, 0.99))
+
+    def cast(self, corners: Array, normals: Array, bounces: NDArray[np.intp], bracket: Array, send: bool) -> Array:
+        """Cast rays; return V of every ray, and add the paths' messages to the cells if `send`.
+
+        Parameters
+        ----------
+        corners : (L, R, 4, 2) m
+            Anchor, interaction points, agent, in order; the agent repeats where there are fewer bounces.
+        normals : (L, R, 2, 2)
+        bounces : (L,)
+        bracket : (L,)
+            A of the path: what it is worth if it is not blocked.
+        send : bool
+
+        Returns
+        -------
+        (L, R) float64
+        """
+        runtime.start()
+        from gridslam.kernels.cells import cast
+
+        paths, rays = corners.shape[:2]
+        validity = np.zeros(paths * rays)
+        if not paths:
+            return validity.reshape(0, rays)
+        factor = np.stack([bracket, np.full(paths, float(send))], -1)
+        cast(
+            np.ascontiguousarray(corners.reshape(-1, 4, 2), dtype=np.float64),
+            np.ascontiguousarray(normals.reshape(-1, 2, 2), dtype=np.float64),
+            np.ascontiguousarray(bounces, dtype=np.int32),
+            np.ascontiguousarray(factor, dtype=np.float64),
+            self.traversed(),
+            self.hit(),
+            np.array([*self.origin, self.cell]),
+            validity,
+            self._lift,
+            self._message,
+            rays,
+            OUTSIDE,
+            EVIDENCE_CLIP,
+        )
+        return validity.reshape(paths, rays)
+
+    def absorb(self) -> None:
+        """Fold the messages of all paths and anchors into the beliefs, eq. (46)."""
+        total = self._message.sum(0)
+        self.observed |= total != 0
+        self.evidence = np.clip(self.evidence + total, -EVIDENCE_CLIP, EVIDENCE_CLIP)
+        self._message[:] = 0
+
+    def weigh_coefficient(self, points: Array, log_likelihood: Array) -> None:
+        """Multiply a log-likelihood (BINS,) over the coefficient into the cells at `points` (R, 2) m, by share."""
+        index = np.floor((points - self.origin) / self.cell).astype(int)
+        inside = (index >= 0).all(-1) & (index[:, 0] < self.shape[1]) & (index[:, 1] < self.shape[0])
+        share = log_likelihood / len(points)
+        np.add.at(self.coefficient, (index[inside, 1], index[inside, 0]), share)
+
+    def coefficient_at(self, points: Array) -> Array:
+        """Mean log-likelihood over the coefficient of the hit cells at `points` (R, 2) m, shape (BINS,)."""
+        index = np.floor((points - self.origin) / self.cell).astype(int)
+        inside = (index >= 0).all(-1) & (index[:, 0] < self.shape[1]) & (index[:, 1] < self.shape[0])
+        if not inside.any():
+            return np.zeros(len(REFLECTION_BINS))
+        return self.coefficient[index[inside, 1], index[inside, 0]].mean(0)

@@ -1,0 +1,187 @@
+"""The bank of potential surfaces: existence, reflection coefficient, ray existences; births, merging, pruning."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.geometry import canonical, unit, wrap
+from gridslam.inference.belief import Belief, keep, slots, update
+from gridslam.signal import REFLECTION_BINS
+
+Array = NDArray[np.float64]
+BINS = len(REFLECTION_BINS)
+FRESH_SINGLE, FRESH_DOUBLE, FRESH_BEARER = 0.5, 0.3, 0.98
+"""Existence of a new surface's rays: single bounces, double bounces, and the ray that bore it."""
+MOST_SURFACES = 24
+
+
+@dataclass
+class Bank:
+    """Potential surfaces, aligned with the lines in a `Belief`.
+
+    Attributes
+    ----------
+    identity : (S,) int64
+    existence : (S,) float64
+    reflection : (S, BINS) float64
+        Belief over `REFLECTION_BINS`; rows sum to 1.
+    age, seen : (S,) int
+        Steps since birth, steps with a detection.
+    single : (J, S) float64
+        Existence of the single-bounce ray from each anchor.
+    double : (J, S, S) float64
+        Existence of the ray over (last, first).
+    extent : (S, 2) float64, m
+        Tangential stretch that was hit.
+    foot : (S,) float64, m
+        Tangential coordinate of the latest hit.
+    """
+
+    identity: NDArray[np.int64]
+    existence: Array
+    reflection: Array
+    age: NDArray[np.int64]
+    seen: NDArray[np.int64]
+    single: Array
+    double: Array
+    extent: Array
+    foot: Array
+
+    def __len__(self) -> int:
+        return len(self.identity)
+
+    @classmethod
+    def empty(cls, anchors: int) -> Bank:
+        """Bank without surfaces."""
+        none, whole = np.zeros(0), np.zeros(0, np.int64)
+        return cls(
+            whole, none, np.zeros((0, BINS)), whole.copy(), whole.copy(), np.zeros((anchors, 0)),
+            np.zeros((anchors, 0, 0)), np.zeros((0, 2)), none.copy(),
+        )  # fmt: skip
+
+    def take(self, rows: NDArray[np.bool_]) -> Bank:
+        """Keep some of the surfaces."""
+        parts = {f.name: getattr(self, f.name) for f in fields(self)}
+        chosen = {name: part[rows] for name, part in parts.items() if name not in ("single", "double")}
+        return Bank(**chosen, single=self.single[:, rows], double=self.double[:, rows][:, :, rows])
+
+    def add(self, identity: int, existence: float, reflection: Array, foot: float, bearer: tuple[int, int, int]) -> Bank:
+        """Append a new surface; `bearer` is (anchor, last, first) of the ray that bore it, -1 for itself."""
+        count, anchors = len(self), len(self.single)
+        single = np.concatenate([self.single, np.full((anchors, 1), FRESH_SINGLE)], 1)
+        double = np.full((anchors, count + 1, count + 1), FRESH_DOUBLE)
+        double[:, :count, :count] = self.double
+        anchor, last, first = (count if b == -1 else b for b in bearer)
+        if last == first:
+            single[anchor, count] = FRESH_BEARER
+        else:
+            double[anchor, last, first] = FRESH_BEARER
+        return Bank(
+            np.append(self.identity, identity),
+            np.append(self.existence, existence),
+            np.concatenate([self.reflection, reflection[None]]),
+            np.append(self.age, 0),
+            np.append(self.seen, 0),
+            single,
+            double,
+            np.concatenate([self.extent, np.full((1, 2), np.nan)]),
+            np.append(self.foot, foot),
+        )
+
+
+def evolve(bank: Bank, survival: float, walk: float) -> None:
+    """Surfaces survive, and their coefficients walk by `walk` per step (paper 003, section III-C)."""
+    bank.existence = bank.existence * survival
+    spread = (walk * BINS) ** 2 / 2
+    wide = np.pad(bank.reflection, ((0, 0), (1, 1)), mode="edge")
+    bank.reflection = bank.reflection + spread * (wide[:, 2:] - 2 * bank.reflection + wide[:, :-2])
+    bank.age = bank.age + 1
+
+
+def mark(bank: Bank, surface: int, along: float) -> None:
+    """Remember where a surface was hit: tangential coordinate, m."""
+    bank.foot[surface] = along
+    low, high = bank.extent[surface]
+    bank.extent[surface] = [np.fmin(low, along), np.fmax(high, along)]
+
+
+def prune(bank: Bank, belief: Belief, threshold: float) -> tuple[Bank, Belief]:
+    """Drop unlikely surfaces; young ones get less patience after their third step, and the number is bounded."""
+    floor = np.where((bank.age >= 3) & (bank.seen < 3), max(threshold, 0.3), threshold)
+    good = bank.existence >= floor
+    if good.sum() > MOST_SURFACES:
+        order = np.argsort(-bank.existence * good, kind="stable")
+        good = np.zeros(len(bank), dtype=bool)
+        good[order[:MOST_SURFACES]] = True
+    return (bank, belief) if good.all() else (bank.take(good), keep(belief, good))
+
+
+def merge(bank: Bank, belief: Belief, middle: Array) -> tuple[Bank, Belief]:
+    """Merge duplicates into the older surface by the joint belief that both are one line.
+
+    Two lines are one when they agree, within their joint covariance plus a centimetre, in angle and in
+    offset near `middle` (2,), a point of the region.
+    """
+    pair = 0
+    while True:
+        found = _duplicate(bank, belief, middle)
+        if found is None or pair > MOST_SURFACES:
+            return bank, belief
+        older, younger, jacobian, residual = found
+        belief = update(belief, jacobian, residual[None], np.array([[1e-4, 1e-6]]), np.ones(1))
+        bank.existence[older] = max(bank.existence[older], bank.existence[younger])
+        bank.seen[older] = max(bank.seen[older], bank.seen[younger])
+        bank.single[:, older] = np.maximum(bank.single[:, older], bank.single[:, younger])
+        bank.double[:, older] = np.maximum(bank.double[:, older], bank.double[:, younger])
+        bank.double[:, :, older] = np.maximum(bank.double[:, :, older], bank.double[:, :, younger])
+        ends = np.stack([bank.extent[older], bank.extent[younger]])
+        bank.extent[older] = [np.fmin.reduce(ends[:, 0]), np.fmax.reduce(ends[:, 1])]
+        rest = np.arange(len(bank)) != younger
+        bank, belief = bank.take(rest), keep(belief, rest)
+        pair += 1
+
+
+def _duplicate(bank: Bank, belief: Belief, middle: Array) -> tuple[int, int, Array, Array] | None:
+    lines = belief.lines
+    for younger in range(len(bank) - 1, 0, -1):
+        normal = unit(lines[younger, 0])
+        tangent = np.array([-normal[1], normal[0]])
+        place = lines[younger, 1] * normal + bank.foot[younger] * tangent
+        for older in range(younger):
+            turn = wrap(lines[older, 0] - lines[younger, 0])
+            flip = 1.0
+            if abs(turn) > np.pi / 2:  # the same line written with the opposite normal
+                turn, flip = wrap(turn + np.pi), -1.0
+            if abs(turn) > 0.5:
+                continue
+            other = unit(lines[older, 0])
+            gap = flip * (place @ other - lines[older, 1])
+            if abs(gap) > 0.5:
+                continue
+            # derivative of (gap at the place, turn); the place itself moves with the younger line
+            jacobian = np.zeros((2, len(belief.mean)))
+            o, y = slots(np.intp(older)), slots(np.intp(younger))
+            side = np.array([-other[1], other[0]])
+            jacobian[0, o] = flip * np.array([place @ side, -1.0])
+            by_turn = lines[younger, 1] * tangent - bank.foot[younger] * normal
+            jacobian[0, y] = [flip * (other @ by_turn), flip * (normal @ other)]
+            jacobian[1, o[0]], jacobian[1, y[0]] = 1.0, -1.0
+            residual = -np.array([gap, turn])
+            spread = jacobian @ belief.covariance @ jacobian.T + np.diag([1e-4, 2.5e-5])
+            if residual @ np.linalg.solve(spread, residual) < 9.0:
+                return older, younger, jacobian, residual
+    return None
+
+
+def canonical_lines(belief: Belief) -> tuple[Array, Array]:
+    """Lines with offset >= 0 and their covariances, for users."""
+    lines = belief.lines
+    index = slots(np.arange(len(lines)))
+    covariance = belief.covariance[index[:, :, None], index[:, None, :]]
+    flip = np.where(lines[:, 1] < 0, -1.0, 1.0)
+    sign = np.stack([np.ones_like(flip), flip], -1)
+    return canonical(lines), covariance * sign[:, :, None] * sign[:, None, :]
+
