@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 from types import ModuleType
 
@@ -29,7 +31,8 @@ def start(device: str = "auto", threads: int | None = None) -> str:
             raise InputError("device", "gpu", "cpu or auto; no kernel runs on a GPU yet")
         if not _running(ti):
             options = {"cpu_max_num_threads": threads} if threads else {}
-            ti.init(arch=ti.cpu, log_level=ti.ERROR, offline_cache=True, **options)
+            with contextlib.redirect_stdout(io.StringIO()):  # it announces itself whatever it is told
+                ti.init(arch=ti.cpu, log_level=ti.ERROR, verbose=False, offline_cache=True, **options)
         _started = "cpu"
     elif device not in ("auto", _started):
         raise InputError("device", repr(device), f"auto or {_started}, which is running already")

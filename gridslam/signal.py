@@ -55,7 +55,7 @@ class SignalModel:
         """sigma_d times u, m."""
         return SPEED_OF_LIGHT / (np.sqrt(8) * np.pi * self.bandwidth_hz / np.sqrt(12))
 
-    def amplitude(self, distance: Array, reflection: Array | float = 1.0) -> Array:
+    def amplitude(self, distance: Array | float, reflection: Array | float = 1.0) -> Array:
         """Predicted normalised amplitude, paper 003 eq. (2)."""
         return self.amplitude_at_1m / np.maximum(distance, 1e-3) * reflection
 

@@ -12,6 +12,7 @@ SLABS = 4
 
 @ti.func
 def cell_of(x, origin, cell):
+    """Index of the cell that holds a coordinate."""
     return ti.cast(ti.floor((x - origin) / cell), ti.i32)
 
 
@@ -31,6 +32,7 @@ def cast(
     outside: ti.f64,
     clip: ti.f64,
 ):
+    """Cast the rays of all paths; where `factor[:, 1]` is set, add the paths' log ratios to `message`."""
     ny, nx = traversed.shape[0], traversed.shape[1]
     ti.loop_config(block_dim=1)
     for slab in range(SLABS):
@@ -38,21 +40,26 @@ def cast(
         path = slab
         while path < paths:
             count = bounces[path]
-            total = 0.0
+            total = ti.cast(0.0, ti.f64)
             a = factor[path, 0]
             for mode in ti.static(range(3)):  # 0: cast V; 1: collect messages; 2: fold them into the sum
                 if mode == 0 or factor[path, 1] > 0.5:
                     for ray in range(rays):
                         k = path * rays + ray
                         hx, hy = ti.Vector([-9, -9, -9, -9, -9, -9]), ti.Vector([-9, -9, -9, -9, -9, -9])
-                        met_v, met_m = ti.Vector([1.0, 1.0]), ti.Vector([1.0, 1.0])
+                        met_v = ti.Vector([1.0, 1.0], dt=ti.f64)
+                        met_m = ti.Vector([1.0, 1.0], dt=ti.f64)
                         for b in range(count):
-                            clear_v, clear_m = 1.0, 1.0
+                            clear_v, clear_m = ti.cast(1.0, ti.f64), ti.cast(1.0, ti.f64)
                             inside = 0
                             for side in range(3):
                                 off = (side - 1) * frame[2]
-                                ix = cell_of(corners[k, b + 1, 0] + off * normals[k, b, 0], frame[0], frame[2])
-                                iy = cell_of(corners[k, b + 1, 1] + off * normals[k, b, 1], frame[1], frame[2])
+                                ix = cell_of(
+                                    corners[k, b + 1, 0] + off * normals[k, b, 0], frame[0], frame[2]
+                                )
+                                iy = cell_of(
+                                    corners[k, b + 1, 1] + off * normals[k, b, 1], frame[1], frame[2]
+                                )
                                 if ix >= 0 and iy >= 0 and ix < nx and iy < ny:
                                     fresh = 1
                                     for other in range(side):
@@ -66,7 +73,7 @@ def cast(
                             met_v[b] = 1 - clear_v if inside == 1 else outside
                             met_m[b] = 1 - clear_m if inside == 1 else outside
                         # walk the legs (Amanatides and Woo)
-                        through = 1.0
+                        through = ti.cast(1.0, ti.f64)
                         if ti.static(mode > 0):
                             through = validity[k]
                             for b in range(count):
@@ -86,7 +93,8 @@ def cast(
                             jx, jy = ti.cast(ti.floor(x1), ti.i32), ti.cast(ti.floor(y1), ti.i32)
                             dx, dy = x1 - x0, y1 - y0
                             sx, sy = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
-                            tx, ty, ax, ay = 1e30, 1e30, 1e30, 1e30
+                            far = ti.cast(1e30, ti.f64)
+                            tx, ty, ax, ay = far, far, far, far
                             if ti.abs(dx) > 1e-12:
                                 ax = ti.abs(1 / dx)
                                 tx = (ix + 1 - x0 if dx > 0 else x0 - ix) * ax

@@ -26,11 +26,13 @@ def measurements(draw):
     count = draw(st.integers(1, 12))
     step = np.cumsum(draw(st.lists(st.integers(0, 2), min_size=count, max_size=count)))
     pace = draw(st.sampled_from([1.0, 0.1, 1 / 3]))
-    maybe = st.one_of(st.just(np.nan), st.floats(1e-6, 1e6))
-    angle = st.one_of(st.just(np.nan), st.floats(-3.14, 3.14))
+    maybe = st.one_of(st.just(np.nan), st.floats(1e-6, 1e6, allow_subnormal=False))
+    angle = st.one_of(st.just(np.nan), st.floats(-3.14, 3.14, allow_subnormal=False))
     column = {name: draw(st.lists(angle, min_size=count, max_size=count)) for name in ("aod_rad", "aoa_rad")}
     column["amplitude"] = draw(st.lists(maybe, min_size=count, max_size=count))
-    column["distance_m"] = draw(st.lists(st.floats(1e-6, 1e6), min_size=count, max_size=count))
+    column["distance_m"] = draw(
+        st.lists(st.floats(1e-6, 1e6, allow_subnormal=False), min_size=count, max_size=count)
+    )
     for name in draw(st.sets(st.sampled_from(DEVIATIONS))):
         column[name] = draw(st.lists(maybe, min_size=count, max_size=count))
     anchor = draw(st.lists(st.integers(0, len(anchors) - 1), min_size=count, max_size=count))

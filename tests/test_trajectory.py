@@ -11,7 +11,7 @@ from gridslam.geometry import wrap
 from gridslam.track import TightCorner, smooth_track
 from gridslam.trajectory import Trajectory
 
-NUMBERS = st.floats(-1e6, 1e6)
+NUMBERS = st.floats(-1e6, 1e6, allow_subnormal=False)
 
 
 def circle(count=20):
@@ -22,8 +22,8 @@ def circle(count=20):
 
 @given(
     position=arrays(float, (7, 2), elements=NUMBERS),
-    heading=arrays(float, 7, elements=st.floats(-10, 10)),
-    gaps=arrays(float, 7, elements=st.floats(1e-3, 1e3)),
+    heading=arrays(float, 7, elements=st.floats(-10, 10, allow_subnormal=False)),
+    gaps=arrays(float, 7, elements=st.floats(1e-3, 1e3, allow_subnormal=False)),
 )
 @settings(max_examples=40, deadline=None)
 def test_tum_keeps_every_digit_of_time_and_place(tmp_path_factory, position, heading, gaps):
@@ -145,7 +145,11 @@ def test_right_angle_is_an_arc_of_sixteen_steps_radius():
     assert len(track) == int(length / 0.05) + 1
 
 
-@given(bend=st.floats(-110, 110), first=st.floats(3, 5), step=st.sampled_from([0.03, 0.05, 0.1]))
+@given(
+    bend=st.floats(-110, 110, allow_subnormal=False),
+    first=st.floats(3, 5),
+    step=st.sampled_from([0.03, 0.05, 0.1]),
+)
 @settings(max_examples=40, deadline=None)
 def test_any_bend_is_walked_without_jumps(bend, first, step):
     turn = np.radians(bend)

@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def associate(beta: Array, missed: Array, new: Array, rounds: int = 100, tolerance: float = 1e-6) -> tuple[Array, Array]:
+def associate(
+    beta: Array, missed: Array, new: Array, rounds: int = 100, tolerance: float = 1e-6
+) -> tuple[Array, Array]:
     """Messages of the association graph (paper 002, supporting document).
 
     Parameters

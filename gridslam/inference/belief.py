@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from gridslam.geometry import line_between, unit, wrap
+from gridslam.geometry import line_between, mirror, unit, wrap
 
 Array = NDArray[np.float64]
 AGENT = 5
@@ -37,12 +37,14 @@ class Belief:
         return self.mean[AGENT:].reshape(-1, 2)
 
 
-def slots(surfaces: NDArray[np.intp]) -> NDArray[np.intp]:
+def slots(surfaces: ArrayLike) -> NDArray[np.intp]:
     """State entries of the lines of `surfaces` (...,), shape ``(..., 2)``."""
     return AGENT + 2 * np.asarray(surfaces)[..., None] + np.arange(2)
 
 
-def predict(belief: Belief, dt: float, acceleration: float, heading: float, shift: float, feet: Array) -> Belief:
+def predict(
+    belief: Belief, dt: float, acceleration: float, heading: float, shift: float, feet: Array
+) -> Belief:
     """Near-constant velocity, random-walk heading, and jitter of every surface at its wall.
 
     Parameters
@@ -114,8 +116,6 @@ def birth_line(agent: Array, distance: float, arrival: float, source: Array, aft
     after : (2,) or None
         Known last line; the image point seen by the agent is mirrored back at it first.
     """
-    from gridslam.geometry import mirror
-
     image = agent[:2] + distance * unit(agent[2] + arrival)
     if after is not None:
         image = mirror(after, image)

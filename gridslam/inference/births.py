@@ -1,4 +1,4 @@
-"""Births: the new surface that each measurement would need (paper 002, section V-B; model.md, section 2.3)."""
+"""Births: the new surface that each measurement would need (paper 002, section V-B)."""
 
 from __future__ import annotations
 
@@ -30,6 +30,8 @@ class Candidate:
     line : (2,)
     ratio : float
         I_m: mean number of such births over that of clutter.
+    corners : (4, 2) m
+        Anchor, interaction points, agent of the path; the agent repeats after a single bounce.
     """
 
     measurement: int
@@ -37,6 +39,7 @@ class Candidate:
     first: int
     line: Array
     ratio: float
+    corners: Array
 
 
 def birth_ratios(
@@ -107,14 +110,25 @@ def _candidate(
     height = max(2 * abs(float(line[1])), 0.5)
     density = births / (4 * region_m2) * height / span  # of the image point, per m^2
     ratio = density * distance * level * float(np.exp(min(log, 600.0)))
-    return Candidate(row, last, first, line, ratio if bounces == 1 else 0.5 * ratio)
+    corners = np.stack(
+        [place, path.first_point[0], path.last_point[0] if bounces == 2 else agent[:2], agent[:2]]
+    )
+    return Candidate(row, last, first, line, ratio if bounces == 1 else 0.5 * ratio, corners)
 
 
 def _mean(surface: int) -> float:
     return 1.0 if surface < 0 else 0.7
 
 
-def bear(candidate: Candidate, scan: Scan, belief: Belief, place: Array, facing: float, anchor: int, signal: SignalModel) -> Belief:
+def bear(
+    candidate: Candidate,
+    scan: Scan,
+    belief: Belief,
+    place: Array,
+    facing: float,
+    anchor: int,
+    signal: SignalModel,
+) -> Belief:
     """Belief with the candidate's surface appended, correlated with the agent, and corrected by the AoD."""
     row, known = candidate.measurement, max(candidate.last, candidate.first)
     base = np.concatenate([belief.mean[[0, 1, 4]], [scan.distance_m[row], scan.aoa_rad[row]]])
@@ -138,14 +152,18 @@ def bear(candidate: Candidate, scan: Scan, belief: Belief, place: Array, facing:
     by_state = np.zeros((2, len(belief.mean)))
     by_state[:, [0, 1, 4]] = derivative[:, :3]
     if known >= 0:
-        by_state[:, slots(np.intp(known))] = derivative[:, 5:]
+        by_state[:, slots(known)] = derivative[:, 5:]
     amplitude = scan.amplitude[row]
-    strength = np.array([amplitude if not np.isnan(amplitude) else signal.amplitude(scan.distance_m[row], 0.5)])
+    strength = np.array(
+        [amplitude if not np.isnan(amplitude) else signal.amplitude(scan.distance_m[row], 0.5)]
+    )
     own = [scan.distance_std_m, scan.aoa_std_rad, scan.aod_std_rad]
     fisher = [
         signal.distance_std(strength)[0],
         signal.angle_std(strength, np.array([scan.aoa_rad[row]]), signal.agent_aperture)[0],
-        signal.angle_std(strength, np.array([np.nan_to_num(scan.aod_rad[row])]), signal.anchor_aperture[anchor])[0],
+        signal.angle_std(
+            strength, np.array([np.nan_to_num(scan.aod_rad[row])]), signal.anchor_aperture[anchor]
+        )[0],
     ]
     std = [f if o is None or np.isnan(o[row]) else o[row] for f, o in zip(fisher, own, strict=True)]
     belief = give_birth(belief, line, by_state, derivative[:, 3:5], np.square(std[:2]))
@@ -158,8 +176,8 @@ def bear(candidate: Candidate, scan: Scan, belief: Belief, place: Array, facing:
     path = trace(belief.mean[None, :2], place[None], lines[last][None], lines[first][None], bounces)
     jacobian = np.zeros((1, len(belief.mean)))
     jacobian[0, :2] = path.jacobian[0, 1, :2]
-    jacobian[0, slots(np.intp(last))] += path.jacobian[0, 1, 3:5]
-    jacobian[0, slots(np.intp(first))] += path.jacobian[0, 1, 5:7]
+    jacobian[0, slots(last)] += path.jacobian[0, 1, 3:5]
+    jacobian[0, slots(first)] += path.jacobian[0, 1, 5:7]
     gap = wrap(np.array([[scan.aod_rad[row] - (path.departure[0] - facing)]]))
     return update(belief, jacobian, gap, np.array([[std[2] ** 2]]), np.ones(1))
 
@@ -170,6 +188,8 @@ def birth_reflection(candidate: Candidate, scan: Scan, signal: SignalModel) -> A
     amplitude = scan.amplitude[row]
     if np.isnan(amplitude):
         return np.full(len(REFLECTION_BINS), 1 / len(REFLECTION_BINS))
-    level = signal.amplitude(scan.distance_m[row], REFLECTION_BINS * _mean(candidate.last) * _mean(candidate.first))
+    level = signal.amplitude(
+        scan.distance_m[row], REFLECTION_BINS * _mean(candidate.last) * _mean(candidate.first)
+    )
     density = np.exp(signal.log_rician(np.full(len(level), amplitude), level)) + 1e-6
     return density / density.sum()

@@ -28,7 +28,9 @@ class Cells:
         Log-likelihood over `REFLECTION_BINS`.
     """
 
-    def __init__(self, origin: Array, cell: float, shape: tuple[int, int], free_path: float, anchors: Array) -> None:
+    def __init__(
+        self, origin: Array, cell: float, shape: tuple[int, int], free_path: float, anchors: Array
+    ) -> None:
         self.origin, self.cell, self.shape = np.asarray(origin, float), cell, shape
         self.evidence = np.zeros(shape)
         self.observed = np.zeros(shape, dtype=bool)
@@ -50,7 +52,9 @@ class Cells:
         """Occupancy probability of a cell in the role of being hit, inside V."""
         return np.where(self._clear, 1e-6, np.clip(1 / (1 + np.exp(-self.evidence)), 1e-3, 0.99))
 
-    def cast(self, corners: Array, normals: Array, bounces: NDArray[np.intp], bracket: Array, send: bool) -> Array:
+    def cast(
+        self, corners: Array, normals: Array, bounces: NDArray[np.intp], bracket: Array, send: bool
+    ) -> Array:
         """Cast rays; return V of every ray, and add the paths' messages to the cells if `send`.
 
         Parameters
@@ -100,7 +104,7 @@ class Cells:
         self._message[:] = 0
 
     def weigh_coefficient(self, points: Array, log_likelihood: Array) -> None:
-        """Multiply a log-likelihood (BINS,) over the coefficient into the cells at `points` (R, 2) m, by share."""
+        """Multiply a log-likelihood (BINS,) over the coefficient into the cells at `points` (R, 2) m."""
         index = np.floor((points - self.origin) / self.cell).astype(int)
         inside = (index >= 0).all(-1) & (index[:, 0] < self.shape[1]) & (index[:, 1] < self.shape[0])
         share = log_likelihood / len(points)

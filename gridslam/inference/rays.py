@@ -108,7 +108,9 @@ class Prediction:
     geometry: PathGeometry
 
 
-def predict_paths(rays: Rays, rows: NDArray[np.intp], belief: Belief, anchor: Array, facing: float) -> Prediction:
+def predict_paths(
+    rays: Rays, rows: NDArray[np.intp], belief: Belief, anchor: Array, facing: float
+) -> Prediction:
     """Predict the paths `rows` of `rays` at the mean of the belief."""
     lines = belief.lines if len(belief.lines) else np.zeros((1, 2))
     last, first, bounces = rays.last[rows], rays.first[rows], rays.bounces[rows]
@@ -158,7 +160,9 @@ def coefficient_beliefs(rays: Rays, bank: Bank, at_cells: Array) -> list[tuple[A
             beliefs.append((REFLECTION_BINS, last))
         else:
             first = one(rays.first[ray], at_cells[ray, 1])
-            beliefs.append((np.outer(REFLECTION_BINS, REFLECTION_BINS).ravel(), np.outer(last, first).ravel()))
+            beliefs.append(
+                (np.outer(REFLECTION_BINS, REFLECTION_BINS).ravel(), np.outer(last, first).ravel())
+            )
     return beliefs
 
 
@@ -174,8 +178,12 @@ class AmplitudeTable:
         return np.interp(amplitude, self._u, self._p)
 
 
-def measurement_std(scan: Scan, rows: NDArray[np.intp], amplitude: Array, angles: Array, anchor: int, signal: SignalModel) -> Array:
-    """Standard deviations (M, 3) of (distance, AoD, AoA); the table's own ones where it has them, inf where not measured.
+def measurement_std(
+    scan: Scan, rows: NDArray[np.intp], amplitude: Array, angles: Array, anchor: int, signal: SignalModel
+) -> Array:
+    """Standard deviations (M, 3) of (distance, AoD, AoA): the table's own, or from Fisher information.
+
+    Infinite where nothing was measured.
 
     Parameters
     ----------
@@ -207,7 +215,13 @@ def measurement_std(scan: Scan, rows: NDArray[np.intp], amplitude: Array, angles
 
 
 def likelihood(
-    scan: Scan, rows: NDArray[np.intp], value: Array, spread: Array, belief: tuple[Array, Array], anchor: int, signal: SignalModel
+    scan: Scan,
+    rows: NDArray[np.intp],
+    value: Array,
+    spread: Array,
+    belief: tuple[Array, Array],
+    anchor: int,
+    signal: SignalModel,
 ) -> tuple[Array, Array, Array]:
     """Density of measurements under one path, over that of clutter (per mean number of clutter).
 
@@ -223,7 +237,11 @@ def likelihood(
     density = np.exp(signal.log_rician(np.where(known, heard, 1.0)[:, None], amplitude[None]))
     weighted = density * probability
     strength = weighted.sum(1)
-    mean = np.where(known & (strength > 1e-300), weighted @ amplitude / np.maximum(strength, 1e-300), probability @ amplitude)
+    mean = np.where(
+        known & (strength > 1e-300),
+        weighted @ amplitude / np.maximum(strength, 1e-300),
+        probability @ amplitude,
+    )
     std = measurement_std(scan, rows, mean, value[1:], anchor, signal)
     measured = np.stack([scan.distance_m[rows], scan.aod_rad[rows], scan.aoa_rad[rows]], -1)
     residual = measured - value
@@ -238,5 +256,7 @@ def likelihood(
     flat = np.array([np.log(signal.max_distance_m), np.log(2 * np.pi), np.log(2 * np.pi)])
     log += (missing * (0.5 * np.log(2 * np.pi * 1e12) - flat)).sum(-1)
     log -= np.log(signal.false_alarms) + signal.log_clutter(heard)
-    strength = np.where(known, strength, probability @ signal.detection_probability(np.maximum(amplitude, 1e-6)))
+    strength = np.where(
+        known, strength, probability @ signal.detection_probability(np.maximum(amplitude, 1e-6))
+    )
     return np.exp(np.minimum(log, 600)) * strength, residual, variance

@@ -1,4 +1,4 @@
-"""The bank of potential surfaces: existence, reflection coefficient, ray existences; births, merging, pruning."""
+"""The bank of potential surfaces: existence, coefficient, rays; merging and pruning."""
 
 from __future__ import annotations
 
@@ -68,7 +68,9 @@ class Bank:
         chosen = {name: part[rows] for name, part in parts.items() if name not in ("single", "double")}
         return Bank(**chosen, single=self.single[:, rows], double=self.double[:, rows][:, :, rows])
 
-    def add(self, identity: int, existence: float, reflection: Array, foot: float, bearer: tuple[int, int, int]) -> Bank:
+    def add(
+        self, identity: int, existence: float, reflection: Array, foot: float, bearer: tuple[int, int, int]
+    ) -> Bank:
         """Append a new surface; `bearer` is (anchor, last, first) of the ray that bore it, -1 for itself."""
         count, anchors = len(self), len(self.single)
         single = np.concatenate([self.single, np.full((anchors, 1), FRESH_SINGLE)], 1)
@@ -109,9 +111,13 @@ def mark(bank: Bank, surface: int, along: float) -> None:
 
 
 def prune(bank: Bank, belief: Belief, threshold: float) -> tuple[Bank, Belief]:
-    """Drop unlikely surfaces; young ones get less patience after their third step, and the number is bounded."""
+    """Drop unlikely surfaces; a birth must be confirmed by detections soon, and the number is bounded.
+
+    Without confirmation a false birth hides: once its rays are believed blocked, no miss counts against it.
+    """
     floor = np.where((bank.age >= 3) & (bank.seen < 3), max(threshold, 0.3), threshold)
-    good = bank.existence >= floor
+    confirmed = bank.seen >= np.select([bank.age >= 60, bank.age >= 25, bank.age >= 5], [15, 6, 2], 0)
+    good = (bank.existence >= floor) & confirmed
     if good.sum() > MOST_SURFACES:
         order = np.argsort(-bank.existence * good, kind="stable")
         good = np.zeros(len(bank), dtype=bool)
@@ -163,7 +169,7 @@ def _duplicate(bank: Bank, belief: Belief, middle: Array) -> tuple[int, int, Arr
                 continue
             # derivative of (gap at the place, turn); the place itself moves with the younger line
             jacobian = np.zeros((2, len(belief.mean)))
-            o, y = slots(np.intp(older)), slots(np.intp(younger))
+            o, y = slots(older), slots(younger)
             side = np.array([-other[1], other[0]])
             jacobian[0, o] = flip * np.array([place @ side, -1.0])
             by_turn = lines[younger, 1] * tangent - bank.foot[younger] * normal
@@ -184,4 +190,3 @@ def canonical_lines(belief: Belief) -> tuple[Array, Array]:
     flip = np.where(lines[:, 1] < 0, -1.0, 1.0)
     sign = np.stack([np.ones_like(flip), flip], -1)
     return canonical(lines), covariance * sign[:, :, None] * sign[:, None, :]
-

@@ -1,9 +1,10 @@
-"""Grid SLAM (paper 003): agent, surfaces with reflection coefficients, and an occupancy grid, in one filter."""
+"""Grid SLAM (paper 003): agent, surfaces with coefficients and occupancy grid in one filter."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from gridslam.geometry import unit, wrap
 from gridslam.inference import surfaces as bank_of
 from gridslam.inference.association import associate
 from gridslam.inference.belief import AGENT, Belief, predict, update
-from gridslam.inference.births import bear, birth_ratios, birth_reflection
+from gridslam.inference.births import Candidate, bear, birth_ratios, birth_reflection
 from gridslam.inference.cells import Cells
 from gridslam.inference.rays import (
     AmplitudeTable,
@@ -61,13 +62,17 @@ class GridSlam:
     seed : int
     """
 
-    def __init__(self, scene: Scene, prior_map: Map | None = None, agent: str | None = None, seed: int = 0) -> None:
+    def __init__(
+        self, scene: Scene, prior_map: Map | None = None, agent: str | None = None, seed: int = 0
+    ) -> None:
         self.scene, self.seed = scene, seed
         body = scene.agent(agent) if agent else scene.agents[0]
         self.agent, self.settings = body.name, scene.filter
         self.signal = scene.signal_model(body.name)
         self.places, self.facings = scene.anchor_positions, scene.anchor_orientations
-        half = np.array([body.prior.position_m] * 2 + [body.prior.velocity_mps] * 2 + [np.radians(body.prior.heading_deg)])
+        half = np.array(
+            [body.prior.position_m] * 2 + [body.prior.velocity_mps] * 2 + [np.radians(body.prior.heading_deg)]
+        )
         half = np.maximum(half, 1e-4)
         mean = np.array([*body.start_m, 0.0, 0.0, np.radians(body.start_heading_deg)])
         # the agent moves at an unknown speed from the first step on
@@ -77,13 +82,15 @@ class GridSlam:
         self.bank = bank_of.Bank.empty(len(self.places))
         self.sight = np.full(len(self.places), 0.9)
         grid = scene.grid
-        self.cells = Cells(grid.origin_m, grid.cell_m, grid.shape, self.settings.mean_free_path_m, self.places)
+        self.cells = Cells(
+            np.array(grid.origin_m), grid.cell_m, grid.shape, self.settings.mean_free_path_m, self.places
+        )
         self.region_m2 = float(np.prod(np.array(grid.shape)) * grid.cell_m**2)
         self._middle = np.asarray(grid.origin_m) + 0.5 * grid.cell_m * np.array(grid.shape[::-1])
         self._table = AmplitudeTable(self.signal)
         self._last_time: float | None = None
         self._next_identity, self._steps = 0, 0
-        self._provenance: dict = {"agents": [], "seeds": [], "steps": []}
+        self._provenance: dict[str, list] = {"agents": [], "seeds": [], "steps": []}
         if prior_map is not None:
             self._inherit(prior_map)
 
@@ -121,7 +128,9 @@ class GridSlam:
         rays = rays_of(self.bank, self.sight, anchor, self.scene.radio.max_bounces)
         everything = np.arange(len(rays))
         corners, normals, valid = self._corners(rays, anchor, 0)
-        validity = (self.cells.cast(corners, normals, rays.bounces, np.ones(len(rays)), False) * valid).mean(1)
+        validity = (self.cells.cast(corners, normals, rays.bounces, np.ones(len(rays)), False) * valid).mean(
+            1
+        )
         at_cells = np.zeros((len(rays), 2, len(REFLECTION_BINS)))
         for ray in np.flatnonzero(rays.bounces > 0):
             at_cells[ray, 0] = self.cells.coefficient_at(corners[ray, :, rays.bounces[ray]])
@@ -129,21 +138,33 @@ class GridSlam:
         coefficients = coefficient_beliefs(rays, self.bank, at_cells)
         predicted = predict_paths(rays, everything, self.belief, place, facing)
         detection = np.array(
-            [p @ self._table(self.signal.amplitude(d, c)) for d, (c, p) in zip(predicted.value[:, 0], coefficients, strict=True)]
+            [
+                p @ self._table(self.signal.amplitude(d, c))
+                for d, (c, p) in zip(predicted.value[:, 0], coefficients, strict=True)
+            ]
         )
         ratio = np.zeros((len(rays), len(rows)))
         for ray in everything:
             reach = 6 * np.sqrt(predicted.spread[ray, 0, 0]) + 0.5
-            near = np.isnan(scan.distance_m[rows]) | (np.abs(scan.distance_m[rows] - predicted.value[ray, 0]) < reach)
+            near = np.isnan(scan.distance_m[rows]) | (
+                np.abs(scan.distance_m[rows] - predicted.value[ray, 0]) < reach
+            )
             if near.any() and validity[ray] > 1e-6:
                 ratio[ray, near] = likelihood(
-                    scan, rows[near], predicted.value[ray], predicted.spread[ray], coefficients[ray], anchor, self.signal
+                    scan,
+                    rows[near],
+                    predicted.value[ray],
+                    predicted.spread[ray],
+                    coefficients[ray],
+                    anchor,
+                    self.signal,
                 )[0]
         exist = rays.existence * validity
         candidates = birth_ratios(
             scan, rows, self.belief, self.bank, anchor, place, facing, self.signal,
             self.settings.births, self.region_m2, self.scene.radio.max_bounces,
         )  # fmt: skip
+        self._shade(candidates, anchor)
         born = np.array([sum(c.ratio for c in found) for found in candidates])
         beta = (rays.surfaces * exist)[:, None] * ratio
         missed = np.maximum(1 - rays.surfaces * exist * detection, 1e-9)
@@ -158,7 +179,8 @@ class GridSlam:
         return _Heard(rays, bracket, validity, exist, responsible, rows, detection)
 
     def _update(
-        self, scan: Scan, rows: NDArray[np.intp], anchor: int, rays: Rays, nu: Array, beta: Array, exist: Array,
+        self, scan: Scan, rows: NDArray[np.intp], anchor: int, rays: Rays, nu: Array, beta: Array,
+        exist: Array,
         detection: Array, coefficients: list[tuple[Array, Array]],
     ) -> Array:  # fmt: skip
         """Update agent and surfaces by every path in turn, surest first; return who caused what (L, M)."""
@@ -194,15 +216,25 @@ class GridSlam:
         self, scan: Scan, rows: NDArray[np.intp], share: Array, distance: float, other: float, exist: float
     ) -> Array:
         """Log-likelihood over the coefficient: Rician for detections, 1 - p_d for misses, softly weighted."""
-        level = self.signal.amplitude(np.float64(distance), REFLECTION_BINS * other)
+        level = self.signal.amplitude(distance, REFLECTION_BINS * other)
         factor = max(1 - share.sum(), 0.0) * np.log(1 - exist * self._table(level) + 1e-9)
         for row, weight in zip(rows, share, strict=True):
             if weight > 1e-3 and not np.isnan(scan.amplitude[row]):
-                factor = factor + weight * self.signal.log_rician(np.full(len(level), scan.amplitude[row]), level)
+                factor = factor + weight * self.signal.log_rician(
+                    np.full(len(level), scan.amplitude[row]), level
+                )
         return factor
 
     def _exist(
-        self, rays: Rays, exist: Array, validity: Array, bracket: Array, nu: Array, ratio: Array, detection: Array, anchor: int
+        self,
+        rays: Rays,
+        exist: Array,
+        validity: Array,
+        bracket: Array,
+        nu: Array,
+        ratio: Array,
+        detection: Array,
+        anchor: int,
     ) -> None:
         """Existence of surfaces and rays (model.md, sections 2.2 and 2.6 (a))."""
         whole = exist * bracket + 1 - exist
@@ -217,7 +249,8 @@ class GridSlam:
         self.bank.existence = np.clip(1 / (1 + np.exp(-np.clip(odds, -40, 40))), 0, 1 - 1e-7)
         ahead = rays.surfaces * validity * bracket + 1 - rays.surfaces * validity
         after = rays.existence * ahead / (rays.existence * ahead + 1 - rays.existence)
-        for ray, value in enumerate(after):
+        for number, value in enumerate(after):
+            ray = np.intp(number)
             if rays.bounces[ray] == 0:
                 self.sight[anchor] = value
             elif rays.bounces[ray] == 1:
@@ -226,7 +259,8 @@ class GridSlam:
                 self.bank.double[anchor, rays.last[ray], rays.first[ray]] = value
 
     def _map(
-        self, scan: Scan, rows: NDArray[np.intp], rays: Rays, bracket: Array, responsible: Array, anchor: int, value: Array,
+        self, scan: Scan, rows: NDArray[np.intp], rays: Rays, bracket: Array, responsible: Array, anchor: int,
+        value: Array,
         exist: Array, coefficients: list[tuple[Array, Array]],
     ) -> None:  # fmt: skip
         """Send the messages of eqs. (43)-(45) to the cells that each path crosses or meets, and mark hits."""
@@ -234,7 +268,9 @@ class GridSlam:
         solid = valid.mean(1) > 0.8
         belief = rays.surfaces * rays.existence
         send = np.flatnonzero(solid & (belief > 0.1))
-        chosen = Rays(*(getattr(rays, name)[send] for name in ("bounces", "last", "first", "existence", "surfaces")))
+        chosen = Rays(
+            *(getattr(rays, name)[send] for name in ("bounces", "last", "first", "existence", "surfaces"))
+        )
         worth = belief[send] * bracket[send] + 1 - belief[send]
         self.cells.cast(corners[send], normals[send], chosen.bounces, worth, True)
         share = responsible.sum(1)
@@ -242,26 +278,36 @@ class GridSlam:
             ends = (rays.last[ray], rays.first[ray]) if rays.bounces[ray] == 2 else (rays.last[ray],)
             for number, surface in enumerate(ends):
                 points = corners[ray, :, rays.bounces[ray] if number == 0 else 1]
-                other = 1.0 if len(ends) == 1 else float(self.bank.reflection[ends[1 - number]] @ REFLECTION_BINS)
+                other = (
+                    1.0 if len(ends) == 1 else float(self.bank.reflection[ends[1 - number]] @ REFLECTION_BINS)
+                )
                 if share[ray] > 0.05 or rays.bounces[ray] == 1:
-                    factor = self._coefficient_factor(scan, rows, responsible[ray], value[ray, 0], other, exist[ray])
+                    factor = self._coefficient_factor(
+                        scan, rows, responsible[ray], value[ray, 0], other, exist[ray]
+                    )
                     self.cells.weigh_coefficient(points, rays.surfaces[ray] * factor)
                 if share[ray] > 0.5:
                     angle = self.belief.lines[surface, 0]
                     along = float(points.mean(0) @ unit(angle + 0.5 * np.pi))
                     bank_of.mark(self.bank, int(surface), along)
-        detected = {int(s) for ray in np.flatnonzero(share > 0.5) for s in (rays.last[ray], rays.first[ray]) if s >= 0}
+        detected = {
+            int(s) for ray in np.flatnonzero(share > 0.5) for s in (rays.last[ray], rays.first[ray]) if s >= 0
+        }
         for surface in detected:
             self.bank.seen[surface] += 1
 
-    def _births(self, scan: Scan, candidates: list, born: Array, claimed: Array, anchor: int) -> None:
+    def _births(
+        self, scan: Scan, candidates: list[list[Candidate]], born: Array, claimed: Array, anchor: int
+    ) -> None:
         """Add the new surfaces that are likely enough, each by its best hypothesis."""
         chance = born / (1 + born + claimed) if len(born) else born
         for number in np.argsort(-chance, kind="stable"):
             if chance[number] < 0.5 * self.settings.prune_below:
                 break
             best = max(candidates[number], key=lambda c: c.ratio)
-            fresh = bear(best, scan, self.belief, self.places[anchor], self.facings[anchor], anchor, self.signal)
+            fresh = bear(
+                best, scan, self.belief, self.places[anchor], self.facings[anchor], anchor, self.signal
+            )
             if fresh.covariance[-1, -1] > 4.0 or not np.isfinite(fresh.mean).all():
                 continue
             self.belief = fresh
@@ -271,6 +317,20 @@ class GridSlam:
             bearer = (anchor, best.last, best.first)
             self.bank = self.bank.add(self._next_identity, existence, reflection, foot, bearer)
             self._next_identity += 1
+
+    def _shade(self, candidates: list[list[Candidate]], anchor: int) -> None:
+        """Weigh births by the validity of their path: the grid says whether a wall stands in the way."""
+        flat = [c for found in candidates for c in found]
+        corners = np.stack([c.corners for c in flat])[:, None] if flat else np.zeros((0, 1, 4, 2))
+        bounces = np.array([2 if max(c.last, c.first) >= 0 else 1 for c in flat], dtype=np.intp)
+        normals = np.zeros((len(flat), 1, 2, 2))
+        for number, c in enumerate(flat):
+            lines = [self.belief.lines[i] if i >= 0 else c.line for i in (c.first, c.last)]
+            normals[number, 0] = [unit(line[0]) for line in lines]
+        validity = self.cells.cast(corners, normals, bounces, np.ones(len(flat)), False)[:, 0]
+        open_path = dict(zip(map(id, flat), validity, strict=True))
+        for found in candidates:
+            found[:] = [replace(c, ratio=c.ratio * open_path[id(c)]) for c in found]
 
     def _corners(self, rays: Rays, anchor: int, purpose: int) -> tuple[Array, Array, Array]:
         """Sampled polylines of all rays: corners (L, R, 4, 2), normals (L, R, 2, 2), validity (L, R)."""
@@ -305,7 +365,9 @@ class GridSlam:
         variance = self.bank.reflection @ REFLECTION_BINS**2 - mean**2
         flip = self.belief.lines[:, 1] < 0  # the tangent turns with the normal
         extent = np.where(flip[:, None], -self.bank.extent[:, ::-1], self.bank.extent)
-        return SurfaceEstimate.from_lines(line, covariance, mean, variance, self.bank.existence, extent, self.bank.identity)
+        return SurfaceEstimate.from_lines(
+            line, covariance, mean, variance, self.bank.existence, extent, self.bank.identity
+        )
 
     def _estimate(self, scan: Scan, heard: list[_Heard], seconds: float) -> Estimate:
         surfaces = self._surfaces()
@@ -323,7 +385,11 @@ class GridSlam:
         for anchor in range(len(self.places)):
             rays = rays_of(self.bank, self.sight, anchor, self.scene.radio.max_bounces)
             memory = np.concatenate(
-                [[self.sight[anchor]], self.bank.single[anchor], self.bank.double[anchor, rays.last, rays.first][rays.bounces == 2]]
+                [
+                    [self.sight[anchor]],
+                    self.bank.single[anchor],
+                    self.bank.double[anchor, rays.last, rays.first][rays.bounces == 2],
+                ]
             )
             chance = memory * rays.surfaces
             rows = np.flatnonzero(chance > 0.5)
@@ -342,9 +408,13 @@ class GridSlam:
                 PathEstimate(
                     np.full(len(rows), anchor),
                     np.stack([identity[rays.last[rows]], identity[rays.first[rows]]], -1),
-                    value[:, 0], value[:, 1], value[:, 2],
-                    self.signal.amplitude(value[:, 0], strength), chance[rows], points,
-                )  # fmt: skip
+                    value[:, 0],
+                    value[:, 1],
+                    value[:, 2],
+                    self.signal.amplitude(value[:, 0], strength),
+                    chance[rows],
+                    points,
+                )
             )
         return PathEstimate.stack(tables)
 
@@ -352,7 +422,7 @@ class GridSlam:
         """The map as it stands: evidence, coefficients, detected surfaces."""
         surfaces = self._surfaces()
         found = surfaces.existence > self.settings.detect_above
-        provenance = {
+        provenance: dict[str, Any] = {
             **self._provenance,
             "agents": [*self._provenance["agents"], self.agent],
             "seeds": [*self._provenance["seeds"], self.seed],
@@ -370,7 +440,9 @@ class GridSlam:
         self.cells.evidence = prior.evidence.astype(np.float64)
         self.cells.observed = prior.observed.copy()
         self.cells.coefficient = prior.coefficient.astype(np.float64)
-        self._provenance = {k: list(prior.provenance.get(k, [])) for k in ("agents", "seeds", "steps")}  # type: ignore[arg-type]
+        for key in self._provenance:
+            earlier = prior.provenance.get(key)
+            self._provenance[key] = list(earlier) if isinstance(earlier, list) else []
         known = prior.surfaces if prior.surfaces is not None else SurfaceEstimate.empty()
         for surface in range(len(known)):
             old = self.belief.covariance
@@ -378,12 +450,14 @@ class GridSlam:
             covariance[:-2, :-2], covariance[-2:, -2:] = old, known.line_cov[surface]
             self.belief = Belief(np.concatenate([self.belief.mean, known.line[surface]]), covariance)
             weights = prior.surface_reflection
-            reflection = np.full(len(REFLECTION_BINS), 0.05) if weights is None else np.asarray(weights[surface])
+            reflection = (
+                np.full(len(REFLECTION_BINS), 0.05) if weights is None else np.asarray(weights[surface])
+            )
             foot = np.nan_to_num(known.extent_m[surface].mean())
-            self.bank = self.bank.add(self._next_identity, float(known.existence[surface]), reflection, float(foot), (0, -1, -1))
+            self.bank = self.bank.add(
+                self._next_identity, float(known.existence[surface]), reflection, float(foot), (0, -1, -1)
+            )
             self.bank.extent[-1] = known.extent_m[surface]
-            self.bank.seen[-1] = self.bank.age[-1] = 3
+            self.bank.seen[-1] = self.bank.age[-1] = 100
             self._next_identity += 1
         self.bank.single[:] = 0.5
-
-

@@ -1,0 +1,101 @@
+"""Grid SLAM on `room`, and the command line end to end."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.bounds import known_map_bound
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+SEEDS = (1, 2, 3)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    scene = gs.Scene.load("room")
+    return [gs.map_scene(scene, gs.simulate(scene, "agent1", s), seed=s) for s in SEEDS]
+
+
+def test_every_seed_converges_and_reaches_the_known_map_bound(runs):
+    scene = gs.Scene.load("room")
+    bound, track = known_map_bound(scene, "agent1"), scene.track("agent1")
+    limit = np.sqrt((bound.position_m[30:] ** 2).mean())
+    for run in runs:
+        error = np.linalg.norm(run.trajectory.position_m - track.position_m, axis=1)
+        assert error[10:].max() < 0.5
+        assert np.sqrt((error[30:] ** 2).mean()) < 1.25 * limit
+
+
+def test_the_covariance_is_consistent_over_the_seeds(runs):
+    track = gs.Scene.load("room").track("agent1")
+    nees = []
+    for run in runs:
+        gap = run.trajectory.position_m - track.position_m
+        nees.append(np.einsum("ni,nij,nj->n", gap, np.linalg.inv(run.covariance[:, :2, :2]), gap)[30:])
+    # 2 degrees of freedom; some 15 independent stretches per run: mean 2, standard error 2 / sqrt(45)
+    assert 1.1 < np.mean(nees) < 2.9
+
+
+def test_four_walls_are_found_and_the_map_is_right(runs):
+    truth = gs.ground_truth(gs.Scene.load("room"), "agent1")
+    scores = [run.score(truth) for run in runs]
+    assert sum(s["surfaces_detected"] == 4 for s in scores) >= 2
+    for score in scores:
+        assert score["map"]["occupied_recall"] > 0.9
+        assert score["map"]["occupied_precision"] > 0.95
+        assert score["map"]["free_recall"] > 0.98
+
+
+def test_the_next_agent_uses_the_map_from_its_first_step(runs):
+    scene = gs.Scene.load("room")
+    slam = gs.GridSlam(scene, prior_map=runs[0].map, seed=9)
+    estimate = slam.step(next(iter(gs.simulate(scene, "agent1", 9))))
+    assert estimate.detected.sum() >= len(runs[0].surfaces)
+    assert (slam.map().observed >= runs[0].map.observed).all()
+
+
+def test_silence_neither_kills_surfaces_nor_gives_nan(runs):
+    scene = gs.Scene.load("room")
+    slam = gs.GridSlam(scene, prior_map=runs[0].map, seed=9)
+    none = np.zeros(0)
+    first = gs.Scan(0, 0.0, np.zeros(0, np.intp), none, none, none, none)
+    assert np.isfinite(slam.step(first).position_m).all()
+
+
+def test_the_command_line_maps_room_and_repeats_bit_for_bit(tmp_path):
+    command = [sys.executable, "-c", "from gridslam.cli import main; main()"]
+    summaries = []
+    for threads in ("1", "2"):
+        folder = tmp_path / threads
+        done = subprocess.run(
+            [*command, "run", "room", "--threads", threads, "-o", str(folder)], capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        assert "agent1" in done.stdout
+        summary = json.loads((folder / "run.json").read_text())
+        for key in ("seconds_per_step", "peak_memory_mb"):
+            summary["agents"]["agent1"].pop(key)
+        summaries.append(summary)
+    assert summaries[0] == summaries[1]
+    assert (tmp_path / "1" / "figures" / "agent1-map.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "nowhere"],
+        ["run", "room", "--particle", "3"],
+        ["check", "missing.toml"],
+        ["run", "room", "--agent", "nobody"],
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(words, tmp_path):
+    command = [sys.executable, "-c", "from gridslam.cli import main; main()", *words]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,181 @@
+"""Association against enumeration, cell messages against enumeration, geometry, belief, bounds."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import gridslam as gs
+from gridslam.bounds import known_map_bound
+from gridslam.geometry import line_between, line_of_sfv, mirror, sfv, trace, wrap
+from gridslam.inference.association import associate
+from gridslam.inference.belief import Belief, update
+from gridslam.inference.cells import Cells
+
+angles, offsets = st.floats(-3, 3), st.floats(0.5, 20)
+places = st.tuples(st.floats(-20, 20), st.floats(-20, 20)).map(np.array)
+
+
+@given(angles, offsets, places)
+def test_mirroring_twice_is_the_identity(angle, offset, point):
+    line = np.array([angle, offset])
+    np.testing.assert_allclose(mirror(line, mirror(line, point)), point, atol=1e-9)
+
+
+@given(angles, offsets)
+def test_a_line_and_its_sfv_are_the_same_surface(angle, offset):
+    line = np.array([angle, offset])
+    back = line_of_sfv(sfv(line))
+    assert abs(wrap(back[0] - angle)) < 1e-9
+    assert back[1] == pytest.approx(offset)
+
+
+@given(angles, offsets, places)
+def test_the_line_between_a_point_and_its_image_is_the_mirror(angle, offset, point):
+    line = np.array([angle, offset])
+    image = mirror(line, point)
+    if np.linalg.norm(image - point) > 1e-3:
+        np.testing.assert_allclose(mirror(line_between(point, image), point), image, atol=1e-7)
+
+
+def test_path_derivatives_agree_with_finite_differences_for_every_number_of_bounces():
+    draw = np.random.default_rng(0)
+    count = 60
+    agent, anchor = draw.normal(0, 5, (2, count, 2))
+    last, first = (np.stack([draw.uniform(-3, 3, count), draw.uniform(0, 8, count)], -1) for _ in range(2))
+    bounces = draw.integers(0, 3, count)
+
+    def values(shift):
+        path = trace(agent + shift[:2], anchor, last + shift[3:5], first + shift[5:7], bounces)
+        return np.stack([path.distance, path.departure, path.arrival - shift[2]], -1)
+
+    exact = trace(agent, anchor, last, first, bounces).jacobian
+    for column in range(7):
+        shift = np.eye(7)[column] * 1e-6
+        change = values(shift) - values(-shift)
+        change[:, 1:] = wrap(change[:, 1:])
+        np.testing.assert_allclose(exact[:, :, column], change / 2e-6, atol=1e-6)
+
+
+def test_path_length_equals_the_drawn_polyline_and_the_law_of_reflection_holds():
+    paths = gs.ground_truth(gs.Scene.load("room"), "agent1").paths
+    start, end, owner = paths.legs
+    length = np.zeros(len(paths))
+    np.add.at(length, owner, np.linalg.norm(end - start, axis=1))
+    np.testing.assert_allclose(length, paths.distance_m, rtol=1e-9)
+    assert set(paths.bounces) == {0, 1, 2}
+
+
+def enumerate_marginals(beta, missed, new):
+    """Exact P(path l caused m), by summing over all valid assignments."""
+    paths, heard = beta.shape
+    marginal, total = np.zeros((paths, heard)), 0.0
+    for choice in itertools.product(range(-1, heard), repeat=paths):
+        taken = [c for c in choice if c >= 0]
+        if len(set(taken)) < len(taken):
+            continue
+        weight = np.prod([missed[p] if c < 0 else beta[p, c] for p, c in enumerate(choice)])
+        weight *= np.prod([new[m] for m in range(heard) if m not in taken])
+        total += weight
+        for path, cause in enumerate(choice):
+            if cause >= 0:
+                marginal[path, cause] += weight
+    return marginal / total
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=30, deadline=None)
+def test_association_is_exact_on_a_tree_and_close_to_enumeration_otherwise(seed):
+    draw = np.random.default_rng(seed)
+    paths, heard = draw.integers(1, 4, 2)
+    beta = draw.exponential(2.0, (paths, heard)) * (draw.random((paths, heard)) < 0.6)
+    missed, new = draw.uniform(0.1, 1, paths), draw.uniform(1, 3, heard)
+    nu, _ = associate(beta, missed, new)
+    weight = beta * nu
+    found = weight / (missed[:, None] + weight.sum(1, keepdims=True))
+    tree = paths == 1 or heard == 1
+    np.testing.assert_allclose(found, enumerate_marginals(beta, missed, new), atol=1e-5 if tree else 0.2)
+
+
+def test_association_survives_no_paths_and_no_measurements():
+    assert associate(np.zeros((0, 2)), np.zeros(0), np.ones(2))[0].shape == (0, 2)
+    assert associate(np.zeros((2, 0)), np.ones(2), np.zeros(0))[0].shape == (2, 0)
+
+
+def test_update_of_a_sure_association_is_the_kalman_update():
+    draw = np.random.default_rng(1)
+    root = draw.normal(size=(5, 5))
+    belief = Belief(np.zeros(5), root @ root.T)
+    jacobian, noise, residual = draw.normal(size=(2, 5)), np.array([0.3, 0.7]), np.array([0.2, -0.1])
+    after = update(belief, jacobian, residual[None], noise[None], np.ones(1))
+    information = np.linalg.inv(belief.covariance) + jacobian.T @ np.diag(1 / noise) @ jacobian
+    np.testing.assert_allclose(after.covariance, np.linalg.inv(information), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(after.mean, after.covariance @ jacobian.T @ (residual / noise), rtol=1e-6)
+    np.testing.assert_allclose(update(belief, jacobian, residual[None], noise[None], np.zeros(1)).mean, 0)
+
+
+def ray_messages(cells, through, hits, worth):
+    """Twin by enumeration: exact log ratio of every touched cell, over all states of the path's cells."""
+    touched = through + hits
+    traversed = cells.traversed()
+    log = {}
+    for cell in touched:
+        others = [c for c in touched if c != cell]
+        value = []
+        for own in (0, 1):
+            total = 0.0
+            for states in itertools.product((0, 1), repeat=len(others)):
+                held = dict(zip(others, states, strict=True), **{})
+                held[cell] = own
+                valid = not any(held[c] for c in through) and (not hits or any(held[c] for c in hits))
+                chance = np.prod([traversed[c] if held[c] else 1 - traversed[c] for c in others])
+                total += chance * (worth if valid else 1.0)
+            value.append(total)
+        log[cell] = np.log(value[1]) - np.log(value[0])
+    return log
+
+
+@pytest.mark.parametrize("worth", [0.1, 1.0, 30.0])
+@pytest.mark.parametrize("bounces", [0, 1])
+def test_cell_messages_equal_enumeration_of_all_cell_states(worth, bounces):
+    cells = Cells(np.zeros(2), 1.0, (5, 6), 10.0, np.array([[100.0, 100.0]]))
+    cells.evidence = np.random.default_rng(3).normal(0, 1, cells.shape)
+    anchor, agent, point = np.array([0.5, 0.5]), np.array([4.5, 0.5]), np.array([2.5, 3.5])
+    corners = np.stack([anchor, point, agent, agent] if bounces else [anchor, agent, agent, agent])
+    normals = np.array([[0.0, 1.0], [0.0, 1.0]])
+    walked = set()
+    for start, end in itertools.pairwise(corners[: bounces + 2]):
+        for share in np.linspace(0, 1, 20_001):
+            x, y = start + share * (end - start)
+            walked.add((int(np.floor(y)), int(np.floor(x))))
+    hits = [(2, 2), (3, 2), (4, 2)] if bounces else []
+    through = sorted(walked - set(hits))
+    # the corner cells that a sampled walk may graze don't count
+    before = cells.evidence.copy()
+    expected = ray_messages(cells, through, hits, worth)
+    cells.cast(corners[None, None], normals[None, None], np.array([bounces]), np.array([worth]), True)
+    cells.absorb()
+    change = cells.evidence - before
+    for cell, value in expected.items():
+        assert change[cell] == pytest.approx(value, abs=1e-9)
+    untouched = np.ones(cells.shape, dtype=bool)
+    untouched[tuple(np.array(through + hits).T)] = False
+    assert not change[untouched].any()
+
+
+def test_a_ray_outside_the_grid_touches_nothing():
+    cells = Cells(np.zeros(2), 1.0, (3, 3), 10.0, np.array([[100.0, 100.0]]))
+    corners = np.array([[5.0, 5.0], [9.0, 7.0], [9.0, 7.0], [9.0, 7.0]])
+    found = cells.cast(corners[None, None], np.ones((1, 1, 2, 2)), np.array([0]), np.array([5.0]), True)
+    cells.absorb()
+    assert found[0, 0] == 1.0
+    assert not cells.evidence.any()
+
+
+def test_the_bound_is_positive_and_below_the_prior():
+    scene = gs.Scene.load("room")
+    bound = known_map_bound(scene, "agent1")
+    assert (bound.position_m > 0).all()
+    assert bound.position_m.max() < 0.1
