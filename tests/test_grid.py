@@ -66,6 +66,27 @@ def test_silence_neither_kills_surfaces_nor_gives_nan(runs):
     assert np.isfinite(slam.step(first).position_m).all()
 
 
+def test_a_resumed_filter_goes_on_bit_for_bit(tmp_path):
+    scene = gs.Scene.load("room")
+    scans = list(gs.simulate(scene, "agent1", 4))[:8]
+    slam = gs.GridSlam(scene, seed=4)
+    for scan in scans[:5]:
+        slam.step(scan)
+    slam.save(tmp_path / "checkpoint.h5")
+    again = gs.GridSlam.resume(tmp_path / "checkpoint.h5")
+    for scan in scans[5:]:
+        one, two = slam.step(scan), again.step(scan)
+        np.testing.assert_array_equal(one.covariance, two.covariance)
+        np.testing.assert_array_equal(one.position_m, two.position_m)
+    np.testing.assert_array_equal(slam.map().evidence, again.map().evidence)
+
+
+def test_a_foreign_checkpoint_is_refused(tmp_path):
+    (tmp_path / "no.h5").write_text("not HDF5")
+    with pytest.raises(gs.InputError):
+        gs.GridSlam.resume(tmp_path / "no.h5")
+
+
 def test_the_command_line_maps_room_and_repeats_bit_for_bit(tmp_path):
     command = [sys.executable, "-c", "from gridslam.cli import main; main()"]
     summaries = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import dataclass, replace
 from typing import Any
@@ -88,9 +89,9 @@ class GridSlam:
         self.region_m2 = float(np.prod(np.array(grid.shape)) * grid.cell_m**2)
         self._middle = np.asarray(grid.origin_m) + 0.5 * grid.cell_m * np.array(grid.shape[::-1])
         self._table = AmplitudeTable(self.signal)
-        self._last_time: float | None = None
-        self._next_identity, self._steps = 0, 0
-        self._provenance: dict[str, list] = {"agents": [], "seeds": [], "steps": []}
+        self.last_time: float | None = None
+        self.next_identity, self.steps = 0, 0
+        self.provenance: dict[str, list] = {"agents": [], "seeds": [], "steps": []}
         if prior_map is not None:
             self._inherit(prior_map)
 
@@ -103,24 +104,37 @@ class GridSlam:
         self.cells.absorb()
         self.bank, self.belief = bank_of.merge(self.bank, self.belief, self._middle)
         self.bank, self.belief = bank_of.prune(self.bank, self.belief, self.settings.prune_below)
-        self._steps += 1
+        self.steps += 1
         return self._estimate(scan, heard, time.perf_counter() - began)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a checkpoint, from which `resume` goes on bit for bit."""
+        from gridslam.checkpoint import save
+
+        save(self, path)
+
+    @staticmethod
+    def resume(path: str | os.PathLike[str]) -> GridSlam:
+        """Read a checkpoint; `InputError` if it isn't one."""
+        from gridslam.checkpoint import resume
+
+        return resume(path)
 
     # ---- messages of one step -------------------------------------------------------------------
 
     def _predict(self, now: float) -> None:
         """Motion of the agent, jitter of the surfaces, survival (paper 003, section III-C)."""
-        if self._last_time is not None:
+        if self.last_time is not None:
             self.belief = predict(
                 self.belief,
-                now - self._last_time,
+                now - self.last_time,
                 self.settings.acceleration_mps2,
                 np.radians(self.settings.heading_deg),
                 self.settings.surface_m * 0.2,
                 self.bank.foot,
             )
             bank_of.evolve(self.bank, self.settings.survival, self.settings.reflection)
-        self._last_time = now
+        self.last_time = now
 
     def _hear(self, scan: Scan, anchor: int, rows: NDArray[np.intp]) -> _Heard:
         """Measurement evaluation, association, updates and births of one anchor."""
@@ -315,8 +329,8 @@ class GridSlam:
             existence = float(chance[number] * best.ratio / born[number])
             reflection = birth_reflection(best, scan, self.signal)
             bearer = (anchor, best.last, best.first)
-            self.bank = self.bank.add(self._next_identity, existence, reflection, foot, bearer)
-            self._next_identity += 1
+            self.bank = self.bank.add(self.next_identity, existence, reflection, foot, bearer)
+            self.next_identity += 1
 
     def _shade(self, candidates: list[list[Candidate]], anchor: int) -> None:
         """Weigh births by the validity of their path: the grid says whether a wall stands in the way."""
@@ -334,7 +348,7 @@ class GridSlam:
 
     def _corners(self, rays: Rays, anchor: int, purpose: int) -> tuple[Array, Array, Array]:
         """Sampled polylines of all rays: corners (L, R, 4, 2), normals (L, R, 2, 2), validity (L, R)."""
-        draw = np.random.default_rng([self.seed, self._steps, anchor, purpose])
+        draw = np.random.default_rng([self.seed, self.steps, anchor, purpose])
         size = len(self.belief.mean)
         values, vectors = np.linalg.eigh(self.belief.covariance)
         root = vectors * np.sqrt(np.maximum(values, 0))
@@ -423,10 +437,10 @@ class GridSlam:
         surfaces = self._surfaces()
         found = surfaces.existence > self.settings.detect_above
         provenance: dict[str, Any] = {
-            **self._provenance,
-            "agents": [*self._provenance["agents"], self.agent],
-            "seeds": [*self._provenance["seeds"], self.seed],
-            "steps": [*self._provenance["steps"], self._steps],
+            **self.provenance,
+            "agents": [*self.provenance["agents"], self.agent],
+            "seeds": [*self.provenance["seeds"], self.seed],
+            "steps": [*self.provenance["steps"], self.steps],
         }
         return Map(
             np.asarray(self.cells.origin), self.cells.cell, self.cells.evidence.astype(np.float32),
@@ -440,9 +454,9 @@ class GridSlam:
         self.cells.evidence = prior.evidence.astype(np.float64)
         self.cells.observed = prior.observed.copy()
         self.cells.coefficient = prior.coefficient.astype(np.float64)
-        for key in self._provenance:
+        for key in self.provenance:
             earlier = prior.provenance.get(key)
-            self._provenance[key] = list(earlier) if isinstance(earlier, list) else []
+            self.provenance[key] = list(earlier) if isinstance(earlier, list) else []
         known = prior.surfaces if prior.surfaces is not None else SurfaceEstimate.empty()
         for surface in range(len(known)):
             old = self.belief.covariance
@@ -455,9 +469,9 @@ class GridSlam:
             )
             foot = np.nan_to_num(known.extent_m[surface].mean())
             self.bank = self.bank.add(
-                self._next_identity, float(known.existence[surface]), reflection, float(foot), (0, -1, -1)
+                self.next_identity, float(known.existence[surface]), reflection, float(foot), (0, -1, -1)
             )
             self.bank.extent[-1] = known.extent_m[surface]
             self.bank.seen[-1] = self.bank.age[-1] = 100
-            self._next_identity += 1
+            self.next_identity += 1
         self.bank.single[:] = 0.5
