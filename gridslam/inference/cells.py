@@ -11,6 +11,8 @@ from gridslam.signal import REFLECTION_BINS
 Array = NDArray[np.float64]
 EVIDENCE_CLIP = 12.0
 CLEAR_ANCHOR_M = 0.35
+TOUCHED = 0.01
+"""Message from which on a cell counts as observed; what leaks through a wall's last doubt is fainter."""
 OUTSIDE = 0.1
 """Factor of a hit outside the grid."""
 
@@ -99,7 +101,7 @@ class Cells:
     def absorb(self) -> None:
         """Fold the messages of all paths and anchors into the beliefs, eq. (46)."""
         total = self._message.sum(0)
-        self.observed |= total != 0
+        self.observed |= np.abs(total) > TOUCHED
         self.evidence = np.clip(self.evidence + total, -EVIDENCE_CLIP, EVIDENCE_CLIP)
         self._message[:] = 0
 
