@@ -15,10 +15,11 @@ from gridslam.map import Map
 from gridslam.measurements import Measurements
 from gridslam.result import Run
 from gridslam.scene import Scene
+from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
 from gridslam.trajectory import Trajectory
 
-METHODS = {"grid": GridSlam}
+METHODS = {"grid": GridSlam, "adaptive": AdaptiveSlam}
 
 
 def map_scene(
@@ -38,7 +39,7 @@ def map_scene(
     measurements : Measurements
         Its truth, if it has one, is never read.
     method : str
-        "grid" (paper 003).
+        "grid" (paper 003) or "adaptive" (paper 002).
     agent : str, optional
         Default: the scene's first.
     seed : int
