@@ -17,9 +17,10 @@ from gridslam.result import Run
 from gridslam.scene import Scene
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
+from gridslam.systems.virtual_anchor import VirtualAnchorSlam
 from gridslam.trajectory import Trajectory
 
-METHODS = {"grid": GridSlam, "adaptive": AdaptiveSlam}
+METHODS = {"grid": GridSlam, "adaptive": AdaptiveSlam, "va": VirtualAnchorSlam}
 
 
 def map_scene(
@@ -39,7 +40,7 @@ def map_scene(
     measurements : Measurements
         Its truth, if it has one, is never read.
     method : str
-        "grid" (paper 003) or "adaptive" (paper 002).
+        "grid" (paper 003), "adaptive" or "va" (paper 002 and its reference).
     agent : str, optional
         Default: the scene's first.
     seed : int

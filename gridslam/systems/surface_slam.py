@@ -71,6 +71,9 @@ class SurfaceSlam:
     seed : int
     """
 
+    shared = True
+    """Whether a surface serves all anchors."""
+
     def __init__(self, scene: Scene, agent: str | None = None, seed: int = 0) -> None:
         self.scene, self.seed = scene, seed
         body = scene.agent(agent) if agent else scene.agents[0]
@@ -221,6 +224,7 @@ class SurfaceSlam:
                 birth_reflection(births, best, heard, self.signal),
                 foot,
                 (heard.anchor, int(births.last[best]), int(births.first[best])),
+                -1 if self.shared else heard.anchor,
             )
             named = [
                 int(self.bank.identity[s]) if s >= 0 else self.next_identity
