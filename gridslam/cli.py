@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 out, err = Console(), Console(stderr=True)
 MAIN_SCENE = "canyon"
+WIDEST_TABLE = 160
+"""Columns up to which the table is printed whole, whatever the terminal."""
 
 
 @app.command()
@@ -247,32 +249,29 @@ def _finish(
             whole = False
 
     write_run(folder, world, runs, heards, scores, {}, overwrite, draw)
-    out.print(_table(runs, scores))
+    out.print(_table(runs, scores), width=max(out.width, WIDEST_TABLE), crop=False)
     out.print(f"wrote {folder}", highlight=False, markup=False, soft_wrap=True)
     return whole
 
 
 def _table(runs: list[Run], scores: list[dict[str, Any]]) -> Table:
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    titles = ("agent", "steps", "position", "bound", "heading", "bound", "surfaces", "precision", "recall")
-    for title in (*titles, "s/step"):
+    """One line per agent; units in the titles."""
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    titles = "agent", "steps", "position\nRMSE cm", "bound\ncm", "heading\nRMSE deg", "bound\ndeg"
+    for title in (*titles, "surfaces\nof true", "map\nprecision", "map\nrecall", "s/step"):
         table.add_column(title, justify="left" if title == "agent" else "right", no_wrap=True)
 
-    def number(value: float | None, form: str) -> str:
-        return "-" if value is None else format(value, form)
+    def number(value: float | None, form: str, scale: float = 1) -> str:
+        return "-" if value is None else format(scale * value, form)
 
     for done, score in zip(runs, scores, strict=True):
-        position, bound = (
-            None if score[key] is None else 100 * score[key]
-            for key in ("position_rmse_m", "position_bound_m")
-        )
         of = "" if score["surfaces_true"] is None else f"/{score['surfaces_true']}"
         table.add_row(
             done.agent,
             str(score["steps"]),
-            number(position, ".2f") + ("" if position is None else " cm"),
-            number(bound, ".2f"),
-            number(score["heading_rmse_deg"], ".2f") + ("" if score["heading_rmse_deg"] is None else "°"),
+            number(score["position_rmse_m"], ".2f", 100),
+            number(score["position_bound_m"], ".2f", 100),
+            number(score["heading_rmse_deg"], ".2f"),
             number(score["heading_bound_deg"], ".2f"),
             f"{score['surfaces_detected']}{of}",
             number(score["map"]["occupied_precision"], ".1%"),

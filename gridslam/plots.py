@@ -8,14 +8,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import LinearSegmentedColormap, ListedColormap, Normalize
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from gridslam.estimates import SurfaceEstimate
 from gridslam.files import cannot_write, write_bytes
@@ -31,10 +32,8 @@ BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
 CELLS = ("free", "#ffffff"), ("unexplored", "#d9d9d9"), ("occupied", "#4d4d4d")
 COLUMN_IN = 7.2
 """Width of two columns of a journal, inches."""
-STRENGTH = LinearSegmentedColormap.from_list(
-    "strength", ["#a6bddb", "#3690c0", "#034e7b", "#d95f0e", "#7f2704"]
-)
-"""Weak paths light, so that the strong ones stand out."""
+STRENGTH = ListedColormap(colormaps["plasma_r"](np.linspace(0.1, 1, 256)), "strength")
+"""Weak paths light, so that the strong ones stand out, but none too light for paper."""
 
 
 def draw_map(scene: Scene, found: AgentFiles) -> Figure:
@@ -146,6 +145,9 @@ def draw_errors(
         axes.grid(alpha=0.3)
     for axes in (position, heading):  # where an error crosses zero is of no interest
         axes.set_ylim(bottom=max(axes.get_ylim()[0], 0.03 * np.median(axes.lines[0].get_ydata())))
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 3)))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
     figure.align_ylabels()
     return figure
 
@@ -217,7 +219,7 @@ def _save(folder: Path, figures: dict[str, Figure]) -> list[Path]:
         raise cannot_write(folder, error) from error
     for title, figure in figures.items():
         picture = io.BytesIO()
-        figure.savefig(picture, format="png")
+        figure.savefig(picture, format="png", bbox_inches="tight", pad_inches=0.05)
         write_bytes(folder / f"{title}.png", picture.getvalue())
     return [folder / f"{title}.png" for title in figures]
 

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import pytest
+from scene_samples import shortened
 
 import gridslam as gs
 
@@ -15,14 +16,6 @@ class Said(NamedTuple):
     @property
     def complaints(self):
         return self.err.strip().splitlines()
-
-
-def shortened(scene, steps, agents=1):
-    """A scene with `steps` steps per agent; further agents go the first one's way."""
-    data = scene.model_dump(exclude_none=True)
-    first = {**data["agents"][0], "steps": steps}
-    data["agents"] = [{**first, "name": f"agent{number + 1}"} for number in range(agents)]
-    return gs.Scene.checked(data, data["name"])
 
 
 @pytest.fixture

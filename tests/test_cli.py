@@ -1,6 +1,7 @@
 """The command line: what it does, and what it says of bad input."""
 
 import errno
+import importlib
 import json
 import os
 import signal
@@ -10,7 +11,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from conftest import shortened
+from scene_samples import shortened
 
 import gridslam as gs
 from gridslam.systems.grid import GridSlam
@@ -142,7 +143,7 @@ def test_check_says_what_a_file_is(say, mapped, tmp_path):
     heard.to_h5(tmp_path / "heard.h5")
     heard.to_csv(tmp_path / "heard.csv")
     words = {
-        "map.h5": ("map by agent1", "96 x 76", "4 surfaces"),
+        "map.h5": ("map by agent1", "96 x 76", f"{len(run.map.surfaces)} surfaces"),
         "scene.toml": ("scene room", "2 anchors", "96 x 76"),
         "heard.h5": ("4 steps", "anchors A, B", "true track"),
         "heard.csv": ("4 steps", "anchors A, B"),
@@ -210,7 +211,7 @@ def test_ctrl_c_while_nothing_is_done_leaves_nothing(say, short_room, monkeypatc
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gridslam.simulate.true_paths", stop)
+    monkeypatch.setattr(importlib.import_module("gridslam.simulate"), "true_paths", stop)
     said = say("run", short_room, "-o", "out")
     assert (said.code, said.complaints) == (130, ["interrupted"])
     assert listing(tmp_path) == ["short.toml"]
@@ -432,7 +433,7 @@ OPTION_FAULTS = [
     (("run", "room", "--agent", "agent1", "--agent", "agent1"), "each agent once"),
     (("run", "room", "--method", "magic"), "grid"),
     (("run", "room", "--particles", "0"), "filter.particles"),
-    (("run", "room", "--particles", "many"), "many"),
+    (("run", "room", "--particles", "many"), "--particles"),
     (("run", "room", "--seed", "-1"), "--seed"),
     (("run", "room", "--threads", "0"), "--threads"),
     (("run", "room", "--device", "abacus"), "abacus"),
