@@ -76,7 +76,7 @@ def run(
         done = f"{len(runs[-1].estimates)} of {len(heards[-1])} steps of {runs[-1].agent}"
         line = f"interrupted after {done}: {folder} holds what was done"
         err.print(line, highlight=False, markup=False, soft_wrap=True)
-        raise typer.Exit(130)
+        sys.exit(130)
 
 
 @app.command()
@@ -111,17 +111,16 @@ def main() -> None:
         code = app(standalone_mode=False)
     except InputError as error:
         _refuse(str(error))
-    except typer.Exit as stop:
-        sys.exit(stop.exit_code)
     except (KeyboardInterrupt, typer.Abort):
-        err.print("interrupted")
-        sys.exit(130)
+        code = 130
     except OSError as error:
         _refuse(f"{error.filename or 'output'}: {error.strerror or error}")
     except Exception as error:
         if not hasattr(error, "format_message"):  # a usage error, whichever click typer brings along
             raise
         _refuse(error.format_message())
+    if code == 130:  # typer makes it of a Ctrl-C that no command took care of
+        err.print("interrupted")
     sys.exit(code if isinstance(code, int) else 0)
 
 
