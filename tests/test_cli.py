@@ -407,7 +407,9 @@ FILE_FAULTS = [
 ]
 
 
-@pytest.mark.parametrize(("words", "word"), FILE_FAULTS, ids=lambda w: w if isinstance(w, str) else " ".join(w))
+@pytest.mark.parametrize(
+    ("words", "word"), FILE_FAULTS, ids=lambda w: w if isinstance(w, str) else " ".join(w)
+)
 def test_faulty_file(say, tmp_path, mapped, words, word):
     damaged(tmp_path, mapped)
     refused(say(*words), tmp_path, listing(tmp_path), word)
@@ -445,7 +447,9 @@ OPTION_FAULTS = [
 ]
 
 
-@pytest.mark.parametrize(("words", "word"), OPTION_FAULTS, ids=lambda w: w if isinstance(w, str) else " ".join(w))
+@pytest.mark.parametrize(
+    ("words", "word"), OPTION_FAULTS, ids=lambda w: w if isinstance(w, str) else " ".join(w)
+)
 def test_faulty_option(say, tmp_path, words, word):
     refused(say(*words), tmp_path, [], word)
 
