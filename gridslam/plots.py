@@ -6,6 +6,7 @@ import io
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -15,7 +16,9 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from gridslam.estimates import SurfaceEstimate
@@ -30,6 +33,8 @@ from gridslam.simulate import Truth
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
 """Told apart by every kind of colour vision (Okabe and Ito)."""
 CELLS = ("free", "#ffffff"), ("unexplored", "#d9d9d9"), ("occupied", "#4d4d4d")
+MARGIN = 0.03
+"""Of the larger side of what is shown, around it."""
 COLUMN_IN = 7.2
 """Width of two columns of a journal, inches."""
 STRENGTH = ListedColormap(colormaps["plasma_r"](np.linspace(0.1, 1, 256)), "strength")
@@ -38,9 +43,9 @@ STRENGTH = ListedColormap(colormaps["plasma_r"](np.linspace(0.1, 1, 256)), "stre
 
 def draw_map(scene: Scene, found: AgentFiles) -> Figure:
     """Occupancy, true and estimated track, true walls and detected surfaces."""
-    figure, axes = _region(found.map)
+    figure, axes = _region(found.map, scene)
     _occupancy(axes, found.map)
-    _walls(axes, scene, GREEN, 2.6)
+    _walls(axes, scene, GREEN, 1.6)
     last = found.estimates[-1]
     _surfaces(axes, last.surfaces.take(last.detected))
     axes.plot(*found.trajectory.position_m.T, color=BLUE, lw=1.8, label="estimated track")
@@ -54,7 +59,7 @@ def draw_map(scene: Scene, found: AgentFiles) -> Figure:
 
 def draw_reflection(scene: Scene, found: AgentFiles) -> Figure:
     """Reflection coefficient of the occupied cells, beside the true walls."""
-    figure, axes = _region(found.map)
+    figure, axes = _region(found.map, scene)
     _coefficients(figure, axes, found.map)
     _walls(axes, scene, "k", 0.5)
     _anchors(axes, scene)
@@ -73,7 +78,8 @@ def draw_rays(
     if truth is not None:
         here = truth.paths.at(step)
         panels.append(("true", here.points, here.amplitude, truth.trajectory.position_m[step]))
-    figure, *_ = _sized(found.map, len(panels))
+    window = _window(found.map, scene)
+    figure = _sized(window, len(panels))
     low = scene.radio.detection_threshold_db
     levels = [20 * np.log10(np.maximum(amplitude, 1e-6)) for _, _, amplitude, _ in panels]
     high = max([low + 10, *(level.max() for level in levels if len(level))])
@@ -87,7 +93,7 @@ def draw_rays(
         axes.add_collection(LineCollection(lines, array=level[order], cmap=STRENGTH, norm=scale, lw=width))
         axes.plot(*place, "o", color="k", mfc="w", ms=6, label="agent", zorder=5)
         _anchors(axes, scene)
-        _frame(axes, found.map)
+        _frame(axes, window)
         axes.set_title(f"{title}: {len(lines)} paths at step {own.step}", fontsize=9)
         if number:
             axes.set_ylabel("")
@@ -230,23 +236,47 @@ def _figure(width: float, height: float) -> Figure:
     return figure
 
 
-def _sized(grid: Map, panels: int = 1) -> tuple[Figure, float]:
-    """Figure whose height follows the shape of the region, within reason."""
-    width, height = grid.corner_m - grid.origin_m
+def _window(grid: Map, scene: Scene | None = None) -> np.ndarray:
+    """Corners (2, 2), m, lower left first, of what is worth seeing: observed cells, walls, anchors."""
+    region = np.stack([grid.origin_m, grid.corner_m])
+    cells = np.argwhere(grid.observed)[:, ::-1]
+    seen = [grid.origin_m + grid.cell_m * cells, grid.origin_m + grid.cell_m * (cells + 1)]
+    if scene is not None:
+        walls = scene.segments()
+        seen += [walls.start.reshape(-1, 2), walls.end.reshape(-1, 2), scene.anchor_positions]
+    points = np.concatenate(seen)
+    if not len(points):
+        return region
+    margin = MARGIN * float(np.ptp(points, axis=0).max())
+    return np.clip(np.stack([points.min(0) - margin, points.max(0) + margin]), *region)
+
+
+def _sized(window: np.ndarray, panels: int = 1) -> Figure:
+    """Figure whose height follows the shape of the window, within reason."""
+    width, height = window[1] - window[0]
     share = float(np.clip(height / width, 0.3, 1.3)) / panels
-    return _figure(COLUMN_IN, share * (COLUMN_IN - 1.4) + 1.2), share
+    return _figure(COLUMN_IN, share * (COLUMN_IN - 1.4) + 1.2)
 
 
-def _region(grid: Map) -> tuple[Figure, Axes]:
-    figure, _ = _sized(grid)
+def _region(grid: Map, scene: Scene | None = None) -> tuple[Figure, Axes]:
+    window = _window(grid, scene)
+    figure = _sized(window)
     axes = figure.add_subplot()
-    _frame(axes, grid)
+    _frame(axes, window)
     return figure, axes
 
 
-def _frame(axes: Axes, grid: Map) -> None:
-    (left, bottom), (right, top) = grid.origin_m, grid.corner_m
+def _frame(axes: Axes, window: np.ndarray) -> None:
+    (left, bottom), (right, top) = window
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xlabel="x (m)", ylabel="y (m)")
+
+
+def _cells(axes: Axes, grid: Map, shown: np.ndarray, **style: Any) -> AxesImage:
+    """A picture of cells that leaves the limits of the axes as they are."""
+    limits = axes.axis()
+    image = axes.imshow(shown, origin="lower", extent=_extent(grid), interpolation="nearest", **style)
+    axes.axis(limits)
+    return image
 
 
 def _extent(grid: Map) -> tuple[float, float, float, float]:
@@ -257,32 +287,20 @@ def _extent(grid: Map) -> tuple[float, float, float, float]:
 def _occupancy(axes: Axes, grid: Map) -> None:
     classes = np.where(~grid.observed, 1, np.where(grid.occupied, 2, 0))
     colors = ListedColormap([color for _, color in CELLS])
-    axes.imshow(
-        classes, origin="lower", extent=_extent(grid), cmap=colors, vmin=0, vmax=2, interpolation="nearest"
-    )
-    _frame(axes, grid)
+    _cells(axes, grid, classes, cmap=colors, vmin=0, vmax=2)
 
 
 def _coefficients(figure: Figure, axes: Axes, grid: Map) -> None:
     axes.set_facecolor("#f2f2f2")
     shown = np.where(grid.occupied, grid.reflection, np.nan)
-    image = axes.imshow(
-        shown, origin="lower", extent=_extent(grid), cmap="viridis", vmin=0, vmax=1, interpolation="nearest"
-    )
-    _frame(axes, grid)
+    image = _cells(axes, grid, shown, cmap="viridis", vmin=0, vmax=1)
     _colorbar(figure, axes, image, "reflection coefficient (amplitude)")
 
 
 def _colorbar(figure: Figure, axes: Axes, scale: ScalarMappable, label: str, weak: bool = False) -> None:
     """Colour bar as high as the axes, whatever their shape."""
-    side = axes.inset_axes((1.03, 0, 0.035, 1))
-    figure.colorbar(
-        scale,
-        cax=side,
-        label=label,
-        extend="min" if weak else "neither",
-        ticks=MaxNLocator(6, steps=[1, 2, 5]),
-    )
+    side, ticks = axes.inset_axes((1.03, 0, 0.035, 1)), MaxNLocator(6, steps=[1, 2, 5])
+    figure.colorbar(scale, cax=side, label=label, extend="min" if weak else "neither", ticks=ticks)
 
 
 def _walls(axes: Axes, scene: Scene, color: str, width: float) -> None:
@@ -296,7 +314,8 @@ def _walls(axes: Axes, scene: Scene, color: str, width: float) -> None:
 def _surfaces(axes: Axes, surfaces: SurfaceEstimate) -> None:
     ends = surfaces.ends_m
     ends = ends[np.isfinite(ends).all((1, 2))]
-    pieces = LineCollection(list(ends), colors=ORANGE, linewidths=1.2, label="surfaces found", zorder=3)
+    pieces = LineCollection(list(ends), colors=ORANGE, linewidths=1.0, label="surfaces found", zorder=3)
+    pieces.set_linestyle((0, (4, 2)))
     axes.add_collection(pieces)
 
 
@@ -304,17 +323,9 @@ def _anchors(axes: Axes, scene: Scene) -> None:
     place = scene.anchor_positions
     axes.plot(*place.T, "^", color="k", mec="w", ms=8, ls="", label="anchors", zorder=6)
     for name, (x, y) in zip(scene.anchor_names, place, strict=True):
-        box = {"boxstyle": "round,pad=0.15", "fc": "w", "ec": "none", "alpha": 0.8}
-        axes.annotate(
-            name,
-            (x, y),
-            (6, 5),
-            textcoords="offset points",
-            fontsize=8,
-            bbox=box,
-            zorder=6,
-            annotation_clip=True,
-        )
+        halo = [withStroke(linewidth=2, foreground="w")]
+        style = {"fontsize": 8, "path_effects": halo, "zorder": 6}
+        axes.annotate(name, (x, y), (6, 5), textcoords="offset points", annotation_clip=True, **style)
 
 
 def _legend(figure: Figure, axes: Axes) -> None:
