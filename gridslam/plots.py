@@ -324,7 +324,7 @@ def _anchors(axes: Axes, scene: Scene) -> None:
     axes.plot(*place.T, "^", color="k", mec="w", ms=8, ls="", label="anchors", zorder=6)
     for name, (x, y) in zip(scene.anchor_names, place, strict=True):
         halo = [withStroke(linewidth=2, foreground="w")]
-        style = {"fontsize": 8, "path_effects": halo, "zorder": 6}
+        style: dict[str, Any] = {"fontsize": 8, "path_effects": halo, "zorder": 6}
         axes.annotate(name, (x, y), (6, 5), textcoords="offset points", annotation_clip=True, **style)
 
 
