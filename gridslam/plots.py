@@ -27,7 +27,7 @@ from gridslam.map import Map
 from gridslam.metrics import track_errors
 from gridslam.runfiles import AgentFiles, RunFiles, read_run
 from gridslam.scene import Scene
-from gridslam.scoring import known_bound, truth_of
+from gridslam.scoring import inherited_truth, known_bound, truth_of
 from gridslam.simulate import Truth
 
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
@@ -169,7 +169,8 @@ def draw_all(directory: str | os.PathLike[str], run: RunFiles | None = None) -> 
     folder = Path(directory) / "figures"
     run = read_run(directory) if run is None else run
     written: list[Path] = []
-    earlier: list[Truth] = []
+    first = next(iter(run.agents.values()))
+    earlier = inherited_truth(run.scene, first.map, latest=False)
     for name, found in run.agents.items():
         truth = _truth(run.scene, name, found)
         drawn = {

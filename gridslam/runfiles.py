@@ -193,6 +193,8 @@ def read_run(directory: str | os.PathLike[str]) -> RunFiles:
     try:
         summary = json.loads((folder / "run.json").read_text(encoding="utf-8"))
         names = list(summary["agents"])
+        if not names:
+            raise ValueError("no agent")
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"{folder / 'run.json'}", "none that can be read", "a folder that a run wrote"

@@ -54,15 +54,24 @@ def truth_of(scene: Scene, agent: str, track: Trajectory | None) -> Truth | Traj
     return track if track is None or not scene.walls else ground_truth(scene, agent, track)
 
 
-def inherited_truth(scene: Scene, grid: Map) -> list[Truth]:
-    """Truth of the agents that made a map, as far as the scene knows their ways."""
+def inherited_truth(scene: Scene, grid: Map, latest: bool = True) -> list[Truth]:
+    """Truth of the agents that made a map, as far as the scene knows their ways.
+
+    Parameters
+    ----------
+    scene : Scene
+    grid : Map
+    latest : bool
+        Whether the agent that left the map is one of them, or only those before it.
+    """
     agents, steps = (grid.provenance.get(key) for key in ("agents", "steps"))
     if not (scene.walls and isinstance(agents, list) and isinstance(steps, list)):
         return []
+    made = list(zip(agents, steps, strict=False))
     ways = {agent.name for agent in scene.agents if agent.waypoints_m is not None}
     return [
         ground_truth(scene, name).first(int(count))
-        for name, count in zip(agents, steps, strict=False)
+        for name, count in (made if latest else made[:-1])
         if name in ways and isinstance(count, int)
     ]
 

@@ -121,6 +121,7 @@ def test_inherited_surfaces_are_no_ghosts(scene, run):
 def test_map_tells_whose_truth_it_holds(scene, run):
     (found,) = inherited_truth(scene, run.map)
     np.testing.assert_array_equal(found.paths.points, gs.ground_truth(scene, "agent1").paths.points)
+    assert inherited_truth(scene, run.map, latest=False) == []
     assert inherited_truth(scene, gs.Map.blank((0, 0), 0.1, (4, 4), 0.01)) == []
 
 
