@@ -31,7 +31,7 @@ WIDEST_TABLE = 160
 def run(
     scene: Annotated[str, typer.Argument(help="bundled name or path")] = MAIN_SCENE,
     agent: Annotated[list[str] | None, typer.Option(help="agents, in order")] = None,
-    method: Annotated[str, typer.Option(help="grid")] = "grid",
+    method: Annotated[str, typer.Option(help="grid or adaptive")] = "grid",
     particles: Annotated[int | None, typer.Option(help="instead of the scene's filter.particles")] = None,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     measurements: Annotated[Path | None, typer.Option(help="CSV or HDF5 of the one agent")] = None,

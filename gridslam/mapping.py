@@ -20,10 +20,11 @@ from gridslam.map import Map
 from gridslam.measurements import Measurements
 from gridslam.result import Run
 from gridslam.scene import Scene
+from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
 from gridslam.trajectory import Trajectory
 
-METHODS = {"grid": GridSlam}
+METHODS = {"grid": GridSlam, "adaptive": AdaptiveSlam}
 SAME_FACING_RAD = 1e-3
 
 
@@ -45,7 +46,7 @@ def map_scene(
     measurements : Measurements
         Its truth, if it has one, is never read by the filter.
     method : str
-        "grid" (paper 003).
+        "grid" (paper 003) or "adaptive" (paper 002).
     agent : str, optional
         Default: the scene's first.
     seed : int

@@ -78,6 +78,13 @@ def test_unknown_method_names_the_known_ones(scene, heard):
         gs.map_scene(scene, heard, method="magic")
 
 
+def test_method_without_cells_has_no_map_scores(scene, heard):
+    run = gs.map_scene(scene, heard, method="adaptive", particles=300)
+    score = run.score(gs.ground_truth(scene, "agent1"))
+    assert score["surfaces_true"] == 4
+    assert set(score["map"].values()) == {None}
+
+
 def test_map_says_in_which_frame_it_is(scene, run):
     assert run.map.provenance["anchors"] == ["A", "B"]
     same, note = fitted(run.map, scene)

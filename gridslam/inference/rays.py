@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,10 @@ class Rays:
 
     def __len__(self) -> int:
         return len(self.bounces)
+
+    def take(self, rows: NDArray[np.intp]) -> Rays:
+        """Some of the rays."""
+        return Rays(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
 def rays_of(bank: Bank, sight: Array, anchor: int, most_bounces: int, now: bool = False) -> Rays:
