@@ -6,6 +6,8 @@ arc tangents in double precision, cells by sorting the crossings of grid lines.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -116,7 +118,7 @@ def cells_of(
         around = point + np.outer([-1, 0, 1], normal)
         met.append(_inside(np.floor(around).astype(int)[:, ::-1], shape))
     crossed = [np.zeros((0, 2), int)]
-    for start, end in zip(place[:-1], place[1:], strict=True):
+    for start, end in itertools.pairwise(place):
         step = end - start
         cuts = [np.array([0.0, 1.0])]
         for axis in range(2):
