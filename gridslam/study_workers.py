@@ -1,0 +1,160 @@
+"""Where the runs of a study are done: processes of this machine (joblib's loky) or a Dask cluster."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from concurrent.futures.process import BrokenProcessPool
+from types import ModuleType
+from typing import Any, Protocol, TypeVar
+
+from gridslam.errors import InputError
+
+Task = TypeVar("Task")
+Answer = TypeVar("Answer")
+MOST_DEATHS = 3
+"""How often workers may die in a row without anything finished between."""
+CONNECT_S, WORKERS_S = 10, 30
+"""How long to wait for a scheduler, and for its first worker."""
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
+)
+"""Sums in linear algebra depend on the number of threads; with one, every worker gets the same numbers."""
+
+
+class Workers(Protocol):
+    """Something that does tasks, in any order, each at least once and reported exactly once."""
+
+    def run(
+        self, work: Callable[[Task], Answer], tasks: Sequence[Task]
+    ) -> Iterator[tuple[int, Answer | BaseException]]:
+        """Yield (index of the task, its answer or the exception that it raised) as they come."""
+        ...
+
+
+class LocalWorkers:
+    """Processes of this machine, started afresh (never forked), each single-threaded.
+
+    Parameters
+    ----------
+    count : int, optional
+        Number of processes; default: one per core that this process may use.
+    """
+
+    def __init__(self, count: int | None = None) -> None:
+        self.count = count
+
+    def run(
+        self, work: Callable[[Task], Answer], tasks: Sequence[Task]
+    ) -> Iterator[tuple[int, Answer | BaseException]]:
+        """Do the tasks; those that a dying worker took along are done again in new processes.
+
+        Raises
+        ------
+        InputError
+            joblib isn't installed, or workers keep dying.
+        """
+        loky = _need("joblib.externals.loky", "joblib")
+        left, deaths = list(range(len(tasks))), 0
+        while left:
+            # fewer at a time after a death: memory may be short, and what kills its worker takes fewer along
+            count = max(1, min(self.count or loky.cpu_count(), len(left)) >> deaths)
+            pool = loky.ProcessPoolExecutor(count, initializer=_leave_interrupts_to_parent, env=ONE_THREAD)
+            lost = []
+            try:
+                futures = {pool.submit(work, tasks[index]): index for index in left}
+                for future in loky.as_completed(futures):
+                    error = future.exception()
+                    if isinstance(error, BrokenProcessPool):
+                        lost.append(futures[future])
+                    else:
+                        yield futures[future], error if error is not None else future.result()
+            finally:
+                pool.shutdown(wait=True, kill_workers=True)
+            deaths = deaths + 1 if len(lost) == len(left) else min(1, len(lost))
+            left = sorted(
+                lost, reverse=deaths % 2 == 1
+            )  # so that no run is for ever behind the one that kills
+            if deaths >= MOST_DEATHS:
+                found = f"processes that died {deaths} times in a row ({len(left)} runs left)"
+                raise InputError("workers", found, "enough memory for each, or fewer --workers")
+
+
+class ClusterWorkers:
+    """Workers of a Dask cluster; its scheduler repeats elsewhere what a dying worker took along.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, e.g. ``tcp://host:8786``.
+    """
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+
+    def run(
+        self, work: Callable[[Task], Answer], tasks: Sequence[Task]
+    ) -> Iterator[tuple[int, Answer | BaseException]]:
+        """Do the tasks on the cluster.
+
+        Raises
+        ------
+        InputError
+            dask.distributed isn't installed, the scheduler can't be reached or goes away, it has no workers,
+            they lack gridslam, or they keep dying.
+        """
+        distributed = _need("distributed", "dask[distributed]")
+        with self._client(distributed) as client:
+            futures = {client.submit(work, task, pure=False, retries=0): i for i, task in enumerate(tasks)}
+            done = distributed.as_completed(list(futures), with_results=True, raise_errors=False)
+            for future, answer in done:
+                yield futures.pop(future), self._answer(distributed, future, answer)
+                future.release()
+
+    def _client(self, distributed: ModuleType) -> Any:
+        try:
+            client = distributed.Client(self.address, timeout=CONNECT_S, set_as_default=False)
+        except (OSError, ValueError, TypeError, ImportError) as error:
+            reason = " ".join(str(error).split())[:100] or type(error).__name__
+            raise InputError(
+                f"--scheduler {self.address}", f"no scheduler ({reason})", "tcp://HOST:PORT of a running one"
+            ) from None
+        try:
+            client.wait_for_workers(1, timeout=WORKERS_S)
+        except TimeoutError:
+            client.close()
+            raise InputError(
+                f"--scheduler {self.address}", f"no worker within {WORKERS_S} s", "a cluster with workers"
+            ) from None
+        return client
+
+    def _answer(self, distributed: ModuleType, future: Any, answer: Any) -> Any:
+        where = f"--scheduler {self.address}"
+        again = "a cluster that stays; the same command goes on from here"
+        if future.status == "finished" and not isinstance(answer, CancelledError):
+            return answer
+        error = answer[1] if future.status == "error" and isinstance(answer, tuple) else None
+        if isinstance(error, distributed.KilledWorker):
+            raise InputError(where, "workers that died again and again with one run", again)
+        if isinstance(error, ImportError):
+            raise InputError(where, f"workers that can't import ({error})", "gridslam on every worker")
+        if error is None:
+            raise InputError(where, "a scheduler that went away", again)
+        return error
+
+
+def _need(module: str, package: str) -> ModuleType:
+    import importlib
+
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        raise InputError("study", f"no {package} here", "pip install 'gridslam[study]'") from None
+
+
+def _leave_interrupts_to_parent() -> None:
+    """Ctrl-C reaches the whole process group; the parent alone ends the study, in good order."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
