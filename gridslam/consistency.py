@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import linear_sum_assignment
 from scipy.stats import chi2
 
 from gridslam.estimates import Estimate
@@ -75,8 +76,13 @@ class Steps:
         path hit up to that step.
     surfaces : (N,) int
         How many are detected.
+    surface_error_m : (S, N) m
+        Error of each surface of `surfaces_heard`: of the detected one that the best assignment gives it, NaN
+        where it gives none within 5 m.
     rays : (J, N) int
         Paths of each anchor that the filter holds for existing.
+    ray_belief : (J, N)
+        Sum of their existence probabilities.
     """
 
     position_error_m: Array
@@ -85,7 +91,9 @@ class Steps:
     heading_nees: Array
     surface_ospa_m: Array
     surfaces: NDArray[np.intp]
+    surface_error_m: Array
     rays: NDArray[np.intp]
+    ray_belief: Array
 
 
 def follow(estimates: Sequence[Estimate], scene: Scene, truth: Truth, earlier: Sequence[Truth] = ()) -> Steps:
@@ -107,9 +115,14 @@ def follow(estimates: Sequence[Estimate], scene: Scene, truth: Truth, earlier: S
     feature, since = surfaces_heard(truth, earlier)
     found = [e.surfaces.take(e.detected) for e in estimates]
     rays = np.zeros((len(scene.anchors), count), np.intp)
+    belief, apart = np.zeros(rays.shape), np.full((len(feature), count), np.nan)
     for step, estimate in enumerate(estimates):
-        believed = estimate.paths.existence > scene.filter.detect_above
-        rays[:, step] = np.bincount(estimate.paths.anchor[believed], minlength=len(rays))
+        chance = estimate.paths.existence
+        believed = chance > scene.filter.detect_above
+        owner = estimate.paths.anchor[believed]
+        rays[:, step] = np.bincount(owner, minlength=len(rays))
+        belief[:, step] = np.bincount(owner, chance[believed], len(rays))
+        apart[:, step] = assigned_error(found[step].sfv_m, feature)
     return Steps(
         np.linalg.norm(position, axis=1),
         heading,
@@ -117,8 +130,30 @@ def follow(estimates: Sequence[Estimate], scene: Scene, truth: Truth, earlier: S
         nees(heading[:, None], covariance[:, 4:, 4:]),
         np.array([ospa(f.sfv_m, feature[since <= step], OSPA_CUTOFF_M) for step, f in enumerate(found)]),
         np.array([len(f) for f in found], np.intp),
+        apart,
         rays,
+        belief,
     )
+
+
+def assigned_error(found: Array, truth: Array, cutoff: float = OSPA_CUTOFF_M) -> Array:
+    """Distance of each true point to the estimate that the cheapest assignment gives it.
+
+    Parameters
+    ----------
+    found, truth : (M, 2) and (S, 2), m
+    cutoff : float, m
+
+    Returns
+    -------
+    (S,) m
+        NaN where no estimate is left for it, or none nearer than the cutoff.
+    """
+    distance = np.linalg.norm(found[:, None] - truth[None], axis=-1)
+    which, whom = linear_sum_assignment(np.minimum(distance, cutoff))
+    error = np.full(len(truth), np.nan)
+    error[whom] = distance[which, whom]
+    return np.where(error < cutoff, error, np.nan)
 
 
 def surfaces_heard(truth: Truth, earlier: Sequence[Truth] = ()) -> tuple[Array, NDArray[np.intp]]:

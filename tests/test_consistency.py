@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import binom, kstest
 
 import gridslam as gs
-from gridslam.consistency import follow, nees, nees_band, surfaces_heard, true_rays
+from gridslam.consistency import assigned_error, follow, nees, nees_band, surfaces_heard, true_rays
 from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
 from gridslam.geometry import line_of_sfv
 from gridslam.metrics import surface_scores, true_surfaces
@@ -97,6 +97,11 @@ def test_steps_of_a_run_that_knows_all_but_its_place(alcove):
     expected = np.zeros_like(steps.rays)
     np.add.at(expected, (truth.paths.anchor[few], truth.paths.step[few]), 1)
     np.testing.assert_array_equal(steps.rays, expected)
+    np.testing.assert_allclose(steps.ray_belief, 0.9 * expected)
+    _, since = surfaces_heard(truth)
+    there = since[:, None] <= np.arange(steps.surface_error_m.shape[1])
+    assert (np.isfinite(steps.surface_error_m) == there).all()
+    assert (steps.surface_error_m[there] < 1e-9).all()
 
 
 def test_ospa_over_time_ends_at_the_score_of_the_run(alcove):
@@ -108,6 +113,14 @@ def test_ospa_over_time_ends_at_the_score_of_the_run(alcove):
     estimates[-1] = SimpleNamespace(**{**vars(estimates[-1]), "surfaces": last, "detected": one > 0})
     score = surface_scores(last, truth.segments, truth.paths)["surface_ospa_m"]
     assert follow(estimates, scene, truth).surface_ospa_m[-1] == pytest.approx(score)
+
+
+def test_each_true_point_gets_one_estimate_or_none_within_the_cutoff():
+    truth = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 20.0]])
+    found = np.array([[10.0, 1.0], [0.5, 0.0], [0.0, 26.0], [0.1, 0.0]])
+    np.testing.assert_allclose(assigned_error(found, truth), [0.1, 1.0, np.nan])
+    np.testing.assert_allclose(assigned_error(found[:0], truth), [np.nan] * 3)
+    np.testing.assert_allclose(assigned_error(found[:1], truth), [np.nan, 1.0, np.nan])
 
 
 def test_surfaces_that_an_earlier_agent_heard_are_there_from_the_start():
