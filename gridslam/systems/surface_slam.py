@@ -1,0 +1,158 @@
+"""What systems that map by surfaces share: agent and surfaces in one belief, heard anchor by anchor."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.estimates import Estimate, SurfaceEstimate
+from gridslam.geometry import unit, wrap
+from gridslam.inference import surfaces
+from gridslam.inference.belief import AGENT, Belief, append, predict
+from gridslam.inference.births import Births, bear, birth_reflection
+from gridslam.inference.heard import Heard
+from gridslam.inference.likelihood import DetectionTable
+from gridslam.inference.particles import Particles
+from gridslam.inference.readout import path_estimate, surface_estimate
+from gridslam.inference.surfaces import Bank
+from gridslam.map import Map
+from gridslam.measurements import Scan
+from gridslam.scene import Scene
+from gridslam.signal import REFLECTION_BINS
+
+Array = NDArray[np.float64]
+MOST_DOUBTFUL_M = 2.0
+"""A birth whose offset is less certain than this is put off until the agent knows better where it is."""
+
+JITTER = 0.2
+"""Share of the papers' surface jitter that is used: it keeps particles apart, a Gaussian needs less."""
+
+
+class SurfaceSlam:
+    """Agent, surfaces and rays; a system adds what it knows of amplitudes and of the space between.
+
+    Parameters
+    ----------
+    scene : Scene
+        Radio, anchors, grid and filter settings; its walls are never read.
+    agent : str, optional
+        Which of the scene's agents (default: the first): start, prior and array.
+    seed : int
+    """
+
+    def __init__(self, scene: Scene, agent: str | None = None, seed: int = 0) -> None:
+        self.scene, self.seed = scene, seed
+        body = scene.agent(agent) if agent else scene.agents[0]
+        self.agent, self.settings = body.name, scene.filter
+        self.signal = scene.signal_model(body.name)
+        self.places, self.facings = scene.anchor_positions, scene.anchor_orientations
+        half = np.array(
+            [body.prior.position_m] * 2 + [body.prior.velocity_mps] * 2 + [np.radians(body.prior.heading_deg)]
+        )
+        variance = np.maximum(half, 1e-4) ** 2 / 3
+        # the agent moves at an unknown speed from the first step on
+        variance[2:4] += (body.step_m / body.interval_s) ** 2
+        mean = np.array([*body.start_m, 0.0, 0.0, np.radians(body.start_heading_deg)])
+        self.belief = Belief(mean, np.diag(variance))
+        self.bank = Bank.empty(len(self.places))
+        self.sight = np.full(len(self.places), 0.9)
+        side = np.array(scene.grid.shape[::-1]) * scene.grid.cell_m
+        self.middle = np.asarray(scene.grid.origin_m) + 0.5 * side
+        self.radius_m = float(0.5 * np.hypot(*side))
+        self.particles = Particles(self.settings.particles, seed)
+        self.detected = DetectionTable(self.signal)
+        self.last_time: float | None = None
+        self.next_identity, self.steps = 0, 0
+
+    def step(self, scan: Scan) -> Estimate:
+        """Take in what was heard at one step and return what is believed now."""
+        raise NotImplementedError
+
+    def map(self) -> Map:
+        """The map as it stands."""
+        raise NotImplementedError
+
+    def _move(self, now: float) -> None:
+        """Motion of the agent, jitter of the surfaces, survival (paper 003, section III-C)."""
+        if self.last_time is not None:
+            self.belief = predict(
+                self.belief,
+                now - self.last_time,
+                self.settings.acceleration_mps2,
+                np.radians(self.settings.heading_deg),
+                JITTER * self.settings.surface_m,
+                self.bank.foot,
+            )
+            surfaces.evolve(self.bank, self.settings.survival, self.settings.reflection)
+        self.last_time = now
+
+    def _hear(self, scan: Scan) -> list[Heard]:
+        """The scan, anchor by anchor."""
+        return [
+            Heard.of(scan, anchor, place, facing)
+            for anchor, (place, facing) in enumerate(zip(self.places, self.facings, strict=True))
+        ]
+
+    def _stream(self, anchor: int, purpose: int) -> list[int]:
+        """Random stream of this step: a function of seed, step, anchor and what for."""
+        return [self.seed, self.steps, anchor, purpose]
+
+    def _bear(self, heard: Heard, births: Births, claimed: Array) -> None:
+        """Add the new surfaces that are likely enough, each by its best hypothesis."""
+        born = births.per_measurement(len(heard))
+        chance = born / (1 + born + claimed)
+        for row in np.argsort(-chance, kind="stable"):
+            if chance[row] < 0.5 * self.settings.prune_below:
+                break
+            own = np.flatnonzero(births.measurement == row)
+            best = int(own[births.ratio[own].argmax()])
+            fresh = bear(births, best, heard, self.belief, self.signal)
+            if fresh.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not np.isfinite(fresh.mean).all():
+                continue
+            self.belief = fresh
+            foot = float(fresh.mean[:2] @ unit(fresh.lines[-1, 0] + 0.5 * np.pi))
+            self.bank = self.bank.add(
+                self.next_identity,
+                float(chance[row] * births.ratio[best] / born[row]),
+                birth_reflection(births, best, heard, self.signal),
+                foot,
+                (heard.anchor, int(births.last[best]), int(births.first[best])),
+            )
+            self.next_identity += 1
+
+    def _tidy(self) -> None:
+        """Merge duplicates, drop the unlikely."""
+        self.bank, self.belief = surfaces.merge(self.bank, self.belief, self.middle)
+        self.bank, self.belief = surfaces.prune(self.bank, self.belief, self.settings.prune_below)
+        self.steps += 1
+
+    def _inherit(self, known: SurfaceEstimate, reflection: Array | None) -> None:
+        """Start with surfaces that another agent left, as independent of this agent."""
+        for row in range(len(known)):
+            self.belief = append(self.belief, known.line[row], known.line_cov[row])
+            bins = np.full(len(REFLECTION_BINS), 1 / len(REFLECTION_BINS))
+            foot = float(np.nan_to_num(known.extent_m[row].mean()))
+            self.bank = self.bank.add(
+                self.next_identity,
+                float(known.existence[row]),
+                bins if reflection is None else np.asarray(reflection[row], np.float64),
+                foot,
+                (0, -1, -1),
+            )
+            self.bank.extent[-1] = known.extent_m[row]
+            self.bank.seen[-1] = self.bank.age[-1] = surfaces.SETTLED
+            self.next_identity += 1
+        self.bank.single[:] = surfaces.FRESH_SINGLE
+
+    def _estimate(self, scan: Scan, seconds: float) -> Estimate:
+        """MMSE estimates of agent and surfaces, and the paths believed in."""
+        table, mean = surface_estimate(self.belief, self.bank), self.belief.mean
+        paths = path_estimate(
+            self.belief, self.bank, self.sight, self.places, self.facings, self.signal,
+            self.scene.radio.max_bounces,
+        )  # fmt: skip
+        return Estimate(
+            scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[4])),
+            self.belief.covariance[:AGENT, :AGENT].copy(), table, paths,
+            table.existence > self.settings.detect_above, float(self.particles.count), seconds,
+        )  # fmt: skip
