@@ -256,7 +256,7 @@ def run_job(job: Job) -> dict[str, Any]:
     -------
     dict
         ``key``; ``agents``: for each its ``scores`` (as in run.json), ``cost`` and ``steps``, arrays as lists
-        of float32.
+        of float32, None for NaN.
     """
     with _ONE_AT_A_TIME:
         runtime.start("cpu", threads=1)
@@ -288,12 +288,12 @@ def identity(key: Mapping[str, Any]) -> str:
 
 
 def _short(values: np.ndarray) -> list:
-    """Lists of the shortest decimals that name each float32; integers as they are."""
+    """Lists of the shortest decimals that name each float32 (None for NaN); integers as they are."""
     if values.ndim > 1:
         return [_short(row) for row in values]
     if values.dtype.kind == "i":
         return [int(value) for value in values]
-    return [float(str(value)) for value in values.astype(np.float32)]
+    return [None if np.isnan(value) else float(str(value)) for value in values.astype(np.float32)]
 
 
 def _changed(scene: Scene, changes: Sequence[tuple[str, Any]]) -> Scene:

@@ -108,7 +108,9 @@ class ClusterWorkers:
         distributed = _need("distributed", "dask[distributed]")
         with self._client(distributed) as client:
             futures = {client.submit(work, task, pure=False, retries=0): i for i, task in enumerate(tasks)}
-            done = distributed.as_completed(list(futures), with_results=True, raise_errors=False)
+            done = distributed.as_completed(
+                list(futures), loop=client.loop, with_results=True, raise_errors=False
+            )
             for future, answer in done:
                 yield futures.pop(future), self._answer(distributed, future, answer)
                 future.release()
