@@ -83,7 +83,7 @@ def prepare(directory: Path, overwrite: bool) -> None:
         if not directory.is_dir() or (any(directory.iterdir()) and not (directory / FILE).is_file()):
             raise InputError(str(directory), "something that no study wrote", "a new folder, or a study's")
         if overwrite:
-            for name in (FILE, "runs.csv", "steps.csv", "failures.log"):
+            for name in (FILE, "runs.csv", "steps.csv", "summary.csv", "failures.log"):
                 (directory / name).unlink(missing_ok=True)
             shutil.rmtree(directory / "figures", ignore_errors=True)
     try:
