@@ -5,7 +5,8 @@ surfaces. The recursion runs in information form, in which a surface that nothin
 Paths are those that are truly visible, each weighted by its detection probability; which measurement is which
 path counts as known. So the bounds are those of paper 002 (section VI-B, refs. [37]-[39]), taken at the true
 track. The amplitude's own information about geometry is left out: it is below a thousandth of that of the
-distance.
+distance. The motion and the jitter of the surfaces are those that the filter assumes: of walls that stand
+still, a filter may know a little more.
 """
 
 from __future__ import annotations

@@ -57,9 +57,9 @@ def study(
         draw_study(output, found)
         _table(summary_rows(found))
     done = sum(record is not None for record in outcome.records)
-    out.print(
-        f"{output}: {done} of {len(outcome.records)} runs, {outcome.fresh} of them new", highlight=False
-    )
+    line = f"{output}: {done} of {len(outcome.records)} runs, {outcome.fresh} of them new"
+    out.print(line, highlight=False, markup=False, soft_wrap=True)
+    (output / "failures.log").unlink(missing_ok=True)
     if outcome.failures:
         _report(outcome, output)
         raise typer.Exit(1)
@@ -69,9 +69,10 @@ def _setting(text: str) -> tuple[str, tuple[Any, ...]]:
     """Key and values of ``--set KEY=VALUE,VALUE``, as a scene file would read them."""
     key, equals, values = text.partition("=")
     try:
-        found = tomllib.loads(f"values = [{values}]")["values"] if equals and key.strip() else []
+        whole = tomllib.loads(f"values = [{values}]") if equals and key.strip() else {}
     except tomllib.TOMLDecodeError:
-        found = []
+        whole = {}
+    found = whole["values"] if list(whole) == ["values"] else []
     if not found:
         raise InputError("--set", repr(text), 'KEY=VALUE,VALUE as in a scene file (text in "quotes")')
     return key.strip(), tuple(found)
@@ -96,14 +97,14 @@ def _run(plan: Study, output: Path, where: Workers, overwrite: bool) -> Outcome:
         except KeyboardInterrupt:
             bar.stop()
             again = f"{kept[0]} of {kept[1]} runs are kept; the same command goes on from here"
-            err.print(f"interrupted: {again}", highlight=False)
+            err.print(f"interrupted: {again}", highlight=False, soft_wrap=True)
             raise typer.Exit(130) from None
 
 
 def _table(rows: list[dict[str, Any]]) -> None:
-    table = Table(box=None)
-    table.add_column("")
-    for title in ("runs", "diverged", "position", "heading", "MOSPA", "NEES in band", "paths"):
+    table = Table(box=None, padding=(0, 1, 0, 0))
+    table.add_column("", min_width=14)
+    for title in ("runs", "lost", "position", "heading", "MOSPA", "NEES", "paths"):
         table.add_column(title, justify="right", no_wrap=True)
     names = list(rows[0])
     for row in rows:
@@ -118,7 +119,11 @@ def _table(rows: list[dict[str, Any]]) -> None:
             f"{row['ray_excess']:+.2f}",
         )
     out.print(table)
-    out.print("= : times the bound of an unknown map; paths: detected minus true", highlight=False)
+    note = (
+        "lost: diverged; = times the bound of an unknown map; NEES: share of steps in its 95 % band; "
+        "paths: detected minus true"
+    )
+    out.print(note, highlight=False, soft_wrap=True)
 
 
 def _report(outcome: Outcome, output: Path) -> None:
@@ -130,6 +135,5 @@ def _report(outcome: Outcome, output: Path) -> None:
         lines.append(f"{job.variant.label}, {job.method}, seed {job.seed}\n{trace}\n")
     write_bytes(output / "failures.log", "".join(lines).encode())
     first = outcome.failures[min(outcome.failures)].strip().splitlines()[-1]
-    err.print(
-        f"{len(lines)} runs failed ({first}); see {output / 'failures.log'}", highlight=False, markup=False
-    )
+    line = f"{len(lines)} runs failed ({first}); see {output / 'failures.log'}"
+    err.print(line, highlight=False, markup=False, soft_wrap=True)

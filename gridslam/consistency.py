@@ -17,8 +17,6 @@ from gridslam.scene import Scene
 from gridslam.simulate import Truth
 
 Array = NDArray[np.float64]
-LIKELY = 0.5
-"""A true path counts as one to be found where its detection is likelier than its miss."""
 
 
 def nees(error: ArrayLike, covariance: ArrayLike) -> Array:
@@ -175,8 +173,8 @@ def surfaces_heard(truth: Truth, earlier: Sequence[Truth] = ()) -> tuple[Array, 
     return sfv(line_through(walls.start[piece], walls.end[piece])), first[heard]
 
 
-def true_rays(scene: Scene, agent: str, truth: Truth, above: float = LIKELY) -> NDArray[np.intp]:
-    """Number of visible paths per anchor and step whose detection is likelier than `above`, (J, N)."""
+def true_rays(scene: Scene, agent: str, truth: Truth, above: float = 0.0) -> NDArray[np.intp]:
+    """Number of visible paths per anchor and step whose detection probability is above `above`, (J, N)."""
     paths, count = truth.paths, np.zeros((len(scene.anchors), len(truth.trajectory)), np.intp)
     likely = scene.signal_model(agent).detection_probability(paths.amplitude) > above
     np.add.at(count, (paths.anchor[likely], paths.step[likely]), 1)

@@ -166,6 +166,9 @@ def draw_rays(own: Sequence[Batch]) -> Figure:
             color, style = _look(number)
             panel.plot(batch.mean("rays")[anchor], color=color, ls=style, lw=1.3, label=_label(batch, own))
             panel.plot(batch.mean("ray_belief")[anchor], color=color, ls=":", lw=1.0)
+        _bound(
+            panel, [batch.benchmark.likely_rays[anchor] for batch in own], "likelier heard than missed", ":"
+        )
         _bound(panel, [batch.benchmark.rays[anchor] for batch in own], "true", "--")
         panel.set_ylabel(f"paths of {name}")
         panel.grid(alpha=0.3)

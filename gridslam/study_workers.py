@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
@@ -61,7 +60,10 @@ class LocalWorkers:
         while left:
             # fewer at a time after a death: memory may be short, and what kills its worker takes fewer along
             count = max(1, min(self.count or loky.cpu_count(), len(left)) >> deaths)
-            pool = loky.ProcessPoolExecutor(count, initializer=_leave_interrupts_to_parent, env=ONE_THREAD)
+            # Ctrl-C reaches the whole process group; this process alone ends the study, in good order
+            pool = loky.ProcessPoolExecutor(
+                count, initializer=signal.signal, initargs=(signal.SIGINT, signal.SIG_IGN), env=ONE_THREAD
+            )
             lost = []
             try:
                 futures = {pool.submit(work, tasks[index]): index for index in left}
@@ -154,9 +156,3 @@ def _need(module: str, package: str) -> ModuleType:
         return importlib.import_module(module)
     except ImportError:
         raise InputError("study", f"no {package} here", "pip install 'gridslam[study]'") from None
-
-
-def _leave_interrupts_to_parent() -> None:
-    """Ctrl-C reaches the whole process group; the parent alone ends the study, in good order."""
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)

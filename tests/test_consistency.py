@@ -136,9 +136,9 @@ def test_surfaces_that_an_earlier_agent_heard_are_there_from_the_start():
     assert since.max() > 0
 
 
-def test_weak_paths_are_not_demanded(alcove):
+def test_paths_are_counted_from_a_detection_probability_on(alcove):
     scene, truth = alcove
-    every, likely = true_rays(scene, "agent1", truth, 0.0), true_rays(scene, "agent1", truth)
+    every, likely = true_rays(scene, "agent1", truth), true_rays(scene, "agent1", truth, 0.5)
     assert every.sum() == len(truth.paths)
     assert (likely <= every).all()
     loud = scene.signal_model("agent1").detection_probability(truth.paths.amplitude) > 0.5
