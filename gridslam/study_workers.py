@@ -119,6 +119,7 @@ class ClusterWorkers:
 
     def _client(self, distributed: ModuleType) -> Any:
         try:
+            distributed.comm.get_address_host_port(self.address)  # a client stumbles over what isn't one
             client = distributed.Client(self.address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, ValueError, TypeError, ImportError) as error:
             reason = " ".join(str(error).split())[:100] or type(error).__name__
