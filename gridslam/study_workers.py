@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
+from itertools import islice
 from types import ModuleType
 from typing import Any, Protocol, TypeVar
 
@@ -60,26 +60,19 @@ class LocalWorkers:
         while left:
             # fewer at a time after a death: memory may be short, and what kills its worker takes fewer along
             count = max(1, min(self.count or loky.cpu_count(), len(left)) >> deaths)
-            # Ctrl-C reaches the whole process group; this process alone ends the study, in good order
-            pool = loky.ProcessPoolExecutor(
-                count, initializer=signal.signal, initargs=(signal.SIGINT, signal.SIG_IGN), env=ONE_THREAD
-            )
-            lost = []
+            finished: set[int] = set()
+            pool = loky.ProcessPoolExecutor(count, initializer=_beginning(), env=ONE_THREAD)
             try:
-                futures = {pool.submit(work, tasks[index]): index for index in left}
-                for future in loky.as_completed(futures):
-                    error = future.exception()
-                    if isinstance(error, BrokenProcessPool):
-                        lost.append(futures[future])
-                    else:
-                        yield futures[future], error if error is not None else future.result()
+                for index, answer in _ahead(loky, pool, work, tasks, left, 2 * count):
+                    finished.add(index)
+                    yield index, answer
+            except BrokenProcessPool:
+                deaths = 1 if finished else deaths + 1
             finally:
                 pool.shutdown(wait=True, kill_workers=True)
-            deaths = deaths + 1 if len(lost) == len(left) else min(1, len(lost))
-            left = sorted(
-                lost, reverse=deaths % 2 == 1
-            )  # so that no run is for ever behind the one that kills
-            if deaths >= MOST_DEATHS:
+            # to and fro, so that no run is for ever behind the one that kills
+            left = sorted(set(left) - finished, reverse=deaths % 2 == 1)
+            if left and deaths >= MOST_DEATHS:
                 found = f"processes that died {deaths} times in a row ({len(left)} runs left)"
                 raise InputError("workers", found, "enough memory for each, or fewer --workers")
 
@@ -148,6 +141,56 @@ class ClusterWorkers:
         if error is None:
             raise InputError(where, "a scheduler that went away", again)
         return error
+
+
+def _ahead(
+    loky: ModuleType,
+    pool: Any,
+    work: Callable[[Task], Answer],
+    tasks: Sequence[Task],
+    order: Sequence[int],
+    most: int,
+) -> Iterator[tuple[int, Answer | BaseException]]:
+    """Do tasks in a pool, at most so many handed over at a time; all at once would end noisily on Ctrl-C."""
+    waiting = iter(order)
+    flying: dict[Any, int] = {}
+    while True:
+        for index in islice(waiting, most - len(flying)):
+            flying[pool.submit(work, tasks[index])] = index
+        if not flying:
+            return
+        broken = None
+        for future in loky.wait(flying, return_when=loky.FIRST_COMPLETED).done:
+            index, error = flying.pop(future), future.exception()
+            if isinstance(error, BrokenProcessPool):
+                broken = error
+            else:
+                yield index, error if error is not None else future.result()
+        if broken is not None:
+            raise broken
+
+
+def _beginning() -> Callable[[], None]:
+    """What a process does first (a nested function travels by value: nothing is imported for it)."""
+
+    def begin() -> None:
+        import os
+        import signal
+        import threading
+
+        import psutil
+
+        # Ctrl-C reaches the whole process group; the parent alone ends the study, in good order
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        parent = psutil.Process(os.getppid())
+
+        def follow() -> None:
+            parent.wait()
+            os._exit(1)  # it was killed: nobody waits for what is being done here
+
+        threading.Thread(target=follow, daemon=True).start()
+
+    return begin
 
 
 def _need(module: str, package: str) -> ModuleType:
