@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from itertools import islice
 from types import ModuleType
 from typing import Any, Protocol, TypeVar
@@ -101,7 +103,7 @@ class ClusterWorkers:
             they lack gridslam, or they keep dying.
         """
         distributed = _need("distributed", "dask[distributed]")
-        with self._client(distributed) as client:
+        with _quiet("distributed.client"), self._client(distributed) as client:
             futures = {client.submit(work, task, pure=False, retries=0): i for i, task in enumerate(tasks)}
             done = distributed.as_completed(
                 list(futures), loop=client.loop, with_results=True, raise_errors=False
@@ -168,6 +170,18 @@ def _ahead(
                 yield index, error if error is not None else future.result()
         if broken is not None:
             raise broken
+
+
+@contextmanager
+def _quiet(name: str) -> Iterator[None]:
+    """Hold back a logger's tracebacks; what matters of them becomes one line."""
+    logger = logging.getLogger(name)
+    before = logger.level
+    logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
 
 
 def _beginning() -> Callable[[], None]:
