@@ -40,7 +40,7 @@ def study(
     from gridslam.study_tables import batches, summary_rows, write_tables
     from gridslam.study_workers import ClusterWorkers, LocalWorkers
 
-    if scheduler and workers:
+    if scheduler is not None and workers:
         raise InputError("--workers", f"{workers} with --scheduler", "one of them; a cluster has its own")
     plan = Study(
         tuple(Scene.load(name) for name in scene),
@@ -49,7 +49,7 @@ def study(
         tuple(_setting(text) for text in settings or ()),
         tuple(agent or ()),
     )
-    where: Workers = ClusterWorkers(scheduler) if scheduler else LocalWorkers(workers)
+    where: Workers = ClusterWorkers(scheduler) if scheduler is not None else LocalWorkers(workers)
     outcome = _run(plan, output, where, overwrite)
     found = batches(outcome)
     if found:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.bounds import Bound, MapBound, known_map_bound, unknown_map_bound
-from gridslam.consistency import nees_band, surfaces_heard, true_rays
+from gridslam.consistency import Steps, nees_band, surfaces_heard, true_rays
+from gridslam.errors import InputError
 from gridslam.files import write_bytes
 from gridslam.metrics import OSPA_CUTOFF_M
 from gridslam.scene import Scene
@@ -127,21 +128,47 @@ class Batch:
 
 
 def batches(outcome: Outcome) -> list[Batch]:
-    """Sort the finished runs of a study by variant, agent and method; those without a run are left out."""
+    """Sort the finished runs of a study by variant, agent and method; those without a run are left out.
+
+    Raises
+    ------
+    InputError
+        A run's record is damaged.
+    """
     sorted_: dict[tuple[Variant, str, str], list[dict[str, Any]]] = {}
+    agents: dict[Variant, tuple[str, ...]] = {}
     for job, record in zip(outcome.study.jobs(), outcome.records, strict=True):
         if record is not None:
+            agents[job.variant] = job.agents
             for agent in job.agents:
                 sorted_.setdefault((job.variant, agent, job.method), []).append(record)
     marks: dict[Variant, dict[str, Benchmark]] = {}
     found = []
     for (variant, agent, method), records in sorted_.items():
         if variant not in marks:
-            marks[variant] = _benchmarks(variant, tuple(records[0]["agents"]))
-        own = [record["agents"][agent]["steps"] for record in records]
-        steps = {name: np.array([one[name] for one in own], float) for name in own[0]}
+            marks[variant] = _benchmarks(variant, agents[variant])
+        runs = [_arrays(record, agent, marks[variant][agent]) for record in records]
+        steps = {name: np.stack([run[name] for run in runs]) for name in runs[0]}
         found.append(Batch(variant, method, agent, records, steps, marks[variant][agent]))
     return found
+
+
+def _arrays(record: Mapping[str, Any], agent: str, mark: Benchmark) -> dict[str, Array]:
+    """Fields of a run's steps, (..., N); each is checked, since a file may have been changed."""
+    anchors, size = mark.rays.shape
+    rows = {"rays": anchors, "ray_belief": anchors, "surface_error_m": len(mark.surface_since)}
+    try:
+        own = record["agents"][agent]
+        _, _, _ = own["scores"]["diverged"], own["scores"]["map"].items(), own["cost"]["seconds_per_step"] + 0
+        return {
+            f.name: np.array(own["steps"][f.name], float).reshape(
+                (rows[f.name], size) if f.name in rows else size
+            )
+            for f in fields(Steps)
+        }
+    except (KeyError, TypeError, ValueError, AttributeError):
+        who = f"seed {record['key'].get('seed')} of {agent}"
+        raise InputError("study: results", f"a damaged run ({who})", "what the study wrote") from None
 
 
 def _benchmarks(variant: Variant, agents: Sequence[str]) -> dict[str, Benchmark]:

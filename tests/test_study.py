@@ -19,7 +19,7 @@ from gridslam.cli_study import _setting
 from gridslam.consistency import surfaces_heard, true_rays
 from gridslam.errors import InputError
 from gridslam.scene import Scene
-from gridslam.study import Study, identity, run_study
+from gridslam.study import Outcome, Study, identity, run_study
 from gridslam.study_plots import draw_study
 from gridslam.study_tables import Benchmark, batches, run_rows, step_rows, summary_rows, write_tables
 
@@ -267,6 +267,25 @@ def test_tables_add_up(scene, tmp_path):
     with (tmp_path / "runs.csv").open(newline="") as file:
         first, *_ = csv.DictReader(file)
     assert (first["seed"], first["map_auc"], first["reflection_mae"]) == ("0", "", "0.25")
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda run: run["agents"].pop("agent2"),
+        lambda run: run["agents"]["agent1"]["steps"].pop("rays"),
+        lambda run: run["agents"]["agent1"]["steps"]["surfaces"].append(3),
+        lambda run: run["agents"]["agent1"]["steps"]["surfaces"].__setitem__(0, "many"),
+        lambda run: run["agents"]["agent1"].update(cost=None),
+        lambda run: run["agents"]["agent1"]["scores"].pop("map"),
+    ],
+)
+def test_run_that_was_tampered_with_is_named(scene, spoil):
+    study = plan(scene, 2)
+    records = [made_up(job) for job in study.jobs()]
+    spoil(records[1])
+    with pytest.raises(InputError, match=r"damaged run \(seed 1 of agent[12]\)"):
+        batches(Outcome(study, records))
 
 
 def test_bound_of_the_map_counts_surfaces_there_and_unknowable_ones_as_the_cutoff():
