@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from gridslam.study_workers import Workers
 
 out, err = Console(), Console(stderr=True)
+WIDEST_TABLE = 160
+"""Columns up to which the table is printed whole, whatever the terminal."""
 
 
 def study(
@@ -24,7 +26,7 @@ def study(
     output: Annotated[Path, typer.Option("-o", "--output", help="folder; an interrupted study goes on")],
     runs: Annotated[int, typer.Option(min=1, help="seeds per method, scene and setting")] = 20,
     seed: Annotated[int, typer.Option(min=0, help="the first seed")] = 0,
-    method: Annotated[list[str] | None, typer.Option(help="grid; may be repeated")] = None,
+    method: Annotated[list[str] | None, typer.Option(help="grid, adaptive or va; may be repeated")] = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", help="values to try, e.g. filter.particles=1000,10000")
     ] = None,
@@ -102,9 +104,9 @@ def _run(plan: Study, output: Path, where: Workers, overwrite: bool) -> Outcome:
 
 
 def _table(rows: list[dict[str, Any]]) -> None:
-    table = Table(box=None, padding=(0, 1, 0, 0))
-    table.add_column("", min_width=14)
-    for title in ("runs", "lost", "position", "heading", "MOSPA", "NEES", "paths"):
+    table = Table(box=None)
+    table.add_column("")
+    for title in ("runs", "diverged", "position", "heading", "MOSPA", "NEES", "paths"):
         table.add_column(title, justify="right", no_wrap=True)
     names = list(rows[0])
     for row in rows:
@@ -118,9 +120,9 @@ def _table(rows: list[dict[str, Any]]) -> None:
             f"{row['nees_in_band']:.0%}",
             f"{row['ray_excess']:+.2f}",
         )
-    out.print(table)
+    Console(width=max(out.width, WIDEST_TABLE)).print(table)
     note = (
-        "lost: diverged; = times the bound of an unknown map; NEES: share of steps in its 95 % band; "
+        "= times the bound of an unknown map; NEES: share of steps in its 95 % band; "
         "paths: detected minus true"
     )
     out.print(note, highlight=False, soft_wrap=True)

@@ -270,7 +270,7 @@ def run_job(job: Job) -> dict[str, Any]:
             if done.interrupted:
                 raise KeyboardInterrupt
             truth = ground_truth(scene, name)
-            scores = done.score(truth)
+            scores = done.score(truth, earlier)
             steps = follow(done.estimates, scene, truth, earlier)
             found[name] = {
                 "cost": {key: scores.pop(key) for key in COST},
