@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gridslam import formats
+from gridslam import formats, matlab, ragged
 from gridslam.errors import InputError
 from gridslam.formats import DEVIATIONS, KEYS, VALUES
 from gridslam.geometry import wrap
@@ -189,8 +189,15 @@ class Measurements:
         formats.write_csv(path, self._columns(), self.anchors)
 
     @classmethod
-    def from_csv(cls, path: str | os.PathLike[str], anchors: Sequence[str]) -> Measurements:
-        """Read a CSV file that names the anchors `anchors`.
+    def from_csv(cls, path: str | os.PathLike[str], anchors: Sequence[str] | None = None) -> Measurements:
+        """Read a CSV file; a quantity whose column it lacks was not measured.
+
+        Parameters
+        ----------
+        path : path
+        anchors : sequence of str, optional
+            Names of the anchors, in the scene's order (``scene.anchor_names``); without it, those of the
+            file in the order in which they first appear.
 
         Raises
         ------
@@ -198,8 +205,9 @@ class Measurements:
             The first fault, with its line.
         """
         with formats.located(path):
-            columns: dict[str, Any] = formats.read_csv(path, tuple(anchors))
-            return cls(anchors=tuple(anchors), **columns)
+            columns, names = formats.read_csv(path, anchors)
+            table: dict[str, Any] = formats.fill_missing(columns)
+            return cls(anchors=names, **table)
 
     def to_h5(self, path: str | os.PathLike[str]) -> None:
         """Write everything, the truth included, as HDF5 (``h5read`` of MATLAB reads it).
@@ -221,7 +229,34 @@ class Measurements:
             Not such a file, cut short, or any fault in its content.
         """
         with formats.located(path):
-            return cls(**formats.read_h5(path))
+            return cls(**formats.fill_missing(formats.read_h5(path)))
+
+    @classmethod
+    def from_mat(cls, path: str | os.PathLike[str], anchors: Sequence[str] | None = None) -> Measurements:
+        """Read a MATLAB file, version 5 to 7.3; see `gridslam.matlab` for what it holds.
+
+        Raises
+        ------
+        InputError
+            Not such a file, cut short, or any fault in its content.
+        """
+        with formats.located(path):
+            columns, names = matlab.read_mat(path, anchors)
+            table: dict[str, Any] = formats.fill_missing(columns)
+            return cls(anchors=names, **table)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], anchors: Sequence[str] | None = None) -> Measurements:
+        """Read a file of any known kind: ``.csv``, ``.mat``, and HDF5 under any other name.
+
+        Raises
+        ------
+        InputError
+            As the reader of its kind.
+        """
+        readers = {".csv": cls.from_csv, ".mat": cls.from_mat}
+        reader = readers.get(os.path.splitext(os.fspath(path))[1].lower())
+        return cls.from_h5(path) if reader is None else reader(path, anchors)
 
     @classmethod
     def from_arrays(
@@ -262,46 +297,5 @@ class Measurements:
         given = {"distance_m": distance_m, "aod_rad": aod_rad, "aoa_rad": aoa_rad, "amplitude": amplitude}
         given |= {name: more.pop(name, None) for name in DEVIATIONS}
         tables = {name: quantity for name, quantity in given.items() if quantity is not None}
-        anchors, steps = tuple(distance_m), max((len(rows) for rows in distance_m.values()), default=0)
-        times = np.arange(steps) * interval_s if time_s is None else np.asarray(time_s, dtype=np.float64)
-        if times.shape != (steps,):
-            raise InputError("measurements: time_s", f"shape {times.shape}", f"shape ({steps},)")
-        counts = _counts(tables, anchors, steps)
-        flat = {name: _flat(quantity, anchors) for name, quantity in tables.items()}
-        flat |= {name: np.full(counts.sum(), np.nan) for name in VALUES if name not in flat}
-        step = np.concatenate([np.repeat(np.arange(steps), row) for row in counts])
-        anchor = np.repeat(np.arange(len(anchors)), counts.sum(axis=1))
-        kept = ~np.all([np.isnan(flat[name]) for name in VALUES], axis=0)
-        order = np.flatnonzero(kept)[np.argsort(step[kept], kind="stable")]
-        columns = {"step": step, "time_s": times[step], "anchor": anchor, **flat}
-        taken = {name: values[order] for name, values in columns.items()}
-        return cls(anchors=anchors, interval_s=interval_s, **{"steps": steps, **more}, **taken)
-
-
-def _counts(
-    tables: Mapping[str, Mapping[str, Sequence[ArrayLike]]], anchors: tuple[str, ...], steps: int
-) -> NDArray[np.intp]:
-    """Paths per anchor and step, (J, N), the same in every quantity."""
-    found = None
-    for name, quantity in tables.items():
-        if set(quantity) != set(anchors):
-            raise InputError(
-                f"measurements: {name}", f"anchors {sorted(quantity)}", f"anchors {sorted(anchors)}"
-            )
-        counts = np.zeros((len(anchors), steps), dtype=np.intp)
-        for index, anchor in enumerate(anchors):
-            if len(quantity[anchor]) != steps:
-                found_steps = f"{len(quantity[anchor])} steps"
-                raise InputError(f"measurements: {name}[{anchor!r}]", found_steps, f"{steps} steps")
-            counts[index] = [np.size(row) for row in quantity[anchor]]
-        found = counts if found is None else found
-        if (counts != found).any():
-            index, step = np.argwhere(counts != found)[0]
-            where = f"measurements: {name}[{anchors[index]!r}][{step}]"
-            raise InputError(where, f"{counts[index, step]} paths", f"{found[index, step]}, as in distance_m")
-    return np.zeros((len(anchors), steps), dtype=np.intp) if found is None else found
-
-
-def _flat(quantity: Mapping[str, Sequence[ArrayLike]], anchors: tuple[str, ...]) -> Array:
-    rows = [np.ravel(np.asarray(row, dtype=np.float64)) for anchor in anchors for row in quantity[anchor]]
-    return np.concatenate([np.zeros(0), *rows])
+        columns = ragged.table(tables, time_s, interval_s)
+        return cls(interval_s=interval_s, **{**columns, **more})
