@@ -5,16 +5,19 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gridslam import formats, matlab, ragged
+from gridslam import deepmimo, formats, matlab, ragged, raytracers, sionna
 from gridslam.errors import InputError
 from gridslam.formats import DEVIATIONS, KEYS, VALUES
 from gridslam.geometry import wrap
 from gridslam.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from gridslam.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -299,3 +302,76 @@ class Measurements:
         tables = {name: quantity for name, quantity in given.items() if quantity is not None}
         columns = ragged.table(tables, time_s, interval_s)
         return cls(interval_s=interval_s, **{**columns, **more})
+
+    @classmethod
+    def from_sionna(
+        cls,
+        paths: Any,
+        scene: Scene,
+        heading_rad: ArrayLike,
+        *,
+        uplink: bool = False,
+        **more: Any,
+    ) -> Measurements:
+        """Take over what Sionna RT traced: exact paths, without noise (`gridslam.simulate.receive` adds it).
+
+        Parameters
+        ----------
+        paths : sionna.rt.Paths, or a sequence of them
+            Its transmitters are the scene's anchors, in order; its receivers the agent, step by step.
+        scene : Scene
+            For the anchors' orientations and the radio.
+        heading_rad : float or (N,) float, rad
+            The agent's heading, the first angle of the receivers' orientation.
+        uplink : bool
+            Transmitters are the agent, receivers the anchors.
+        **more
+            ``slope_deg``, ``carrier_hz`` and ``least_snr_db`` of `gridslam.raytracers.plane_table`;
+            ``time_s``, ``interval_s``, ``truth`` and other arguments of `from_arrays`.
+
+        Raises
+        ------
+        InputError
+            Not such an object, or numbers of devices that don't match.
+        """
+        return cls._traced(sionna.traced(paths, uplink), scene, heading_rad, **more)
+
+    @classmethod
+    def from_deepmimo(
+        cls,
+        datasets: Sequence[Mapping[str, Any]],
+        scene: Scene,
+        heading_rad: ArrayLike,
+        *,
+        users: ArrayLike | None = None,
+        **more: Any,
+    ) -> Measurements:
+        """Take over arrays of DeepMIMO: exact paths, without noise (`gridslam.simulate.receive` adds it).
+
+        Parameters
+        ----------
+        datasets : sequence of mappings, one per anchor in the scene's order
+            See `gridslam.deepmimo` for the arrays and their conventions.
+        users : (N,) int, optional
+            Users along which the agent moves; otherwise all, in order.
+        scene, heading_rad, **more
+            As in `from_sionna`.
+
+        Raises
+        ------
+        InputError
+            An array is missing, or shapes that don't match.
+        """
+        return cls._traced(deepmimo.traced(datasets, users), scene, heading_rad, **more)
+
+    @classmethod
+    def _traced(
+        cls, paths: raytracers.TracedPaths, scene: Scene, heading_rad: ArrayLike, **more: Any
+    ) -> Measurements:
+        choice = {name: more.pop(name) for name in raytracers.CHOICES if name in more}
+        tables = raytracers.plane_table(paths, scene, heading_rad, **choice)
+        known = {
+            "anchor_position_m": scene.anchor_positions,
+            "anchor_orientation_rad": scene.anchor_orientations,
+        }
+        return cls.from_arrays(**tables, **{**known, **more})
