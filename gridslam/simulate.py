@@ -7,6 +7,7 @@ The truth about every path (walls, bounces, true or clutter) stays in objects of
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -232,12 +233,13 @@ def receive(clean: Measurements, scene: Scene, agent: str, seed: int = 0) -> Mea
             raise InputError(f"measurements: {name}", "paths without it", "a value for every path")
     columns, _ = _received(clean, scene, agent, seed, len(clean))
     times = np.array([clean.scan(step).time_s for step in range(len(clean))])
-    return replace(clean, time_s=times[columns["step"]], **dict.fromkeys(DEVIATIONS), **columns)
+    changes: dict[str, Any] = {"time_s": times[columns["step"]], **dict.fromkeys(DEVIATIONS), **columns}
+    return replace(clean, **changes)
 
 
 def _received(
     paths: TruePaths | Measurements, scene: Scene, agent: str, seed: int, steps: int
-) -> tuple[dict[str, NDArray], NDArray[np.intp]]:
+) -> tuple[dict[str, Any], NDArray[np.intp]]:
     """Columns of the detected paths with noise and of clutter, and the row of `paths` of each, or -1."""
     signal = scene.signal_model(agent)
     names = [a.name for a in scene.agents]
