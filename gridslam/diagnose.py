@@ -31,6 +31,8 @@ ANGLES = ("aod_rad", "aoa_rad")
 PAD_VALUES = (-1.0, 0.0, -99.0, -999.0, -9999.0, 999.0, 9999.0)
 ENOUGH, CERTAIN = 10.0, 30.0
 """Log likelihood ratios in nats above which a reading is told, and told as certain."""
+LEVEL_DB = 2.5
+"""Amplitudes whose level is nearer to the expected one aren't questioned."""
 EXPLAINED = 0.85
 """Share of scans with a line of sight above which a column isn't questioned further."""
 
@@ -295,7 +297,7 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
                 other = explain(trusted | {name: values}, scene, agent, world)
                 if world and straight and turning_rad(other.position_m) < np.radians(30):
                     continue  # relative to a heading of 0 is the same as in the world
-                if other.evidence > max(best.evidence, plain.evidence + ENOUGH):
+                if other.evidence > max(best.evidence, plain.evidence + ENOUGH, ENOUGH):
                     best, read, kind = other, values, label
         if kind:
             gain = best.evidence - plain.evidence
@@ -338,20 +340,20 @@ def _loudness(amplitude: Array, sight: Sight, scene: Scene) -> list[Suspicion]:
     scores = {kind: _level(values - expected) for kind, values in readings.items()}
     kind = max(scores, key=lambda name: scores[name])
     gain = scores[kind] - scores[""]
-    if not kind or gain < ENOUGH:
-        return []
     level = 20 / np.log(10) * float(np.median(readings[""] - expected))
+    if not kind or gain < ENOUGH or abs(level) < LEVEL_DB:
+        return []
     shown = f"{len(heard)} lines of sight are {level:+.0f} dB off as it stands"
     reason = f"{shown}; log likelihood ratio {gain:.0f}"
     return [Suspicion("amplitude", kind, ADVICE[kind], gain > CERTAIN, reason)]
 
 
-def _level(gap: Array, level: float = 0.5, spread: float = 0.2) -> float:
-    """Log likelihood of log amplitudes off by one common Gaussian level and a spread of their own."""
-    count, mean = len(gap), gap.mean()
-    inside = ((gap - mean) ** 2).sum() / spread**2
-    total = level**2 + spread**2 / count
-    return float(-0.5 * (inside + mean**2 / total) - count * np.log(spread) - 0.5 * np.log(total))
+def _level(gap: Array, spread: float = 0.2, stray: float = 0.2) -> float:
+    """Log likelihood of log amplitudes off by one common level (std 0.5); a fifth may be anything."""
+    levels = np.linspace(-1.5, 1.5, 61)
+    near = np.exp(-0.5 * ((gap - levels[:, None]) / spread) ** 2) / (np.sqrt(2 * np.pi) * spread)
+    each = np.log((1 - stray) * near + stray / 6).sum(1) - 0.5 * (levels / 0.5) ** 2
+    return float(np.logaddexp.reduce(each))
 
 
 def _verdict(columns: Columns, names: tuple[str, ...], scene: Scene, agent: str | None) -> str:

@@ -232,7 +232,8 @@ class Measurements:
             Not such a file, cut short, or any fault in its content.
         """
         with formats.located(path):
-            return cls(**formats.fill_missing(formats.read_h5(path)))
+            table: dict[str, Any] = formats.fill_missing(formats.read_h5(path))
+            return cls(**table)
 
     @classmethod
     def from_mat(cls, path: str | os.PathLike[str], anchors: Sequence[str] | None = None) -> Measurements:
