@@ -1,1 +1,4 @@
-"""Taichi kernels: arrays in, arrays out; they know nothing of scenes."""
+"""Taichi kernels: arrays in, arrays out. They know nothing of scenes."""
+
+PATH_BLOCK = 64
+"""Particles that the evaluation kernel takes at a time; kept here so that owners needn't start Taichi."""

@@ -13,6 +13,7 @@ from gridslam.geometry import line_between, line_of_sfv, mirror, sfv, trace, wra
 from gridslam.inference.association import associate
 from gridslam.inference.belief import Belief, update
 from gridslam.inference.cells import Cells
+from gridslam.inference.polylines import Polylines
 
 angles, offsets = st.floats(-3, 3), st.floats(0.5, 20)
 places = st.tuples(st.floats(-20, 20), st.floats(-20, 20)).map(np.array)
@@ -116,6 +117,11 @@ def test_update_of_a_sure_association_is_the_kalman_update():
     np.testing.assert_allclose(update(belief, jacobian, residual[None], noise[None], np.zeros(1)).mean, 0)
 
 
+def drawn(bounces, corners, normals):
+    """One path at one state."""
+    return Polylines(np.array([bounces]), corners[None, None], normals[None, None], np.ones((1, 1)))
+
+
 def ray_messages(cells, through, hits, worth):
     """Twin by enumeration: exact log ratio of every touched cell, over all states of the path's cells."""
     touched = through + hits
@@ -155,7 +161,7 @@ def test_cell_messages_equal_enumeration_of_all_cell_states(worth, bounces):
     # the corner cells that a sampled walk may graze don't count
     before = cells.evidence.copy()
     expected = ray_messages(cells, through, hits, worth)
-    cells.cast(corners[None, None], normals[None, None], np.array([bounces]), np.array([worth]), True)
+    cells.tell(drawn(bounces, corners, normals), np.array([worth]))
     cells.absorb()
     change = cells.evidence - before
     for cell, value in expected.items():
@@ -168,9 +174,10 @@ def test_cell_messages_equal_enumeration_of_all_cell_states(worth, bounces):
 def test_a_ray_outside_the_grid_touches_nothing():
     cells = Cells(np.zeros(2), 1.0, (3, 3), 10.0, np.array([[100.0, 100.0]]))
     corners = np.array([[5.0, 5.0], [9.0, 7.0], [9.0, 7.0], [9.0, 7.0]])
-    found = cells.cast(corners[None, None], np.ones((1, 1, 2, 2)), np.array([0]), np.array([5.0]), True)
+    line = drawn(0, corners, np.ones((2, 2)))
+    cells.tell(line, np.array([5.0]))
     cells.absorb()
-    assert found[0, 0] == 1.0
+    assert cells.validity(line) == 1.0
     assert not cells.evidence.any()
 
 

@@ -140,6 +140,14 @@ def give_birth(belief: Belief, line: Array, by_state: Array, by_measurement: Arr
     return Belief(np.concatenate([belief.mean, line]), 0.5 * (covariance + covariance.T))
 
 
+def append(belief: Belief, line: Array, covariance: Array) -> Belief:
+    """Append a surface that is independent of the rest."""
+    size = len(belief.mean)
+    joint = np.zeros((size + 2, size + 2))
+    joint[:size, :size], joint[size:, size:] = belief.covariance, covariance
+    return Belief(np.concatenate([belief.mean, line]), joint)
+
+
 def keep(belief: Belief, surfaces: NDArray[np.bool_]) -> Belief:
     """Marginalise out the surfaces that aren't kept."""
     rows = np.concatenate([np.ones(AGENT, dtype=bool), np.repeat(surfaces, 2)])

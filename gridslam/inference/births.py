@@ -1,195 +1,224 @@
-"""Births: the new surface that each measurement would need (paper 002, section V-B)."""
+"""Births: the new surface that each measurement would need (paper 002, section V-B); owner of that kernel."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.geometry import mirror, trace, unit, wrap
+from gridslam import runtime
+from gridslam.geometry import mirror, trace, wrap
 from gridslam.inference.belief import Belief, birth_line, give_birth, slots, update
+from gridslam.inference.heard import Heard
+from gridslam.inference.likelihood import deviations
+from gridslam.inference.particles import Cloud
+from gridslam.inference.polylines import Polylines, draw_paths
 from gridslam.inference.surfaces import Bank
-from gridslam.measurements import Scan
 from gridslam.signal import REFLECTION_BINS, SignalModel
 
 Array = NDArray[np.float64]
 CONVERGED_STD_M = 0.3
+USUAL_REFLECTION = 0.7
+DOUBLE_SHARE = 0.5
+"""Births by each kind of double bounce over births by single bounces."""
+EXPLAINED = 1e-3
+"""A birth this many times less likely than the measurement's known causes isn't looked at."""
+FAINT = 1e-3
+"""Ratio to clutter below which a hypothesis is dropped."""
+SAMPLES = 256
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """A new surface that would explain one measurement.
+class Births:
+    """Hypotheses of new surfaces, one or more per measurement.
 
     Attributes
     ----------
-    measurement : int
-        Row of the scan.
-    last, first : int
+    measurement : (B,) int
+    last, first : (B,) int
         Known surface hit last or first on a double bounce; -1 for the new one.
-    line : (2,)
-    ratio : float
-        I_m: mean number of such births over that of clutter.
-    corners : (4, 2) m
-        Anchor, interaction points, agent of the path; the agent repeats after a single bounce.
+    line : (B, 2)
+    ratio : (B,)
+        I: mean number of such births over that of clutter.
     """
 
-    measurement: int
-    last: int
-    first: int
+    measurement: NDArray[np.intp]
+    last: NDArray[np.intp]
+    first: NDArray[np.intp]
     line: Array
-    ratio: float
-    corners: Array
+    ratio: Array
+
+    def __len__(self) -> int:
+        return len(self.ratio)
+
+    def weighed(self, validity: Array) -> Births:
+        """The same with every hypothesis weighed by the validity (B,) of its path in the grid."""
+        return replace(self, ratio=self.ratio * validity)
+
+    def per_measurement(self, count: int) -> Array:
+        """I_m, the sum over the hypotheses of each of `count` measurements."""
+        return np.bincount(self.measurement, self.ratio, count).astype(np.float64)
 
 
-def birth_ratios(
-    scan: Scan, rows: NDArray[np.intp], belief: Belief, bank: Bank, anchor: int, place: Array, facing: float,
-    signal: SignalModel, births: float, region_m2: float, most_bounces: int,
-) -> list[list[Candidate]]:  # fmt: skip
-    """All birth hypotheses of the measurements `rows` that carry distance and AoA, per measurement."""
-    hypotheses: list[tuple[int, int]] = [(-1, -1)] if most_bounces >= 1 else []
+def partners(bank: Bank, belief: Belief, most_bounces: int) -> NDArray[np.intp]:
+    """Pairs (last, first) of known surfaces with which a new one may form a path, -1 for the new, (H, 2)."""
+    if most_bounces < 1:
+        return np.zeros((0, 2), np.intp)
     index = slots(np.arange(len(bank)))
-    variance = belief.covariance[index[:, 1], index[:, 1]] if len(bank) else np.zeros(0)
+    variance = belief.covariance[index[:, 1], index[:, 1]]
     known = np.flatnonzero((bank.existence > 0.9) & (bank.seen >= 3) & (variance < CONVERGED_STD_M**2))
+    pairs: list[tuple[int, int]] = [(-1, -1)]
     if most_bounces >= 2:
-        hypotheses += [pair for s in known for pair in ((-1, int(s)), (int(s), -1))]
-    result = []
-    for row in rows:
-        found = []
-        if not (np.isnan(scan.distance_m[row]) or np.isnan(scan.aoa_rad[row])):
-            for last, first in hypotheses:
-                candidate = _candidate(
-                    scan, int(row), last, first, belief, anchor, place, facing, signal, births, region_m2
-                )
-                if candidate is not None:
-                    found.append(candidate)
-        result.append(found)
-    return result
+        pairs += [pair for s in known.tolist() for pair in ((-1, s), (s, -1))]
+    return np.asarray(pairs, dtype=np.intp)
 
 
-def _candidate(
-    scan: Scan, row: int, last: int, first: int, belief: Belief, anchor: int, place: Array, facing: float,
-    signal: SignalModel, births: float, region_m2: float,
-) -> Candidate | None:  # fmt: skip
-    agent, lines = belief.mean[[0, 1, 4]], belief.lines
-    distance, arrival = scan.distance_m[row], scan.aoa_rad[row]
-    source = mirror(lines[first], place) if first >= 0 else place
-    after = lines[last] if last >= 0 else None
-    line = birth_line(agent, distance, arrival, source, after)
-    bounces = 2 if max(last, first) >= 0 else 1
-    path = trace(
-        agent[None, :2],
-        place[None],
-        (after if after is not None else line)[None],
-        (lines[first] if first >= 0 else line)[None],
-        np.array([bounces]),
+def propose(
+    heard: Heard, belief: Belief, bank: Bank, cloud: Cloud, explained: Array, signal: SignalModel,
+    births: float, radius_m: float, most_bounces: int,
+) -> Births:  # fmt: skip
+    """All birth hypotheses worth a look, of the measurements that carry distance and AoA.
+
+    Surfaces are born uniformly over all lines that cross the region (angle and offset), at `births` per
+    anchor and step; that measure doesn't depend on the frame. The mean over agent, distance and AoA is
+    taken in a kernel; amplitude and clutter are the same for all samples.
+
+    Parameters
+    ----------
+    explained : (M,)
+        Ratio to clutter of the measurement's known causes.
+    radius_m : float
+        Of the region.
+    """
+    runtime.start()
+    from gridslam.kernels.births import propose as launch
+
+    known = partners(bank, belief, most_bounces)
+    rows = np.flatnonzero(~np.isnan(heard.value[:, [0, 2]]).any(1))
+    strength = np.where(
+        np.isnan(heard.amplitude[rows]), signal.amplitude(heard.value[rows, 0], 0.5), heard.amplitude[rows]
     )
-    if not path.valid[0]:
-        return None
-    amplitude = scan.amplitude[row]
-    known = not np.isnan(amplitude)
-    strength = amplitude if known else signal.amplitude(distance, 0.5)
-    bound = signal.amplitude(distance, REFLECTION_BINS * (_mean(last) * _mean(first)))
-    level = np.exp(signal.log_rician(np.full(len(bound), amplitude), bound)).mean() if known else 1.0
-    std = signal.angle_std(np.array([strength]), path.arrival - agent[2], signal.agent_aperture)[0]
-    log = -signal.log_clutter(np.array([amplitude]))[0] - np.log(signal.false_alarms)
-    if not np.isnan(scan.aod_rad[row]):
-        aod_std = signal.angle_std(
-            np.array([strength]), path.departure - facing, signal.anchor_aperture[anchor]
-        )[0]
-        # the AoD predicted from the birth's own AoA: that error, and the heading's, enter with it
-        total = aod_std**2 + (2 * std) ** 2 + belief.covariance[4, 4]
-        gap = wrap(scan.aod_rad[row] - (path.departure[0] - facing))
-        log += -0.5 * gap**2 / total - 0.5 * np.log(2 * np.pi * total)
-    else:
-        log -= np.log(2 * np.pi)
-    image = agent[:2] + distance * unit(agent[2] + arrival)
-    if after is not None:
-        image = mirror(after, image)
-    span = max(float(np.linalg.norm(image - source)), 1e-2)
-    height = max(2 * abs(float(line[1])), 0.5)
-    density = births / (4 * region_m2) * height / span  # of the image point, per m^2
-    ratio = density * distance * level * float(np.exp(min(log, 600.0)))
-    corners = np.stack(
-        [place, path.first_point[0], path.last_point[0] if bounces == 2 else agent[:2], agent[:2]]
+    std = deviations(heard, rows, strength, np.nan_to_num(heard.value[rows, 1:]), signal)
+    # what a hypothesis could be worth at most: the AoD right on, the image next to the anchor
+    level = _amplitude_factor(heard, rows, known, signal)
+    common = births / (4 * np.pi * radius_m) * heard.value[rows, 0]
+    most = common * level.max(1, initial=0.0) / np.sqrt(2 * np.pi) / np.minimum(std[:, 1], 2.5)
+    keep = most > np.maximum(FAINT, EXPLAINED * explained[rows])
+    rows, std, level, common = rows[keep], std[keep], level[keep], common[keep]
+    weight = np.zeros((len(rows), len(known)))
+    if weight.size:
+        value = np.concatenate([np.nan_to_num(heard.value[rows]), np.minimum(std, 1e9)], 1)
+        noise = np.random.default_rng(len(known)).standard_normal((2, SAMPLES))
+        launch(
+            np.ascontiguousarray(cloud.agent[:, :SAMPLES], np.float64),
+            np.ascontiguousarray(cloud.lines[:, :, :SAMPLES], np.float64),
+            noise,
+            np.ascontiguousarray(value),
+            known.astype(np.int32),
+            np.array([*heard.place, heard.facing]),
+            weight,
+        )
+    share = np.where((known >= 0).any(1), DOUBLE_SHARE, 1.0)
+    ratio = common[:, None] * level * weight * share
+    row, hypothesis = np.nonzero(ratio > np.maximum(FAINT, EXPLAINED * explained[rows])[:, None])
+    measurement, last, first = rows[row], known[hypothesis, 0], known[hypothesis, 1]
+    line = [_line(heard, belief, m, a, b) for m, a, b in zip(measurement, last, first, strict=True)]
+    return Births(
+        measurement,
+        last,
+        first,
+        np.array(line).reshape(-1, 2),
+        ratio[row, hypothesis],
     )
-    return Candidate(row, last, first, line, ratio if bounces == 1 else 0.5 * ratio, corners)
 
 
-def _mean(surface: int) -> float:
-    return 1.0 if surface < 0 else 0.7
+def _amplitude_factor(
+    heard: Heard, rows: NDArray[np.intp], known: NDArray[np.intp], signal: SignalModel
+) -> Array:
+    """Amplitude's density, averaged over the unknown coefficient, over that of clutter, (M, H)."""
+    factor = np.ones((len(rows), len(known)))
+    loud = ~np.isnan(heard.amplitude[rows])
+    for other in (1.0, USUAL_REFLECTION):
+        chosen = (known >= 0).any(1) == (other < 1)
+        level = signal.amplitude(heard.value[rows, :1], REFLECTION_BINS * other)
+        said = np.exp(signal.log_rician(np.nan_to_num(heard.amplitude[rows], nan=1.0)[:, None], level)).mean(
+            1
+        )
+        factor[:, chosen] = np.where(loud, said, 1.0)[:, None]
+    clutter = np.log(signal.false_alarms) + signal.log_clutter(heard.amplitude[rows])
+    return np.asarray(factor * np.exp(-clutter)[:, None])
 
 
-def bear(
-    candidate: Candidate,
-    scan: Scan,
-    belief: Belief,
-    place: Array,
-    facing: float,
-    anchor: int,
-    signal: SignalModel,
-) -> Belief:
-    """Belief with the candidate's surface appended, correlated with the agent, and corrected by the AoD."""
-    row, known = candidate.measurement, max(candidate.last, candidate.first)
-    base = np.concatenate([belief.mean[[0, 1, 4]], [scan.distance_m[row], scan.aoa_rad[row]]])
+def _line(heard: Heard, belief: Belief, row: int, last: int, first: int) -> Array:
+    source = mirror(belief.lines[first], heard.place) if first >= 0 else heard.place
+    after = belief.lines[last] if last >= 0 else None
+    return birth_line(belief.mean[[0, 1, 4]], heard.value[row, 0], heard.value[row, 2], source, after)
+
+
+def draw_births(births: Births, belief: Belief, place: Array) -> Polylines:
+    """The paths of all hypotheses at the mean of the belief, for casting through the grid, (B, 1)."""
+    count, known = len(births), len(belief.lines)
+    lines = np.concatenate([belief.lines, births.line])
+    own = known + np.arange(count)
+    double = (births.last >= 0) | (births.first >= 0)
+    cloud = Cloud(
+        belief.mean[[0, 1, 4], None],
+        np.stack([np.cos(lines[:, 0]), np.sin(lines[:, 0]), lines[:, 1]])[:, :, None],
+        0.0,
+    )
+    last, first = np.where(births.last >= 0, births.last, own), np.where(births.first >= 0, births.first, own)
+    return draw_paths(np.where(double, 2, 1), last, first, cloud, place)
+
+
+def bear(births: Births, number: int, heard: Heard, belief: Belief, signal: SignalModel) -> Belief:
+    """Belief with one hypothesis' surface appended, correlated with the agent, and corrected by the AoD."""
+    row, last, first = int(births.measurement[number]), int(births.last[number]), int(births.first[number])
+    known = max(last, first)
+    value = heard.value[row]
     known_line = belief.lines[known] if known >= 0 else np.zeros(2)
 
     def line_of(inputs: Array) -> Array:
         other = inputs[5:]
-        source = mirror(other, place) if candidate.first >= 0 else place
-        return birth_line(inputs[:3], inputs[3], inputs[4], source, other if candidate.last >= 0 else None)
+        source = mirror(other, heard.place) if first >= 0 else heard.place
+        return birth_line(inputs[:3], inputs[3], inputs[4], source, other if last >= 0 else None)
 
-    inputs = np.concatenate([base, known_line])
+    inputs = np.concatenate([belief.mean[[0, 1, 4]], value[[0, 2]], known_line])
     line = line_of(inputs)
     derivative = np.zeros((2, len(inputs)))
-    for column in range(len(inputs)):
-        step = np.zeros(len(inputs))
-        step[column] = 1e-5
-        high, low = line_of(inputs + step), line_of(inputs - step)
-        change = high - low
-        change[0] = wrap(change[0])
-        derivative[:, column] = change / 2e-5
+    for column, step in enumerate(1e-5 * np.eye(len(inputs))):
+        change = line_of(inputs + step) - line_of(inputs - step)
+        derivative[:, column] = np.array([wrap(change[0]), change[1]]) / 2e-5
     by_state = np.zeros((2, len(belief.mean)))
     by_state[:, [0, 1, 4]] = derivative[:, :3]
     if known >= 0:
         by_state[:, slots(known)] = derivative[:, 5:]
-    amplitude = scan.amplitude[row]
-    strength = np.array(
-        [amplitude if not np.isnan(amplitude) else signal.amplitude(scan.distance_m[row], 0.5)]
-    )
-    own = [scan.distance_std_m, scan.aoa_std_rad, scan.aod_std_rad]
-    fisher = [
-        signal.distance_std(strength)[0],
-        signal.angle_std(strength, np.array([scan.aoa_rad[row]]), signal.agent_aperture)[0],
-        signal.angle_std(
-            strength, np.array([np.nan_to_num(scan.aod_rad[row])]), signal.anchor_aperture[anchor]
-        )[0],
-    ]
-    std = [f if o is None or np.isnan(o[row]) else o[row] for f, o in zip(fisher, own, strict=True)]
-    belief = give_birth(belief, line, by_state, derivative[:, 3:5], np.square(std[:2]))
-    if np.isnan(scan.aod_rad[row]):
+    amplitude = heard.amplitude[row]
+    strength = signal.amplitude(value[0], 0.5) if np.isnan(amplitude) else amplitude
+    angles = np.nan_to_num(value[None, 1:])
+    std = deviations(heard, np.array([row]), np.array([strength]), angles, signal)[0]
+    belief = give_birth(belief, line, by_state, derivative[:, 3:5], np.square(std[[0, 2]]))
+    if not np.isfinite(std[1]):
         return belief
     lines, new = belief.lines, len(belief.lines) - 1
-    last = candidate.last if candidate.last >= 0 else new
-    first = candidate.first if candidate.first >= 0 else new
+    last, first = (new if s < 0 else s for s in (last, first))
     bounces = np.array([1 if last == first else 2])
-    path = trace(belief.mean[None, :2], place[None], lines[last][None], lines[first][None], bounces)
+    path = trace(belief.mean[None, :2], heard.place[None], lines[last][None], lines[first][None], bounces)
     jacobian = np.zeros((1, len(belief.mean)))
     jacobian[0, :2] = path.jacobian[0, 1, :2]
     jacobian[0, slots(last)] += path.jacobian[0, 1, 3:5]
     jacobian[0, slots(first)] += path.jacobian[0, 1, 5:7]
-    gap = wrap(np.array([[scan.aod_rad[row] - (path.departure[0] - facing)]]))
-    return update(belief, jacobian, gap, np.array([[std[2] ** 2]]), np.ones(1))
+    gap = wrap(np.array([[value[1] - (path.departure[0] - heard.facing)]]))
+    return update(belief, jacobian, gap, np.array([[std[1] ** 2]]), np.ones(1))
 
 
-def birth_reflection(candidate: Candidate, scan: Scan, signal: SignalModel) -> Array:
+def birth_reflection(births: Births, number: int, heard: Heard, signal: SignalModel) -> Array:
     """First belief over the new surface's coefficient, from the amplitude alone, (BINS,)."""
-    row = candidate.measurement
-    amplitude = scan.amplitude[row]
-    if np.isnan(amplitude):
+    row = births.measurement[number]
+    if np.isnan(heard.amplitude[row]):
         return np.full(len(REFLECTION_BINS), 1 / len(REFLECTION_BINS))
-    level = signal.amplitude(
-        scan.distance_m[row], REFLECTION_BINS * _mean(candidate.last) * _mean(candidate.first)
-    )
-    density = np.exp(signal.log_rician(np.full(len(level), amplitude), level)) + 1e-6
-    return density / density.sum()
+    double = births.last[number] >= 0 or births.first[number] >= 0
+    other = USUAL_REFLECTION if double else 1.0
+    level = signal.amplitude(heard.value[row, 0], REFLECTION_BINS * other)
+    density = np.exp(signal.log_rician(heard.amplitude[None, row], level)) + 1e-6
+    return np.asarray(density / density.sum())

@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.inference.polylines import Polylines
 from gridslam.signal import REFLECTION_BINS
 
 Array = NDArray[np.float64]
+BINS = len(REFLECTION_BINS)
 EVIDENCE_CLIP = 12.0
 CLEAR_ANCHOR_M = 0.35
 TOUCHED = 0.01
@@ -36,7 +38,7 @@ class Cells:
         self.origin, self.cell, self.shape = np.asarray(origin, float), cell, shape
         self.evidence = np.zeros(shape)
         self.observed = np.zeros(shape, dtype=bool)
-        self.coefficient = np.zeros((*shape, len(REFLECTION_BINS)))
+        self.coefficient = np.zeros((*shape, BINS))
         self.prior = 1 - np.exp(-cell / free_path)
         y, x = np.indices(shape)
         centre = self.origin + cell * (np.stack([x, y], -1) + 0.5)
@@ -54,48 +56,44 @@ class Cells:
         """Occupancy probability of a cell in the role of being hit, inside V."""
         return np.where(self._clear, 1e-6, np.clip(1 / (1 + np.exp(-self.evidence)), 1e-3, 0.99))
 
-    def cast(
-        self, corners: Array, normals: Array, bounces: NDArray[np.intp], bracket: Array, send: bool
-    ) -> Array:
-        """Cast rays; return V of every ray, and add the paths' messages to the cells if `send`.
+    def validity(self, lines: Polylines) -> Array:
+        """V of every path, eq. (1): mean over the sampled states at which it is possible, (L,)."""
+        through = self._cast(lines, np.zeros((len(lines.bounces), 2)))
+        return (through * lines.valid).sum(1) / np.maximum(lines.valid.sum(1), 1.0)
+
+    def tell(self, lines: Polylines, worth: Array) -> None:
+        """Add the messages of all paths to their cells, eqs. (43)-(45); `absorb` folds them in.
 
         Parameters
         ----------
-        corners : (L, R, 4, 2) m
-            Anchor, interaction points, agent, in order; the agent repeats where there are fewer bounces.
-        normals : (L, R, 2, 2)
-        bounces : (L,)
-        bracket : (L,)
-            A of the path: what it is worth if it is not blocked.
-        send : bool
-
-        Returns
-        -------
-        (L, R) float64
+        worth : (L,)
+            A of each path: what it is worth if it is not blocked.
         """
+        self._cast(lines, np.stack([worth, np.ones(len(worth))], -1))
+
+    def _cast(self, lines: Polylines, factor: Array) -> Array:
+        """Cast rays; return V of every ray (L, R), and add messages where ``factor[:, 1]`` is set."""
         runtime.start()
         from gridslam.kernels.cells import cast
 
-        paths, rays = corners.shape[:2]
+        paths, rays = lines.valid.shape
         validity = np.zeros(paths * rays)
-        if not paths:
-            return validity.reshape(0, rays)
-        factor = np.stack([bracket, np.full(paths, float(send))], -1)
-        cast(
-            np.ascontiguousarray(corners.reshape(-1, 4, 2), dtype=np.float64),
-            np.ascontiguousarray(normals.reshape(-1, 2, 2), dtype=np.float64),
-            np.ascontiguousarray(bounces, dtype=np.int32),
-            np.ascontiguousarray(factor, dtype=np.float64),
-            self.traversed(),
-            self.hit(),
-            np.array([*self.origin, self.cell]),
-            validity,
-            self._lift,
-            self._message,
-            rays,
-            OUTSIDE,
-            EVIDENCE_CLIP,
-        )
+        if paths:
+            cast(
+                np.ascontiguousarray(lines.corners.reshape(-1, 4, 2), dtype=np.float64),
+                np.ascontiguousarray(lines.normals.reshape(-1, 2, 2), dtype=np.float64),
+                np.ascontiguousarray(lines.bounces, dtype=np.int32),
+                np.ascontiguousarray(factor, dtype=np.float64),
+                self.traversed(),
+                self.hit(),
+                np.array([*self.origin, self.cell]),
+                validity,
+                self._lift,
+                self._message,
+                rays,
+                OUTSIDE,
+                EVIDENCE_CLIP,
+            )
         return validity.reshape(paths, rays)
 
     def absorb(self) -> None:
@@ -106,16 +104,19 @@ class Cells:
         self._message[:] = 0
 
     def weigh_coefficient(self, points: Array, log_likelihood: Array) -> None:
-        """Multiply a log-likelihood (BINS,) over the coefficient into the cells at `points` (R, 2) m."""
-        index = np.floor((points - self.origin) / self.cell).astype(int)
-        inside = (index >= 0).all(-1) & (index[:, 0] < self.shape[1]) & (index[:, 1] < self.shape[0])
-        share = log_likelihood / len(points)
-        np.add.at(self.coefficient, (index[inside, 1], index[inside, 0]), share)
+        """Multiply log-likelihoods (L, BINS) over the coefficient into the cells at `points` (L, R, 2) m."""
+        index, inside = self._index(points)
+        share = np.broadcast_to(log_likelihood[:, None] / points.shape[1], (*inside.shape, BINS))
+        np.add.at(self.coefficient, (index[inside][:, 1], index[inside][:, 0]), share[inside])
 
     def coefficient_at(self, points: Array) -> Array:
-        """Mean log-likelihood over the coefficient of the hit cells at `points` (R, 2) m, shape (BINS,)."""
-        index = np.floor((points - self.origin) / self.cell).astype(int)
-        inside = (index >= 0).all(-1) & (index[:, 0] < self.shape[1]) & (index[:, 1] < self.shape[0])
-        if not inside.any():
-            return np.zeros(len(REFLECTION_BINS))
-        return self.coefficient[index[inside, 1], index[inside, 0]].mean(0)
+        """Mean log-likelihood over the coefficient of the cells at `points` (L, R, 2) m, (L, BINS)."""
+        index, inside = self._index(points)
+        index = np.where(inside[..., None], index, 0)
+        held = self.coefficient[index[..., 1], index[..., 0]] * inside[..., None]
+        return held.sum(1) / np.maximum(inside.sum(1), 1)[:, None]
+
+    def _index(self, points: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+        """Cells (ix, iy) that hold the points, and whether they lie in the grid."""
+        index = np.floor((points - self.origin) / self.cell).astype(np.intp)
+        return index, ((index >= 0) & (index < self.shape[::-1])).all(-1)

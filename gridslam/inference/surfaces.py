@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +12,17 @@ from gridslam.geometry import canonical, unit, wrap
 from gridslam.inference.belief import Belief, keep, slots, update
 from gridslam.signal import REFLECTION_BINS
 
+if TYPE_CHECKING:
+    from gridslam.inference.polylines import Polylines
+    from gridslam.inference.rays import Rays
+
 Array = NDArray[np.float64]
 BINS = len(REFLECTION_BINS)
 FRESH_SINGLE, FRESH_DOUBLE, FRESH_BEARER = 0.5, 0.3, 0.98
 """Existence of a new surface's rays: single bounces, double bounces, and the ray that bore it."""
 MOST_SURFACES = 24
+SETTLED = 100
+"""Age and number of sightings of a surface that an earlier agent left."""
 
 
 @dataclass
@@ -103,11 +110,48 @@ def evolve(bank: Bank, survival: float, walk: float) -> None:
     bank.age = bank.age + 1
 
 
-def mark(bank: Bank, surface: int, along: float) -> None:
-    """Remember where a surface was hit: tangential coordinate, m."""
-    bank.foot[surface] = along
-    low, high = bank.extent[surface]
-    bank.extent[surface] = [np.fmin(low, along), np.fmax(high, along)]
+def exist(bank: Bank, rays: Rays, chance: Array, worth: Array) -> None:
+    """Update the surfaces' existence by all paths of one anchor (model.md, section 2.2).
+
+    Parameters
+    ----------
+    chance : (L,)
+        Existence of the ray times V.
+    worth : (L,)
+        Mean of ``sum_m nu_m g_m + 1 - p_d`` of every path.
+    """
+    whole = chance * worth + 1 - chance
+    log = np.zeros(len(bank))
+    for own, other in ((rays.last, rays.first), (rays.first, rays.last)):
+        rows = np.flatnonzero((rays.bounces == 2) | ((rays.bounces == 1) & (own is rays.last)))
+        single = rays.bounces[rows] == 1
+        partner = np.where(single, 1.0, bank.existence[other[rows]])
+        factor = np.log(np.maximum(partner * whole[rows] + 1 - partner, 1e-12))
+        np.add.at(log, own[rows], factor)
+    odds = np.log(np.maximum(bank.existence, 1e-12)) - np.log(np.maximum(1 - bank.existence, 1e-9)) + log
+    bank.existence = np.clip(1 / (1 + np.exp(-np.clip(odds, -40, 40))), 0, 1 - 1e-7)
+
+
+def mark(bank: Bank, belief: Belief, rays: Rays, lines: Polylines, share: Array) -> None:
+    """Remember which surfaces were seen in this step, and where they were hit.
+
+    Parameters
+    ----------
+    lines : Polylines
+        The rays as drawn at sampled states.
+    share : (L,)
+        Probability that the path caused a measurement; above one half it counts.
+    """
+    last, first = lines.last_points.mean(1), lines.first_points.mean(1)
+    seen = set()
+    for row in np.flatnonzero((share > 0.5) & (rays.bounces > 0)):
+        for surface, point in ((rays.last[row], last[row]), (rays.first[row], first[row])):
+            along = float(point @ unit(belief.lines[surface, 0] + 0.5 * np.pi))
+            bank.foot[surface] = along
+            low, high = bank.extent[surface]
+            bank.extent[surface] = [np.fmin(low, along), np.fmax(high, along)]
+            seen.add(int(surface))
+    bank.seen[list(seen)] += 1
 
 
 def prune(bank: Bank, belief: Belief, threshold: float) -> tuple[Bank, Belief]:

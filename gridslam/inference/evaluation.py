@@ -1,0 +1,148 @@
+"""Likelihood ratios of measurements under paths (paper 002, section IV); owner of the evaluation kernel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam import runtime
+from gridslam.geometry import wrap
+from gridslam.inference.heard import Heard
+from gridslam.inference.likelihood import Strengths, deviations
+from gridslam.inference.particles import Cloud
+from gridslam.inference.rays import Prediction, Rays
+from gridslam.kernels import PATH_BLOCK
+from gridslam.signal import SignalModel
+
+Array = NDArray[np.float64]
+GATE = 6.0
+MARGIN_M = 0.3
+"""Widening of the gate for what the linearised spread doesn't tell."""
+UNMEASURED = 1e12
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Pairs of a path and a measurement that may belong together, sorted by path.
+
+    Attributes
+    ----------
+    path, measurement : (K,) int
+    variance : (K, 3)
+        Of the measured distance (m^2), AoD, AoA (rad^2); `UNMEASURED` stands for none.
+    density : (K,)
+        What isn't geometry: amplitude over clutter, and the constants of factors left out.
+    """
+
+    path: NDArray[np.intp]
+    measurement: NDArray[np.intp]
+    variance: Array
+    density: Array
+
+    def __len__(self) -> int:
+        return len(self.path)
+
+    def of(self, path: int) -> slice:
+        """Pairs of one path."""
+        low, high = np.searchsorted(self.path, [path, path + 1])
+        return slice(int(low), int(high))
+
+
+def gate(
+    predicted: Prediction, heard: Heard, strength: Strengths, worth: Array, signal: SignalModel
+) -> Pairs:
+    """Pick the pairs worth evaluating: distance and angles within reach of what is predicted.
+
+    Parameters
+    ----------
+    worth : (L,)
+        Paths below a millionth are left out.
+    """
+    gap = heard.value[None] - predicted.value[:, None]
+    gap[..., 1:] = wrap(gap[..., 1:])
+    gap = np.abs(np.nan_to_num(gap))
+    spread = np.diagonal(predicted.spread, axis1=1, axis2=2)[:, None]
+    shape = gap.shape[:2]
+    path, measurement = (a.ravel() for a in np.indices(shape))
+    std = deviations(heard, measurement, strength.amplitude.ravel(), predicted.value[path, 1:], signal)
+    reach = GATE * np.sqrt(spread + np.where(np.isfinite(std), std, 0.0).reshape(*shape, 3) ** 2)
+    reach[..., 0] += MARGIN_M
+    near = (gap[..., 0] < reach[..., 0]) & (gap[..., 1:] < reach[..., 1:] + 0.3).all(-1)
+    near &= (worth > 1e-6)[:, None] & (strength.ratio > 0)
+    chosen = np.flatnonzero(near)
+    std = std[chosen]
+    missing = ~np.isfinite(std)
+    # a factor that was not measured is left out on both sides: its clutter density cancels
+    flat = np.array([signal.max_distance_m, 2 * np.pi, 2 * np.pi])
+    absent = np.where(missing, np.sqrt(2 * np.pi * UNMEASURED) / flat, 1.0).prod(1)
+    return Pairs(
+        path[chosen],
+        measurement[chosen],
+        np.where(missing, UNMEASURED, np.maximum(std, 1e-6) ** 2),
+        strength.ratio.ravel()[chosen] * absent,
+    )
+
+
+def residuals(pairs: Pairs, chosen: slice, value: Array, heard: Heard) -> Array:
+    """Measured minus predicted `value` (3,), 0 where nothing was measured, (n, 3)."""
+    gap = heard.value[pairs.measurement[chosen]] - value
+    gap[:, 1:] = wrap(gap[:, 1:])
+    return np.where(pairs.variance[chosen] >= UNMEASURED, 0.0, gap)
+
+
+def gaussian_ratios(pairs: Pairs, chosen: slice, residual: Array, spread: Array) -> Array:
+    """Ratios of the pairs of one path whose parameters have covariance `spread` (3, 3), (n,)."""
+    total = spread + pairs.variance[chosen][:, None, :] * np.eye(3)
+    solved = np.linalg.solve(total, residual[..., None])[..., 0]
+    scale = np.sqrt(np.linalg.det(2 * np.pi * total))
+    return np.asarray(pairs.density[chosen] * np.exp(-0.5 * (residual * solved).sum(-1)) / scale)
+
+
+def evaluate(
+    rays: Rays, cloud: Cloud, pairs: Pairs, predicted: Prediction, heard: Heard
+) -> tuple[Array, Array]:
+    """Mean over the particles of ratio and possibility, for all paths in one launch.
+
+    Returns
+    -------
+    (ratio, possible)
+        ratio (L, M): p_d f(z | path) / (mu_fa f_fa(z)), 0 where the path is impossible; possible (L,): share
+        of the particles at which the path is possible.
+    """
+    runtime.start()
+    from gridslam.kernels.paths import evaluate as launch
+
+    count, particles = len(rays), cloud.agent.shape[1]
+    if particles % PATH_BLOCK or cloud.agent.dtype != np.float32 or cloud.lines.dtype != np.float32:
+        raise ValueError(f"cloud of {particles} {cloud.agent.dtype}: whole blocks of float32 are needed")
+    if cloud.lines.shape[1] <= max(rays.last.max(initial=-1), rays.first.max(initial=-1)):
+        raise ValueError("a path names a surface that the cloud doesn't hold")
+    total = cloud.kept * predicted.spread[pairs.path] + pairs.variance[:, None, :] * np.eye(3)
+    inverse = np.linalg.inv(total)
+    value = np.nan_to_num(heard.value[pairs.measurement])
+    table = np.zeros((len(pairs), 11), np.float32)
+    table[:, :3] = value
+    table[:, 3:6] = np.diagonal(inverse, axis1=1, axis2=2)
+    table[:, 6], table[:, 7], table[:, 8] = inverse[:, 0, 1], inverse[:, 0, 2], inverse[:, 1, 2]
+    reach = np.minimum(GATE * np.sqrt(total[:, 0, 0]), 1e5)
+    table[:, 9], table[:, 10] = np.maximum(value[:, 0] - reach, -1e5), value[:, 0] + reach
+    blocks = particles // PATH_BLOCK
+    weight = np.zeros((max(len(pairs), 1), blocks), np.float32)
+    valid = np.zeros((count, blocks), np.float32)
+    launch(
+        cloud.agent,
+        cloud.lines,
+        np.ascontiguousarray(np.stack([rays.bounces, rays.last, rays.first], -1), np.int32),
+        np.searchsorted(pairs.path, np.arange(count + 1)).astype(np.int32),
+        table if len(pairs) else np.zeros((1, 11), np.float32),
+        np.array([*heard.place, heard.facing], np.float32),
+        weight,
+        valid,
+    )
+    ratio = np.zeros((count, len(heard)))
+    mean = weight[: len(pairs)].sum(1, dtype=np.float64) / particles
+    scale = np.sqrt(np.linalg.det(2 * np.pi * total))
+    ratio[pairs.path, pairs.measurement] = pairs.density * mean / scale
+    return ratio, valid.sum(1, dtype=np.float64) / particles

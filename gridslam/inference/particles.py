@@ -1,0 +1,93 @@
+"""Particles: equally weighted joint samples of agent and surfaces, at which paths are evaluated.
+
+They are drawn from the correlated belief whenever it is needed, from one fixed set of normal points, so
+that nothing degenerates and a run repeats bit for bit. Each stands for a small Gaussian instead of a point
+(a regularised particle filter): a share h^2 of the covariance is kept for the likelihood, by which a few
+particles suffice where a likelihood is sharp, and in the linear case the mean is exact for any number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.inference.belief import AGENT, Belief
+from gridslam.kernels import PATH_BLOCK
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+PURPOSE = 0x9A
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Joint samples.
+
+    Attributes
+    ----------
+    agent : (3, P) float32 or float64
+        x, y (m), heading (rad).
+    lines : (3, max(S, 1), P)
+        Unit normal and offset (m) of every surface.
+    kept : float
+        h^2, share of the covariance that each particle keeps to itself.
+    """
+
+    agent: NDArray[np.floating]
+    lines: NDArray[np.floating]
+    kept: float
+
+
+def root_of(covariance: Array) -> Array:
+    """Matrix whose square is the covariance, which may be singular, (N, N)."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0)))
+
+
+def cloud_of(belief: Belief, deviation: NDArray[np.floating], kept: float) -> Cloud:
+    """States ``mean + deviation`` (N, P) as a cloud of the deviations' precision."""
+    kind = deviation.dtype
+    states = deviation + belief.mean.astype(kind)[:, None]
+    agent = np.ascontiguousarray(states[[0, 1, 4]])
+    if len(states) == AGENT:
+        return Cloud(agent, np.zeros((3, 1, states.shape[1]), kind), kept)
+    angle, offset = states[AGENT::2], states[AGENT + 1 :: 2]
+    return Cloud(agent, np.stack([np.cos(angle), np.sin(angle), offset]), kept)
+
+
+def sample(belief: Belief, count: int, stream: list[int]) -> Cloud:
+    """Draw exact samples (nothing kept) from the random stream `stream`."""
+    draw = np.random.default_rng(stream)
+    return cloud_of(belief, root_of(belief.covariance) @ draw.standard_normal((len(belief.mean), count)), 0.0)
+
+
+class Particles:
+    """A fixed set of standard normal points that becomes a cloud for any belief.
+
+    Parameters
+    ----------
+    count : int
+        Rounded up to whole blocks of the evaluation kernel.
+    seed : int
+    """
+
+    def __init__(self, count: int, seed: int) -> None:
+        self.count = -(-count // PATH_BLOCK) * PATH_BLOCK
+        self.kept = float(self.count ** (-2 / 7))  # Silverman's rule for a path's three parameters
+        self._seed = seed
+        self._points = np.zeros((0, self.count), np.float32)
+
+    def cloud(self, belief: Belief) -> Cloud:
+        """Particles of a belief."""
+        size = len(belief.mean)
+        if size > len(self._points):
+            fresh = [self._column(n) for n in range(len(self._points), size)]
+            self._points = np.concatenate([self._points, np.stack(fresh)])
+        root = (np.sqrt(1 - self.kept) * root_of(belief.covariance)).astype(np.float32)
+        return cloud_of(belief, root @ self._points[:size], self.kept)
+
+    def _column(self, number: int) -> Single:
+        values = np.random.default_rng([self._seed, PURPOSE, number]).standard_normal(self.count)
+        return np.asarray((values - values.mean()) / values.std(), np.float32)

@@ -1,0 +1,255 @@
+"""What systems that map by surfaces share: agent and surfaces in one belief, heard anchor by anchor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.estimates import Estimate, SurfaceEstimate
+from gridslam.geometry import unit, wrap
+from gridslam.inference import surfaces
+from gridslam.inference.association import associate
+from gridslam.inference.belief import AGENT, Belief, append, predict
+from gridslam.inference.births import Births, bear, birth_reflection, propose
+from gridslam.inference.correction import correct
+from gridslam.inference.evaluation import evaluate, gate
+from gridslam.inference.heard import Heard
+from gridslam.inference.likelihood import AmplitudeBelief, DetectionTable, detection, strengths
+from gridslam.inference.particles import Particles
+from gridslam.inference.rays import Prediction, Rays, remember
+from gridslam.inference.readout import path_estimate, surface_estimate
+from gridslam.inference.surfaces import Bank
+from gridslam.map import Map
+from gridslam.measurements import Scan
+from gridslam.scene import Scene
+from gridslam.signal import REFLECTION_BINS
+
+Array = NDArray[np.float64]
+MOST_DOUBTFUL_M = 2.0
+"""A birth whose offset is less certain than this is put off until the agent knows better where it is."""
+
+JITTER = 0.2
+"""Share of the papers' surface jitter that is used: it keeps particles apart, a Gaussian needs less."""
+
+
+@dataclass(frozen=True)
+class Messages:
+    """What one anchor's measurements said of its rays.
+
+    Attributes
+    ----------
+    chance : (L,)
+        Probability that the ray is there and its path open, if its surfaces exist.
+    worth : (L,)
+        Mean of ``sum_m nu_m g_m + 1 - p_d``: what the measurements are worth to the path.
+    responsible : (L, M)
+        Probability that the path caused the measurement.
+    births : Births
+    claimed : (M,)
+        What the known paths send to each measurement.
+    """
+
+    chance: Array
+    worth: Array
+    responsible: Array
+    births: Births
+    claimed: Array
+
+
+class SurfaceSlam:
+    """Agent, surfaces and rays; a system adds what it knows of amplitudes and of the space between.
+
+    Parameters
+    ----------
+    scene : Scene
+        Radio, anchors, grid and filter settings; its walls are never read.
+    agent : str, optional
+        Which of the scene's agents (default: the first): start, prior and array.
+    seed : int
+    """
+
+    def __init__(self, scene: Scene, agent: str | None = None, seed: int = 0) -> None:
+        self.scene, self.seed = scene, seed
+        body = scene.agent(agent) if agent else scene.agents[0]
+        self.agent, self.settings = body.name, scene.filter
+        self.signal = scene.signal_model(body.name)
+        self.places, self.facings = scene.anchor_positions, scene.anchor_orientations
+        half = np.array(
+            [body.prior.position_m] * 2 + [body.prior.velocity_mps] * 2 + [np.radians(body.prior.heading_deg)]
+        )
+        variance = np.maximum(half, 1e-4) ** 2 / 3
+        # the agent moves at an unknown speed from the first step on
+        variance[2:4] += (body.step_m / body.interval_s) ** 2
+        mean = np.array([*body.start_m, 0.0, 0.0, np.radians(body.start_heading_deg)])
+        self.belief = Belief(mean, np.diag(variance))
+        self.bank = Bank.empty(len(self.places))
+        self.sight = np.full(len(self.places), 0.9)
+        side = np.array(scene.grid.shape[::-1]) * scene.grid.cell_m
+        self.middle = np.asarray(scene.grid.origin_m) + 0.5 * side
+        self.radius_m = float(0.5 * np.hypot(*side))
+        self.particles = Particles(self.settings.particles, seed)
+        self.most_bounces = scene.radio.max_bounces
+        self.detected = DetectionTable(self.signal)
+        self.last_time: float | None = None
+        self.next_identity, self.steps = 0, 0
+        self.provenance: dict[str, list] = {"agents": [], "seeds": [], "steps": []}
+
+    def step(self, scan: Scan) -> Estimate:
+        """Take in what was heard at one step and return what is believed now."""
+        raise NotImplementedError
+
+    def map(self) -> Map:
+        """The map as it stands: detected surfaces, and a grid of which nothing was observed."""
+        table = surface_estimate(self.belief, self.bank)
+        found = table.existence > self.settings.detect_above
+        grid, bins = self.scene.grid, len(REFLECTION_BINS)
+        provenance: dict[str, Any] = {
+            "agents": [*self.provenance["agents"], self.agent],
+            "seeds": [*self.provenance["seeds"], self.seed],
+            "steps": [*self.provenance["steps"], self.steps],
+        }
+        return Map(
+            np.array(grid.origin_m), grid.cell_m, np.zeros(grid.shape, np.float32),
+            np.zeros((*grid.shape, bins), np.float32), np.zeros(grid.shape, dtype=bool),
+            float(1 - np.exp(-grid.cell_m / self.settings.mean_free_path_m)), table.take(found),
+            self.bank.reflection[found].copy(), provenance,
+        )  # fmt: skip
+
+    def _start_from(self, prior: Map) -> None:
+        """Start from the surfaces that another agent left."""
+        for key in self.provenance:
+            earlier = prior.provenance.get(key)
+            self.provenance[key] = list(earlier) if isinstance(earlier, list) else []
+        known = prior.surfaces if prior.surfaces is not None else SurfaceEstimate.empty()
+        self._inherit(known, prior.surface_reflection)
+
+    def _move(self, now: float) -> None:
+        """Motion of the agent, jitter of the surfaces, survival (paper 003, section III-C)."""
+        if self.last_time is not None:
+            self.belief = predict(
+                self.belief,
+                now - self.last_time,
+                self.settings.acceleration_mps2,
+                np.radians(self.settings.heading_deg),
+                JITTER * self.settings.surface_m,
+                self.bank.foot,
+            )
+            surfaces.evolve(self.bank, self.settings.survival, self.settings.reflection)
+        self.last_time = now
+
+    def _hear(self, scan: Scan) -> list[Heard]:
+        """The scan, anchor by anchor."""
+        return [
+            Heard.of(scan, anchor, place, facing)
+            for anchor, (place, facing) in enumerate(zip(self.places, self.facings, strict=True))
+        ]
+
+    def _stream(self, anchor: int, purpose: int) -> list[int]:
+        """Random stream of this step: a function of seed, step, anchor and what for."""
+        return [self.seed, self.steps, anchor, purpose]
+
+    def _reachable(self, heard: Heard, births: Births) -> Births:
+        """The births as what is known of the space between allows them."""
+        return births
+
+    def _exchange(
+        self, heard: Heard, rays: Rays, predicted: Prediction, amplitudes: AmplitudeBelief, validity: Array
+    ) -> Messages:
+        """Evaluate and associate measurements; update agent, surfaces and the existence of rays.
+
+        Parameters
+        ----------
+        validity : (L,)
+            V: probability that the path is open.
+        """
+        signal, distance = self.signal, predicted.value[:, 0]
+        # measurement evaluation
+        detected = detection(amplitudes, distance, self.detected)
+        strength = strengths(amplitudes, heard, distance, self.detected, signal)
+        pairs = gate(predicted, heard, strength, rays.existence * rays.surfaces * validity, signal)
+        cloud = self.particles.cloud(self.belief)
+        ratio, possible = evaluate(rays, cloud, pairs, predicted, heard)
+        ratio, validity = ratio / np.maximum(possible, 1e-3)[:, None], validity * possible
+        chance = rays.existence * validity
+        beta = (rays.surfaces * chance)[:, None] * ratio
+        # births and data association
+        births = self._reachable(
+            heard,
+            propose(
+                heard, self.belief, self.bank, cloud, beta.sum(0), signal, self.settings.births,
+                self.radius_m, self.most_bounces,
+            ),
+        )  # fmt: skip
+        missed = np.maximum(1 - rays.surfaces * chance * detected, 1e-9)
+        nu, claimed = associate(beta, missed, 1 + births.per_measurement(len(heard)))
+        worth = (nu * ratio).sum(1) + 1 - detected
+        # updates
+        self.belief, responsible = correct(
+            self.belief, rays, rays.surfaces * chance, detected, beta, nu, pairs, heard
+        )
+        remember(self.bank, self.sight, rays, heard.anchor, worth, validity)
+        surfaces.exist(self.bank, rays, chance, worth)
+        return Messages(chance, worth, responsible, births, claimed)
+
+    def _bear(self, heard: Heard, births: Births, claimed: Array) -> None:
+        """Add the new surfaces that are likely enough, each by its best hypothesis."""
+        born = births.per_measurement(len(heard))
+        chance = born / (1 + born + claimed)
+        for row in np.argsort(-chance, kind="stable"):
+            if chance[row] < 0.5 * self.settings.prune_below:
+                break
+            own = np.flatnonzero(births.measurement == row)
+            best = int(own[births.ratio[own].argmax()])
+            fresh = bear(births, best, heard, self.belief, self.signal)
+            if fresh.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not np.isfinite(fresh.mean).all():
+                continue
+            self.belief = fresh
+            foot = float(fresh.mean[:2] @ unit(fresh.lines[-1, 0] + 0.5 * np.pi))
+            self.bank = self.bank.add(
+                self.next_identity,
+                float(chance[row] * births.ratio[best] / born[row]),
+                birth_reflection(births, best, heard, self.signal),
+                foot,
+                (heard.anchor, int(births.last[best]), int(births.first[best])),
+            )
+            self.next_identity += 1
+
+    def _tidy(self) -> None:
+        """Merge duplicates, drop the unlikely."""
+        self.bank, self.belief = surfaces.merge(self.bank, self.belief, self.middle)
+        self.bank, self.belief = surfaces.prune(self.bank, self.belief, self.settings.prune_below)
+        self.steps += 1
+
+    def _inherit(self, known: SurfaceEstimate, reflection: Array | None) -> None:
+        """Start with surfaces that another agent left, as independent of this agent."""
+        for row in range(len(known)):
+            self.belief = append(self.belief, known.line[row], known.line_cov[row])
+            bins = np.full(len(REFLECTION_BINS), 1 / len(REFLECTION_BINS))
+            foot = float(np.nan_to_num(known.extent_m[row].mean()))
+            self.bank = self.bank.add(
+                self.next_identity,
+                float(known.existence[row]),
+                bins if reflection is None else np.asarray(reflection[row], np.float64),
+                foot,
+                (0, -1, -1),
+            )
+            self.bank.extent[-1] = known.extent_m[row]
+            self.bank.seen[-1] = self.bank.age[-1] = surfaces.SETTLED
+            self.next_identity += 1
+        self.bank.single[:] = surfaces.FRESH_SINGLE
+
+    def _estimate(self, scan: Scan, seconds: float) -> Estimate:
+        """MMSE estimates of agent and surfaces, and the paths believed in."""
+        table, mean = surface_estimate(self.belief, self.bank), self.belief.mean
+        paths = path_estimate(
+            self.belief, self.bank, self.sight, self.places, self.facings, self.signal,
+            self.most_bounces,
+        )  # fmt: skip
+        return Estimate(
+            scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[4])),
+            self.belief.covariance[:AGENT, :AGENT].copy(), table, paths,
+            table.existence > self.settings.detect_above, float(self.particles.count), seconds,
+        )  # fmt: skip

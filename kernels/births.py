@@ -1,0 +1,56 @@
+"""How well a new surface would explain a measurement, as a mean over samples (paper 002, section V-B)."""
+
+import taichi as ti
+
+from gridslam.kernels.functions import double_bounce, mirrored, single_bounce, wrapped
+
+
+@ti.kernel
+def propose(
+    agent: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3, B] x, y, heading
+    lines: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [3, S, B] normal x, y, offset
+    noise: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, B] standard normal
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 6] distance, AoD, AoA and their deviations
+    known: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [H, 2] known surface hit last, first; -1: the new one
+    place: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [3] anchor x, y, orientation
+    weight: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, H] out: mean of f(AoD) / span, 0 where impossible
+):
+    """Draw distance and AoA around the measurement, make the new line, and judge it by the AoD.
+
+    An infinite deviation of the AoD stands for "not measured": its density is then 1 / (2 pi).
+    """
+    ti.loop_config(block_dim=1)
+    for row in range(heard.shape[0] * known.shape[0]):
+        m, h = row // known.shape[0], row % known.shape[0]
+        last, first = known[h, 0], known[h, 1]
+        ax, ay, facing = place[0], place[1], place[2]
+        total = ti.cast(0.0, ti.f64)
+        for k in range(agent.shape[1]):
+            distance = heard[m, 0] + heard[m, 3] * noise[0, k]
+            bearing = heard[m, 2] + heard[m, 5] * noise[1, k] + agent[2, k]
+            px, py = agent[0, k], agent[1, k]
+            vx, vy = px + distance * ti.cos(bearing), py + distance * ti.sin(bearing)
+            sx, sy = ax, ay
+            if last >= 0:
+                vx, vy = mirrored(vx, vy, lines[0, last, k], lines[1, last, k], lines[2, last, k])
+            if first >= 0:
+                sx, sy = mirrored(sx, sy, lines[0, first, k], lines[1, first, k], lines[2, first, k])
+            span = ti.sqrt((vx - sx) ** 2 + (vy - sy) ** 2)
+            if span > 1e-2 and distance > 0:
+                nx, ny = (vx - sx) / span, (vy - sy) / span
+                c = 0.5 * (nx * (vx + sx) + ny * (vy + sy))
+                wx, wy, ok = 0.0 * px, 0.0 * px, 0.0 * px
+                if last < 0 and first < 0:
+                    _, _, wx, wy, ok = single_bounce(px, py, ax, ay, nx, ny, c)
+                elif last >= 0:
+                    ex, ey, e = lines[0, last, k], lines[1, last, k], lines[2, last, k]
+                    _, _, wx, wy, ok = double_bounce(px, py, ax, ay, ex, ey, e, nx, ny, c)
+                else:
+                    ex, ey, e = lines[0, first, k], lines[1, first, k], lines[2, first, k]
+                    _, _, wx, wy, ok = double_bounce(px, py, ax, ay, nx, ny, c, ex, ey, e)
+                density = 1 / (2 * 3.141592653589793)
+                if heard[m, 4] < 1e6:
+                    gap = wrapped(heard[m, 1] - (ti.atan2(wy, wx) - facing)) / heard[m, 4]
+                    density = ti.exp(-0.5 * gap * gap) / (heard[m, 4] * 2.5066282746310002)
+                total += ok * density / span
+        weight[m, h] = total / agent.shape[1]
