@@ -8,9 +8,6 @@ near the agent's start and on from there (`gridslam.sight`).
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,64 +18,17 @@ from gridslam.errors import InputError
 from gridslam.formats import DEVIATIONS, VALUES, Columns
 from gridslam.geometry import wrap
 from gridslam.measurements import Measurements
+from gridslam.readings import ADVICE, ANGLES, Suspicion, absurd, finite, padding, readings
 from gridslam.scene import Scene
 from gridslam.sight import Sight, explain, turning_rad
-from gridslam.signal import SPEED_OF_LIGHT
 
 Array = NDArray[np.float64]
-Reading = Callable[[Array, NDArray], Array]
-ANGLES = ("aod_rad", "aoa_rad")
-PAD_VALUES = (-1.0, 0.0, -99.0, -999.0, -9999.0, 999.0, 9999.0)
 ENOUGH, CERTAIN = 10.0, 30.0
 """Log likelihood ratios in nats above which a reading is told, and told as certain."""
 LEVEL_DB = 2.5
 """Amplitudes whose level is nearer to the expected one aren't questioned."""
 EXPLAINED = 0.85
 """Share of scans with a line of sight above which a column isn't questioned further."""
-
-
-@dataclass(frozen=True)
-class Suspicion:
-    """One thing that is probably wrong.
-
-    Attributes
-    ----------
-    column : str
-    kind : str
-        "padding", "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "round trip",
-        "flipped", "world frame", "backwards", "swapped", "dB" or "power".
-    text : str
-        What it looks like and what to do.
-    certain : bool
-    reason : str
-        The numbers behind it.
-    """
-
-    column: str
-    kind: str
-    text: str
-    certain: bool
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.column}: {'' if self.certain else 'probably '}{self.text} ({self.reason})"
-
-
-ADVICE = {
-    "degrees": "degrees, where radians belong",
-    "radians twice": "turned from degrees to radians twice",
-    "seconds": "delays in seconds, where metres belong (times the speed of light)",
-    "nanoseconds": "delays in nanoseconds, where metres belong (times 0.299792458)",
-    "millimetres": "millimetres, where metres belong",
-    "round trip": "the way there and back, twice the distance",
-    "flipped": "counted clockwise; angles are counter-clockwise",
-    "world frame of departure": "directions in the world; the anchor's orientation must be subtracted",
-    "world frame of arrival": "directions in the world; the agent's heading must be subtracted",
-    "backwards": "the direction of travel, where the direction towards where the path comes from belongs",
-    "swapped": "exchanged with the other angle: departure is at the anchor, arrival at the agent",
-    "dB": "decibels, where the linear root of the SNR belongs",
-    "power": "the SNR itself, where its root belongs",
-}
 
 
 def read_raw(path: str | os.PathLike[str], anchors: tuple[str, ...] | None = None) -> tuple[Columns, tuple]:
@@ -177,8 +127,8 @@ def suspicions(
     InputError
         No such agent in the scene.
     """
-    found, columns = _padding(columns)
-    plain, columns = _absurd(columns)
+    found, columns = padding(columns)
+    plain, columns = absurd(columns)
     found += plain
     if scene is None or not len(columns["step"]):
         return found
@@ -200,79 +150,6 @@ def _anchors(names: tuple[str, ...], scene: Scene) -> NDArray[np.intp] | None:
     return np.arange(len(names)) if numbered and len(names) <= len(known) else None
 
 
-def _padding(columns: Columns) -> tuple[list[Suspicion], Columns]:
-    """Rows of one filler value in several columns, or in one that can't hold it; and the table without."""
-    count = len(columns["step"])
-    present = [name for name in VALUES if name in columns]
-    for value in PAD_VALUES:
-        equal = {name: columns[name] == value for name in present}
-        several = np.sum(list(equal.values()), axis=0) >= min(2, len(present))
-        positive = [equal[name] for name in ("distance_m", "amplitude") if name in present and value <= 0]
-        rows = several | np.any(positive, axis=0) if positive else several
-        if rows.sum() >= max(2, 0.002 * count):
-            held = ", ".join(name for name in present if (equal[name] & rows).any())
-            reason = f"{rows.sum()} of {count} rows"
-            text = f"padding: {value:g} stands for nothing there; leave such cells empty or such rows out"
-            rest = {name: values[~rows] for name, values in columns.items()}
-            more, rest = _padding(rest)
-            return [Suspicion(held, "padding", text, True, reason), *more], rest
-    return [], columns
-
-
-def _absurd(columns: Columns) -> tuple[list[Suspicion], Columns]:
-    """What no value of a column can be, and the table read the other way."""
-    found, table = [], dict(columns)
-    for name in ANGLES:
-        values = _finite(columns, name)
-        wide = np.abs(values) > 2 * np.pi
-        if wide.mean() > 0.01 if len(values) else False:
-            reason = f"up to {np.abs(values).max():.4g}, {wide.mean():.0%} beyond 2 pi"
-            found.append(Suspicion(name, "degrees", ADVICE["degrees"], True, reason))
-            table[name] = np.radians(columns[name])
-    values = _finite(columns, "distance_m")
-    if len(values) and 0 < np.median(values) < 1e-5:
-        reason = f"median {np.median(values):.3g}"
-        found.append(Suspicion("distance_m", "seconds", ADVICE["seconds"], True, reason))
-        table["distance_m"] = columns["distance_m"] * SPEED_OF_LIGHT
-    values = _finite(columns, "amplitude")
-    if len(values) and (values < 0).mean() > 0.002:
-        reason = f"{(values < 0).mean():.0%} below 0"
-        found.append(Suspicion("amplitude", "dB", ADVICE["dB"], True, reason))
-        table["amplitude"] = 10 ** (columns["amplitude"] / 20)
-    return found, table
-
-
-def _finite(columns: Columns, name: str) -> Array:
-    values = columns.get(name, np.zeros(0))
-    return values[np.isfinite(values)]
-
-
-def _readings(name: str, scene: Scene, table: Columns) -> dict[str, Reading]:
-    """Other ways in which a column could have been meant."""
-    if name == "distance_m":
-        factors = {"seconds": SPEED_OF_LIGHT, "nanoseconds": SPEED_OF_LIGHT * 1e-9}
-        factors |= {"millimetres": 1e-3, "round trip": 0.5}
-        return {kind: partial(_times, factor) for kind, factor in factors.items()}
-    readings: dict[str, Reading] = {
-        "degrees": lambda values, _: np.radians(values),
-        "radians twice": lambda values, _: np.degrees(values),
-        "flipped": lambda values, _: -values,
-        "backwards": lambda values, _: wrap(values + np.pi),
-    }
-    if name == "aod_rad":
-        orientation = scene.anchor_orientations
-        readings["world frame"] = lambda values, anchor: wrap(values - orientation[anchor])
-        if "aoa_rad" in table:
-            readings["swapped"] = lambda values, _: table["aoa_rad"]
-    else:
-        readings["world frame"] = lambda values, _: values
-    return readings
-
-
-def _times(factor: float, values: Array, _: NDArray) -> Array:
-    return factor * values
-
-
 def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[str]) -> list[Suspicion]:
     """Question the columns one after the other, each with those before it read rightly."""
     found: list[Suspicion] = []
@@ -282,14 +159,14 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
     trusted: Columns = dict(keys)
     sight: Sight | None = None
     for name in ("distance_m", *ANGLES):
-        if not len(_finite(table, name)):
+        if not len(finite(table, name)):
             continue
         sight = explain(trusted | {name: table[name]}, scene, agent)
         best, read, plain = sight, table[name], sight
         kind = ""
         straight = name == "aoa_rad" and _faces_along_x(scene, agent)
         if sight.explained < EXPLAINED or name == "aoa_rad":
-            for label, reading in _readings(name, scene, table).items():
+            for label, reading in readings(name, scene, table).items():
                 world = name == "aoa_rad" and label == "world frame"
                 if sight.explained >= EXPLAINED and not world:
                     continue  # what explains nearly all is read rightly, but for a heading that never moves
@@ -314,7 +191,7 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
         if kind != "world frame" or name != "aoa_rad":
             trusted[name] = read
         sight = best
-    if sight is not None and "amplitude" not in known and len(_finite(table, "amplitude")):
+    if sight is not None and "amplitude" not in known and len(finite(table, "amplitude")):
         found += _loudness(table["amplitude"], sight, scene)
     return found
 
