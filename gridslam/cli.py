@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from gridslam import cli_scene
 from gridslam.errors import InputError
 
 if TYPE_CHECKING:
@@ -127,6 +128,9 @@ def scenes() -> None:
 
     for name in bundled_scenes():
         out.print(f"{name}: {Scene.load(name).description}", highlight=False, soft_wrap=True)
+
+
+cli_scene.register(app)
 
 
 def main() -> None:
