@@ -23,7 +23,7 @@ from gridslam.runfiles import AgentFiles
 from gridslam.scene import Scene
 
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
-FRAMES, FRAMES_PER_SECOND, DPI = 80, 12, 80
+FRAMES, FRAMES_PER_SECOND, DPI = 60, 10, 80
 SIGMAS = 3.0
 
 
@@ -66,6 +66,7 @@ def animate(
                 axes.clear()
                 _draw(axes, scene, found, found.estimates[step], int(step))
                 writer.grab_frame()
+                figure.set_layout_engine("none")  # the frames after the first keep its layout
                 if progress is not None:
                     progress(number, len(steps))
         os.replace(part, path)

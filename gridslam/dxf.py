@@ -22,7 +22,7 @@ NAMED_M = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3
 DRAWN = ("LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE")
 SAGITTA_M, FEWEST_FACETS, MOST_FACETS = 0.01, 8, 200
 DEEPEST, MOST_BLOCKS = 8, 20_000
-FARTHEST_M = 1e8
+FARTHEST_M, SHORTEST_M = 1e8, 1e-5
 
 
 def read_walls(
@@ -147,8 +147,10 @@ def _lines(entity: Any, scale: float) -> Iterator[Line]:
         begin, end = (entity.dxf.start_angle, entity.dxf.end_angle) if kind == "ARC" else (0.0, 360.0)
         sweep = (end - begin) % 360 or 360.0
         begin = begin % 360
-        if 0 < radius < FARTHEST_M and abs(x) < FARTHEST_M and abs(y) < FARTHEST_M and math.isfinite(sweep):
-            arc = {"centre_m": [round(x, 6), round(y, 6)], "radius_m": round(max(radius, 1e-6), 6)}
+        if SHORTEST_M < radius * math.radians(sweep) / MOST_FACETS and all(
+            abs(v) < FARTHEST_M for v in (x, y, radius)
+        ):
+            arc = {"centre_m": [round(x, 6), round(y, 6)], "radius_m": round(radius, 6)}
             arc |= {"from_deg": round(begin, 6), "to_deg": round(begin + sweep, 6)}
             yield Line((), arc=arc | {"facets": _facets(radius, sweep)})
         return

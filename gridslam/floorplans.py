@@ -6,6 +6,7 @@ is a scene file with every assumption said in a comment.
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +18,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from gridslam.errors import InputError
-from gridslam.files import beside, write_bytes
+from gridslam.files import write_bytes
 from gridslam.scene import Scene
 from gridslam.settings import SAME_PLACE_M, Wall
 
@@ -216,10 +217,11 @@ def plan_of(
     pieces = sum(len(line.points) or int((line.arc or {}).get("facets", 1)) for line in kept)
     if pieces > MOST_PIECES:
         raise InputError(source, f"{pieces} pieces of walls", f"at most {MOST_PIECES}")
-    corners = plan.corners
-    if np.abs(corners).max() > FARTHEST_M:
-        near = f"--origin {corners[:, 0].min():.0f},{corners[:, 1].min():.0f}"
-        raise InputError(source, f"walls {np.abs(corners).max():.0f} m from the origin", near)
+    places = [np.reshape(line.points or [line.arc["centre_m"]], (-1, 2)) for line in kept]  # type: ignore[index]
+    whole = np.concatenate(places)
+    if np.abs(whole).max() > FARTHEST_M:
+        near = f"--origin {whole[:, 0].min() + origin_m[0]:.0f},{whole[:, 1].min() + origin_m[1]:.0f}"
+        raise InputError(source, f"walls {np.abs(whole).max():.0f} m from the origin", near)
     return plan
 
 
@@ -278,7 +280,7 @@ def _letters(number: int) -> str:
 
 
 def write_plan(plan: Plan, path: str | os.PathLike[str]) -> Path:
-    """Write the scene file and a picture of it beside it; both or neither.
+    """Write the scene file and a picture of it beside it.
 
     Returns
     -------
@@ -292,20 +294,14 @@ def write_plan(plan: Plan, path: str | os.PathLike[str]) -> Path:
     """
     path = Path(path)
     text, picture = plan.toml(), path.with_suffix(".png")
-    part = beside(picture)
-    try:
-        image = _picture(plan)
-        write_bytes(path, text.encode("utf-8"))
-        write_bytes(picture, image)
-    finally:
-        part.unlink(missing_ok=True)
+    image = _picture(plan)
+    write_bytes(path, text.encode("utf-8"))
+    write_bytes(picture, image)
     return picture
 
 
 def _picture(plan: Plan) -> bytes:
     """Walls by material, anchors and start, as PNG."""
-    import io
-
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

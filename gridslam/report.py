@@ -62,7 +62,7 @@ def write_report(
     Parameters
     ----------
     directory : path
-        A run's folder; figures that it lacks are drawn for the page, and not kept.
+        A run's folder; if it has no figures, they are drawn.
     moving : bool
         With a moving picture of each agent.
     progress : callable, optional
@@ -81,8 +81,9 @@ def write_report(
         parts.append(f"<h2>{escape(name)}</h2>")
         if moving:
             parts.append(_movie(run, name, found, _share(progress, place, len(run.agents))))
-        own = [path for path in figures if path.stem.startswith(f"{name}-")]
-        parts += [_figure(path, path.stem.removeprefix(f"{name}-")) for path in own]
+        own = {p.stem.removeprefix(f"{name}-"): p for p in figures if p.stem.startswith(f"{name}-")}
+        titles = [title for title in CAPTIONS if title in own] + [t for t in own if t not in CAPTIONS]
+        parts += [_figure(own[title], title) for title in titles]
         parts.append(_surfaces(found))
     names = tuple(f"{name}-" for name in run.agents)
     parts += [_figure(path, path.stem) for path in figures if not path.stem.startswith(names)]
@@ -112,8 +113,8 @@ def _page(title: str, body: str) -> str:
 def _head(run: RunFiles) -> str:
     scene, told = run.scene, run.summary
     facts = [
-        f"{len(scene.anchors)} anchors",
-        f"{len(scene.walls)} true walls known" if scene.walls else "walls not known",
+        f"anchors {', '.join(scene.anchor_names)}",
+        "true walls known" if scene.walls else "walls not known",
         f"method {told.get('method', '?')}",
         f"seed {told.get('seed', '?')}",
         f"device {told.get('device', '?')}",
