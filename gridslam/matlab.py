@@ -84,7 +84,8 @@ def _table(
     if not set(raw) & set(VALUES):
         raise InputError(path, "no measured column", f"at least one of {','.join(VALUES)}")
     listed = raw.pop("anchors", None) if anchors is None else list(anchors)
-    if listed is not None and not all(isinstance(name, str) for name in listed):
+    named = isinstance(listed, list) and all(isinstance(name, str) for name in listed)
+    if listed is not None and not named:
         raise InputError(f"{path}: anchors", "something else", "a cell array of names")
     number, names = _numbered(raw["anchor"], listed, path)
     columns: Columns = {}

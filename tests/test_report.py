@@ -3,6 +3,7 @@
 import json
 import re
 from html.parser import HTMLParser
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -94,7 +95,7 @@ def test_every_frame_differs_and_the_last_step_is_shown(run_folder, tmp_path):
             for number in range(count):
                 film.seek(number)
                 pictures.append(np.asarray(film.convert("L"), dtype=int))
-        assert all((a != b).any() for a, b in zip(pictures, pictures[1:], strict=False))
+        assert all((a != b).any() for a, b in pairwise(pictures))
     assert told[: STEPS + 1] == [(1, 5), (2, 5), (3, 5), (4, 5), (5, 5), (1, 2)]
     assert [path.name for path in tmp_path.iterdir()] == ["a.gif"]
 
