@@ -1,16 +1,17 @@
-"""Command line. Nothing heavy is imported before a command runs."""
+"""Command line: mapping and simulating. Nothing heavy is imported before a command runs."""
 
 from __future__ import annotations
 
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from gridslam import cli_scene
+from gridslam import cli_files, cli_scene
 from gridslam.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,118 +19,92 @@ if TYPE_CHECKING:
     from gridslam.measurements import Measurements
     from gridslam.result import Run
     from gridslam.scene import Scene
-    from gridslam.simulate import Truth
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 out, err = Console(), Console(stderr=True)
 MAIN_SCENE = "canyon"
+WIDEST_TABLE = 160
+"""Columns up to which the table is printed whole, whatever the terminal."""
 
 
 @app.command()
 def run(
     scene: Annotated[str, typer.Argument(help="bundled name or path")] = MAIN_SCENE,
     agent: Annotated[list[str] | None, typer.Option(help="agents, in order")] = None,
-    method: Annotated[str, typer.Option(help="grid")] = "grid",
+    method: Annotated[str, typer.Option(help="grid or adaptive")] = "grid",
+    particles: Annotated[int | None, typer.Option(help="instead of the scene's filter.particles")] = None,
     seed: Annotated[int, typer.Option(min=0)] = 0,
-    measurements: Annotated[Path | None, typer.Option(help="CSV or HDF5 of the one agent")] = None,
+    measurements: Annotated[
+        Path | None, typer.Option(help="CSV, MATLAB or HDF5 file of the one agent")
+    ] = None,
+    truth: Annotated[Path | None, typer.Option(help="TUM track to score --measurements by")] = None,
     map_file: Annotated[Path | None, typer.Option("--map", help="map to start from")] = None,
     device: Annotated[str, typer.Option(help="auto, cpu or gpu")] = "auto",
     threads: Annotated[int | None, typer.Option(min=1)] = None,
-    output: Annotated[Path | None, typer.Option("-o", "--output")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="new folder")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier run's folder")] = False,
 ) -> None:
     """Map a scene with its agents, each starting from the map that the one before it left."""
     from gridslam import runtime
+    from gridslam.frames import fitted
     from gridslam.map import Map
-    from gridslam.result import check_output, write_run
+    from gridslam.mapping import METHODS, check_anchors
+    from gridslam.result import check_output
     from gridslam.scene import Scene
 
     world = Scene.load(scene)
-    names = agent or ([world.agents[0].name] if measurements else [a.name for a in world.agents])
-    if measurements and len(names) > 1:
-        raise InputError("--agent", ", ".join(names), "one agent with --measurements")
-    for name in names:
-        world.agent(name)
+    world = world if particles is None else world.with_filter(particles=particles)
+    if method not in METHODS:
+        raise InputError("--method", repr(method), ", ".join(METHODS))
+    names = _agents(world, agent, measurements)
     folder = output or _free_folder(world.name)
     check_output(folder, overwrite)
-    carried = Map.load(map_file) if map_file else None
+    recorded = _recorded(world, measurements, truth)
+    if recorded is not None:
+        check_anchors(world, recorded)
+    given, note = fitted(Map.load(map_file), world, str(map_file)) if map_file else (None, None)
     runtime.start(device, threads)
-    runs, heards, scores = [], [], []
-    for name in names:
-        heard = _heard(world, name, seed, measurements)
-        truth = _truth(world, name, heard)
-        done = _map_with_progress(world, heard, method, name, seed, carried)
-        runs.append(done)
-        heards.append(heard)
-        scores.append(done.score(truth) if truth is not None else None)
-        carried = done.map
-        if done.interrupted:
-            break
-    write_run(folder, world, runs, heards, scores, {}, overwrite, _draw)
-    _table(runs, scores)
-    out.print(f"wrote {folder}", highlight=False)
-    if runs[-1].interrupted:
-        err.print(
-            f"interrupted in {runs[-1].agent} after {len(runs[-1].estimates)} steps: kept what was done"
-        )
-        raise typer.Exit(130)
+    if note:
+        err.print(f"note: {note}", highlight=False, markup=False, soft_wrap=True)
+    runs, heards = _explore(world, names, method, seed, recorded, given)
+    stopped = len(runs) < len(names) or runs[-1].interrupted
+    try:
+        with _busy("scoring"):
+            scores = _scores(world, runs, heards, given)
+    except KeyboardInterrupt:
+        scores, stopped = [done.score() for done in runs], True
+    stopped = not _finish(folder, world, runs, heards, scores, overwrite) or stopped
+    if stopped:
+        done = f"{len(runs[-1].estimates)} of {len(heards[-1])} steps of {runs[-1].agent}"
+        line = f"interrupted after {done}: {folder} holds what was done"
+        err.print(line, highlight=False, markup=False, soft_wrap=True)
+        sys.exit(130)
 
 
 @app.command()
 def simulate(
-    scene: str,
+    scene: Annotated[str, typer.Argument(help="bundled name or path")],
     output: Annotated[Path, typer.Option("-o", "--output", help="FILE.csv or FILE.h5")],
-    agent: Annotated[str | None, typer.Option()] = None,
+    agent: Annotated[list[str] | None, typer.Option(help="default: the first")] = None,
     seed: Annotated[int, typer.Option(min=0)] = 0,
 ) -> None:
-    """Write what an agent would hear."""
+    """Write what an agent would hear; for several agents, their names go into the files' names."""
     from gridslam.scene import Scene
     from gridslam.simulate import simulate as hear
 
     if output.suffix not in (".csv", ".h5"):
         raise InputError("-o", repr(output.name), "a name that ends in .csv or .h5")
     world = Scene.load(scene)
-    heard = hear(world, agent or world.agents[0].name, seed)
-    (heard.to_csv if output.suffix == ".csv" else heard.to_h5)(output)
-    out.print(f"wrote {output}: {len(heard)} steps, {len(heard.step)} measurements", highlight=False)
+    names = _agents(world, agent or [a.name for a in world.agents[:1]], None)
+    for name in names:
+        path = output if len(names) == 1 else output.with_stem(f"{output.stem}-{name}")
+        heard = hear(world, name, seed)
+        (heard.to_csv if output.suffix == ".csv" else heard.to_h5)(path)
+        counts = f"{len(heard)} steps, {len(heard.step)} measurements"
+        out.print(f"wrote {path}: {counts}", highlight=False, soft_wrap=True)
 
 
-@app.command()
-def check(file: Path) -> None:
-    """Say what a scene, measurement or map file is, or what is wrong with it."""
-    out.print(_describe(file), highlight=False)
-
-
-@app.command()
-def export(map_file: Path, output: Annotated[Path, typer.Option("-o", "--output")]) -> None:
-    """Export a map: nav2, CSV."""
-    from gridslam.map import Map
-
-    found = Map.load(map_file)
-    output.mkdir(parents=True, exist_ok=True)
-    found.to_nav2(output)
-    found.to_csv(output)
-    out.print(f"wrote {output}", highlight=False)
-
-
-@app.command()
-def plot(directory: Path) -> None:
-    """Draw a finished run's figures again."""
-    from gridslam.plots import draw_all
-
-    for path in draw_all(directory):
-        out.print(str(path), highlight=False)
-
-
-@app.command()
-def scenes() -> None:
-    """List the bundled scenes."""
-    from gridslam.scene import Scene, bundled_scenes
-
-    for name in bundled_scenes():
-        out.print(f"{name}: {Scene.load(name).description}", highlight=False, soft_wrap=True)
-
-
+cli_files.register(app)
 cli_scene.register(app)
 
 
@@ -138,28 +113,31 @@ def main() -> None:
     try:
         code = app(standalone_mode=False)
     except InputError as error:
-        err.print(f"error: {error}", highlight=False, markup=False, soft_wrap=True)
-        sys.exit(2)
-    except typer.Exit as stop:
-        sys.exit(stop.exit_code)
+        _refuse(str(error))
     except (KeyboardInterrupt, typer.Abort):
-        err.print("interrupted")
-        sys.exit(130)
+        code = 130
     except OSError as error:
-        err.print(f"error: {error.filename}: {error.strerror}", highlight=False, markup=False, soft_wrap=True)
-        sys.exit(2)
+        _refuse(f"{error.filename or 'output'}: {error.strerror or error}")
     except Exception as error:
         if not hasattr(error, "format_message"):  # a usage error, whichever click typer brings along
             raise
-        err.print(f"error: {error.format_message()}", highlight=False, markup=False, soft_wrap=True)
-        sys.exit(2)
+        _refuse(error.format_message())
+    if code == 130:  # typer makes it of a Ctrl-C that no command took care of
+        err.print("interrupted")
     sys.exit(code if isinstance(code, int) else 0)
 
 
-def _draw(folder: Path) -> None:
-    from gridslam.plots import draw_all
+def _refuse(reason: str) -> None:
+    """Say in one line what is wrong, whatever line breaks it quotes."""
+    line = " ".join(reason.split())
+    if line:  # no arguments at all: the help was shown
+        err.print(f"error: {line}", highlight=False, markup=False, soft_wrap=True)
+    sys.exit(2)
 
-    draw_all(folder)
+
+def _busy(what: str) -> AbstractContextManager[object]:
+    """A sign of life on a terminal."""
+    return err.status(what) if err.is_terminal else nullcontext()
 
 
 def _free_folder(name: str) -> Path:
@@ -170,104 +148,133 @@ def _free_folder(name: str) -> Path:
     return Path("runs") / f"{name}-{number}"
 
 
-def _heard(world: Scene, name: str, seed: int, file: Path | None) -> Measurements:
+def _agents(world: Scene, chosen: list[str] | None, measurements: Path | None) -> list[str]:
+    """Names of the agents to run, all of which can be."""
+    names = chosen or [agent.name for agent in world.agents[: 1 if measurements else None]]
+    if not names:
+        raise InputError(f"{world.name}: agents", "none", "at least one")
+    if measurements and len(names) > 1:
+        raise InputError("--agent", ", ".join(names), "one agent with --measurements")
+    if len(set(names)) < len(names):
+        raise InputError("--agent", ", ".join(names), "each agent once")
+    for name in names:
+        world.agent(name)
+        if measurements is None and not world.walls:
+            raise InputError(f"{world.name}: walls", "none", "walls to simulate from, or --measurements FILE")
+        if measurements is None:
+            world.track(name)
+    return names
+
+
+def _recorded(world: Scene, file: Path | None, truth: Path | None) -> Measurements | None:
+    """Measurements from a file, with the truth that goes with them."""
     from gridslam.measurements import Measurements
-    from gridslam.simulate import simulate as hear
+    from gridslam.scoring import with_truth
+    from gridslam.trajectory import Trajectory
 
     if file is None:
-        if not world.walls:
-            raise InputError(f"{world.name}: walls", "none", "walls to simulate from, or --measurements FILE")
-        return hear(world, name, seed)
-    return (
-        Measurements.from_csv(file, world.anchor_names)
-        if file.suffix == ".csv"
-        else Measurements.from_h5(file)
-    )
+        if truth is not None:
+            raise InputError("--truth", str(truth), "only together with --measurements")
+        return None
+    heard = Measurements.load(file, world.anchor_names)
+    if truth is None:
+        return with_truth(heard, None, f"{file}: /truth")
+    return with_truth(heard, Trajectory.from_tum(truth), str(truth))
 
 
-def _truth(world: Scene, name: str, heard: Measurements) -> Truth | None:
-    from gridslam.simulate import ground_truth
-
-    return ground_truth(world, name) if heard.truth is not None and world.walls else None
-
-
-def _map_with_progress(
-    world: Scene, heard: Measurements, method: str, name: str, seed: int, carried: Map | None
-) -> Run:
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
-    from gridslam.estimates import Estimate
+def _explore(
+    world: Scene, names: list[str], method: str, seed: int, recorded: Measurements | None, given: Map | None
+) -> tuple[list[Run], list[Measurements]]:
+    """Run the agents one after the other; Ctrl-C ends the list early, and raises only if it is empty."""
     from gridslam.mapping import map_scene
+    from gridslam.progress import progress_bar
+    from gridslam.simulate import simulate as hear
 
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[state]}"),
-    )
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-        task = bar.add_task(name, total=len(heard), state="")
-        began = bar.get_time()
-
-        def tell(estimate: Estimate, done: int, total: int) -> None:
-            rate = done / max(bar.get_time() - began, 1e-9)
-            state = f"{rate:.1f} steps/s, {int(estimate.detected.sum())} surfaces"
-            if heard.truth is not None and estimate.step < len(heard.truth):
-                gap = estimate.position_m - heard.truth.position_m[estimate.step]
-                state += f", error {100 * float((gap @ gap) ** 0.5):.1f} cm"
-            bar.update(task, completed=done, state=state)
-
-        return map_scene(world, heard, method, name, seed, carried, tell)
-
-
-def _table(runs: list[Run], scores: list) -> None:
-    table = Table(box=None)
-    for title in ("agent", "position", "heading", "surfaces", "occupied right", "walls found", "s/step"):
-        table.add_column(title, justify="left" if title == "agent" else "right")
-    for done, score in zip(runs, scores, strict=True):
-        if score is None:
-            row = ["-", "-", str(len(done.surfaces)), "-", "-"]
-        else:
-            cells = score["map"]
-            row = [
-                f"{100 * score['position_rmse_m']:.2f} cm",
-                f"{score['heading_rmse_deg']:.2f} deg",
-                f"{score['surfaces_detected']} of {score['surfaces_true']}",
-                f"{cells['occupied_precision']:.1%}",
-                f"{cells['occupied_recall']:.1%}",
-            ]
-        table.add_row(done.agent, *row, f"{done.seconds_per_step:.3f}")
-    out.print(table)
-
-
-def _describe(file: Path) -> str:
-    from gridslam.map import Map
-    from gridslam.measurements import Measurements
-    from gridslam.scene import Scene
-
-    if file.suffix == ".toml":
-        world = Scene.load(str(file))
-        size = " x ".join(str(n) for n in reversed(world.grid.shape))
-        counts = f"{len(world.anchors)} anchors, {len(world.walls)} walls, {len(world.agents)} agents"
-        return f"scene {world.name}: {counts}, {size} cells"
-    if file.suffix == ".csv":
-        import csv
-
-        try:
-            with file.open(newline="", encoding="utf-8") as rows:
-                names = list(dict.fromkeys(row.get("anchor") or "" for row in csv.DictReader(rows)))
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise InputError(str(file), str(error), "a CSV file that can be read") from error
-        heard = Measurements.from_csv(file, names)
-        return (
-            f"measurements: {len(heard)} steps, {len(heard.step)} paths, anchors {', '.join(heard.anchors)}"
-        )
+    runs: list[Run] = []
+    heards: list[Measurements] = []
     try:
-        heard = Measurements.from_h5(file)
-        return (
-            f"measurements: {len(heard)} steps, {len(heard.step)} paths, anchors {', '.join(heard.anchors)}"
+        for name in names:
+            with _busy(f"simulating {name}"):
+                heard = hear(world, name, seed) if recorded is None else recorded
+            with progress_bar(name, heard.truth, err) as tell:
+                done = map_scene(world, heard, method, name, seed, runs[-1].map if runs else given, tell)
+            heards.append(heard)
+            runs.append(done)
+            if done.interrupted:
+                break
+    except KeyboardInterrupt:
+        if not runs:
+            raise
+    return runs, heards[: len(runs)]
+
+
+def _scores(
+    world: Scene, runs: list[Run], heards: list[Measurements], given: Map | None
+) -> list[dict[str, Any]]:
+    """Score each run against its own track and the walls that any agent so far could hear of."""
+    from gridslam.scoring import inherited_truth, truth_of
+    from gridslam.simulate import Truth
+
+    earlier = inherited_truth(world, given) if given is not None else []
+    scores = []
+    for done, heard in zip(runs, heards, strict=True):
+        truth = truth_of(world, done.agent, heard.truth)
+        scores.append(done.score(truth, earlier))
+        if isinstance(truth, Truth):
+            earlier = [*earlier, truth.first(len(done.estimates))]
+    return scores
+
+
+def _finish(
+    folder: Path,
+    world: Scene,
+    runs: list[Run],
+    heards: list[Measurements],
+    scores: list[dict[str, Any]],
+    overwrite: bool,
+) -> bool:
+    """Write the folder and say what is in it; False if Ctrl-C ended the drawing."""
+    from gridslam.plots import draw_all
+    from gridslam.result import write_run
+
+    whole = True
+
+    def draw(part: Path) -> None:
+        nonlocal whole
+        try:
+            with _busy("drawing figures"):
+                draw_all(part)
+        except KeyboardInterrupt:
+            whole = False
+
+    write_run(folder, world, runs, heards, scores, {}, overwrite, draw)
+    out.print(_table(runs, scores), width=max(out.width, WIDEST_TABLE), crop=False)
+    out.print(f"wrote {folder}", highlight=False, markup=False, soft_wrap=True)
+    return whole
+
+
+def _table(runs: list[Run], scores: list[dict[str, Any]]) -> Table:
+    """One line per agent; units in the titles."""
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    titles = "agent", "steps", "position\nRMSE cm", "bound\ncm", "heading\nRMSE deg", "bound\ndeg"
+    for title in (*titles, "surfaces\nof true", "map\nprecision", "map\nrecall", "s/step"):
+        table.add_column(title, justify="left" if title == "agent" else "right", no_wrap=True)
+
+    def number(value: float | None, form: str, scale: float = 1) -> str:
+        return "-" if value is None else format(scale * value, form)
+
+    for done, score in zip(runs, scores, strict=True):
+        of = "" if score["surfaces_true"] is None else f"/{score['surfaces_true']}"
+        table.add_row(
+            done.agent,
+            str(score["steps"]),
+            number(score["position_rmse_m"], ".2f", 100),
+            number(score["position_bound_m"], ".2f", 100),
+            number(score["heading_rmse_deg"], ".2f"),
+            number(score["heading_bound_deg"], ".2f"),
+            f"{score['surfaces_detected']}{of}",
+            number(score["map"]["occupied_precision"], ".1%"),
+            number(score["map"]["occupied_recall"], ".1%"),
+            number(score["seconds_per_step"], ".3f"),
         )
-    except InputError:
-        found = Map.load(file)
-        height, width = found.shape
-        return f"map: {width} x {height} cells of {found.cell_m} m, {found.observed.mean():.0%} observed"
+    return table

@@ -82,7 +82,7 @@ def import_plan(
 
 def report(
     directory: Annotated[Path, typer.Argument(metavar="RUN", help="a run's folder")],
-    animate: Annotated[bool, typer.Option(help="with a moving picture of each agent")] = True,
+    still: Annotated[bool, typer.Option("--still", help="without the moving picture of each agent")] = False,
 ) -> None:
     """Write report.html into a run's folder: one page with all its figures, which opens offline."""
     from rich.progress import Progress
@@ -93,7 +93,7 @@ def report(
     with Progress(console=err, transient=True, disable=not err.is_terminal) as bar:
         task = bar.add_task("drawing", total=None)
         page = write_report(
-            directory, animate, lambda done, total: bar.update(task, completed=done, total=total)
+            directory, not still, lambda done, total: bar.update(task, completed=done, total=total)
         )
     _say(f"wrote {page}")
 

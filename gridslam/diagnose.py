@@ -78,7 +78,8 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
     found = suspicions(columns, names, scene, agent)
     lines += [f"suspect: {item}" for item in found]
     try:
-        Measurements.load(path)
+        if Measurements.load(path).truth is not None:
+            lines[0] += ", true track known"
     except InputError as error:
         lines.append(f"refused: {error}")
     if scene is not None and not found:
@@ -90,12 +91,12 @@ def summary(columns: Columns, names: tuple[str, ...]) -> list[str]:
     """What the columns hold, in their units."""
     step, count = columns["step"], len(columns["step"])
     if not count:
-        return [f"measurements of {', '.join(names)}: no paths"]
+        return [f"measurements: no paths, anchors {', '.join(names)}"]
     steps, time = int(step.max()) - int(step.min()) + 1, columns["time_s"]
     heard = np.unique(np.stack([step, columns["anchor"]]), axis=1).shape[1]
     lines = [
-        f"measurements: {count} paths of {', '.join(names)}, steps {step.min()} to {step.max()}, "
-        f"{time.min():g} to {time.max():g} s",
+        f"measurements: {steps} steps ({step.min()} to {step.max()}, {time.min():g} to {time.max():g} s), "
+        f"{count} paths, anchors {', '.join(names)}",
         f"  {count / heard:.1f} paths in a scan (an anchor at a step), {heard} of {steps * len(names)} "
         "scans hold any",
     ]

@@ -10,6 +10,7 @@ from scipy.special import softmax
 
 from gridslam.errors import InputError
 from gridslam.estimates import SurfaceEstimate
+from gridslam.frames import require_one_frame
 from gridslam.geometry import canonical, unit, wrap
 from gridslam.map import Map
 from gridslam.mapfiles import LARGEST_CELLS
@@ -40,13 +41,15 @@ def fuse(maps: Iterable[Map]) -> Map:
     Raises
     ------
     InputError
-        No map, another mean free path, grids that are not on one lattice, or a map that was handed over
-        to the agent of another one: its evidence is in both and would count twice.
+        No map, anchors of one name in different places (another frame), another mean free path, grids that
+        are not on one lattice, or a map that was handed over to the agent of another one: its evidence is
+        in both and would count twice.
     """
     ordered = sorted(maps, key=_canonical_order)
     if not ordered:
         raise InputError("fuse", "no map", "one or more maps")
     _refuse_predecessors(ordered)
+    require_one_frame(ordered)
     path = ordered[0].mean_free_path_m
     for grid in ordered:
         if abs(grid.mean_free_path_m - path) > 1e-6 * path:

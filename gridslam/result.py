@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ from gridslam.map import Map
 from gridslam.metrics import diverged, map_scores, p95, reflection_mae, rmse, surface_scores, track_errors
 from gridslam.runfiles import AgentFiles, RunFiles, check_output, read_run, write_run
 from gridslam.scene import Scene
+from gridslam.scoring import known_bound
 from gridslam.simulate import Truth
 from gridslam.stepfiles import read_steps, write_steps
 from gridslam.trajectory import Trajectory
@@ -73,13 +75,21 @@ class Run:
     peak_memory_mb: float
     interrupted: bool = False
 
-    def score(self, truth: Truth | Trajectory | None = None) -> dict[str, Any]:
+    def score(self, truth: Truth | Trajectory | None = None, earlier: Sequence[Truth] = ()) -> dict[str, Any]:
         """Score the run; the keys are those of one agent in ``run.json``.
 
         Parameters
         ----------
         truth : Truth, Trajectory or None
             A track alone gives the errors of the track. What lacks its truth is None.
+        earlier : sequence of Truth
+            Of the agents whose map the run began with: map and surfaces, which hold what they found, are
+            judged against the paths of all; the track against its own truth.
+
+        Notes
+        -----
+        A run that ended early is judged against the steps it did. The bounds are the root mean squares over
+        the run of `gridslam.bounds.known_map_bound`.
 
         Raises
         ------
@@ -105,10 +115,17 @@ class Run:
                 "final_position_error_m": float(np.linalg.norm(position[-1])),
                 "diverged": diverged(position),
             }
+        bound = known_bound(self.scene, self.agent, truth)
+        if bound is not None:
+            done = slice(len(self.trajectory))
+            scores["position_bound_m"] = rmse(bound.position_m[done])
+            scores["heading_bound_deg"] = float(np.degrees(rmse(bound.heading_rad[done])))
         if isinstance(truth, Truth):
-            scores |= surface_scores(found, truth.segments, truth.paths)
-            scores["reflection_mae"] = reflection_mae(self.map, truth.segments)
-            scores["map"] = map_scores(self.map, truth.segments, truth.paths)
+            whole = truth.first(len(self.trajectory)).joined(earlier)
+            scores |= surface_scores(found, whole.segments, whole.paths)
+            scores["reflection_mae"] = reflection_mae(self.map, whole.segments)
+            if self.map.observed.any():  # not every method tells cells
+                scores["map"] = map_scores(self.map, whole.segments, whole.paths)
         return scores
 
 
@@ -116,8 +133,10 @@ AGENT_KEYS = (
     "steps",
     "interrupted",
     "position_rmse_m",
+    "position_bound_m",
     "position_p95_m",
     "heading_rmse_deg",
+    "heading_bound_deg",
     "final_position_error_m",
     "diverged",
     "surfaces_detected",

@@ -8,6 +8,7 @@ import os
 import platform
 import re
 import shutil
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -103,8 +104,12 @@ def check_output(directory: str | os.PathLike[str], overwrite: bool = False) -> 
                 str(target), "something that no run wrote", "a new folder, or a run's to overwrite"
             )
     above = next(parent for parent in target.absolute().parents if parent.exists())
-    if not (above.is_dir() and os.access(above, os.W_OK | os.X_OK)):
-        raise InputError(str(target), f"no right to write in {above}", "a folder that can be written to")
+    try:  # to ask for rights isn't enough: the superuser has them all, read-only disks or not
+        os.rmdir(tempfile.mkdtemp(prefix=".gridslam-", dir=above))
+    except OSError as error:
+        raise InputError(
+            str(target), f"{error.strerror or error} in {above}", "a folder that can be written to"
+        ) from error
 
 
 def write_run(
@@ -132,7 +137,8 @@ def write_run(
     overwrite : bool
         Whether an earlier run's folder may be replaced.
     draw : callable, optional
-        Draws ``figures/`` in the folder it is given. If it fails, the folder is kept and the error passed on.
+        Draws ``figures/`` in the folder it is given. If it fails (or Ctrl-C ends it), the folder is kept
+        without them and the error passed on.
 
     Raises
     ------
@@ -150,7 +156,7 @@ def write_run(
     check_output(directory, overwrite)
     target = Path(directory).resolve()
     part = beside(target)
-    trouble: Exception | None = None
+    trouble: BaseException | None = None
     try:
         shutil.rmtree(part, ignore_errors=True)
         part.mkdir(parents=True)
@@ -158,8 +164,9 @@ def write_run(
         if draw is not None:
             try:
                 draw(part)
-            except Exception as error:  # hours of filtering aren't thrown away for a figure
+            except (Exception, KeyboardInterrupt) as error:  # hours of filtering outweigh a figure
                 trouble = error
+                shutil.rmtree(part / "figures", ignore_errors=True)
         _swap(part, target)
     except OSError as error:
         raise cannot_write(target, error) from error
@@ -167,6 +174,9 @@ def write_run(
         raise InputError(str(target), error.found, error.allowed) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
+    if isinstance(trouble, InputError | OSError):
+        reason = trouble.found if isinstance(trouble, InputError) else trouble.strerror or str(trouble)
+        raise InputError(f"{target / 'figures'}", reason, "room for figures (the rest is written)")
     if trouble is not None:
         raise trouble
 
@@ -183,6 +193,8 @@ def read_run(directory: str | os.PathLike[str]) -> RunFiles:
     try:
         summary = json.loads((folder / "run.json").read_text(encoding="utf-8"))
         names = list(summary["agents"])
+        if not names:
+            raise ValueError("no agent")
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"{folder / 'run.json'}", "none that can be read", "a folder that a run wrote"

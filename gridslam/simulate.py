@@ -6,6 +6,7 @@ The truth about every path (walls, bounces, true or clutter) stays in objects of
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -55,7 +56,10 @@ class TruePaths:
 
     def at(self, step: int) -> TruePaths:
         """The paths of one step."""
-        rows = self.step == step
+        return self.take(self.step == step)
+
+    def take(self, rows: NDArray[np.bool_]) -> TruePaths:
+        """The paths chosen by a mask (L,)."""
         return TruePaths(*(getattr(self, f.name)[rows] for f in fields(self)))
 
     @property
@@ -77,6 +81,20 @@ class Truth:
     trajectory: Trajectory
     paths: TruePaths
     segments: Segments
+
+    def first(self, steps: int) -> Truth:
+        """Truth about the first steps alone, for a run that ended early."""
+        return replace(self, paths=self.paths.take(self.paths.step < steps))
+
+    def joined(self, others: Iterable[Truth]) -> Truth:
+        """The same track, with the paths of other agents added (their steps count from their own start).
+
+        It is what a run is judged against that began with a map: the walls that earlier agents found are
+        no ghosts, even if this agent never hears of them.
+        """
+        tables = [self.paths, *(other.paths for other in others)]
+        columns = (np.concatenate([getattr(t, f.name) for t in tables]) for f in fields(TruePaths))
+        return replace(self, paths=TruePaths(*columns))
 
 
 def visible(start: Array, end: Array, walls: Segments) -> NDArray[np.bool_]:
@@ -102,12 +120,13 @@ def _on_piece(point: Array, walls: Segments, index: NDArray[np.intp]) -> NDArray
     return (along > 0) & (along < 1)
 
 
-def true_paths(scene: Scene, agent: str) -> TruePaths:
-    """Trace every visible path of an agent's track, up to ``scene.radio.max_bounces``.
+def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> TruePaths:
+    """Trace every visible path of an agent's track (default: the scene's), up to ``radio.max_bounces``.
 
     Every leg is checked against every wall, and every interaction point must lie on its wall piece.
     """
-    track, walls, signal = scene.track(agent), scene.segments(), scene.signal_model(agent)
+    track = scene.track(agent) if track is None else track
+    walls, signal = scene.segments(), scene.signal_model(agent)
     lines, count = walls.line, len(walls)
     candidates = [np.array([[-1, -1]])]
     if scene.radio.max_bounces >= 1 and count:
@@ -181,9 +200,10 @@ def _plausible(
     return (bounces == 0) | ((fraction > 0) & (fraction < 1))
 
 
-def ground_truth(scene: Scene, agent: str) -> Truth:
-    """Track, visible paths and walls of an agent, for scoring."""
-    return Truth(scene.track(agent), true_paths(scene, agent), scene.segments())
+def ground_truth(scene: Scene, agent: str, track: Trajectory | None = None) -> Truth:
+    """Track (default: the scene's), visible paths and walls of an agent, for scoring."""
+    track = scene.track(agent) if track is None else track
+    return Truth(track, true_paths(scene, agent, track), scene.segments())
 
 
 def simulate(scene: Scene, agent: str, seed: int = 0) -> Measurements:

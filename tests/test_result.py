@@ -352,7 +352,7 @@ def test_agent_whose_name_is_no_folder_is_refused(tmp_path, scene, name):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("damage", ["", "{", "[]", '{"agents": 3}'])
+@pytest.mark.parametrize("damage", ["", "{", "[]", '{"agents": 3}', '{"agents": {}}'])
 def test_folder_that_is_no_run_is_refused(tmp_path, damage):
     with pytest.raises(InputError, match=r"run\.json"):
         read_run(tmp_path)

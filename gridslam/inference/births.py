@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.geometry import mirror, trace, wrap
-from gridslam.inference.belief import Belief, birth_line, give_birth, slots, update
+from gridslam.inference.belief import AGENT, Belief, birth_line, give_birth, slots, update
 from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import deviations
-from gridslam.inference.particles import Cloud
+from gridslam.inference.particles import Cloud, at_mean
 from gridslam.inference.polylines import Polylines, draw_paths
 from gridslam.inference.surfaces import Bank
 from gridslam.signal import REFLECTION_BINS, SignalModel
@@ -162,11 +162,7 @@ def draw_births(births: Births, belief: Belief, place: Array) -> Polylines:
     lines = np.concatenate([belief.lines, births.line])
     own = known + np.arange(count)
     double = (births.last >= 0) | (births.first >= 0)
-    cloud = Cloud(
-        belief.mean[[0, 1, 4], None],
-        np.stack([np.cos(lines[:, 0]), np.sin(lines[:, 0]), lines[:, 1]])[:, :, None],
-        0.0,
-    )
+    cloud = at_mean(replace(belief, mean=np.concatenate([belief.mean[:AGENT], lines.ravel()])))
     last, first = np.where(births.last >= 0, births.last, own), np.where(births.first >= 0, births.first, own)
     return draw_paths(np.where(double, 2, 1), last, first, cloud, place)
 

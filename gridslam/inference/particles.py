@@ -57,6 +57,11 @@ def cloud_of(belief: Belief, deviation: NDArray[np.floating], kept: float) -> Cl
     return Cloud(agent, np.stack([np.cos(angle), np.sin(angle), offset]), kept)
 
 
+def at_mean(belief: Belief) -> Cloud:
+    """The belief's mean as a single sample."""
+    return cloud_of(belief, np.zeros((len(belief.mean), 1)), 0.0)
+
+
 def sample(belief: Belief, count: int, stream: list[int]) -> Cloud:
     """Draw exact samples (nothing kept) from the random stream `stream`."""
     draw = np.random.default_rng(stream)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,26 +39,29 @@ class Rays:
     def __len__(self) -> int:
         return len(self.bounces)
 
+    def take(self, rows: NDArray[np.intp]) -> Rays:
+        """Some of the rays."""
+        return Rays(*(getattr(self, f.name)[rows] for f in fields(self)))
+
 
 def rays_of(bank: Bank, sight: Array, anchor: int, most_bounces: int, now: bool = False) -> Rays:
     """All paths worth a look from `anchor`; `sight` (J,) is the existence of the line of sight.
 
     Their existence is predicted one step ahead, unless asked for `now`.
     """
-    count = len(bank)
-    own = np.arange(count)
+    own = np.flatnonzero((bank.owner == -1) | (bank.owner == anchor))
     strong = np.flatnonzero(bank.existence > 0.3)
     last, first = (a.ravel() for a in np.meshgrid(strong, strong, indexing="ij"))
     other = last != first
     last, first = last[other], first[other]
     if most_bounces < 2:
         last = first = last[:0]
-    bounces = np.repeat([0, 1, 2], [1, count, len(last)])
-    memory = np.concatenate([[sight[anchor]], bank.single[anchor], bank.double[anchor, last, first]])
+    bounces = np.repeat([0, 1, 2], [1, len(own), len(last)])
+    memory = np.concatenate([[sight[anchor]], bank.single[anchor, own], bank.double[anchor, last, first]])
     if not now:
         settled = P_APPEAR / (1 - P_STAY + P_APPEAR)
         memory = settled + (memory - settled) * (P_STAY - P_APPEAR)
-    product = np.concatenate([[1.0], bank.existence, bank.existence[last] * bank.existence[first]])
+    product = np.concatenate([[1.0], bank.existence[own], bank.existence[last] * bank.existence[first]])
     return Rays(
         bounces,
         np.concatenate([[-1], own, last]).astype(np.intp),

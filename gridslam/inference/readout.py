@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.estimates import PathEstimate, SurfaceEstimate
 from gridslam.inference.belief import Belief
-from gridslam.inference.rays import predict_paths, rays_of
+from gridslam.inference.rays import Rays, predict_paths, rays_of
 from gridslam.inference.surfaces import Bank, canonical_lines
-from gridslam.signal import REFLECTION_BINS, SignalModel
+from gridslam.signal import REFLECTION_BINS
 
 Array = NDArray[np.float64]
 
@@ -25,12 +27,17 @@ def surface_estimate(belief: Belief, bank: Bank) -> SurfaceEstimate:
 
 
 def path_estimate(
-    belief: Belief, bank: Bank, sight: Array, places: Array, facings: Array, signal: SignalModel,
-    most_bounces: int,
+    belief: Belief, bank: Bank, sight: Array, places: Array, facings: Array, most_bounces: int,
+    strength: Callable[[int, Rays, Array], Array],
 ) -> PathEstimate:  # fmt: skip
-    """Table of the paths believed in, over the surfaces as they stand."""
+    """Table of the paths believed in, over the surfaces as they stand.
+
+    Parameters
+    ----------
+    strength : callable
+        Amplitudes (L,) of an anchor's rays of given distances (L,).
+    """
     tables = []
-    coefficient = np.append(bank.reflection @ REFLECTION_BINS, 1.0)
     identity = np.append(bank.identity, -1)
     for anchor in range(len(places)):
         rays = rays_of(bank, sight, anchor, most_bounces, now=True)
@@ -40,7 +47,6 @@ def path_estimate(
         good = found.geometry.valid
         rows, value = rows[good], found.value[good]
         double = rays.bounces[rows] == 2
-        strength = coefficient[rays.last[rows]] * np.where(double, coefficient[rays.first[rows]], 1.0)
         points = np.full((len(rows), 4, 2), np.nan)
         points[:, 0], points[:, 3] = places[anchor], belief.mean[:2]
         points[:, 1] = found.geometry.first_point[good]
@@ -52,7 +58,7 @@ def path_estimate(
                 value[:, 0],
                 value[:, 1],
                 value[:, 2],
-                signal.amplitude(value[:, 0], strength),
+                strength(anchor, rays.take(rows), value[:, 0]),
                 chance[rows],
                 points,
             )

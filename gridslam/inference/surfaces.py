@@ -45,6 +45,8 @@ class Bank:
         Tangential stretch that was hit.
     foot : (S,) float64, m
         Tangential coordinate of the latest hit.
+    owner : (S,) int
+        The one anchor that a surface serves (a virtual anchor); -1 for all.
     """
 
     identity: NDArray[np.int64]
@@ -56,6 +58,7 @@ class Bank:
     double: Array
     extent: Array
     foot: Array
+    owner: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.identity)
@@ -66,7 +69,7 @@ class Bank:
         none, whole = np.zeros(0), np.zeros(0, np.int64)
         return cls(
             whole, none, np.zeros((0, BINS)), whole.copy(), whole.copy(), np.zeros((anchors, 0)),
-            np.zeros((anchors, 0, 0)), np.zeros((0, 2)), none.copy(),
+            np.zeros((anchors, 0, 0)), np.zeros((0, 2)), none.copy(), whole.copy(),
         )  # fmt: skip
 
     def take(self, rows: NDArray[np.bool_]) -> Bank:
@@ -76,7 +79,13 @@ class Bank:
         return Bank(**chosen, single=self.single[:, rows], double=self.double[:, rows][:, :, rows])
 
     def add(
-        self, identity: int, existence: float, reflection: Array, foot: float, bearer: tuple[int, int, int]
+        self,
+        identity: int,
+        existence: float,
+        reflection: Array,
+        foot: float,
+        bearer: tuple[int, int, int],
+        owner: int = -1,
     ) -> Bank:
         """Append a new surface; `bearer` is (anchor, last, first) of the ray that bore it, -1 for itself."""
         count, anchors = len(self), len(self.single)
@@ -98,6 +107,7 @@ class Bank:
             double,
             np.concatenate([self.extent, np.full((1, 2), np.nan)]),
             np.append(self.foot, foot),
+            np.append(self.owner, owner),
         )
 
 
@@ -200,7 +210,7 @@ def _duplicate(bank: Bank, belief: Belief, middle: Array) -> tuple[int, int, Arr
         normal = unit(lines[younger, 0])
         tangent = np.array([-normal[1], normal[0]])
         place = lines[younger, 1] * normal + bank.foot[younger] * tangent
-        for older in range(younger):
+        for older in np.flatnonzero(bank.owner[:younger] == bank.owner[younger]).tolist():
             turn = wrap(lines[older, 0] - lines[younger, 0])
             flip = 1.0
             if abs(turn) > np.pi / 2:  # the same line written with the opposite normal

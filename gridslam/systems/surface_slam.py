@@ -71,6 +71,9 @@ class SurfaceSlam:
     seed : int
     """
 
+    shared = True
+    """Whether a surface serves all anchors."""
+
     def __init__(self, scene: Scene, agent: str | None = None, seed: int = 0) -> None:
         self.scene, self.seed = scene, seed
         body = scene.agent(agent) if agent else scene.agents[0]
@@ -194,8 +197,15 @@ class SurfaceSlam:
         surfaces.exist(self.bank, rays, chance, worth)
         return Messages(chance, worth, responsible, births, claimed)
 
-    def _bear(self, heard: Heard, births: Births, claimed: Array) -> None:
-        """Add the new surfaces that are likely enough, each by its best hypothesis."""
+    def _bear(self, heard: Heard, births: Births, claimed: Array) -> list[tuple[int, int, int]]:
+        """Add the new surfaces that are likely enough, each by its best hypothesis.
+
+        Returns
+        -------
+        list of (measurement, last, first)
+            What bore each, and the identities of the surfaces along the ray that did.
+        """
+        bearers = []
         born = births.per_measurement(len(heard))
         chance = born / (1 + born + claimed)
         for row in np.argsort(-chance, kind="stable"):
@@ -214,8 +224,15 @@ class SurfaceSlam:
                 birth_reflection(births, best, heard, self.signal),
                 foot,
                 (heard.anchor, int(births.last[best]), int(births.first[best])),
+                -1 if self.shared else heard.anchor,
             )
+            named = [
+                int(self.bank.identity[s]) if s >= 0 else self.next_identity
+                for s in (births.last[best], births.first[best])
+            ]
+            bearers.append((int(row), named[0], named[1]))
             self.next_identity += 1
+        return bearers
 
     def _tidy(self) -> None:
         """Merge duplicates, drop the unlikely."""
@@ -241,12 +258,18 @@ class SurfaceSlam:
             self.next_identity += 1
         self.bank.single[:] = surfaces.FRESH_SINGLE
 
+    def _strength(self, anchor: int, rays: Rays, distance: Array) -> Array:
+        """Believed amplitudes of rays, by the coefficients of their surfaces (paper 003, eq. (2)), (L,)."""
+        coefficient = np.append(self.bank.reflection @ REFLECTION_BINS, 1.0)
+        other = np.where(rays.bounces == 2, coefficient[rays.first], 1.0)
+        return self.signal.amplitude(distance, coefficient[rays.last] * other)
+
     def _estimate(self, scan: Scan, seconds: float) -> Estimate:
         """MMSE estimates of agent and surfaces, and the paths believed in."""
         table, mean = surface_estimate(self.belief, self.bank), self.belief.mean
         paths = path_estimate(
-            self.belief, self.bank, self.sight, self.places, self.facings, self.signal,
-            self.most_bounces,
+            self.belief, self.bank, self.sight, self.places, self.facings, self.most_bounces,
+            self._strength,
         )  # fmt: skip
         return Estimate(
             scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[4])),

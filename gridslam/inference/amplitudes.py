@@ -1,0 +1,124 @@
+"""Amplitude states of rays: a belief over every path's amplitude (paper 002, section III, eqs. (13), (26)).
+
+Where the paper keeps particles, a histogram is kept, so that a ray that fades and one that is silent are
+both told. Nodes stand densely enough for the amplitude's noise at any strength.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.inference.heard import Heard
+from gridslam.inference.likelihood import DetectionTable
+from gridslam.inference.rays import P_APPEAR, P_STAY, Rays
+from gridslam.signal import SignalModel
+
+Array = NDArray[np.float64]
+WALK = 0.02
+"""Random walk of an amplitude per step, as a share of it (paper 002, section VI-A)."""
+FINE, RATIO = 11.7, 0.03
+"""Nodes ``FINE sinh(RATIO k)``: 0.35 apart where faint, 3 % apart where strong."""
+
+
+@dataclass(frozen=True)
+class Histogram:
+    """Amplitudes of paths over fixed nodes (an `AmplitudeBelief`).
+
+    Attributes
+    ----------
+    probability : (L, K)
+    nodes : (K,)
+    """
+
+    probability: Array
+    nodes: Array
+
+    def levels(self, distance: Array) -> Array:
+        """Amplitudes of the nodes, whatever the distance, (n, K)."""
+        return np.broadcast_to(self.nodes, (len(distance), len(self.nodes)))
+
+
+class RayAmplitudes:
+    """Amplitude beliefs of all rays, kept by anchor and the identities of the surfaces they meet."""
+
+    def __init__(self, signal: SignalModel) -> None:
+        self.signal = signal
+        count = int(np.ceil(np.arcsinh(2 * signal.amplitude_at_1m / FINE) / RATIO))
+        self.nodes: Array = FINE * np.sinh(RATIO * (np.arange(count) + 1))
+        gap = np.gradient(self.nodes)
+        rate = 0.5 * np.square(WALK * self.nodes / gap)
+        walk = np.diag(1 - 2 * rate) + np.diag(rate[:-1], 1) + np.diag(rate[1:], -1)
+        self._walk = walk / walk.sum(1, keepdims=True)
+        self._gap = gap / gap.sum()
+        self._kept: dict[tuple[int, int, int], Array] = {}
+
+    def predict(self, anchor: int, rays: Rays, identity: NDArray[np.int64], distance: Array) -> Histogram:
+        """Beliefs one step ahead, given that the ray exists.
+
+        A ray that was there walks on, eq. (13); one that appears now may have any amplitude up to that of
+        free space at its `distance` (L,).
+        """
+        reach = np.minimum(self.signal.amplitude(distance), self.nodes[-1])[:, None]
+        fresh = self._gap * (self.nodes <= np.maximum(reach, 2 * self.nodes[0]))
+        fresh = fresh / fresh.sum(1, keepdims=True)
+        stayed = fresh.copy()
+        for row, key in enumerate(self._keys(anchor, rays, identity)):
+            if key in self._kept:
+                stayed[row] = self._kept[key] @ self._walk
+        before = np.clip((rays.existence - P_APPEAR) / (P_STAY - P_APPEAR), 0.0, 1.0)
+        share = (P_APPEAR * (1 - before) / np.maximum(rays.existence, 1e-12))[:, None]
+        return Histogram((1 - share) * stayed + share * fresh, self.nodes)
+
+    def correct(
+        self, anchor: int, rays: Rays, identity: NDArray[np.int64], belief: Histogram, heard: Heard,
+        responsible: Array, table: DetectionTable,
+    ) -> None:  # fmt: skip
+        """Multiply in what was heard, softly by association, eq. (26).
+
+        Parameters
+        ----------
+        responsible : (L, M)
+            Probability that the path caused the measurement.
+        """
+        prior = belief.probability
+        silent = prior * (1 - table(self.nodes))
+        missed = np.maximum(1 - responsible.sum(1, keepdims=True), 0.0)
+        after = missed * silent / np.maximum(silent.sum(1, keepdims=True), 1e-12)
+        loud = ~np.isnan(heard.amplitude)
+        density = np.ones((len(heard), len(self.nodes)))
+        density[loud] = np.exp(self.signal.log_rician(heard.amplitude[loud, None], self.nodes))
+        for m in np.flatnonzero(responsible.sum(0) > 1e-3):
+            said = prior * density[m]
+            after += responsible[:, m, None] * said / np.maximum(said.sum(1, keepdims=True), 1e-300)
+        after /= np.maximum(after.sum(1, keepdims=True), 1e-12)
+        for row, key in enumerate(self._keys(anchor, rays, identity)):
+            if rays.existence[row] * rays.surfaces[row] > 0.01:
+                self._kept[key] = after[row]
+
+    def start(self, anchor: int, last: int, first: int, amplitude: float) -> None:
+        """First belief of the ray that bore a surface, from the measurement alone."""
+        if np.isfinite(amplitude):
+            density = self._gap * np.exp(self.signal.log_rician(np.asarray(amplitude), self.nodes))
+            self._kept[anchor, last, first] = density / density.sum()
+
+    def mean(self, anchor: int, rays: Rays, identity: NDArray[np.int64], distance: Array) -> Array:
+        """Estimated amplitude of every ray, eq. (18), (L,)."""
+        usual = 0.5 * self.signal.amplitude(distance)
+        keys = self._keys(anchor, rays, identity)
+        return np.array(
+            [self._kept[k] @ self.nodes if k in self._kept else u for k, u in zip(keys, usual, strict=True)]
+        )
+
+    def forget(self, alive: Iterable[int]) -> None:
+        """Drop the rays of surfaces that are no more."""
+        living = {-1, *(int(i) for i in alive)}
+        self._kept = {key: value for key, value in self._kept.items() if {*key[1:]} <= living}
+
+    @staticmethod
+    def _keys(anchor: int, rays: Rays, identity: NDArray[np.int64]) -> list[tuple[int, int, int]]:
+        named = np.append(identity, -1)
+        return [(anchor, int(a), int(b)) for a, b in zip(named[rays.last], named[rays.first], strict=True)]

@@ -1,0 +1,85 @@
+"""Adaptive SLAM (paper 002): agent, surfaces and one state per ray, "soft" ray tracing without a grid."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.estimates import Estimate
+from gridslam.inference import surfaces
+from gridslam.inference.amplitudes import RayAmplitudes
+from gridslam.inference.heard import Heard
+from gridslam.inference.particles import at_mean
+from gridslam.inference.polylines import draw_paths
+from gridslam.inference.rays import Rays, predict_paths, rays_of
+from gridslam.map import Map
+from gridslam.measurements import Scan
+from gridslam.scene import Scene
+from gridslam.systems.surface_slam import Messages, SurfaceSlam
+
+Array = NDArray[np.float64]
+
+
+class AdaptiveSlam(SurfaceSlam):
+    """Adaptive SLAM, one step at a time.
+
+    It differs from grid SLAM in two points: a ray's amplitude is a state of its own instead of following
+    from reflection coefficients, and what lies between the walls isn't mapped, so that a ray's existence
+    alone says whether its path is open.
+
+    Parameters
+    ----------
+    scene : Scene
+        Radio, anchors and filter settings; its walls are never read.
+    prior_map : Map, optional
+        Map that an earlier agent left, of which the surfaces are used.
+    agent : str, optional
+        Which of the scene's agents (default: the first): start, prior and array.
+    seed : int
+    """
+
+    def __init__(
+        self, scene: Scene, prior_map: Map | None = None, agent: str | None = None, seed: int = 0
+    ) -> None:
+        super().__init__(scene, agent, seed)
+        self.amplitudes = RayAmplitudes(self.signal)
+        if prior_map is not None:
+            self._start_from(prior_map)
+
+    def step(self, scan: Scan) -> Estimate:
+        """Take in what was heard at one step and return what is believed now."""
+        began = time.perf_counter()
+        self._move(scan.time_s)
+        for heard in self._hear(scan):
+            self._take_in(heard)
+        self._tidy()
+        self.amplitudes.forget(self.bank.identity)
+        return self._estimate(scan, time.perf_counter() - began)
+
+    def _take_in(self, heard: Heard) -> None:
+        """Messages of one anchor, in the order of the paper's section V."""
+        # prediction of paths and amplitudes, eqs. (13), (14)
+        rays = rays_of(self.bank, self.sight, heard.anchor, self.most_bounces)
+        predicted = predict_paths(rays, np.arange(len(rays)), self.belief, heard.place, heard.facing)
+        distance = predicted.value[:, 0]
+        amplitudes = self.amplitudes.predict(heard.anchor, rays, self.bank.identity, distance)
+        # measurement evaluation, births, data association, updates of agent, surfaces and rays
+        said = self._exchange(heard, rays, predicted, amplitudes, np.ones(len(rays)))
+        # amplitudes, eq. (26); what was seen; new surfaces
+        self.amplitudes.correct(
+            heard.anchor, rays, self.bank.identity, amplitudes, heard, said.responsible, self.detected
+        )
+        drawn = draw_paths(rays.bounces, rays.last, rays.first, at_mean(self.belief), heard.place)
+        surfaces.mark(self.bank, self.belief, rays, drawn, said.responsible.sum(1) * drawn.valid[:, 0])
+        self._learn_from_births(heard, said)
+
+    def _learn_from_births(self, heard: Heard, said: Messages) -> None:
+        """Add new surfaces; the ray that bore each starts with the amplitude that was measured."""
+        for measurement, last, first in self._bear(heard, said.births, said.claimed):
+            self.amplitudes.start(heard.anchor, last, first, float(heard.amplitude[measurement]))
+
+    def _strength(self, anchor: int, rays: Rays, distance: Array) -> Array:
+        """Amplitudes of the rays' own states, eq. (18)."""
+        return self.amplitudes.mean(anchor, rays, self.bank.identity, distance)

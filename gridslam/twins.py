@@ -1,0 +1,177 @@
+"""Plain NumPy twins of the kernels: what the tests compare with and what the benchmark measures against.
+
+Each takes what its kernel takes and returns what that writes, worked out another way: paths by images and
+arc tangents in double precision, cells by sorting the crossings of grid lines.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.geometry import mirror, trace, wrap
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.int32]
+
+
+def lines_of(normals: Array) -> Array:
+    """Lines (angle, offset) of ``[3, S, P]`` normals and offsets, (S, P, 2)."""
+    return np.stack([np.arctan2(normals[1], normals[0]), normals[2]], -1).astype(np.float64)
+
+
+def evaluate(
+    agent: Array, lines: Array, path: Whole, start: Whole, pair: Array, place: Array, block: int
+) -> tuple[Array, Array]:
+    """Twin of `kernels.paths.evaluate`: sums of densities and counts of valid particles, by blocks."""
+    particles = agent.shape[1]
+    blocks = particles // block
+    weight, valid = np.zeros((start[-1], blocks)), np.zeros((len(path), blocks))
+    surfaces = lines_of(lines)
+    anchor = np.broadcast_to(np.asarray(place[:2], np.float64), (particles, 2))
+    position = np.asarray(agent[:2].T, np.float64)
+    for row, (bounces, last, first) in enumerate(path):
+        drawn = trace(
+            position, anchor, surfaces[max(last, 0)], surfaces[max(first, 0)], np.full(particles, bounces)
+        )
+        possible = drawn.valid.astype(np.float64)
+        valid[row] = possible.reshape(blocks, block).sum(1)
+        seen = np.stack([drawn.distance, drawn.departure - place[2], drawn.arrival - agent[2]], -1)
+        for n in range(start[row], start[row + 1]):
+            gap = pair[n, :3] - seen
+            gap[:, 1:] = wrap(gap[:, 1:])
+            i00, i11, i22, i01, i02, i12 = pair[n, 3:9]
+            inverse = np.array([[i00, i01, i02], [i01, i11, i12], [i02, i12, i22]], np.float64)
+            density = possible * np.exp(-0.5 * np.einsum("pi,ij,pj->p", gap, inverse, gap))
+            weight[n] = density.reshape(blocks, block).sum(1)
+    return weight, valid
+
+
+def polylines(agent: Array, lines: Array, path: Whole, place: Array) -> tuple[Array, Array]:
+    """Twin of `kernels.paths.polylines`: corners (L, R, 4, 2) of possible paths, and which are, (L, R)."""
+    states = agent.shape[1]
+    corners, valid = np.zeros((len(path), states, 4, 2)), np.zeros((len(path), states))
+    surfaces, anchor = lines_of(lines), np.broadcast_to(place, (states, 2))
+    for row, (bounces, last, first) in enumerate(path):
+        drawn = trace(
+            agent.T, anchor, surfaces[max(last, 0)], surfaces[max(first, 0)], np.full(states, bounces)
+        )
+        corners[row], corners[row, :, 0] = agent.T[:, None], anchor
+        if bounces == 1:
+            corners[row, :, 1] = drawn.last_point
+        if bounces == 2:
+            corners[row, :, 1], corners[row, :, 2] = drawn.first_point, drawn.last_point
+        corners[row] = np.where(drawn.valid[:, None, None], corners[row], anchor[:, None])
+        valid[row] = drawn.valid
+    return corners, valid
+
+
+def propose(agent: Array, lines: Array, noise: Array, heard: Array, known: Whole, place: Array) -> Array:
+    """Twin of `kernels.births.propose`: mean of f(AoD) / span for measurements and hypotheses, (M, H)."""
+    samples = agent.shape[1]
+    weight = np.zeros((len(heard), len(known)))
+    surfaces, anchor = lines_of(lines), np.broadcast_to(place[:2], (samples, 2))
+    for m, (distance, departure, arrival, distance_std, departure_std, arrival_std) in enumerate(heard):
+        reach = distance + distance_std * noise[0]
+        bearing = arrival + arrival_std * noise[1] + agent[2]
+        image = agent[:2].T + reach[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], -1)
+        for h, (last, first) in enumerate(known):
+            end = mirror(surfaces[last], image) if last >= 0 else image
+            source = mirror(surfaces[first], anchor) if first >= 0 else anchor
+            span = np.linalg.norm(end - source, axis=1)
+            normal = (end - source) / np.maximum(span, 1e-12)[:, None]
+            fresh = np.stack(
+                [np.arctan2(normal[:, 1], normal[:, 0]), 0.5 * (normal * (end + source)).sum(1)], -1
+            )
+            double = last >= 0 or first >= 0
+            drawn = trace(
+                agent[:2].T,
+                anchor,
+                surfaces[last] if last >= 0 else fresh,
+                surfaces[first] if first >= 0 else fresh,
+                np.full(samples, 2 if double else 1),
+            )
+            density = np.full(samples, 1 / (2 * np.pi))
+            if departure_std < 1e6:
+                gap = wrap(departure - (drawn.departure - place[2])) / departure_std
+                density = np.exp(-0.5 * gap**2) / (departure_std * np.sqrt(2 * np.pi))
+            good = drawn.valid & (span > 1e-2) & (reach > 0)
+            weight[m, h] = np.where(good, density / np.maximum(span, 1e-12), 0.0).mean()
+    return weight
+
+
+def cells_of(
+    corners: Array, normals: Array, frame: Array, shape: tuple[int, int]
+) -> tuple[Array, list[Array]]:
+    """Cells that a ray crosses, (N, 2) [iy, ix], and those that it meets at each bounce; inside the grid.
+
+    Parameters
+    ----------
+    corners : (B + 2, 2) m
+    normals : (B, 2)
+    """
+    place = (corners - frame[:2]) / frame[2]
+    met = []
+    for point, normal in zip(place[1:-1], normals, strict=True):
+        around = point + np.outer([-1, 0, 1], normal)
+        met.append(_inside(np.floor(around).astype(int)[:, ::-1], shape))
+    crossed = [np.zeros((0, 2), int)]
+    for start, end in itertools.pairwise(place):
+        step = end - start
+        cuts = [np.array([0.0, 1.0])]
+        for axis in range(2):
+            if abs(step[axis]) > 1e-12:
+                low, high = sorted((start[axis], end[axis]))
+                cuts.append((np.arange(np.ceil(low), np.floor(high) + 1) - start[axis]) / step[axis])
+        share = np.unique(np.clip(np.concatenate(cuts), 0, 1))
+        middle = start + 0.5 * (share[1:] + share[:-1])[:, None] * step
+        middle = middle[np.diff(share) > 1e-9] if len(share) > 1 else start[None]
+        crossed.append(np.floor(middle).astype(int)[:, ::-1])
+    hit = {tuple(c) for cells in met for c in cells}
+    walked = np.concatenate([_inside(c, shape) for c in crossed])
+    return np.array([c for c in walked if tuple(c) not in hit], int).reshape(-1, 2), met
+
+
+def _inside(cells: Array, shape: tuple[int, int]) -> Array:
+    good = ((cells >= 0) & (cells < np.array(shape))).all(1)
+    return np.unique(cells[good], axis=0)
+
+
+def cast(
+    corners: Array, normals: Array, bounces: Whole, worth: Array, traversed: Array, hit: Array, frame: Array,
+    rays: int, outside: float,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Twin of `kernels.cells.cast`: V of every ray (K,), and log ratios summed over the paths (ny, nx).
+
+    A cell that a ray crosses on two legs counts twice in V, as the kernel has it, and its message is the
+    sum of two.
+    """
+    validity, message = np.zeros(len(corners)), np.zeros(traversed.shape)
+    for path, count in enumerate(bounces):
+        lift, total = np.zeros((2, *traversed.shape)), 0.0
+        for k in range(path * rays, (path + 1) * rays):
+            walked, met = cells_of(corners[k, : count + 2], normals[k, :count], frame, traversed.shape)
+            free = 1 - traversed[tuple(walked.T)]
+            bounce_v = [1 - np.prod(1 - hit[tuple(c.T)]) if len(c) else outside for c in met]
+            bounce_m = [1 - np.prod(1 - traversed[tuple(c.T)]) if len(c) else outside for c in met]
+            validity[k] = free.prod() * np.prod(bounce_v)
+            through = free.prod() * np.prod(bounce_m)
+            base = through * worth[path] + 1 - through
+            total += base
+            np.add.at(lift[0], tuple(walked.T), _message(np.minimum(through / free, 1), worth[path]) - base)
+            np.add.at(lift[1], tuple(walked.T), 1 - base)
+            for cells, own in zip(met, bounce_m, strict=True):
+                sure = through / max(own, 1e-12)
+                rest = (1 - own) / (1 - traversed[tuple(cells.T)])
+                np.add.at(lift[0], tuple(cells.T), _message(sure * (1 - rest), worth[path]) - base)
+                np.add.at(lift[1], tuple(cells.T), _message(sure, worth[path]) - base)
+        touched = (lift != 0).any(0)
+        change = np.log(np.maximum(total + lift[1], 1e-12)) - np.log(np.maximum(total + lift[0], 1e-12))
+        message += np.where(touched, change, 0.0)
+    return validity, message
+
+
+def _message(validity: Array, worth: float) -> Array:
+    return validity * worth + 1 - validity

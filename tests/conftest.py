@@ -1,0 +1,49 @@
+"""What several tests share: the command line in this process, and a scene that takes a second."""
+
+from typing import NamedTuple
+
+import pytest
+from scene_samples import shortened
+
+import gridslam as gs
+
+
+class Said(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+    @property
+    def complaints(self):
+        return self.err.strip().splitlines()
+
+
+@pytest.fixture
+def say(tmp_path, monkeypatch, capsys):
+    """Call the command line in an empty folder: `say("run", "room")` gives exit code, stdout, stderr."""
+    from gridslam.cli import main
+
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words):
+        monkeypatch.setattr("sys.argv", ["gridslam", *map(str, words)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stop:
+            main()
+        return Said(stop.value.code, *capsys.readouterr())
+
+    return call
+
+
+@pytest.fixture
+def short_room(tmp_path):
+    """Path of a scene file: `room`, five steps, two agents."""
+    path = tmp_path / "short.toml"
+    path.write_text(shortened(gs.Scene.load("room"), 5, agents=2).to_toml())
+    return path
+
+
+@pytest.fixture
+def no_figures(monkeypatch):
+    """Leave out the figures, which take longer than the filter."""
+    monkeypatch.setattr("gridslam.plots.draw_all", lambda folder: [])

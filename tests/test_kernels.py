@@ -1,0 +1,206 @@
+"""Every kernel against its plain NumPy twin: random inputs, and the edges where kernels go wrong."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gridslam import runtime, twins
+from gridslam.inference.births import SAMPLES
+from gridslam.kernels import PATH_BLOCK
+
+runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
+seeds = st.integers(0, 2**32 - 1)
+
+
+def random_world(draw, particles, kind, spread=0.05, surfaces=4):
+    """Agents near one place, lines near some walls, and all paths over them."""
+    agent = np.concatenate([draw.uniform(-4, 4, (2, 1)), draw.uniform(-3, 3, (1, 1))])
+    agent = (agent + spread * draw.normal(size=(3, particles))).astype(kind)
+    angle = draw.uniform(-np.pi, np.pi, (surfaces, 1)) + 0.02 * draw.normal(size=(surfaces, particles))
+    offset = draw.uniform(-6, 6, (surfaces, 1)) + spread * draw.normal(size=(surfaces, particles))
+    lines = np.stack([np.cos(angle), np.sin(angle), offset]).astype(kind)
+    path = [[0, -1, -1]] + [[1, s, s] for s in range(surfaces)]
+    path += [[2, s, r] for s in range(surfaces) for r in range(surfaces) if s != r]
+    place = np.array([*draw.uniform(-5, 5, 2), draw.uniform(-3, 3)], kind)
+    return agent, lines, np.array(path, np.int32), place
+
+
+def launch_evaluate(agent, lines, path, start, pair, place):
+    from gridslam.kernels.paths import evaluate
+
+    blocks = agent.shape[1] // PATH_BLOCK
+    weight = np.full((max(len(pair), 1), blocks), np.nan, np.float32)
+    valid = np.full((len(path), blocks), np.nan, np.float32)
+    table = pair if len(pair) else np.zeros((1, 11), np.float32)
+    evaluate(agent, lines, path, start, table, place, weight, valid)
+    return weight[: start[-1]], valid
+
+
+@given(seeds)
+@settings(max_examples=25, deadline=None)
+def test_path_evaluation_equals_its_twin(seed):
+    draw = np.random.default_rng(seed)
+    agent, lines, path, place = random_world(draw, 2 * PATH_BLOCK, np.float32)
+    per_path = draw.integers(0, 3, len(path))
+    start = np.concatenate([[0], np.cumsum(per_path)]).astype(np.int32)
+    pair = np.zeros((start[-1], 11), np.float32)
+    surfaces = twins.lines_of(lines).mean(1)
+    for row, (bounces, last, first) in enumerate(path):
+        drawn = twins.trace(
+            agent[None, :2].mean(2).astype(float), place[None, :2].astype(float), surfaces[[max(last, 0)]],
+            surfaces[[max(first, 0)]], np.array([bounces]),
+        )  # fmt: skip
+        near = [drawn.distance[0], drawn.departure[0] - place[2], drawn.arrival[0] - agent[2].mean()]
+        for n in range(start[row], start[row + 1]):
+            root = np.diag([0.1, 0.1, 0.1]) + 0.03 * draw.normal(size=(3, 3))
+            inverse = np.linalg.inv(root @ root.T)
+            pair[n, :3] = near + 0.1 * draw.normal(size=3)
+            pair[n, 3:6] = np.diagonal(inverse)
+            pair[n, 6:9] = inverse[0, 1], inverse[0, 2], inverse[1, 2]
+            reach = 8 * np.sqrt((root @ root.T)[0, 0])
+            pair[n, 9:] = pair[n, 0] - reach, pair[n, 0] + reach
+    weight, valid = launch_evaluate(agent, lines, path, start, pair, place)
+    expected, possible = twins.evaluate(agent, lines, path, start, pair, place, PATH_BLOCK)
+    # a particle on the edge of what is possible may fall on either side in single precision
+    assert np.abs(valid - possible).max() <= 2
+    sure = np.repeat(valid == possible, per_path, axis=0)
+    np.testing.assert_allclose(weight[sure], expected[sure], rtol=5e-3, atol=5e-3)
+
+
+@pytest.mark.parametrize("surfaces", [1, 3])
+def test_path_evaluation_without_any_measurement_still_tells_what_is_possible(surfaces):
+    draw = np.random.default_rng(5)
+    agent, lines, path, place = random_world(draw, PATH_BLOCK, np.float32, surfaces=surfaces)
+    start = np.zeros(len(path) + 1, np.int32)
+    weight, valid = launch_evaluate(agent, lines, path, start, np.zeros((0, 11), np.float32), place)
+    assert weight.shape[0] == 0
+    np.testing.assert_allclose(
+        valid, twins.evaluate(agent, lines, path, start, np.zeros((0, 11)), place, 64)[1], atol=1
+    )
+
+
+def test_a_wall_that_the_path_runs_along_or_stands_on_gives_no_reflection():
+    # agent and anchor on either side of the first, and on the second: parallel and grazing rays
+    agent = np.tile(np.array([[2.0], [1.0], [0.0]], np.float32), PATH_BLOCK)
+    lines = np.zeros((3, 2, PATH_BLOCK), np.float32)
+    lines[:, 0] = np.array([0.0, 1.0, 0.0])[:, None]
+    lines[:, 1] = np.array([0.0, 1.0, 1.0])[:, None]
+    path = np.array([[1, 0, 0], [1, 1, 1]], np.int32)
+    _, valid = launch_evaluate(
+        agent,
+        lines,
+        path,
+        np.zeros(3, np.int32),
+        np.zeros((0, 11), np.float32),
+        np.array([0, -1, 0], np.float32),
+    )
+    assert (valid == 0).all()
+
+
+@given(seeds)
+@settings(max_examples=25, deadline=None)
+def test_drawn_polylines_equal_their_twin(seed):
+    from gridslam.kernels.paths import polylines
+
+    draw = np.random.default_rng(seed)
+    agent, lines, path, place = random_world(draw, 7, np.float64)
+    corners, normals = np.zeros((len(path), 7, 4, 2)), np.zeros((len(path), 7, 2, 2))
+    valid = np.zeros((len(path), 7))
+    polylines(np.ascontiguousarray(agent[:2]), lines, path, place[:2].copy(), corners, normals, valid)
+    expected, possible = twins.polylines(agent[:2], lines, path, place[:2])
+    near = np.abs(expected).max((2, 3)) < 1e3
+    np.testing.assert_array_equal(valid[near], possible[near])
+    np.testing.assert_allclose(corners[near], expected[near], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1, atol=1e-9)
+
+
+@given(seeds, st.booleans())
+@settings(max_examples=15, deadline=None)
+def test_birth_proposals_equal_their_twin(seed, with_departure):
+    from gridslam.kernels.births import propose
+
+    draw = np.random.default_rng(seed)
+    agent, lines, _, place = random_world(draw, SAMPLES, np.float64, surfaces=2)
+    heard = np.array([[draw.uniform(1, 15), *draw.uniform(-3, 3, 2), 0.05, 0.3, 0.1] for _ in range(3)])
+    heard[:, 4] = 0.3 if with_departure else 1e9
+    known = np.array([[-1, -1], [-1, 0], [0, -1], [1, -1], [-1, 1]], np.int32)
+    noise, weight = draw.normal(size=(2, SAMPLES)), np.zeros((3, 5))
+    propose(agent, lines, noise, heard, known, place, weight)
+    expected = twins.propose(agent, lines, noise, heard, known, place)
+    np.testing.assert_allclose(weight, expected, rtol=1e-6, atol=1e-9)
+
+
+def launch_cast(corners, normals, bounces, worth, traversed, hit, frame, rays):
+    from gridslam.kernels.cells import SLABS, cast
+
+    validity, message = np.zeros(len(corners)), np.zeros((SLABS, *traversed.shape))
+    lift = np.zeros((SLABS, 2, *traversed.shape))
+    factor = np.stack([worth, np.ones(len(worth))], -1)
+    cast(corners, normals, bounces, factor, traversed, hit, frame, validity, lift, message, rays, 0.1, 12.0)
+    assert not lift.any(), "scratch is left as it was found"
+    return validity, message.sum(0)
+
+
+@given(seeds)
+@settings(max_examples=30, deadline=None)
+def test_ray_casting_and_cell_messages_equal_their_twin(seed):
+    draw = np.random.default_rng(seed)
+    shape, rays = (9, 12), 3
+    traversed, hit = draw.uniform(0.001, 0.5, shape), draw.uniform(0.001, 0.9, shape)
+    bounces = draw.integers(0, 3, 5).astype(np.int32)
+    corners = np.repeat(draw.uniform(-1, 7, (5, 1, 4, 2)), rays, 1) + 0.1 * draw.normal(size=(5, rays, 4, 2))
+    angle = draw.uniform(-3, 3, (5 * rays, 2))
+    normals = np.stack([np.cos(angle), np.sin(angle)], -1)
+    worth = np.exp(draw.normal(0, 2, 5))
+    frame = np.array([-0.3, 0.2, 0.5])
+    corners = corners.reshape(-1, 4, 2)
+    found = launch_cast(corners, normals, bounces, worth, traversed, hit, frame, rays)
+    expected = twins.cast(corners, normals, bounces, worth, traversed, hit, frame, rays, 0.1)
+    np.testing.assert_allclose(found[0], expected[0], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found[1], expected[1], rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "cells"),
+    [
+        ((0.5, 0.5), (3.5, 0.5), {(0, 0), (0, 1), (0, 2), (0, 3)}),  # parallel to an axis
+        ((2.5, 3.5), (2.5, 0.5), {(3, 2), (2, 2), (1, 2), (0, 2)}),
+        ((1.5, 1.5), (1.5, 1.5), {(1, 1)}),  # no length
+        ((-5.0, 1.5), (9.0, 1.5), {(1, 0), (1, 1), (1, 2), (1, 3)}),  # in and out of the grid
+        ((-5.0, -1.5), (9.0, -1.5), set()),  # past it
+    ],
+)
+def test_a_ray_touches_exactly_the_cells_on_its_way(start, end, cells):
+    shape, rays = (4, 4), 1
+    corners = np.array([start, end, end, end], float)[None]
+    _, message = launch_cast(
+        corners, np.ones((1, 2, 2)), np.zeros(1, np.int32), np.array([9.0]), np.full(shape, 0.1),
+        np.full(shape, 0.1), np.array([0.0, 0.0, 1.0]), rays,
+    )  # fmt: skip
+    assert {tuple(int(i) for i in c) for c in np.argwhere(message != 0)} == cells
+
+
+@pytest.mark.parametrize("end", [(3.5, 3.5), (3.5, 0.5), (0.5, 3.5)])
+def test_a_ray_through_corners_stays_between_the_cells_that_touch_it(end):
+    corners = np.array([(0.5, 0.5) if end != (0.5, 3.5) else (3.5, 0.5), end, end, end], float)[None]
+    shape = (4, 4)
+    validity, message = launch_cast(
+        corners, np.ones((1, 2, 2)), np.zeros(1, np.int32), np.array([9.0]), np.full(shape, 0.1),
+        np.full(shape, 0.1), np.array([0.0, 0.0, 1.0]), 1,
+    )  # fmt: skip
+    touched = np.argwhere(message != 0)
+    low, high = corners[0, :2].min(0), corners[0, :2].max(0)
+    assert (touched[:, ::-1] + 1 >= low).all()
+    assert (touched[:, ::-1] <= high).all()
+    assert 0.9 ** len(touched) == pytest.approx(validity[0])
+
+
+def test_no_paths_cast_nothing():
+    shape = (3, 3)
+    validity, message = launch_cast(
+        np.zeros((0, 4, 2)), np.zeros((0, 2, 2)), np.zeros(0, np.int32), np.zeros(0), np.full(shape, 0.1),
+        np.full(shape, 0.1), np.array([0.0, 0.0, 1.0]), 2,
+    )  # fmt: skip
+    assert len(validity) == 0
+    assert not message.any()

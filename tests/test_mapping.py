@@ -1,0 +1,156 @@
+"""One mapping run: progress, particles, frames, and what a run is judged against."""
+
+import io
+
+import numpy as np
+import pytest
+from rich.console import Console
+from scene_samples import shortened
+
+import gridslam as gs
+from gridslam.frames import fitted, stamped
+from gridslam.progress import progress_bar
+from gridslam.scoring import inherited_truth, known_bound, truth_of, with_truth
+from gridslam.trajectory import Trajectory
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+STEPS = 4
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return shortened(gs.Scene.load("room"), STEPS, agents=2)
+
+
+@pytest.fixture(scope="module")
+def heard(scene):
+    return gs.simulate(scene, "agent1", 1)
+
+
+@pytest.fixture(scope="module")
+def run(scene, heard):
+    return gs.map_scene(scene, heard, seed=1, particles=300)
+
+
+def shown(truth, run, terminal=True):
+    console = Console(file=io.StringIO(), force_terminal=terminal, width=140, color_system=None)
+    with progress_bar("agent1", truth, console) as tell:
+        for done, estimate in enumerate(run.estimates, 1):
+            tell(estimate, done, STEPS)
+    return console.file.getvalue()
+
+
+def test_bar_shows_steps_rate_error_and_surfaces(heard, run):
+    text = shown(heard.truth, run)
+    assert f"{STEPS}/{STEPS}" in text
+    assert "steps/s" in text
+    assert f"{run.estimates[-1].detected.sum()} surfaces" in text
+    rmse = np.sqrt(((run.trajectory.position_m - heard.truth.position_m) ** 2).sum(1).mean())
+    assert f"error {100 * rmse:.1f} cm" in text
+
+
+def test_bar_knows_no_error_without_truth_and_shows_nothing_in_a_file(heard, run):
+    assert "error" not in shown(None, run)
+    assert shown(heard.truth, run, terminal=False) == ""
+
+
+def test_progress_is_a_bar_on_terminals_alone_or_whatever_is_called(scene, heard, run, capsys):
+    told = []
+    again = gs.map_scene(
+        scene, heard, seed=1, particles=300, progress=lambda *state: told.append((state[0].step, *state[1:]))
+    )
+    assert told == [(step, step + 1, STEPS) for step in range(STEPS)]
+    quiet = gs.map_scene(scene, heard, seed=1, particles=300, progress=True)
+    assert capsys.readouterr() == ("", "")
+    for other in (again, quiet):
+        np.testing.assert_array_equal(other.trajectory.position_m, run.trajectory.position_m)
+
+
+def test_particles_replace_those_of_the_scene(scene, heard, run):
+    assert run.scene.filter.particles == 300
+    assert scene.filter.particles != 300
+    with pytest.raises(gs.InputError, match="particles"):
+        gs.map_scene(scene, heard, particles=0)
+
+
+def test_unknown_method_names_the_known_ones(scene, heard):
+    with pytest.raises(gs.InputError, match=r"'magic'; allowed: .*grid"):
+        gs.map_scene(scene, heard, method="magic")
+
+
+def test_method_without_cells_has_no_map_scores(scene, heard):
+    run = gs.map_scene(scene, heard, method="adaptive", particles=300)
+    score = run.score(gs.ground_truth(scene, "agent1"))
+    assert score["surfaces_true"] == 4
+    assert set(score["map"].values()) == {None}
+
+
+def test_map_says_in_which_frame_it_is(scene, run):
+    assert run.map.provenance["anchors"] == ["A", "B"]
+    same, note = fitted(run.map, scene)
+    assert (same, note) == (run.map, None)
+    moved = scene.model_dump(exclude_none=True)
+    moved["anchors"][0]["position_m"] = (-3.0, 2.2)
+    with pytest.raises(gs.InputError, match=r"anchor 'A' at \(-3.1, 2.2\) m"):
+        fitted(run.map, gs.Scene.checked(moved, "moved"))
+    with pytest.raises(gs.InputError, match="frame"):
+        gs.fuse([run.map, stamped(run.map, gs.Scene.checked(moved, "moved"))])
+
+
+def test_map_of_other_radios_is_in_the_frame_if_it_overlaps(scene, run):
+    named = {key: value for key, value in run.map.provenance.items() if not key.startswith("anchor")}
+    blank = gs.Map.blank((-1.0, -1.0), 0.1, (5, 6), run.map.prior)
+    for provenance in (
+        {},
+        named,
+        {"anchors": ["Z"], "anchor_x_m": [9.0], "anchor_y_m": [9.0]},
+        {"anchors": 3},
+    ):
+        blank.provenance.clear()
+        blank.provenance.update(provenance)
+        sheet, note = fitted(blank, scene, "m.h5")
+        assert sheet.shape == scene.grid.shape
+        assert note.startswith("m.h5: 6 x 5 cells of 0.1 m resampled")
+
+
+def test_inherited_surfaces_are_no_ghosts(scene, run):
+    """A wall that only the earlier agent could hear of counts as true, and its cells as hit."""
+    own, earlier = (gs.ground_truth(scene, name) for name in ("agent1", "agent2"))
+    blind = gs.Truth(own.trajectory, own.paths.take(own.paths.bounces == 0), own.segments)
+    alone, joined = run.score(blind), run.score(blind, [earlier])
+    assert alone["surfaces_true"] == 0
+    assert joined["surfaces_true"] == 4
+    assert joined["surface_ospa_m"] < alone["surface_ospa_m"]
+    assert alone["map"]["occupied_recall"] is None or joined["map"] != alone["map"]
+    assert joined["position_rmse_m"] == alone["position_rmse_m"]
+
+
+def test_map_tells_whose_truth_it_holds(scene, run):
+    (found,) = inherited_truth(scene, run.map)
+    np.testing.assert_array_equal(found.paths.points, gs.ground_truth(scene, "agent1").paths.points)
+    assert inherited_truth(scene, run.map, latest=False) == []
+    assert inherited_truth(scene, gs.Map.blank((0, 0), 0.1, (4, 4), 0.01)) == []
+
+
+def test_recorded_track_is_interpolated_to_the_steps(heard):
+    def way(time):  # straight, and turning through pi
+        place, speed = np.outer(time, [0.3, -0.2]), np.tile([0.3, -0.2], (len(time), 1))
+        return Trajectory(time, place, speed, 3.0 + 0.1 * time)
+
+    found = with_truth(heard, way(np.linspace(-0.3, STEPS - 0.7, 8)), "x.tum").truth
+    expected = way(np.arange(STEPS, dtype=float))
+    for name in ("time_s", "position_m", "velocity_mps", "heading_rad"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-12)
+    with pytest.raises(gs.InputError, match=r"x.tum.*-0.3 to 2.5 s.*0 to 3 s"):
+        with_truth(heard, way(np.linspace(-0.3, 2.5, 8)), "x.tum")
+
+
+def test_bound_is_of_the_scenes_own_way_alone(scene, heard):
+    own = truth_of(scene, "agent1", heard.truth)
+    assert known_bound(scene, "agent1", own).position_m.shape == (STEPS,)
+    elsewhere = Trajectory(
+        heard.truth.time_s, heard.truth.position_m + 0.1, heard.truth.velocity_mps, heard.truth.heading_rad
+    )
+    assert known_bound(scene, "agent1", truth_of(scene, "agent1", elsewhere)) is None
+    assert known_bound(scene, "agent1", heard.truth) is None
+    assert known_bound(scene, "agent1", None) is None

@@ -1,0 +1,114 @@
+"""What the README says is what happens: its commands, options, examples, links."""
+
+import doctest
+import importlib
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+import typer
+from scene_samples import shortened
+
+import gridslam as gs
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language):
+    return re.findall(rf"^```{language}\n(.*?)^```", README, re.M | re.S)
+
+
+def setup_commands():
+    """The lines that do everything from nothing."""
+    return [
+        line for block in blocks("sh") for line in block.splitlines() if line.startswith("python3 -m venv")
+    ]
+
+
+@pytest.fixture
+def brief_scenes(monkeypatch):
+    """Cut the bundled scenes short: the README's words are tested here, not its patience."""
+    whole = gs.Scene.load
+
+    def load(source):
+        scene = whole(source)
+        known = str(source) in gs.bundled_scenes()
+        return shortened(scene, 4, agents=len(scene.agents)) if known else scene
+
+    monkeypatch.setattr(gs.Scene, "load", staticmethod(load))
+
+
+def commands():
+    from gridslam.cli import app
+
+    return typer.main.get_command(app).commands
+
+
+def test_python_examples_run_one_after_the_other(brief_scenes, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for block in blocks("python"):
+        exec(compile(block, "README.md", "exec"), names)
+    assert "position_rmse_m" in capsys.readouterr().out
+    assert {"agent1.h5", "map.yaml", "map.pgm", "checkpoint.h5"} <= {p.name for p in tmp_path.iterdir()}
+    assert names["estimate"].step == 3
+    assert names["both"].observed.any()
+    assert names["mine"].map.observed.any()
+
+
+def test_command_line_examples_run_one_after_the_other(brief_scenes, say, no_figures):
+    lines = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("gridslam ")]
+    assert len(lines) >= 6
+    for line in lines:
+        said = say(*shlex.split(line, comments=True)[1:])
+        assert (said.code, said.err) == (0, ""), line
+
+
+def test_main_command_ends_in_a_command_that_there_is(say):
+    run, _ = setup_commands()
+    last = shlex.split(run.split("&&")[-1])
+    assert last[0] == ".venv/bin/gridslam"
+    said = say(*last[1:], "--help")
+    assert said.code == 0
+    assert "scene" in said.out.lower()
+
+
+def test_gate_runs_the_test_command_of_the_readme():
+    _, test = setup_commands()
+    assert test in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+
+
+def test_options_are_those_of_the_readme():
+    there = {
+        name
+        for group in commands().values()
+        for command in (group, *getattr(group, "commands", {}).values())
+        for parameter in command.params
+        for name in parameter.opts
+        if name.startswith("--") and name != "--help"
+    }
+    assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", README)) == there
+
+
+def test_every_command_is_in_the_readme():
+    for name in commands():
+        assert f"gridslam {name}" in README
+
+
+def test_links_lead_somewhere():
+    links = re.findall(r"\]\(([^)#]+)\)", README)
+    for link in links:
+        if not link.startswith(("http:", "https:")):
+            assert (ROOT / link).is_file(), link
+
+
+@pytest.mark.parametrize("name", ["measurements", "scene", "simulate"])
+def test_examples_in_docstrings(name, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    found = doctest.testmod(importlib.import_module(f"gridslam.{name}"))
+    assert found.attempted > 0
+    assert found.failed == 0
