@@ -14,46 +14,14 @@ from gridslam import deepmimo, formats, matlab, ragged, raytracers, sionna
 from gridslam.errors import InputError
 from gridslam.formats import DEVIATIONS, KEYS, VALUES
 from gridslam.geometry import wrap
+from gridslam.scan import Scan
 from gridslam.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from gridslam.scene import Scene
 
+__all__ = ["Measurements", "Scan"]
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Scan:
-    """What was heard at one step; NaN stands for not measured.
-
-    Attributes
-    ----------
-    step : int
-    time_s : float
-    anchor : (M,) int
-        Index of the anchor.
-    distance_m : (M,) float64
-    aod_rad, aoa_rad : (M,) float64
-        Departure relative to the anchor's orientation, arrival relative to the heading.
-    amplitude : (M,) float64
-        Square root of the path's SNR.
-    distance_std_m, aod_std_rad, aoa_std_rad : (M,) float64 or None
-        Used instead of the Fisher-information values.
-    """
-
-    step: int
-    time_s: float
-    anchor: NDArray[np.intp]
-    distance_m: Array
-    aod_rad: Array
-    aoa_rad: Array
-    amplitude: Array
-    distance_std_m: Array | None = None
-    aod_std_rad: Array | None = None
-    aoa_std_rad: Array | None = None
-
-    def __len__(self) -> int:
-        return len(self.anchor)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

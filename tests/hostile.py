@@ -15,7 +15,7 @@ CASES = settings(
     database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
-FEWER = settings(CASES, max_examples=CASES.max_examples // 2)
+FEWER = settings(CASES, max_examples=CASES.max_examples // 5)
 LARGEST_KB = 800_000
 NASTY = (
     *("", "0", "-1", "1", "nan", "-inf", "1e308", "-1e308", "1e-320", "1e400", "9" * 30, "9" * 5000, "0x1p9"),

@@ -67,6 +67,9 @@ class Reader(HTMLParser):
 
 
 def test_page_holds_all_and_loads_nothing(run_folder):
+    (run_folder / "figures").mkdir()  # instead of drawing them all, which is tested elsewhere
+    for title in ("map", "reflection", "rays", "errors"):
+        Image.new("L", (4, 4)).save(run_folder / "figures" / f"agent1-{title}.png")
     path = write_report(run_folder)
     page = Reader()
     page.feed(path.read_text(encoding="utf-8"))
