@@ -1,4 +1,4 @@
-"""Measurement tables in MATLAB's ``.mat`` files, version 5 to 7 (SciPy reads them) and 7.3 (they are HDF5).
+"""Measurement tables in MATLAB's ``.mat`` files, version 5 to 7 (`gridslam.matlab5`) and 7.3 (HDF5).
 
 The file holds the columns of the CSV file as vectors of equal length, as variables of their own or as the
 fields of one struct ``measurements``, as MATLAB writes it from a table::
@@ -14,12 +14,7 @@ that is taken of those that are.
 
 from __future__ import annotations
 
-import io
-import math
 import os
-import struct
-import warnings
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -28,8 +23,9 @@ import h5py
 import numpy as np
 
 from gridslam.errors import InputError
-from gridslam.files import LARGEST_BYTES
+from gridslam.files import claims_too_much
 from gridslam.formats import DEVIATIONS, KEYS, VALUES, Columns, check_columns
+from gridslam.matlab5 import Damaged, read_arrays
 
 GROUP = "measurements"
 COLUMNS = (*KEYS, *VALUES, *DEVIATIONS)
@@ -139,103 +135,17 @@ def _line(error: BaseException) -> str:
 
 
 def _read_v5(path: Path) -> dict[str, Any]:
-    from scipy.io import loadmat
-
-    content = _unpacked(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # double names and the like: what was read is checked below
-            whole = loadmat(
-                io.BytesIO(content), variable_names=[GROUP, "anchors", *COLUMNS], chars_as_strings=True
-            )
-    except Exception as error:  # whatever SciPy stumbles over in a damaged file
-        found = f"a damaged MATLAB file ({_line(error)})"
-        raise InputError(str(path), found, "a MATLAB file, version 5 to 7.3") from error
-    group = whole.get(GROUP)
-    raw: dict[str, Any] = {}
-    if isinstance(group, np.ndarray) and group.dtype.names and group.size == 1:
-        raw |= {name: group[name].flat[0] for name in group.dtype.names}
-    raw |= {name: whole[name] for name in (*COLUMNS, "anchors") if name in whole}
-    return {name: _plain(value) for name, value in raw.items() if name in COLUMNS or name == "anchors"}
-
-
-def _plain(value: Any) -> Any:
-    """Cell arrays of text as lists; everything else as it is."""
-    if isinstance(value, np.ndarray) and value.dtype.kind == "U":
-        return [str(word).rstrip() for word in value.ravel(order="F")]
-    if isinstance(value, np.ndarray) and value.dtype.kind == "O":
-        return [_word(cell) for cell in value.ravel(order="F")]
-    return value
-
-
-def _word(cell: Any) -> str:
-    is_text = isinstance(cell, np.ndarray) and cell.dtype.kind == "U" and cell.size == 1
-    return str(cell.flat[0]) if is_text else ""
-
-
-def _unpacked(path: Path) -> bytes:
-    """The file with its packed variables unpacked, so that no small file can claim a large memory."""
     size = path.stat().st_size
     if size > LARGEST_MAT_BYTES:
         raise InputError(str(path), f"{size} bytes", f"at most {LARGEST_MAT_BYTES} bytes, or version 7.3")
-    content = path.read_bytes()
-    if len(content) < 128 or content[126:128] not in (b"IM", b"MI"):
-        raise InputError(str(path), "no MATLAB header", "a MATLAB file, version 5 to 7.3")
-    order = "<" if content[126:128] == b"IM" else ">"
-    parts, place, left = [content[:128]], 128, LARGEST_MAT_BYTES
-    while place + 8 <= len(content):
-        kind, length = struct.unpack_from(f"{order}II", content, place)
-        if kind >> 16 or place + 8 + length > len(content):
-            raise InputError(str(path), "a variable that is cut short", "a whole MATLAB file")
-        part = content[place + 8 : place + 8 + length]
-        if kind == 15:  # miCOMPRESSED, never padded
-            part = _inflate(part, left, path)
-            place += 8 + length
-        else:
-            part = content[place : place + 8 + length + -length % 8]
-            place += 8 + length + -length % 8
-        _check_sizes(part, order, path)
-        parts.append(part)
-        left -= len(part)
-        if left < 0:
-            raise InputError(str(path), "a file too large", f"at most {LARGEST_MAT_BYTES} bytes unpacked")
-    return b"".join(parts)
-
-
-def _inflate(part: bytes, most: int, path: Path) -> bytes:
-    engine = zlib.decompressobj()
     try:
-        whole = engine.decompress(part, most + 1)
-    except zlib.error as error:
-        raise InputError(str(path), f"a damaged MATLAB file ({error})", "a whole MATLAB file") from error
-    if len(whole) > most:
-        raise InputError(str(path), "a file too large", f"at most {LARGEST_MAT_BYTES} bytes unpacked")
-    if not engine.eof or len(whole) < 8:
-        raise InputError(str(path), "a variable that is cut short", "a whole MATLAB file")
-    return whole
-
-
-def _check_sizes(part: bytes, order: str, path: Path) -> None:
-    """Refuse an array, also one inside a struct or cell, that claims more elements than it has bytes."""
-    waiting = [(0, len(part))]
-    while waiting:
-        place, end = waiting.pop()
-        inside = 0
-        while place + 8 <= end:
-            kind, length = struct.unpack_from(f"{order}II", part, place)
-            small = kind >> 16  # up to four bytes lie in the tag itself
-            begin, size = (place + 4, small) if small else (place + 8, length)
-            if kind == 14:
-                waiting.append((begin, min(begin + size, end)))
-            elif inside == 1 and kind & 0xFFFF == 5 and (place, end) != (0, len(part)):
-                count = min(size, end - begin) // 4
-                claimed = math.prod(max(n, 0) for n in struct.unpack_from(f"{order}{count}i", part, begin))
-                if claimed > end - place:
-                    raise InputError(
-                        str(path), f"an array of {claimed} elements", "as many as there are bytes"
-                    )
-            inside += 1
-            place = begin + (4 if small else size + -size % 8)
+        whole = read_arrays(path.read_bytes(), {GROUP, "anchors", *COLUMNS}, LARGEST_MAT_BYTES)
+    except Damaged as error:
+        found = f"a damaged MATLAB file ({_line(error)})"
+        raise InputError(str(path), found, "a MATLAB file, version 5 to 7.3") from error
+    group = whole.pop(GROUP, None)
+    raw = {**(group if isinstance(group, dict) else {}), **whole}
+    return {name: value for name, value in raw.items() if name in COLUMNS or name == "anchors"}
 
 
 # ---- version 7.3
@@ -262,8 +172,8 @@ def _read_h5(path: Path) -> dict[str, Any]:
 
 def _dataset(data: h5py.Dataset, file: h5py.File, where: str) -> Any:
     """Numbers as an array, a cell array of text as a list, a character array as one word."""
-    if data.shape is None or data.size * data.dtype.itemsize > LARGEST_BYTES:
-        raise InputError(where, f"{data.size} values", f"at most {LARGEST_BYTES} bytes")
+    if data.shape is None or claims_too_much(data):
+        raise InputError(where, f"{data.size} values", "as many as the file holds")
     if data.attrs.get("MATLAB_empty", 0):
         return np.zeros(0)
     if h5py.check_ref_dtype(data.dtype) is h5py.Reference:
@@ -279,7 +189,12 @@ def _dataset(data: h5py.Dataset, file: h5py.File, where: str) -> Any:
 
 def _referred(link: h5py.Reference, file: h5py.File, where: str) -> str:
     target = file[link] if link else None
-    if not isinstance(target, h5py.Dataset) or target.dtype.kind != "u" or target.size > 1000:
+    if (
+        not isinstance(target, h5py.Dataset)
+        or target.dtype.kind != "u"
+        or target.size > 1000
+        or claims_too_much(target)
+    ):
         raise InputError(where, "a cell without a name", "a cell array of names")
     return _characters(target[()].T.ravel(order="F")) if not target.attrs.get("MATLAB_empty", 0) else ""
 
