@@ -106,12 +106,13 @@ def _matrix(data: bytes, order: str, wanted: Collection[str] | None, depth: int)
     flags, size, name = _next(parts), _next(parts), _next(parts)[1].decode("latin-1")
     if wanted is not None and name not in wanted:
         return name, None
-    if len(flags[1]) < 4 or size[0] != 5 or len(size[1]) % 4 or depth > DEEPEST:
+    if len(flags[1]) < 4 or size[0] != 5 or len(size[1]) % 4 or not size[1] or depth > DEEPEST:
         raise Damaged("an array without its size")
     flag = struct.unpack_from(f"{order}I", flags[1])[0]
     shape = struct.unpack(f"{order}{len(size[1]) // 4}i", size[1])
     count = math.prod(shape)
-    if min(shape, default=0) < 0 or count > len(data):
+    shape = shape if count else (0,)  # an empty array may be as wide as it likes
+    if min(shape) < 0 or count > len(data) or len(shape) > 32:
         raise Damaged(f"an array of {count} elements in {len(data)} bytes")
     kind = flag & 0xFF
     if kind == CELL:
