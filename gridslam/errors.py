@@ -20,6 +20,10 @@ class InputError(ValueError):
         self.where, self.found, self.allowed = _line(where), _line(found), _line(allowed)
         super().__init__(f"{self.where}: found {self.found}; allowed: {self.allowed}")
 
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
+        """Travel whole from a worker process: the parts, where ValueError would pass on the sentence."""
+        return type(self), (self.where, self.found, self.allowed)
+
 
 def _line(text: str, longest: int = 500) -> str:
     """The text on one line, whatever a hostile file put into it."""
