@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from gridslam import cli_files
+from gridslam import cli_bench, cli_files
 from gridslam.errors import InputError
 
 if TYPE_CHECKING:
@@ -103,6 +103,7 @@ def simulate(
 
 
 cli_files.register(app)
+cli_bench.register(app)
 
 
 def main() -> None:

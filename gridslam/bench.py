@@ -1,0 +1,328 @@
+"""Speed and memory on this machine: kernels against their twins, whole steps, growth, start-up."""
+
+from __future__ import annotations
+
+import gc
+import json
+import time
+import tomllib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import tomli_w
+
+from gridslam import runtime
+from gridslam.bench_kernels import KernelSpeed, compete, largest_launches
+from gridslam.bench_stages import KERNEL, Stopwatch
+from gridslam.bench_start import Machine, StartUp, machine, start_up
+from gridslam.mapping import METHODS
+from gridslam.measurements import Scan
+from gridslam.scene import Scene
+from gridslam.simulate import simulate
+
+Tell = Callable[[str, int, int], None]
+VERSION = 1
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much is measured; the defaults take a few minutes.
+
+    Attributes
+    ----------
+    particles : tuple of int
+        Of the whole steps on `alcove`.
+    canyon : int
+        Particles on `canyon`.
+    before, timed, watched : int
+        Steps before anything is timed, steps of which the median is taken, steps that are split by stage.
+    kernel_particles, kernel_before : int
+        Particles and steps at which the kernels' cases are taken.
+    kernel_s : float
+        Seconds of repeats for each kernel, and each twin.
+    growth_particles : int
+        At which the growth in everything else is measured.
+    surfaces : tuple of int
+        Sides of the polygons.
+    false_alarms, cell_m : tuple of float
+        Per anchor and step; m.
+    steps : tuple of int
+        Lengths of a run.
+    repeats : int
+        Of the start-ups.
+    """
+
+    particles: tuple[int, ...] = (1_000, 3_000, 10_000, 30_000, 60_000)
+    canyon: int = 10_000
+    before: int = 12
+    timed: int = 20
+    watched: int = 6
+    kernel_particles: int = 10_000
+    kernel_before: int = 60
+    kernel_s: float = 1.0
+    growth_particles: int = 3_000
+    surfaces: tuple[int, ...] = (3, 4, 6, 8, 12)
+    false_alarms: tuple[float, ...] = (2.0, 8.0, 32.0, 64.0)
+    cell_m: tuple[float, ...] = (0.2, 0.1, 0.05, 0.025)
+    steps: tuple[int, ...] = (24, 48, 120, 240)
+    repeats: int = 3
+
+
+QUICK = Plan(
+    particles=(256, 1_024), canyon=256, before=1, timed=2, watched=1, kernel_particles=256, kernel_before=2,
+    kernel_s=0.01, growth_particles=256, surfaces=(3, 4), false_alarms=(2.0, 8.0), cell_m=(0.2, 0.1),
+    steps=(2, 4), repeats=1,
+)  # fmt: skip
+"""Everything once, in seconds: to see that it works, not to believe its numbers."""
+
+
+@dataclass(frozen=True)
+class StepSpeed:
+    """Whole steps of one method.
+
+    Attributes
+    ----------
+    method, scene : str
+    particles : int
+    step_ms : float
+        Median.
+    steps_per_s : float
+        ``1000 / step_ms``.
+    peak_memory_mb : float
+        Of the process, while these steps ran.
+    stages_ms : dict
+        Milliseconds per step by stage; the last steps of the run, which are watched.
+    not_kernel_share : float
+        Share of those steps that isn't a kernel; launches aren't.
+    """
+
+    method: str
+    scene: str
+    particles: int
+    step_ms: float
+    steps_per_s: float
+    peak_memory_mb: float
+    stages_ms: dict[str, float]
+    not_kernel_share: float
+
+
+@dataclass(frozen=True)
+class Growth:
+    """How time grows with one thing.
+
+    Attributes
+    ----------
+    of : str
+    size : tuple of float
+        How much of it there was, on average.
+    seconds : tuple of float
+        Of a step (median); of the whole run where `of` is "steps".
+    peak_memory_mb : tuple of float
+    exponent : float
+        Slope of a straight line through the logarithms; nan for less than two sizes.
+    """
+
+    of: str
+    size: tuple[float, ...]
+    seconds: tuple[float, ...]
+    peak_memory_mb: tuple[float, ...]
+    exponent: float
+
+
+@dataclass(frozen=True)
+class Speed:
+    """All that was measured."""
+
+    machine: Machine
+    kernels: tuple[KernelSpeed, ...]
+    steps: tuple[StepSpeed, ...]
+    growth: tuple[Growth, ...]
+    start_up: StartUp
+    seconds: float
+
+    def to_json(self) -> str:
+        """Everything as JSON, keys as the attributes."""
+        return json.dumps({"format": "gridslam-bench", "version": VERSION, **asdict(self)}, indent=2) + "\n"
+
+
+def measure(
+    plan: Plan | None = None, device: str = "auto", threads: int | None = None, tell: Tell | None = None
+) -> Speed:
+    """Measure speed and memory on this machine, in this process and, for the start-up, in others.
+
+    Parameters
+    ----------
+    plan : Plan, optional
+        How much (default: `Plan()`, a few minutes).
+    device : str
+        auto, cpu or gpu.
+    threads : int, optional
+        Of the kernels (default: one per core).
+    tell : callable, optional
+        Gets (what comes next, parts done, parts in all).
+
+    Returns
+    -------
+    Speed
+
+    Raises
+    ------
+    InputError
+        The device can't be had.
+    """
+    plan, began = plan or Plan(), time.perf_counter()
+    here = machine(runtime.start(device, threads))
+    kinds = [("grid", "alcove", n) for n in plan.particles] + [("grid", "canyon", plan.canyon)]
+    kinds += [("adaptive", "alcove", n) for n in plan.particles]
+    parts = ["start-up", "kernels", *(f"{method}, {name}, {n} particles" for method, name, n in kinds)]
+    parts += ["growth"]
+    todo = iter(range(len(parts)))
+
+    def next_part() -> None:
+        if tell is not None:
+            number = next(todo)
+            tell(parts[number], number, len(parts))
+
+    next_part()
+    started = start_up(plan.repeats, device)
+    next_part()
+    alcove = Scene.load("alcove")
+    cases = largest_launches(alcove.with_filter(particles=plan.kernel_particles), plan.kernel_before)
+    kernels = tuple(compete(name, case, plan.kernel_s) for name, case in sorted(cases.items()))
+    launch = {kernel.name: 1e-6 * kernel.launch_us for kernel in kernels}
+    steps = []
+    for method, name, particles in kinds:
+        next_part()
+        steps.append(_steps(Scene.load(name).with_filter(particles=particles), method, plan, launch))
+    next_part()
+    on_alcove = [s for s in steps if (s.method, s.scene) == ("grid", "alcove")]
+    growth = (
+        fitted(
+            "particles", plan.particles, [1e-3 * s.step_ms for s in on_alcove],
+            [s.peak_memory_mb for s in on_alcove],
+        ),
+        *_growth(alcove.with_filter(particles=plan.growth_particles), plan),
+    )  # fmt: skip
+    return Speed(here, kernels, tuple(steps), growth, started, time.perf_counter() - began)
+
+
+def fitted(of: str, size: Sequence[float], seconds: Sequence[float], memory: Sequence[float]) -> Growth:
+    """Fit the exponent of time against size."""
+    exponent = float("nan")
+    if len(set(size)) > 1:
+        exponent = float(np.polyfit(np.log(size), np.log(seconds), 1)[0])
+    return Growth(of, tuple(map(float, size)), tuple(seconds), tuple(memory), exponent)
+
+
+def changed(scene: Scene, **sections: dict[str, Any]) -> Scene:
+    """Return the scene with other values in some sections of its text; "agents" is for all agents."""
+    data = tomllib.loads(scene.to_toml())
+    for section, values in sections.items():
+        for table in data[section] if isinstance(data[section], list) else [data[section]]:
+            table.update(values)
+    return Scene.from_toml(tomli_w.dumps(data), scene.name)
+
+
+def polygon(sides: int, particles: int) -> Scene:
+    """Closed room of `sides` equal walls, 3.5 m from its middle."""
+    data = tomllib.loads(Scene.load("room").to_toml())
+    turn = 2 * np.pi * (np.arange(sides) + 0.5) / sides
+    corner = 3.5 / np.cos(np.pi / sides) * np.stack([np.cos(turn), np.sin(turn)], -1)
+    side = float(np.abs(corner).max()) + 0.5
+    data["grid"] = {"x_m": [-side, side], "y_m": [-side, side], "cell_m": 0.1}
+    data["walls"] = [{"material": "concrete", "points_m": corner.tolist(), "closed": True}]
+    for anchor, place in zip(data["anchors"], ([-1.5, 0.8], [1.2, -1.3]), strict=True):
+        anchor["position_m"] = place
+    agent = {"start_m": [-1.0, -0.6], "waypoints_m": [[0.5, -0.4], [1.0, 0.6], [-0.4, 1.2], [-1.4, 0.2]]}
+    data["agents"] = [{**data["agents"][0], **agent, "start_heading_deg": 8.0}]
+    del data["agents"][0]["steps"]
+    return Scene.from_toml(tomli_w.dumps(data), "polygon").with_filter(particles=particles)
+
+
+class PeakMemory:
+    """Largest resident memory of this process since this object was made, MB."""
+
+    def __init__(self) -> None:
+        gc.collect()
+        self._seen = 0.0
+        try:  # Linux keeps the peak itself, and lets it be reset
+            Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+            self._kept = True
+        except OSError:
+            self._kept = False
+
+    def look(self) -> float:
+        """The peak; elsewhere than on Linux, the largest of all looks."""
+        memory = psutil.Process().memory_info().rss / 2**20
+        if self._kept:
+            status = Path("/proc/self/status").read_text(encoding="utf-8")
+            memory = int(status.partition("VmHWM:")[2].split()[0]) / 2**10
+        self._seen = max(self._seen, memory)
+        return self._seen
+
+
+def _heard(scene: Scene, steps: int) -> list[Scan]:
+    name = scene.agents[0].name
+    return list(simulate(changed(scene, agents={"steps": steps}), name, seed=1))
+
+
+def _steps(scene: Scene, method: str, plan: Plan, launch: dict[str, float]) -> StepSpeed:
+    """Run a method from the start, time some steps, and split some more by stage."""
+    scans = _heard(scene, plan.before + plan.timed + plan.watched)
+    memory, slam = PeakMemory(), METHODS[method](scene, seed=1)
+    took, _, _ = _timed(slam.step, scans[: -plan.watched], memory)
+    with Stopwatch().watching() as watch:
+        watched, _, _ = _timed(slam.step, scans[-plan.watched :], memory)
+    stages = watch.of_step(sum(watched), plan.watched, launch)
+    median = float(np.median(took[plan.before :]))
+    in_kernels = sum(seconds for name, seconds in stages.items() if name.startswith(KERNEL))
+    return StepSpeed(
+        method, scene.name, scene.filter.particles, 1e3 * median, 1 / median, memory.look(),
+        {name: 1e3 * seconds for name, seconds in stages.items()},
+        1 - in_kernels / sum(stages.values()),
+    )  # fmt: skip
+
+
+def _timed(
+    step: Callable[[Scan], Any], scans: Iterable[Scan], memory: PeakMemory
+) -> tuple[list[float], list[int], list[float]]:
+    """Seconds, surfaces and peak memory of each step."""
+    took, surfaces, peak = [], [], []
+    for scan in scans:
+        began = time.perf_counter()
+        estimate = step(scan)
+        took.append(time.perf_counter() - began)
+        surfaces.append(len(estimate.surfaces))
+        peak.append(memory.look())
+    return took, surfaces, peak
+
+
+def _growth(alcove: Scene, plan: Plan) -> list[Growth]:
+    """Growth in all but particles, by grid SLAM."""
+    particles = alcove.filter.particles
+    variants: dict[str, list[Scene]] = {
+        "surfaces": [polygon(sides, particles) for sides in plan.surfaces],
+        "measurements": [changed(alcove, radio={"false_alarms": mean}) for mean in plan.false_alarms],
+        "grid cells": [changed(alcove, grid={"cell_m": side}) for side in plan.cell_m],
+    }
+    found = []
+    for of, scenes in variants.items():
+        sizes, seconds, peaks = [], [], []
+        for scene in scenes:
+            scans, memory = _heard(scene, plan.before + plan.timed), PeakMemory()
+            took, surfaces, peak = _timed(METHODS["grid"](scene, seed=1).step, scans, memory)
+            heard = [len(scan.distance_m) for scan in scans[plan.before :]]
+            size = {"surfaces": np.mean(surfaces[plan.before :]), "measurements": np.mean(heard)}
+            sizes.append(float(size.get(of, np.prod(scene.grid.shape))))
+            seconds.append(float(np.median(took[plan.before :])))
+            peaks.append(peak[-1])
+        found.append(fitted(of, sizes, seconds, peaks))
+    scans, memory = _heard(alcove, max(plan.steps)), PeakMemory()
+    took, _, peak = _timed(METHODS["grid"](alcove, seed=1).step, scans, memory)
+    ends = [steps - 1 for steps in plan.steps]
+    total = np.cumsum(took)[ends].tolist()
+    return [*found, fitted("steps", plan.steps, total, [peak[end] for end in ends])]

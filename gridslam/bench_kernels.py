@@ -1,0 +1,212 @@
+"""Each kernel against its NumPy twin, on what it was given in a running filter."""
+
+from __future__ import annotations
+
+import inspect
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gridslam import runtime, twins
+from gridslam.bench_stages import Function, kernels, replaced
+from gridslam.kernels import PATH_BLOCK
+from gridslam.mapping import METHODS
+from gridslam.scene import Scene
+from gridslam.simulate import simulate
+
+Case = dict[str, Any]
+"""Arguments of one launch, by name."""
+
+
+@dataclass(frozen=True)
+class KernelSpeed:
+    """One kernel and its twin on the same case.
+
+    Attributes
+    ----------
+    name, unit : str
+        What is counted: "path-particle", "cell visit", "path-ray", "sample".
+    units : int
+        How many of them the case has.
+    kernel_s, twin_s : float
+        Medians, s.
+    kernel_best_s : float
+        Shortest of all repeats, s.
+    ratio : float
+        ``twin_s / kernel_s``.
+    ns_per_unit : float
+        Of the kernel, launch included.
+    launch_us : float
+        Of a launch with nothing to do.
+    """
+
+    name: str
+    unit: str
+    units: int
+    kernel_s: float
+    kernel_best_s: float
+    twin_s: float
+    ratio: float
+    ns_per_unit: float
+    launch_us: float
+
+
+def _visits(case: Case) -> int:
+    """Cells that the rays cross, and those that they meet."""
+    frame, shape, rays = case["frame"], case["traversed"].shape, case["rays"]
+    total = 0
+    for k in range(len(case["corners"])):
+        count = case["bounces"][k // rays]
+        crossed, met = twins.cells_of(
+            case["corners"][k, : count + 2], case["normals"][k, :count], frame, shape
+        )
+        total += len(crossed) + sum(len(cells) for cells in met)
+    return total
+
+
+@dataclass(frozen=True)
+class Contest:
+    """What the benchmark knows of a kernel.
+
+    Attributes
+    ----------
+    unit : str
+    twin : callable
+        Takes arguments of the kernel by name, and `given`.
+    units : callable
+        How many units a case has.
+    size : callable
+        Which launch of a step is the largest.
+    empty : callable
+        Arguments to put in for a launch with nothing to do.
+    given : callable
+        The twin's arguments that the kernel doesn't have.
+    """
+
+    unit: str
+    twin: Function
+    units: Callable[[Case], int]
+    size: Callable[[Case], int]
+    empty: Callable[[Case], Case]
+    given: Callable[[Case], Case] = lambda case: {}
+
+
+def _path_particles(case: Case) -> int:
+    return len(case["path"]) * case["agent"].shape[1]
+
+
+def _samples(case: Case) -> int:
+    return len(case["heard"]) * len(case["known"]) * case["agent"].shape[1]
+
+
+CONTESTS = {
+    "evaluate": Contest(
+        "path-particle",
+        twins.evaluate,
+        _path_particles,
+        _path_particles,
+        lambda case: {"path": case["path"][:0]},
+        lambda case: {"block": PATH_BLOCK},
+    ),
+    "cast": Contest(
+        "cell visit",
+        twins.cast,
+        _visits,
+        lambda case: int((case["factor"][:, 1] > 0.5).sum()),  # those that send messages
+        lambda case: {"bounces": case["bounces"][:0]},
+        lambda case: {"worth": case["factor"][:, 0]},
+    ),
+    "polylines": Contest(
+        "path-ray",
+        twins.polylines,
+        _path_particles,
+        _path_particles,
+        lambda case: {"path": case["path"][:0]},
+    ),
+    "propose": Contest(
+        "sample", twins.propose, _samples, _samples, lambda case: {"heard": case["heard"][:0]}
+    ),
+}
+
+
+def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Case]:
+    """Run grid SLAM for some steps, then keep each kernel's largest launch of the next few.
+
+    Parameters
+    ----------
+    scene : Scene
+    steps : int
+        Before any launch is looked at.
+    watched : int
+        Steps that are.
+    """
+    runtime.start()
+    slam = METHODS["grid"](scene, seed=1)
+    scans = list(simulate(scene, scene.agents[0].name, seed=1))[: steps + watched]
+    for scan in scans[:steps]:
+        slam.step(scan)
+    best: dict[str, tuple[int, Case]] = {}
+
+    def recorder(name: str, kernel: Function) -> Function:
+        names = list(inspect.signature(kernel).parameters)
+
+        def record(*arguments: Any) -> Any:
+            case = dict(zip(names, arguments, strict=True))
+            size = CONTESTS[name].size(case)
+            if name not in best or size > best[name][0]:
+                best[name] = size, {k: _copy(v) for k, v in case.items()}
+            return kernel(*arguments)
+
+        return record
+
+    with replaced({id(k): (k, recorder(name, k)) for name, k in kernels().items()}):
+        for scan in scans[steps:]:
+            slam.step(scan)
+    return {name: case for name, (_, case) in best.items()}
+
+
+def compete(name: str, case: Case, seconds: float) -> KernelSpeed:
+    """Time a kernel and its twin on one case.
+
+    Parameters
+    ----------
+    seconds : float
+        At least so long for the kernel, and for the twin; each runs three times or more, the twin once.
+    """
+    import taichi as ti
+
+    kernel, contest = kernels()[name], CONTESTS[name]
+
+    def launch(arguments: Case) -> None:
+        kernel(*arguments.values())
+        ti.sync()
+
+    known = case | contest.given(case)
+    wanted = {key: known[key] for key in inspect.signature(contest.twin).parameters}
+    idle = case | contest.empty(case)
+    launch(case), launch(idle)  # compiled, and in the cache
+    took, nothing = repeated(lambda: launch(case), seconds), repeated(lambda: launch(idle), 0.1 * seconds)
+    twin = float(np.median(repeated(lambda: contest.twin(**wanted), seconds, 1)))
+    median, units = float(np.median(took)), contest.units(case)
+    return KernelSpeed(
+        name, contest.unit, units, median, min(took), twin, twin / median, 1e9 * median / max(units, 1),
+        1e6 * float(np.median(nothing)),
+    )  # fmt: skip
+
+
+def repeated(action: Callable[[], object], seconds: float, at_least: int = 3) -> list[float]:
+    """Seconds that each of many calls took."""
+    took: list[float] = []
+    until = time.perf_counter() + seconds
+    while len(took) < at_least or time.perf_counter() < until:
+        began = time.perf_counter()
+        action()
+        took.append(time.perf_counter() - began)
+    return took
+
+
+def _copy(value: Any) -> Any:
+    return value.copy() if isinstance(value, np.ndarray) else value
