@@ -92,6 +92,9 @@ class StepSpeed:
         Median.
     steps_per_s : float
         ``1000 / step_ms``.
+    cpu_ms : float
+        Median of what all threads together computed: above `step_ms` where they share the work (or wait
+        busily), below it where other programs held the cores.
     peak_memory_mb : float
         Of the process, while these steps ran.
     stages_ms : dict
@@ -105,6 +108,7 @@ class StepSpeed:
     particles: int
     step_ms: float
     steps_per_s: float
+    cpu_ms: float
     peak_memory_mb: float
     stages_ms: dict[str, float]
     not_kernel_share: float
@@ -122,15 +126,15 @@ class Growth:
     seconds : tuple of float
         Of a step (median); of the whole run where `of` is "steps".
     peak_memory_mb : tuple of float
-    exponent : float
-        Slope of a straight line through the logarithms; nan for less than two sizes.
+    exponent : float or None
+        Slope of a straight line through the logarithms; None for less than two sizes.
     """
 
     of: str
     size: tuple[float, ...]
     seconds: tuple[float, ...]
     peak_memory_mb: tuple[float, ...]
-    exponent: float
+    exponent: float | None
 
 
 @dataclass(frozen=True)
@@ -146,7 +150,8 @@ class Speed:
 
     def to_json(self) -> str:
         """Everything as JSON, keys as the attributes."""
-        return json.dumps({"format": "gridslam-bench", "version": VERSION, **asdict(self)}, indent=2) + "\n"
+        whole = {"format": "gridslam-bench", "version": VERSION, **asdict(self)}
+        return json.dumps(whole, indent=2, allow_nan=False) + "\n"
 
 
 def measure(
@@ -212,9 +217,8 @@ def measure(
 
 def fitted(of: str, size: Sequence[float], seconds: Sequence[float], memory: Sequence[float]) -> Growth:
     """Fit the exponent of time against size."""
-    exponent = float("nan")
-    if len(set(size)) > 1:
-        exponent = float(np.polyfit(np.log(size), np.log(seconds), 1)[0])
+    enough = len(set(size)) > 1
+    exponent = float(np.polyfit(np.log(size), np.log(seconds), 1)[0]) if enough else None
     return Growth(of, tuple(map(float, size)), tuple(seconds), tuple(memory), exponent)
 
 
@@ -270,35 +274,49 @@ def _heard(scene: Scene, steps: int) -> list[Scan]:
     return list(simulate(changed(scene, agents={"steps": steps}), name, seed=1))
 
 
+@dataclass(frozen=True)
+class _Course:
+    """Step by step: wall and processor time (s), surfaces believed in, memory so far (MB)."""
+
+    took: list[float]
+    cpu: list[float]
+    surfaces: list[int]
+    peak: list[float]
+
+
+def _run(step: Callable[[Scan], Any], scans: Iterable[Scan], memory: PeakMemory) -> _Course:
+    course = _Course([], [], [], [])
+    for scan in scans:
+        began, busy = time.perf_counter(), time.process_time()
+        estimate = step(scan)
+        course.took.append(time.perf_counter() - began)
+        course.cpu.append(time.process_time() - busy)
+        course.surfaces.append(len(estimate.surfaces))
+        course.peak.append(memory.look())
+    return course
+
+
 def _steps(scene: Scene, method: str, plan: Plan, launch: dict[str, float]) -> StepSpeed:
     """Run a method from the start, time some steps, and split some more by stage."""
     scans = _heard(scene, plan.before + plan.timed + plan.watched)
     memory, slam = PeakMemory(), METHODS[method](scene, seed=1)
-    took, _, _ = _timed(slam.step, scans[: -plan.watched], memory)
+    course = _run(slam.step, scans[: -plan.watched], memory)
     with Stopwatch().watching() as watch:
-        watched, _, _ = _timed(slam.step, scans[-plan.watched :], memory)
-    stages = watch.of_step(sum(watched), plan.watched, launch)
-    median = float(np.median(took[plan.before :]))
+        whole = sum(_run(slam.step, scans[-plan.watched :], memory).took)
+    stages = watch.of_step(whole, plan.watched, launch)
     in_kernels = sum(seconds for name, seconds in stages.items() if name.startswith(KERNEL))
+    median = float(np.median(course.took[plan.before :]))
     return StepSpeed(
-        method, scene.name, scene.filter.particles, 1e3 * median, 1 / median, memory.look(),
-        {name: 1e3 * seconds for name, seconds in stages.items()},
-        1 - in_kernels / sum(stages.values()),
-    )  # fmt: skip
-
-
-def _timed(
-    step: Callable[[Scan], Any], scans: Iterable[Scan], memory: PeakMemory
-) -> tuple[list[float], list[int], list[float]]:
-    """Seconds, surfaces and peak memory of each step."""
-    took, surfaces, peak = [], [], []
-    for scan in scans:
-        began = time.perf_counter()
-        estimate = step(scan)
-        took.append(time.perf_counter() - began)
-        surfaces.append(len(estimate.surfaces))
-        peak.append(memory.look())
-    return took, surfaces, peak
+        method=method,
+        scene=scene.name,
+        particles=scene.filter.particles,
+        step_ms=1e3 * median,
+        steps_per_s=1 / median,
+        cpu_ms=1e3 * float(np.median(course.cpu[plan.before :])),
+        peak_memory_mb=memory.look(),
+        stages_ms={name: 1e3 * seconds for name, seconds in stages.items()},
+        not_kernel_share=1 - in_kernels / sum(stages.values()),
+    )
 
 
 def _growth(alcove: Scene, plan: Plan) -> list[Growth]:
@@ -314,15 +332,15 @@ def _growth(alcove: Scene, plan: Plan) -> list[Growth]:
         sizes, seconds, peaks = [], [], []
         for scene in scenes:
             scans, memory = _heard(scene, plan.before + plan.timed), PeakMemory()
-            took, surfaces, peak = _timed(METHODS["grid"](scene, seed=1).step, scans, memory)
-            heard = [len(scan.distance_m) for scan in scans[plan.before :]]
-            size = {"surfaces": np.mean(surfaces[plan.before :]), "measurements": np.mean(heard)}
+            course = _run(METHODS["grid"](scene, seed=1).step, scans, memory)
+            heard = [len(scan) for scan in scans[plan.before :]]
+            size = {"surfaces": np.mean(course.surfaces[plan.before :]), "measurements": np.mean(heard)}
             sizes.append(float(size.get(of, np.prod(scene.grid.shape))))
-            seconds.append(float(np.median(took[plan.before :])))
-            peaks.append(peak[-1])
+            seconds.append(float(np.median(course.took[plan.before :])))
+            peaks.append(course.peak[-1])
         found.append(fitted(of, sizes, seconds, peaks))
     scans, memory = _heard(alcove, max(plan.steps)), PeakMemory()
-    took, _, peak = _timed(METHODS["grid"](alcove, seed=1).step, scans, memory)
+    course = _run(METHODS["grid"](alcove, seed=1).step, scans, memory)
     ends = [steps - 1 for steps in plan.steps]
-    total = np.cumsum(took)[ends].tolist()
-    return [*found, fitted("steps", plan.steps, total, [peak[end] for end in ends])]
+    total = np.cumsum(course.took)[ends].tolist()
+    return [*found, fitted("steps", plan.steps, total, [course.peak[end] for end in ends])]

@@ -1,4 +1,4 @@
-"""How long it takes until something happens, and on what: start-up in processes of its own, and the machine."""
+"""Start-up, in processes of its own, and the machine that all is measured on."""
 
 from __future__ import annotations
 
@@ -80,8 +80,8 @@ class Machine:
     cores : int
         Logical ones that this process may use.
     memory_gb : float
-    load : float
-        Mean number of running processes in the minute before; nan where the system doesn't tell.
+    load : float or None
+        Mean number of running processes in the minute before, where the system tells.
     device : str
         On which the kernels really ran.
     threads : int
@@ -95,7 +95,7 @@ class Machine:
     python: str
     cores: int
     memory_gb: float
-    load: float
+    load: float | None
     device: str
     threads: int
     versions: dict[str, str]
@@ -118,7 +118,7 @@ def machine(device: str) -> Machine:
         python=platform.python_version(),
         cores=len(allowed(0)) if allowed else os.cpu_count() or 1,
         memory_gb=psutil.virtual_memory().total / 2**30,
-        load=os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan"),
+        load=os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
         device=device,
         threads=int(ti.lang.impl.current_cfg().cpu_max_num_threads),
         versions={name: metadata.version(name) for name in PACKAGES},

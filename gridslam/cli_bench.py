@@ -46,12 +46,13 @@ def bench(
         speed = measure(QUICK if quick else Plan(), device, threads, tell)
     if json_file is not None:
         write_bytes(json_file, speed.to_json().encode())
+    wide = Console(width=max(out.width, WIDEST_TABLE))
     for line in _machine(speed):
         out.print(line, highlight=False, markup=False, soft_wrap=True)
     tables = _kernels(speed.kernels), _steps(speed.steps), _stages(speed.steps), _growth(speed.growth)
     for table in tables:
-        out.print()
-        out.print(table, width=max(out.width, WIDEST_TABLE), crop=False)
+        wide.print()
+        wide.print(table)
     if json_file is not None:
         out.print(f"wrote {json_file}", highlight=False, markup=False, soft_wrap=True)
 
@@ -85,11 +86,14 @@ def _machine(speed: Speed) -> list[str]:
     """What was measured on, and what isn't a table."""
     here, start = speed.machine, speed.start_up
     versions = ", ".join(f"{name} {version}" for name, version in here.versions.items())
+    load = "load unknown" if here.load is None else f"load {here.load:.1f} before"
+    brings = "with" if start.import_starts_taichi else "without"
     return [
-        f"{here.cpu}, {here.cores} cores, {here.memory_gb:.0f} GiB, load {here.load:.1f} at the start; {here.system}",
+        f"{here.cpu}, {here.cores} cores, {here.memory_gb:.0f} GiB memory, {load}",
+        here.system,
         f"kernels on {here.device}, {here.threads} threads; Python {here.python}, {versions}",
-        f"start-up: import {start.import_s:.2f} s ({'with' if start.import_starts_taichi else 'without'} Taichi), "
-        f"first step of room after {start.cold_s:.1f} s, with kernels compiled before {start.warm_s:.1f} s",
+        f"import {start.import_s:.2f} s, {brings} Taichi; first step of a run of room after "
+        f"{start.cold_s:.1f} s, {start.warm_s:.1f} s once its kernels are compiled",
         f"measured in {speed.seconds:.0f} s",
     ]
 
@@ -116,12 +120,20 @@ def _kernels(kernels: tuple[KernelSpeed, ...]) -> Table:
 
 def _steps(steps: tuple[StepSpeed, ...]) -> Table:
     table = _table(
-        "method", "scene", "particles", "ms/step\nmedian", "steps/s", "peak\nMB", "not in\nkernels", left=2
+        "method",
+        "scene",
+        "particles",
+        "ms/step\nmedian",
+        "steps/s",
+        "CPU\nms/step",
+        "peak\nMB",
+        "not in\nkernels",
+        left=2,
     )
     for s in steps:
         table.add_row(
             s.method, s.scene, str(s.particles), f"{s.step_ms:.1f}", f"{s.steps_per_s:.1f}",
-            f"{s.peak_memory_mb:.0f}", f"{s.not_kernel_share:.0%}",
+            f"{s.cpu_ms:.1f}", f"{s.peak_memory_mb:.0f}", f"{s.not_kernel_share:.0%}",
         )  # fmt: skip
     return table
 
@@ -139,10 +151,10 @@ def _stages(steps: tuple[StepSpeed, ...]) -> Table:
 
 
 def _growth(growth: tuple[Growth, ...]) -> Table:
-    table = _table("time grows with", "to the\npower", "sizes", "ms", "peak\nMB")
+    table = _table("time\nwith", "to the\npower", "size", "ms", "peak\nMB")
     for g in growth:
-        sizes = ", ".join(f"{size:.4g}" if size < 1000 else f"{size:.0f}" for size in g.size)
-        times = ", ".join(f"{1e3 * seconds:.0f}" for seconds in g.seconds)
-        memory = ", ".join(f"{mb:.0f}" for mb in g.peak_memory_mb)
-        table.add_row(g.of, f"{g.exponent:.2f}", sizes, times, memory)
+        rows = zip(g.size, g.seconds, g.peak_memory_mb, strict=True)
+        for number, (size, seconds, memory) in enumerate(rows):
+            first = (g.of, "-" if g.exponent is None else f"{g.exponent:.2f}") if number == 0 else ("", "")
+            table.add_row(*first, f"{size:.0f}", f"{1e3 * seconds:.1f}", f"{memory:.0f}")
     return table
