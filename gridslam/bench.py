@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-import gc
 import json
 import time
-import tomllib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-import psutil
-import tomli_w
 
 from gridslam import runtime
+from gridslam.bench_course import PeakMemory, heard, run
+from gridslam.bench_growth import Growth, fitted, growth
 from gridslam.bench_kernels import KernelSpeed, compete, largest_launches
 from gridslam.bench_stages import KERNEL, Stopwatch
 from gridslam.bench_start import Machine, StartUp, machine, start_up
 from gridslam.mapping import METHODS
-from gridslam.measurements import Scan
 from gridslam.scene import Scene
-from gridslam.simulate import simulate
 
 Tell = Callable[[str, int, int], None]
 VERSION = 1
@@ -115,32 +109,10 @@ class StepSpeed:
 
 
 @dataclass(frozen=True)
-class Growth:
-    """How time grows with one thing.
-
-    Attributes
-    ----------
-    of : str
-    size : tuple of float
-        How much of it there was, on average.
-    seconds : tuple of float
-        Of a step (median); of the whole run where `of` is "steps".
-    peak_memory_mb : tuple of float
-    exponent : float or None
-        Slope of a straight line through the logarithms; None for less than two sizes.
-    """
-
-    of: str
-    size: tuple[float, ...]
-    seconds: tuple[float, ...]
-    peak_memory_mb: tuple[float, ...]
-    exponent: float | None
-
-
-@dataclass(frozen=True)
 class Speed:
-    """All that was measured."""
+    """All that was measured, by what plan and in how many seconds."""
 
+    plan: Plan
     machine: Machine
     kernels: tuple[KernelSpeed, ...]
     steps: tuple[StepSpeed, ...]
@@ -205,104 +177,24 @@ def measure(
         steps.append(_steps(Scene.load(name).with_filter(particles=particles), method, plan, launch))
     next_part()
     on_alcove = [s for s in steps if (s.method, s.scene) == ("grid", "alcove")]
-    growth = (
-        fitted(
-            "particles", plan.particles, [1e-3 * s.step_ms for s in on_alcove],
-            [s.peak_memory_mb for s in on_alcove],
-        ),
-        *_growth(alcove.with_filter(particles=plan.growth_particles), plan),
-    )  # fmt: skip
-    return Speed(here, kernels, tuple(steps), growth, started, time.perf_counter() - began)
-
-
-def fitted(of: str, size: Sequence[float], seconds: Sequence[float], memory: Sequence[float]) -> Growth:
-    """Fit the exponent of time against size."""
-    enough = len(set(size)) > 1
-    exponent = float(np.polyfit(np.log(size), np.log(seconds), 1)[0]) if enough else None
-    return Growth(of, tuple(map(float, size)), tuple(seconds), tuple(memory), exponent)
-
-
-def changed(scene: Scene, **sections: dict[str, Any]) -> Scene:
-    """Return the scene with other values in some sections of its text; "agents" is for all agents."""
-    data = tomllib.loads(scene.to_toml())
-    for section, values in sections.items():
-        for table in data[section] if isinstance(data[section], list) else [data[section]]:
-            table.update(values)
-    return Scene.from_toml(tomli_w.dumps(data), scene.name)
-
-
-def polygon(sides: int, particles: int) -> Scene:
-    """Closed room of `sides` equal walls, 3.5 m from its middle."""
-    data = tomllib.loads(Scene.load("room").to_toml())
-    turn = 2 * np.pi * (np.arange(sides) + 0.5) / sides
-    corner = 3.5 / np.cos(np.pi / sides) * np.stack([np.cos(turn), np.sin(turn)], -1)
-    side = float(np.abs(corner).max()) + 0.5
-    data["grid"] = {"x_m": [-side, side], "y_m": [-side, side], "cell_m": 0.1}
-    data["walls"] = [{"material": "concrete", "points_m": corner.tolist(), "closed": True}]
-    for anchor, place in zip(data["anchors"], ([-1.5, 0.8], [1.2, -1.3]), strict=True):
-        anchor["position_m"] = place
-    agent = {"start_m": [-1.0, -0.6], "waypoints_m": [[0.5, -0.4], [1.0, 0.6], [-0.4, 1.2], [-1.4, 0.2]]}
-    data["agents"] = [{**data["agents"][0], **agent, "start_heading_deg": 8.0}]
-    del data["agents"][0]["steps"]
-    return Scene.from_toml(tomli_w.dumps(data), "polygon").with_filter(particles=particles)
-
-
-class PeakMemory:
-    """Largest resident memory of this process since this object was made, MB."""
-
-    def __init__(self) -> None:
-        gc.collect()
-        self._seen = 0.0
-        try:  # Linux keeps the peak itself, and lets it be reset
-            Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-            self._kept = True
-        except OSError:
-            self._kept = False
-
-    def look(self) -> float:
-        """The peak; elsewhere than on Linux, the largest of all looks."""
-        memory = psutil.Process().memory_info().rss / 2**20
-        if self._kept:
-            status = Path("/proc/self/status").read_text(encoding="utf-8")
-            memory = int(status.partition("VmHWM:")[2].split()[0]) / 2**10
-        self._seen = max(self._seen, memory)
-        return self._seen
-
-
-def _heard(scene: Scene, steps: int) -> list[Scan]:
-    name = scene.agents[0].name
-    return list(simulate(changed(scene, agents={"steps": steps}), name, seed=1))
-
-
-@dataclass(frozen=True)
-class _Course:
-    """Step by step: wall and processor time (s), surfaces believed in, memory so far (MB)."""
-
-    took: list[float]
-    cpu: list[float]
-    surfaces: list[int]
-    peak: list[float]
-
-
-def _run(step: Callable[[Scan], Any], scans: Iterable[Scan], memory: PeakMemory) -> _Course:
-    course = _Course([], [], [], [])
-    for scan in scans:
-        began, busy = time.perf_counter(), time.process_time()
-        estimate = step(scan)
-        course.took.append(time.perf_counter() - began)
-        course.cpu.append(time.process_time() - busy)
-        course.surfaces.append(len(estimate.surfaces))
-        course.peak.append(memory.look())
-    return course
+    by_particles = fitted(
+        "particles",
+        plan.particles,
+        [1e-3 * s.step_ms for s in on_alcove],
+        [1e-3 * s.cpu_ms for s in on_alcove],
+        [s.peak_memory_mb for s in on_alcove],
+    )
+    grown = by_particles, *growth(alcove.with_filter(particles=plan.growth_particles), plan)
+    return Speed(plan, here, kernels, tuple(steps), grown, started, time.perf_counter() - began)
 
 
 def _steps(scene: Scene, method: str, plan: Plan, launch: dict[str, float]) -> StepSpeed:
     """Run a method from the start, time some steps, and split some more by stage."""
-    scans = _heard(scene, plan.before + plan.timed + plan.watched)
+    scans = heard(scene, plan.before + plan.timed + plan.watched)
     memory, slam = PeakMemory(), METHODS[method](scene, seed=1)
-    course = _run(slam.step, scans[: -plan.watched], memory)
+    course = run(slam.step, scans[: -plan.watched], memory)
     with Stopwatch().watching() as watch:
-        whole = sum(_run(slam.step, scans[-plan.watched :], memory).took)
+        whole = sum(run(slam.step, scans[-plan.watched :], memory).took)
     stages = watch.of_step(whole, plan.watched, launch)
     in_kernels = sum(seconds for name, seconds in stages.items() if name.startswith(KERNEL))
     median = float(np.median(course.took[plan.before :]))
@@ -317,30 +209,3 @@ def _steps(scene: Scene, method: str, plan: Plan, launch: dict[str, float]) -> S
         stages_ms={name: 1e3 * seconds for name, seconds in stages.items()},
         not_kernel_share=1 - in_kernels / sum(stages.values()),
     )
-
-
-def _growth(alcove: Scene, plan: Plan) -> list[Growth]:
-    """Growth in all but particles, by grid SLAM."""
-    particles = alcove.filter.particles
-    variants: dict[str, list[Scene]] = {
-        "surfaces": [polygon(sides, particles) for sides in plan.surfaces],
-        "measurements": [changed(alcove, radio={"false_alarms": mean}) for mean in plan.false_alarms],
-        "grid cells": [changed(alcove, grid={"cell_m": side}) for side in plan.cell_m],
-    }
-    found = []
-    for of, scenes in variants.items():
-        sizes, seconds, peaks = [], [], []
-        for scene in scenes:
-            scans, memory = _heard(scene, plan.before + plan.timed), PeakMemory()
-            course = _run(METHODS["grid"](scene, seed=1).step, scans, memory)
-            heard = [len(scan) for scan in scans[plan.before :]]
-            size = {"surfaces": np.mean(course.surfaces[plan.before :]), "measurements": np.mean(heard)}
-            sizes.append(float(size.get(of, np.prod(scene.grid.shape))))
-            seconds.append(float(np.median(course.took[plan.before :])))
-            peaks.append(course.peak[-1])
-        found.append(fitted(of, sizes, seconds, peaks))
-    scans, memory = _heard(alcove, max(plan.steps)), PeakMemory()
-    course = _run(METHODS["grid"](alcove, seed=1).step, scans, memory)
-    ends = [steps - 1 for steps in plan.steps]
-    total = np.cumsum(course.took)[ends].tolist()
-    return [*found, fitted("steps", plan.steps, total, [course.peak[end] for end in ends])]

@@ -15,7 +15,8 @@ from rich.table import Table
 from gridslam.errors import InputError
 
 if TYPE_CHECKING:
-    from gridslam.bench import Growth, Speed, StepSpeed, Tell
+    from gridslam.bench import Speed, StepSpeed, Tell
+    from gridslam.bench_growth import Growth
     from gridslam.bench_kernels import KernelSpeed
 
 out, err = Console(), Console(stderr=True)
@@ -151,10 +152,11 @@ def _stages(steps: tuple[StepSpeed, ...]) -> Table:
 
 
 def _growth(growth: tuple[Growth, ...]) -> Table:
-    table = _table("time\nwith", "to the\npower", "size", "ms", "peak\nMB")
+    table = _table("time\nwith", "to the\npower", "CPU time\nto the", "size", "ms", "CPU\nms", "peak\nMB")
     for g in growth:
-        rows = zip(g.size, g.seconds, g.peak_memory_mb, strict=True)
-        for number, (size, seconds, memory) in enumerate(rows):
-            first = (g.of, "-" if g.exponent is None else f"{g.exponent:.2f}") if number == 0 else ("", "")
-            table.add_row(*first, f"{size:.0f}", f"{1e3 * seconds:.1f}", f"{memory:.0f}")
+        powers = ("-" if power is None else f"{power:.2f}" for power in (g.exponent, g.cpu_exponent))
+        first = (g.of, *powers)
+        for size, seconds, cpu, memory in zip(g.size, g.seconds, g.cpu_s, g.peak_memory_mb, strict=True):
+            table.add_row(*first, f"{size:.0f}", f"{1e3 * seconds:.1f}", f"{1e3 * cpu:.1f}", f"{memory:.0f}")
+            first = "", "", ""
     return table

@@ -10,7 +10,7 @@ import pytest
 from scene_samples import shortened
 
 import gridslam as gs
-from gridslam import bench, bench_kernels, bench_stages, bench_start, runtime
+from gridslam import bench, bench_growth, bench_kernels, bench_stages, bench_start, runtime
 from gridslam.errors import InputError
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
@@ -37,7 +37,7 @@ def numbers(value):
 def test_everything_is_in_the_json_as_positive_finite_numbers(quick):
     found = json.loads(quick[0].to_json())
     assert set(found) == {
-        "format", "version", "machine", "kernels", "steps", "growth", "start_up", "seconds",
+        "format", "version", "plan", "machine", "kernels", "steps", "growth", "start_up", "seconds",
     }  # fmt: skip
     assert found["machine"]["device"] == "cpu"
     assert found["machine"]["threads"] >= 1
@@ -46,7 +46,8 @@ def test_everything_is_in_the_json_as_positive_finite_numbers(quick):
         "particles", "surfaces", "measurements", "grid cells", "steps",
     ]  # fmt: skip
     for growth in found["growth"]:
-        assert math.isfinite(growth.pop("exponent"))  # of a brief measurement it may be anything
+        powers = growth.pop("exponent"), growth.pop("cpu_exponent")
+        assert all(map(math.isfinite, powers))  # of a brief measurement they may be anything
     found["machine"].pop("load")
     stages = [step.pop("stages_ms") for step in found["steps"]]
     assert all(n >= 0 and math.isfinite(n) for n in numbers(stages))
@@ -122,17 +123,19 @@ def test_stages_of_a_step_add_up_to_it_and_launches_are_no_kernels():
 @pytest.mark.parametrize("power", [0.0, 1.0, 2.5])
 def test_exponent_of_a_power_law_is_its_power(power):
     size = [10, 100, 500]
-    growth = bench.fitted("things", size, [3e-3 * n**power for n in size], [1.0] * 3)
-    assert growth.exponent == pytest.approx(power, abs=1e-9)
+    times = [[3e-3 * n**power for n in size], [1e-3 * n for n in size]]
+    found = bench_growth.fitted("things", size, *times, [1.0] * 3)
+    assert found.exponent == pytest.approx(power, abs=1e-9)
+    assert found.cpu_exponent == pytest.approx(1)
 
 
 def test_one_size_has_no_exponent():
-    assert bench.fitted("things", [3, 3], [0.1, 0.2], [1.0, 1.0]).exponent is None
+    assert bench_growth.fitted("things", [3, 3], [0.1, 0.2], [0.1, 0.1], [1.0, 1.0]).exponent is None
 
 
 @pytest.mark.parametrize("sides", bench.Plan().surfaces)
 def test_polygons_have_as_many_surfaces_as_sides(sides):
-    scene = bench.polygon(sides, 64)
+    scene = bench_growth.polygon(sides, 64)
     assert len(set(scene.segments().surface.tolist())) == sides
     assert len(scene.track("agent1")) >= bench.Plan().before + bench.Plan().timed
 
