@@ -28,7 +28,7 @@ class KernelSpeed:
     Attributes
     ----------
     name, unit : str
-        What is counted: "path-particle", "cell visit", "path-ray", "sample".
+        What is counted: "path-particle", "cell visit", "path-ray", "path", "sample".
     units : int
         How many of them the case has.
     kernel_s, twin_s : float
@@ -56,7 +56,7 @@ class KernelSpeed:
 
 def _visits(case: Case) -> int:
     """Cells that the rays cross, and those that they meet."""
-    frame, shape, rays = case["frame"], case["traversed"].shape, case["rays"]
+    frame, shape, rays = case["frame"], case["occupied"].shape[1:], case["rays"]
     total = 0
     for k in range(len(case["corners"])):
         count = case["bounces"][k // rays]
@@ -78,20 +78,23 @@ class Contest:
         Takes arguments of the kernel by name, and `given`.
     units : callable
         How many units a case has.
-    size : callable
-        Which launch of a step is the largest.
-    empty : callable
-        Arguments to put in for a launch with nothing to do.
+    rows : str
+        Argument without whose rows there is nothing to do.
     given : callable
         The twin's arguments that the kernel doesn't have.
+    size : callable, optional
+        Which launch of a step is the largest, if not by its units.
+    changes : tuple of str
+        Arguments that the kernel reads and changes.
     """
 
     unit: str
     twin: Function
     units: Callable[[Case], int]
-    size: Callable[[Case], int]
-    empty: Callable[[Case], Case]
+    rows: str = "path"
     given: Callable[[Case], Case] = lambda case: {}
+    size: Callable[[Case], int] | None = None
+    changes: tuple[str, ...] = ()
 
 
 def _path_particles(case: Case) -> int:
@@ -102,34 +105,31 @@ def _samples(case: Case) -> int:
     return len(case["heard"]) * len(case["known"]) * case["agent"].shape[1]
 
 
+def _paths(case: Case) -> int:
+    return len(case["path"])
+
+
+def _cast_twin(case: Case) -> Case:
+    traversed, hit = case["occupied"]
+    _, _, _, outside, clip = case["frame"]
+    return {
+        "worth": case["factor"][:, 0], "traversed": traversed, "hit": hit, "outside": outside, "clip": clip,
+    }  # fmt: skip
+
+
 CONTESTS = {
     "evaluate": Contest(
-        "path-particle",
-        twins.evaluate,
-        _path_particles,
-        _path_particles,
-        lambda case: {"path": case["path"][:0]},
-        lambda case: {"block": PATH_BLOCK},
+        "path-particle", twins.evaluate, _path_particles, given=lambda case: {"block": PATH_BLOCK}
     ),
     "cast": Contest(
-        "cell visit",
-        twins.cast,
-        _visits,
-        lambda case: int((case["factor"][:, 1] > 0.5).sum()),  # those that send messages
-        lambda case: {"bounces": case["bounces"][:0]},
-        lambda case: {"worth": case["factor"][:, 0]},
+        "cell visit", twins.cast, _visits, "bounces", _cast_twin,
+        size=lambda case: int((case["factor"][:, 1] > 0.5).sum()),  # those that send messages
     ),
-    "polylines": Contest(
-        "path-ray",
-        twins.polylines,
-        _path_particles,
-        _path_particles,
-        lambda case: {"path": case["path"][:0]},
-    ),
-    "propose": Contest(
-        "sample", twins.propose, _samples, _samples, lambda case: {"heard": case["heard"][:0]}
-    ),
-}
+    "correct": Contest("path", twins.correct, _paths, changes=("mean", "covariance")),
+    "polylines": Contest("path-ray", twins.polylines, _path_particles),
+    "predict": Contest("path", twins.predict, _paths),
+    "propose": Contest("sample", twins.propose, _samples, "heard"),
+}  # fmt: skip
 
 
 def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Case]:
@@ -155,7 +155,8 @@ def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Ca
 
         def record(*arguments: Any) -> Any:
             case = dict(zip(names, arguments, strict=True))
-            size = CONTESTS[name].size(case)
+            contest = CONTESTS[name]
+            size = (contest.size or contest.units)(case)
             if name not in best or size > best[name][0]:
                 best[name] = size, {k: _copy(v) for k, v in case.items()}
             return kernel(*arguments)
@@ -180,16 +181,23 @@ def compete(name: str, case: Case, seconds: float) -> KernelSpeed:
 
     kernel, contest = kernels()[name], CONTESTS[name]
 
+    used = case | {key: case[key].copy() for key in contest.changes}
+    idle = used | {contest.rows: case[contest.rows][:0]}
+
     def launch(arguments: Case) -> None:
         kernel(*arguments.values())
         ti.sync()
 
+    def restore() -> None:
+        for key in contest.changes:
+            used[key][...] = case[key]
+
     known = case | contest.given(case)
     wanted = {key: known[key] for key in inspect.signature(contest.twin).parameters}
-    idle = case | contest.empty(case)
-    launch(case)  # compiled, and in the cache
+    launch(used)  # compiled, and in the cache
     launch(idle)
-    took, nothing = repeated(lambda: launch(case), seconds), repeated(lambda: launch(idle), 0.1 * seconds)
+    took = repeated(lambda: launch(used), seconds, before=restore)
+    nothing = repeated(lambda: launch(idle), 0.1 * seconds)
     twin = float(np.median(repeated(lambda: contest.twin(**wanted), seconds, 1)))
     median, units = float(np.median(took)), contest.units(case)
     return KernelSpeed(
@@ -198,11 +206,17 @@ def compete(name: str, case: Case, seconds: float) -> KernelSpeed:
     )  # fmt: skip
 
 
-def repeated(action: Callable[[], object], seconds: float, at_least: int = 3) -> list[float]:
-    """Seconds that each of many calls took."""
+def repeated(
+    action: Callable[[], object],
+    seconds: float,
+    at_least: int = 3,
+    before: Callable[[], object] = lambda: None,
+) -> list[float]:
+    """Seconds that each of many calls took, without what is done `before` each."""
     took: list[float] = []
     until = time.perf_counter() + seconds
     while len(took) < at_least or time.perf_counter() < until:
+        before()
         began = time.perf_counter()
         action()
         took.append(time.perf_counter() - began)

@@ -22,6 +22,7 @@ STAGES = {
     "likelihood": "evaluation",
     "particles": "evaluation",
     "rays": "evaluation",
+    "prediction": "evaluation",
     "association": "association",
     "correction": "correction",
     "births": "births",

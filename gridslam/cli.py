@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gridslam import cli_bench, cli_files
+from gridslam.cli_study import study
 from gridslam.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ out, err = Console(), Console(stderr=True)
 MAIN_SCENE = "canyon"
 WIDEST_TABLE = 160
 """Columns up to which the table is printed whole, whatever the terminal."""
+app.command()(study)
 
 
 @app.command()

@@ -19,3 +19,7 @@ class InputError(ValueError):
     def __init__(self, where: str, found: str, allowed: str) -> None:
         self.where, self.found, self.allowed = where, found, allowed
         super().__init__(f"{where}: found {found}; allowed: {allowed}")
+
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
+        """Travel whole from a worker process: the parts, where ValueError would pass on the sentence."""
+        return type(self), (self.where, self.found, self.allowed)

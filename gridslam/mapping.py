@@ -14,7 +14,7 @@ import psutil
 from gridslam import runtime
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
-from gridslam.frames import SAME_PLACE_M, fitted, stamped
+from gridslam.frames import SAME_PLACE_M
 from gridslam.geometry import wrap
 from gridslam.map import Map
 from gridslam.measurements import Measurements
@@ -77,8 +77,6 @@ def map_scene(
     if agent is None and not scene.agents:
         raise InputError(f"{scene.name}: agents", "none", "at least one, to say where it starts")
     check_anchors(scene, measurements)
-    if prior_map is not None:
-        prior_map, _ = fitted(prior_map, scene)
     device = runtime.start()
     slam = METHODS[method](scene, prior_map=prior_map, agent=agent, seed=seed)
     estimates: list[Estimate] = []
@@ -113,7 +111,7 @@ def map_scene(
         trajectory=trajectory,
         covariance=np.array([e.covariance for e in estimates]),
         surfaces=last.surfaces.take(last.detected),
-        map=stamped(slam.map(), scene),
+        map=slam.map(),
         seconds_per_step=(time.perf_counter() - began) / len(estimates),
         peak_memory_mb=peak,
         interrupted=len(estimates) < len(measurements),

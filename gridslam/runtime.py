@@ -5,7 +5,11 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+from collections.abc import Iterator
+from functools import cache
 from types import ModuleType
+
+from threadpoolctl import ThreadpoolController
 
 from gridslam.errors import InputError
 
@@ -37,6 +41,18 @@ def start(device: str = "auto", threads: int | None = None) -> str:
     elif device not in ("auto", _started):
         raise InputError("device", repr(device), f"auto or {_started}, which is running already")
     return _started
+
+
+@contextlib.contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Keep NumPy's linear algebra to one thread: its matrices are small here, and idle threads spin."""
+    with _pools().limit(limits=1, user_api="blas"):
+        yield
+
+
+@cache
+def _pools() -> ThreadpoolController:
+    return ThreadpoolController()
 
 
 def _running(ti: ModuleType) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.geometry import mirror, trace, wrap
+from gridslam.inference.belief import Belief, update
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
@@ -141,7 +142,7 @@ def _inside(cells: Array, shape: tuple[int, int]) -> Array:
 
 def cast(
     corners: Array, normals: Array, bounces: Whole, worth: Array, traversed: Array, hit: Array, frame: Array,
-    rays: int, outside: float,
+    rays: int, outside: float, clip: float,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Twin of `kernels.cells.cast`: V of every ray (K,), and log ratios summed over the paths (ny, nx).
 
@@ -169,9 +170,57 @@ def cast(
                 np.add.at(lift[1], tuple(cells.T), _message(sure, worth[path]) - base)
         touched = (lift != 0).any(0)
         change = np.log(np.maximum(total + lift[1], 1e-12)) - np.log(np.maximum(total + lift[0], 1e-12))
-        message += np.where(touched, change, 0.0)
+        message += np.where(touched, np.clip(change, -clip, clip), 0.0)
     return validity, message
 
 
 def _message(validity: Array, worth: float) -> Array:
     return validity * worth + 1 - validity
+
+
+def predict(mean: Array, covariance: Array, path: Whole, place: Array) -> tuple[Array, Array, Array]:
+    """Twin of `kernels.gaussian.predict`: values (L, 3), Jacobians (L, 3, N) and covariances (L, 3, 3)."""
+    count, lines = len(path), np.concatenate([mean[5:].reshape(-1, 2), np.zeros((1, 2))])
+    bounces, last, first = path.T.astype(np.intp)
+    drawn = trace(
+        np.tile(mean[:2], (count, 1)),
+        np.tile(place[:2], (count, 1)),
+        lines[last],
+        lines[first],
+        bounces,
+    )
+    value = np.stack([drawn.distance, wrap(drawn.departure - place[2]), wrap(drawn.arrival - mean[4])], -1)
+    slope = np.zeros((count, 3, len(mean)))
+    slope[:, :, [0, 1, 4]] = drawn.jacobian[:, :, :3]
+    for row in range(count):
+        if bounces[row] > 0:
+            slope[row, :, 5 + 2 * last[row] : 7 + 2 * last[row]] += drawn.jacobian[row, :, 3:5]
+        if bounces[row] == 2:
+            slope[row, :, 5 + 2 * first[row] : 7 + 2 * first[row]] += drawn.jacobian[row, :, 5:7]
+    return value, slope, slope @ covariance @ slope.transpose(0, 2, 1)
+
+
+def correct(
+    mean: Array, covariance: Array, path: Whole, prior: Array, pair: Array, place: Array, least: float
+) -> tuple[Array, Array, Array]:
+    """Twin of `kernels.gaussian.correct`: mean, covariance and the probabilities of the associations."""
+    share = np.zeros(len(pair))
+    for row, (chance, missed) in zip(path, prior, strict=True):
+        value, slope, core = (part[0] for part in predict(mean, covariance, row[None, :3], place))
+        chosen = slice(row[3], row[4])
+        variance, density, message = pair[chosen, 3:6], pair[chosen, 6], pair[chosen, 7]
+        gap = pair[chosen, :3] - value
+        gap[:, 1:] = wrap(gap[:, 1:])
+        gap[variance >= 1e11] = 0.0
+        weight = np.array(
+            [
+                chance * m * d * np.exp(-0.5 * g @ np.linalg.solve(core + np.diag(v), g))
+                / np.sqrt(np.linalg.det(2 * np.pi * (core + np.diag(v))))
+                for g, v, d, m in zip(gap, variance, density, message, strict=True)
+            ]
+        )  # fmt: skip
+        share[chosen] = weight / (weight.sum() + missed)
+        kept = share[chosen] > least
+        after = update(Belief(mean, covariance), slope, gap[kept], variance[kept], share[chosen][kept])
+        mean, covariance = after.mean, after.covariance
+    return mean, covariance, share

@@ -3,11 +3,19 @@
 A ray is the polyline anchor, interaction points, agent. It traverses cells T and meets cells H_b at
 bounce b. Rays of one path are adjacent. Every slab handles a fixed set of paths in order, so sums do
 not depend on the number of threads.
+
+A message is a ratio of two means over a path's rays, in which a ray that doesn't touch the cell counts
+alike. A crossed cell needs only the sum of V over the rays that cross it; a met cell the two lifts of its
+own states above that. So a ray is walked twice at most: for V, and to add V to its cells.
 """
 
 import taichi as ti
 
-SLABS = 4
+from gridslam.kernels import CELL_SLABS
+
+SLABS = CELL_SLABS
+NEAR = 4
+"""Steps of a walk within which it may touch the cells met at its ends."""
 
 
 @ti.func
@@ -16,79 +24,77 @@ def cell_of(x, origin, cell):
     return ti.cast(ti.floor((x - origin) / cell), ti.i32)
 
 
+@ti.func
+def listed(slab, ix, iy, crossed: ti.template(), met: ti.template(), touched: ti.template(), count):
+    """Enter a cell in the list of those that the path touches, once."""
+    n = count
+    if crossed[slab, iy, ix] == 0.0 and met[slab, 0, iy, ix] == 0.0 and met[slab, 1, iy, ix] == 0.0:
+        touched[slab, n, 0], touched[slab, n, 1] = ix, iy
+        n += 1
+    return n
+
+
 @ti.kernel
 def cast(
     corners: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [K, 4, 2] anchor, points, agent (all legs real)
     normals: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [K, 2, 2] normals of the surfaces hit
     bounces: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L]
     factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 2]  A of the path, and whether to send messages
-    traversed: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [ny, nx] o of a traversed cell
-    hit: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [ny, nx] o of a hit cell inside V
-    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [3] origin x, y, cell side
+    occupied: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [2, ny, nx] o of a traversed cell, of a hit one in V
+    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [5] origin x, y, cell side, factor outside, clip
     validity: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K] out: V
-    lift: ti.types.ndarray(dtype=ti.f64, ndim=4),  # [SLABS, 2, ny, nx] scratch, zero on entry and exit
+    crossed: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [SLABS, ny, nx] scratch, zero on entry and exit
+    met: ti.types.ndarray(dtype=ti.f32, ndim=4),  # [SLABS, 2, ny, nx] scratch, zero on entry and exit
+    touched: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [SLABS, ny * nx + 1, 2] scratch
     message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [SLABS, ny, nx] in/out: sum of log ratios
     rays: ti.i32,
-    outside: ti.f64,
-    clip: ti.f64,
 ):
     """Cast the rays of all paths; where `factor[:, 1]` is set, add the paths' log ratios to `message`."""
-    ny, nx = traversed.shape[0], traversed.shape[1]
+    ny, nx = occupied.shape[1], occupied.shape[2]
     ti.loop_config(block_dim=1)
     for slab in range(SLABS):
         paths = bounces.shape[0]
+        side, outside, clip = frame[2], frame[3], frame[4]
         path = slab
         while path < paths:
-            count = bounces[path]
-            total = ti.cast(0.0, ti.f64)
-            a = factor[path, 0]
-            for mode in ti.static(range(3)):  # 0: cast V; 1: collect messages; 2: fold them into the sum
-                if mode == 0 or factor[path, 1] > 0.5:
-                    for ray in range(rays):
-                        k = path * rays + ray
-                        hx, hy = ti.Vector([-9, -9, -9, -9, -9, -9]), ti.Vector([-9, -9, -9, -9, -9, -9])
-                        met_v = ti.Vector([1.0, 1.0], dt=ti.f64)
-                        met_m = ti.Vector([1.0, 1.0], dt=ti.f64)
-                        for b in range(count):
-                            clear_v, clear_m = ti.cast(1.0, ti.f64), ti.cast(1.0, ti.f64)
-                            inside = 0
-                            for side in range(3):
-                                off = (side - 1) * frame[2]
-                                ix = cell_of(
-                                    corners[k, b + 1, 0] + off * normals[k, b, 0], frame[0], frame[2]
-                                )
-                                iy = cell_of(
-                                    corners[k, b + 1, 1] + off * normals[k, b, 1], frame[1], frame[2]
-                                )
-                                if ix >= 0 and iy >= 0 and ix < nx and iy < ny:
-                                    fresh = 1
-                                    for other in range(side):
-                                        if hx[3 * b + other] == ix and hy[3 * b + other] == iy:
-                                            fresh = 0
-                                    if fresh == 1:
-                                        hx[3 * b + side], hy[3 * b + side] = ix, iy
-                                        clear_v *= 1 - hit[iy, ix]
-                                        clear_m *= 1 - traversed[iy, ix]
-                                        inside = 1
-                            met_v[b] = 1 - clear_v if inside == 1 else outside
-                            met_m[b] = 1 - clear_m if inside == 1 else outside
-                        # walk the legs (Amanatides and Woo)
-                        through = ti.cast(1.0, ti.f64)
-                        if ti.static(mode > 0):
-                            through = validity[k]
-                            for b in range(count):
-                                through /= ti.max(met_v[b], 1e-12)
-                        v_m = through
-                        for b in range(count):
-                            v_m *= met_m[b]
-                        base = v_m * a + 1 - v_m
-                        if ti.static(mode == 1):
-                            total += base
-                        for leg in range(count + 1):
-                            x0 = (corners[k, leg, 0] - frame[0]) / frame[2]
-                            y0 = (corners[k, leg, 1] - frame[1]) / frame[2]
-                            x1 = (corners[k, leg + 1, 0] - frame[0]) / frame[2]
-                            y1 = (corners[k, leg + 1, 1] - frame[1]) / frame[2]
+            count, a = bounces[path], factor[path, 0]
+            total, known = ti.cast(0.0, ti.f64), 0
+            send = factor[path, 1] > 0.5
+            for ray in range(rays):
+                k = path * rays + ray
+                hx, hy = ti.Vector([-9, -9, -9, -9, -9, -9]), ti.Vector([-9, -9, -9, -9, -9, -9])
+                met_v, met_m = ti.Vector([1.0, 1.0], dt=ti.f64), ti.Vector([1.0, 1.0], dt=ti.f64)
+                for b in range(count):
+                    clear_v, clear_m = ti.cast(1.0, ti.f64), ti.cast(1.0, ti.f64)
+                    inside = 0
+                    for n in range(3):
+                        off = (n - 1) * side
+                        ix = cell_of(corners[k, b + 1, 0] + off * normals[k, b, 0], frame[0], side)
+                        iy = cell_of(corners[k, b + 1, 1] + off * normals[k, b, 1], frame[1], side)
+                        if ix >= 0 and iy >= 0 and ix < nx and iy < ny:
+                            fresh = 1
+                            for other in range(n):
+                                if hx[3 * b + other] == ix and hy[3 * b + other] == iy:
+                                    fresh = 0
+                            if fresh == 1:
+                                hx[3 * b + n], hy[3 * b + n] = ix, iy
+                                clear_v *= 1 - occupied[1, iy, ix]
+                                clear_m *= 1 - occupied[0, iy, ix]
+                                inside = 1
+                    met_v[b] = 1 - clear_v if inside == 1 else outside
+                    met_m[b] = 1 - clear_m if inside == 1 else outside
+                through = ti.cast(1.0, ti.f64)
+                v_m = ti.cast(0.0, ti.f64)
+                for walk in ti.static(range(2)):  # 0: V; 1: add it to the cells
+                    if walk == 0 or (send and v_m > 0):
+                        add = ti.cast(v_m, ti.f32)
+                        for leg in range(count + 1):  # Amanatides and Woo
+                            x0, y0 = (
+                                (corners[k, leg, 0] - frame[0]) / side,
+                                (corners[k, leg, 1] - frame[1]) / side,
+                            )
+                            x1 = (corners[k, leg + 1, 0] - frame[0]) / side
+                            y1 = (corners[k, leg + 1, 1] - frame[1]) / side
                             ix, iy = ti.cast(ti.floor(x0), ti.i32), ti.cast(ti.floor(y0), ti.i32)
                             jx, jy = ti.cast(ti.floor(x1), ti.i32), ti.cast(ti.floor(y1), ti.i32)
                             dx, dy = x1 - x0, y1 - y0
@@ -101,57 +107,63 @@ def cast(
                             if ti.abs(dy) > 1e-12:
                                 ay = ti.abs(1 / dy)
                                 ty = (iy + 1 - y0 if dy > 0 else y0 - iy) * ay
-                            left = ti.abs(jx - ix) + ti.abs(jy - iy) + 1
-                            while left > 0:
-                                left -= 1
-                                if ix >= 0 and iy >= 0 and ix < nx and iy < ny:
-                                    own = 0
-                                    for n in range(3 * count):
-                                        if hx[n] == ix and hy[n] == iy:
-                                            own = 1
-                                    if own == 0:
-                                        o = traversed[iy, ix]
-                                        if ti.static(mode == 0):
-                                            through *= 1 - o
-                                        if ti.static(mode == 1):
-                                            v = ti.min(v_m / (1 - o), 1.0)
-                                            lift[slab, 0, iy, ix] += v * a + 1 - v - base
-                                            lift[slab, 1, iy, ix] += 1 - base
-                                        if ti.static(mode == 2):
-                                            low, high = lift[slab, 0, iy, ix], lift[slab, 1, iy, ix]
-                                            if low != 0.0 or high != 0.0:
-                                                ratio = ti.log(ti.max(total + high, 1e-12))
-                                                ratio -= ti.log(ti.max(total + low, 1e-12))
-                                                message[slab, iy, ix] += ti.max(-clip, ti.min(clip, ratio))
-                                                lift[slab, 0, iy, ix] = 0.0
-                                                lift[slab, 1, iy, ix] = 0.0
-                                if tx < ty:
-                                    tx += ax
-                                    ix += sx
-                                else:
-                                    ty += ay
-                                    iy += sy
-                        if ti.static(mode == 0):
-                            for b in range(count):
-                                through *= met_v[b]
-                            validity[k] = through
-                        if ti.static(mode > 0):
-                            for b in range(count):
-                                v1 = v_m / ti.max(met_m[b], 1e-12)
-                                for side in range(3):
-                                    ix, iy = hx[3 * b + side], hy[3 * b + side]
-                                    if ix >= 0:
-                                        if ti.static(mode == 1):
-                                            rest = (1 - met_m[b]) / (1 - traversed[iy, ix])
-                                            v0 = v1 * (1 - rest)
-                                            lift[slab, 0, iy, ix] += v0 * a + 1 - v0 - base
-                                            lift[slab, 1, iy, ix] += v1 * a + 1 - v1 - base
+                            steps = ti.abs(jx - ix) + ti.abs(jy - iy) + 1
+                            # met cells lie at the leg's ends, unless another bounce's stand in its way
+                            lx, ly, ux, uy = ti.min(ix, jx), ti.min(iy, jy), ti.max(ix, jx), ti.max(iy, jy)
+                            careful = lx < 0 or ly < 0 or ux >= nx or uy >= ny
+                            for n in range(3 * count):
+                                b = n // 3
+                                if b != leg and b != leg - 1:
+                                    if hx[n] >= lx and hx[n] <= ux and hy[n] >= ly and hy[n] <= uy:
+                                        careful = True
+                            head = steps if careful else ti.min(steps, NEAR)
+                            tail = ti.min(steps - head, NEAR)
+                            for part in ti.static(range(3)):
+                                left = head if part == 0 else (tail if part == 2 else steps - head - tail)
+                                while left > 0:
+                                    left -= 1
+                                    good = True
+                                    if ti.static(part != 1):
+                                        good = ix >= 0 and iy >= 0 and ix < nx and iy < ny
+                                        for n in range(3 * count):
+                                            if hx[n] == ix and hy[n] == iy:
+                                                good = False
+                                    if good:
+                                        if ti.static(walk == 0):
+                                            through *= 1 - occupied[0, iy, ix]
                                         else:
-                                            low, high = lift[slab, 0, iy, ix], lift[slab, 1, iy, ix]
-                                            if low != 0.0 or high != 0.0:
-                                                ratio = ti.log(ti.max(total + high, 1e-12))
-                                                ratio -= ti.log(ti.max(total + low, 1e-12))
-                                                message[slab, iy, ix] += ti.max(-clip, ti.min(clip, ratio))
-                                                lift[slab, 0, iy, ix] = 0.0
-                                                lift[slab, 1, iy, ix] = 0.0
+                                            before = crossed[slab, iy, ix]
+                                            if before == 0.0:
+                                                known = listed(slab, ix, iy, crossed, met, touched, known)
+                                            crossed[slab, iy, ix] = before + add
+                                    if tx < ty:
+                                        tx += ax
+                                        ix += sx
+                                    else:
+                                        ty += ay
+                                        iy += sy
+                    if ti.static(walk == 0):
+                        validity[k] = through * met_v[0] * met_v[1]
+                        v_m = through * met_m[0] * met_m[1]
+                        total += v_m * a + 1 - v_m
+                if send and v_m > 0:
+                    for b in range(count):
+                        v1 = v_m / ti.max(met_m[b], 1e-12)
+                        for n in range(3 * b, 3 * b + 3):
+                            ix, iy = hx[n], hy[n]
+                            if ix >= 0:
+                                v0 = v1 * (1 - (1 - met_m[b]) / (1 - occupied[0, iy, ix]))
+                                known = listed(slab, ix, iy, crossed, met, touched, known)
+                                met[slab, 0, iy, ix] += ti.cast((v0 - v_m) * (a - 1), ti.f32)
+                                met[slab, 1, iy, ix] += ti.cast((v1 - v_m) * (a - 1), ti.f32)
+            for n in range(known):
+                ix, iy = touched[slab, n, 0], touched[slab, n, 1]
+                o, lift = ti.cast(occupied[0, iy, ix], ti.f64), (a - 1) * crossed[slab, iy, ix]
+                low = ti.max(total + lift * o / (1 - o) + met[slab, 0, iy, ix], 1e-12)
+                high = ti.max(total - lift + met[slab, 1, iy, ix], 1e-12)
+                ratio = ti.log(high) - ti.log(low)
+                message[slab, iy, ix] += ti.max(-clip, ti.min(clip, ratio))
+                crossed[slab, iy, ix] = 0.0
+                met[slab, 0, iy, ix] = 0.0
+                met[slab, 1, iy, ix] = 0.0
             path += SLABS

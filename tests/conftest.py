@@ -1,5 +1,6 @@
 """What several tests share: the command line in this process, and a scene that takes a second."""
 
+import signal
 from typing import NamedTuple
 
 import pytest
@@ -47,3 +48,11 @@ def short_room(tmp_path):
 def no_figures(monkeypatch):
     """Leave out the figures, which take longer than the filter."""
     monkeypatch.setattr("gridslam.plots.draw_all", lambda folder: [])
+
+
+@pytest.fixture
+def ctrl_c():
+    """Ctrl-C as a terminal has it: a shell lets jobs in the background ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)

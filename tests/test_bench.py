@@ -149,7 +149,7 @@ def test_cell_visits_of_a_straight_ray_are_the_cells_on_its_way():
     corners = np.array([[0.5, 0.5], [3.5, 0.5], [3.5, 0.5], [3.5, 0.5]])[None]
     case = {
         "corners": corners, "normals": np.ones((1, 2, 2)), "bounces": np.zeros(1, np.int32),
-        "frame": np.array([0.0, 0.0, 1.0]), "traversed": np.zeros((4, 4)), "rays": 1,
+        "frame": np.array([0.0, 0.0, 1.0, 0.1, 12.0]), "occupied": np.zeros((2, 4, 4)), "rays": 1,
     }  # fmt: skip
     assert bench_kernels.CONTESTS["cast"].units(case) == 4
 

@@ -10,7 +10,7 @@ from gridslam.simulate import true_paths
 
 
 def test_bundled_scenes_cite_their_source_and_say_what_is_hard():
-    assert bundled_scenes() == ["alcove", "canyon", "room"]
+    assert bundled_scenes() == ["alcove", "canyon", "hall", "room"]
     for name in bundled_scenes():
         head = re.split(r"^(?!#)", (BUNDLED / f"{name}.toml").read_text(), maxsplit=1, flags=re.M)[0]
         assert "paper 00" in head
@@ -87,3 +87,27 @@ def test_canyon_tracks_overlap_only_in_part():
     one, two = (scene.track(name).position_m for name in ("agent1", "agent2"))
     near = (np.linalg.norm(two[:, None] - one[None], axis=-1) < 1.0).any(axis=1).mean()
     assert 0.1 < near < 0.6
+
+
+def test_hall_shows_one_anchor_for_100_steps_then_none_for_40():
+    scene, paths, _, loud = heard("hall", "agent1", 3.0)
+    assert len(scene.track("agent1")) == 450
+    sight = np.zeros((450, 2), bool)
+    rows = paths.bounces == 0
+    sight[paths.step[rows], paths.anchor[rows]] = True
+    assert sight[:100, 0].all()
+    assert not sight[:100, 1].any()
+    assert not sight[100:140].any()
+    assert sight[140:].any(axis=1).all()
+    assert sight[140:, 1].mean() > 0.9  # the other anchor, at last
+    single = np.zeros((450, 2), int)
+    np.add.at(single, (paths.step, paths.anchor), loud & (paths.bounces == 1))
+    assert (single[100:140] >= 1).all()  # what is left in the dark: at least a single bounce from each
+    assert (single[100:140].sum(axis=1) >= 4).all()
+
+
+def test_hall_pillars_and_shelves_are_heard_at_least_for_a_while():
+    _, paths, entry, loud = heard("hall", "agent1", 2.5)
+    for wall in range(1, 5):
+        rows = loud & (paths.bounces == 1) & (entry[:, 0] == wall)
+        assert len(steps_of(paths, rows)) >= 5, wall

@@ -181,7 +181,9 @@ def interrupted_at(monkeypatch, agent, step, stop):
     monkeypatch.setattr(GridSlam, "step", cut)
 
 
-def test_ctrl_c_finishes_the_step_and_keeps_what_was_done(say, short_room, no_figures, monkeypatch, tmp_path):
+def test_ctrl_c_finishes_the_step_and_keeps_what_was_done(
+    say, short_room, no_figures, ctrl_c, monkeypatch, tmp_path
+):
     interrupted_at(monkeypatch, "agent1", 2, lambda: signal.raise_signal(signal.SIGINT))
     said = say("run", short_room, "-o", "out")
     assert said.code == 130
@@ -195,7 +197,7 @@ def test_ctrl_c_finishes_the_step_and_keeps_what_was_done(say, short_room, no_fi
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_impatient_ctrl_c_loses_the_agent_on_its_way_alone(say, short_room, no_figures, monkeypatch):
+def test_impatient_ctrl_c_loses_the_agent_on_its_way_alone(say, short_room, no_figures, ctrl_c, monkeypatch):
     def twice():
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)

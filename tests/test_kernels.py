@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gridslam import runtime, twins
+from gridslam.geometry import wrap
 from gridslam.inference.births import SAMPLES
 from gridslam.kernels import PATH_BLOCK
 
@@ -128,17 +129,80 @@ def test_birth_proposals_equal_their_twin(seed, with_departure):
     noise, weight = draw.normal(size=(2, SAMPLES)), np.zeros((3, 5))
     propose(agent, lines, noise, heard, known, place, weight)
     expected = twins.propose(agent, lines, noise, heard, known, place)
-    np.testing.assert_allclose(weight, expected, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(weight, expected, rtol=2e-3, atol=1e-6)
+
+
+def random_belief(draw, surfaces):
+    """Mean and correlated covariance of an agent and some surfaces, and all paths over them."""
+    mean = np.concatenate([draw.uniform(-4, 4, 2), draw.normal(0, 0.1, 2), draw.uniform(-3, 3, 1)])
+    lines = np.stack([draw.uniform(-3, 3, surfaces), draw.uniform(1, 6, surfaces)], -1)
+    mean = np.concatenate([mean, lines.ravel()])
+    root = 0.03 * draw.normal(size=(len(mean), len(mean)))
+    path = [[0, -1, -1]] + [[1, s, s] for s in range(surfaces)]
+    path += [[2, s, r] for s in range(surfaces) for r in range(surfaces) if s != r]
+    return mean, root @ root.T + 1e-5 * np.eye(len(mean)), np.array(path, np.int32)
+
+
+@given(seeds, st.integers(0, 4))
+@settings(max_examples=25, deadline=None)
+def test_predicted_paths_equal_their_twin(seed, surfaces):
+    from gridslam.kernels.gaussian import predict
+
+    draw = np.random.default_rng(seed)
+    mean, covariance, path = random_belief(draw, surfaces)
+    place, out = np.array([*draw.uniform(-5, 5, 2), draw.uniform(-3, 3)]), np.zeros((len(path), 12))
+    predict(mean, covariance, path, place, out)
+    value, _, spread = twins.predict(mean, covariance, path, place)
+    far = value[:, 0] > 0.1  # next to its image, an agent has no direction to it
+    np.testing.assert_allclose(out[far, 0], value[far, 0], rtol=1e-9)
+    np.testing.assert_allclose(wrap(out[far, 1:3] - value[far, 1:]), 0, atol=1e-6)
+    np.testing.assert_allclose(out[far, 3:].reshape(-1, 3, 3), spread[far], rtol=1e-6, atol=1e-9)
+
+
+@given(seeds, st.integers(0, 3))
+@settings(max_examples=25, deadline=None)
+def test_correction_equals_its_twin(seed, surfaces):
+    from gridslam.kernels.gaussian import correct
+
+    draw = np.random.default_rng(seed)
+    mean, covariance, path = random_belief(draw, surfaces)
+    place = np.array([*draw.uniform(-5, 5, 2), draw.uniform(-3, 3)])
+    value, _, spread = twins.predict(mean, covariance, path, place)
+    path, value, spread = path[value[:, 0] > 0.5], value[value[:, 0] > 0.5], spread[value[:, 0] > 0.5]
+    end = np.cumsum(draw.integers(0, 3, len(path)))
+    table = np.column_stack([path, np.append(0, end[:-1]), end]).astype(np.int32)[: len(path)]
+    pair = np.zeros((int(end[-1]) if len(end) else 0, 8))
+    for row, *_, low, high in np.column_stack([np.arange(len(path)), table]):
+        for k in range(low, high):
+            std = np.array([0.1, 0.1, 0.1])
+            pair[k, :3] = value[row] + draw.normal(size=3) * std
+            pair[k, 3:6] = np.where(draw.random(3) < 0.2, 1e12, std**2)
+            pair[k, 6:] = draw.exponential(0.01), draw.uniform(0.2, 1)
+    prior = draw.uniform(0.1, 0.9, (len(path), 2))
+    expected = twins.correct(mean, covariance, table, prior, pair, place, 1e-6)
+    share, scratch = np.zeros(len(pair)), np.zeros((len(mean), 6))
+    correct(mean, covariance, table, prior, pair, place, 1e-6, scratch, share)
+    for found, wanted in zip((mean, covariance, share), expected, strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-7)
+    assert np.linalg.eigvalsh(covariance).min() > -1e-9
 
 
 def launch_cast(corners, normals, bounces, worth, traversed, hit, frame, rays):
     from gridslam.kernels.cells import SLABS, cast
 
-    validity, message = np.zeros(len(corners)), np.zeros((SLABS, *traversed.shape))
-    lift = np.zeros((SLABS, 2, *traversed.shape))
+    shape = traversed.shape
+    validity, message = np.zeros(len(corners)), np.zeros((SLABS, *shape))
+    crossed, met = np.zeros((SLABS, *shape), np.float32), np.zeros((SLABS, 2, *shape), np.float32)
+    touched = np.zeros((SLABS, traversed.size + 1, 2), np.int32)
+    occupied = np.stack([traversed, hit]).astype(np.float32)
     factor = np.stack([worth, np.ones(len(worth))], -1)
-    cast(corners, normals, bounces, factor, traversed, hit, frame, validity, lift, message, rays, 0.1, 12.0)
-    assert not lift.any(), "scratch is left as it was found"
+    frame = np.append(frame, [0.1, 12.0])
+    cast(
+        corners, normals, bounces, factor, occupied, frame, validity, crossed, met, touched,
+        message, rays,
+    )  # fmt: skip
+    assert not crossed.any(), "scratch is left as it was found"
+    assert not met.any()
     return validity, message.sum(0)
 
 
@@ -156,9 +220,12 @@ def test_ray_casting_and_cell_messages_equal_their_twin(seed):
     frame = np.array([-0.3, 0.2, 0.5])
     corners = corners.reshape(-1, 4, 2)
     found = launch_cast(corners, normals, bounces, worth, traversed, hit, frame, rays)
-    expected = twins.cast(corners, normals, bounces, worth, traversed, hit, frame, rays, 0.1)
-    np.testing.assert_allclose(found[0], expected[0], rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(found[1], expected[1], rtol=1e-6, atol=1e-9)
+    expected = twins.cast(corners, normals, bounces, worth, traversed, hit, frame, rays, 0.1, 12.0)
+    np.testing.assert_allclose(found[0], expected[0], rtol=1e-5, atol=1e-9)
+    # a ratio of e^7 and more is told from rounded sums that all but cancel
+    clear = np.abs(expected[1]) < 7
+    np.testing.assert_allclose(found[1][clear], expected[1][clear], rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(found[1][~clear], expected[1][~clear], atol=0.5)
 
 
 @pytest.mark.parametrize(
@@ -193,7 +260,7 @@ def test_a_ray_through_corners_stays_between_the_cells_that_touch_it(end):
     low, high = corners[0, :2].min(0), corners[0, :2].max(0)
     assert (touched[:, ::-1] + 1 >= low).all()
     assert (touched[:, ::-1] <= high).all()
-    assert 0.9 ** len(touched) == pytest.approx(validity[0])
+    assert 0.9 ** len(touched) == pytest.approx(validity[0], rel=1e-5)
 
 
 def test_no_paths_cast_nothing():

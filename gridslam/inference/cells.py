@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.inference.polylines import Polylines
+from gridslam.kernels import CELL_SLABS
 from gridslam.signal import REFLECTION_BINS
 
 Array = NDArray[np.float64]
@@ -26,8 +27,6 @@ class Cells:
     ----------
     origin, cell : (2,) m and m
         Lower-left corner and side of a cell.
-    evidence : (ny, nx) float64
-        Log odds, 0 where untouched.
     coefficient : (ny, nx, BINS) float64
         Log-likelihood over `REFLECTION_BINS`.
     """
@@ -36,7 +35,8 @@ class Cells:
         self, origin: Array, cell: float, shape: tuple[int, int], free_path: float, anchors: Array
     ) -> None:
         self.origin, self.cell, self.shape = np.asarray(origin, float), cell, shape
-        self.evidence = np.zeros(shape)
+        self._evidence = np.zeros(shape)
+        self._occupied: NDArray[np.float32] | None = None
         self.observed = np.zeros(shape, dtype=bool)
         self.coefficient = np.zeros((*shape, BINS))
         self.prior = 1 - np.exp(-cell / free_path)
@@ -44,8 +44,26 @@ class Cells:
         centre = self.origin + cell * (np.stack([x, y], -1) + 0.5)
         gap = np.linalg.norm(centre[:, :, None] - anchors, axis=-1).min(-1)
         self._clear = gap < CLEAR_ANCHOR_M
-        self._lift = np.zeros((4, 2, *shape))
-        self._message = np.zeros((4, *shape))
+        self._crossed = np.zeros((CELL_SLABS, *shape), np.float32)
+        self._met = np.zeros((CELL_SLABS, 2, *shape), np.float32)
+        self._touched = np.zeros((CELL_SLABS, shape[0] * shape[1] + 1, 2), np.int32)
+        self._message = np.zeros((CELL_SLABS, *shape))
+        self._frame = np.array([*self.origin, cell, OUTSIDE, EVIDENCE_CLIP])
+
+    @property
+    def evidence(self) -> Array:
+        """Log odds of every cell, 0 where untouched, (ny, nx); replace it whole, never in place."""
+        return self._evidence
+
+    @evidence.setter
+    def evidence(self, value: Array) -> None:
+        self._evidence, self._occupied = value, None
+
+    def occupied(self) -> NDArray[np.float32]:
+        """Occupancy in both roles, crossed and met, kept until the evidence changes, (2, ny, nx)."""
+        if self._occupied is None:
+            self._occupied = np.stack([self.traversed(), self.hit()]).astype(np.float32)
+        return self._occupied
 
     def traversed(self) -> Array:
         """Occupancy probability of a cell in the role of being crossed."""
@@ -84,15 +102,14 @@ class Cells:
                 np.ascontiguousarray(lines.normals.reshape(-1, 2, 2), dtype=np.float64),
                 np.ascontiguousarray(lines.bounces, dtype=np.int32),
                 np.ascontiguousarray(factor, dtype=np.float64),
-                self.traversed(),
-                self.hit(),
-                np.array([*self.origin, self.cell]),
+                self.occupied(),
+                self._frame,
                 validity,
-                self._lift,
+                self._crossed,
+                self._met,
+                self._touched,
                 self._message,
                 rays,
-                OUTSIDE,
-                EVIDENCE_CLIP,
             )
         return validity.reshape(paths, rays)
 

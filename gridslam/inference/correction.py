@@ -1,16 +1,19 @@
-"""Correction of agent and surfaces by what one anchor's measurements said of its paths."""
+"""Correction of agent and surfaces by what an anchor heard of its paths; owner of that kernel."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.belief import Belief, update
-from gridslam.inference.evaluation import Pairs, gaussian_ratios, residuals
+from gridslam import runtime
+from gridslam.inference.belief import Belief
+from gridslam.inference.evaluation import Pairs
 from gridslam.inference.heard import Heard
-from gridslam.inference.rays import Rays, predict_paths
+from gridslam.inference.rays import Rays
 
 Array = NDArray[np.float64]
+UNHEARD, UNMOVED = 1e-3, 1e-6
+"""Probabilities below which a path is left out, and below which an association moves nothing."""
 
 
 def correct(
@@ -35,20 +38,37 @@ def correct(
     (belief, responsible)
         responsible (L, M): probability that the path caused the measurement.
     """
-    weight = beta * nu
+    runtime.start()
+    from gridslam.kernels.gaussian import correct as launch
+
+    rays.check(len(belief.lines))
+    weight = (beta * nu).sum(1)
     missed = np.maximum(1 - chance * detection, 1e-9)
-    total = weight.sum(1) / (weight.sum(1) + missed)
-    responsible = np.zeros_like(weight)
-    for row in np.argsort(-total, kind="stable"):
-        if total[row] < 1e-3:
-            break
-        chosen = pairs.of(row)
-        now = predict_paths(rays, np.array([row]), belief, heard.place, heard.facing)
-        residual = residuals(pairs, chosen, now.value[0], heard)
-        measurement = pairs.measurement[chosen]
-        share = chance[row] * nu[row, measurement] * gaussian_ratios(pairs, chosen, residual, now.spread[0])
-        share = share / (share.sum() + missed[row])
-        responsible[row, measurement] = share
-        kept = share > 1e-6
-        belief = update(belief, now.jacobian[0], residual[kept], pairs.variance[chosen][kept], share[kept])
-    return belief, responsible
+    total = weight / (weight + missed)
+    order = np.argsort(-total, kind="stable")
+    order = order[total[order] >= UNHEARD]
+    responsible = np.zeros_like(beta)
+    if not len(order):
+        return belief, responsible
+    mean, covariance = belief.mean.copy(), np.ascontiguousarray(belief.covariance).copy()
+    start = np.searchsorted(pairs.path, np.arange(len(rays) + 1))
+    table = np.concatenate([rays.table, start[:-1, None], start[1:, None]], 1)[order].astype(np.int32)
+    heard_of = np.zeros((len(pairs), 8))
+    heard_of[:, :3] = np.nan_to_num(heard.value[pairs.measurement])
+    heard_of[:, 3:6] = pairs.variance
+    heard_of[:, 6] = pairs.density
+    heard_of[:, 7] = nu[pairs.path, pairs.measurement]
+    share = np.zeros(len(pairs))
+    launch(
+        mean,
+        covariance,
+        table,
+        np.stack([chance[order], missed[order]], -1),
+        heard_of,
+        np.array([*heard.place, heard.facing]),
+        UNMOVED,
+        np.zeros((len(mean), 6)),
+        share,
+    )
+    responsible[pairs.path, pairs.measurement] = share
+    return Belief(mean, covariance), responsible

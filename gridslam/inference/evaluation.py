@@ -12,7 +12,8 @@ from gridslam.geometry import wrap
 from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import Strengths, deviations
 from gridslam.inference.particles import Cloud
-from gridslam.inference.rays import Prediction, Rays
+from gridslam.inference.prediction import Prediction
+from gridslam.inference.rays import Rays
 from gridslam.kernels import PATH_BLOCK
 from gridslam.signal import SignalModel
 
@@ -43,11 +44,6 @@ class Pairs:
 
     def __len__(self) -> int:
         return len(self.path)
-
-    def of(self, path: int) -> slice:
-        """Pairs of one path."""
-        low, high = np.searchsorted(self.path, [path, path + 1])
-        return slice(int(low), int(high))
 
 
 def gate(
@@ -85,21 +81,6 @@ def gate(
     )
 
 
-def residuals(pairs: Pairs, chosen: slice, value: Array, heard: Heard) -> Array:
-    """Measured minus predicted `value` (3,), 0 where nothing was measured, (n, 3)."""
-    gap = heard.value[pairs.measurement[chosen]] - value
-    gap[:, 1:] = wrap(gap[:, 1:])
-    return np.where(pairs.variance[chosen] >= UNMEASURED, 0.0, gap)
-
-
-def gaussian_ratios(pairs: Pairs, chosen: slice, residual: Array, spread: Array) -> Array:
-    """Ratios of the pairs of one path whose parameters have covariance `spread` (3, 3), (n,)."""
-    total = spread + pairs.variance[chosen][:, None, :] * np.eye(3)
-    solved = np.linalg.solve(total, residual[..., None])[..., 0]
-    scale = np.sqrt(np.linalg.det(2 * np.pi * total))
-    return np.asarray(pairs.density[chosen] * np.exp(-0.5 * (residual * solved).sum(-1)) / scale)
-
-
 def evaluate(
     rays: Rays, cloud: Cloud, pairs: Pairs, predicted: Prediction, heard: Heard
 ) -> tuple[Array, Array]:
@@ -117,8 +98,7 @@ def evaluate(
     count, particles = len(rays), cloud.agent.shape[1]
     if particles % PATH_BLOCK or cloud.agent.dtype != np.float32 or cloud.lines.dtype != np.float32:
         raise ValueError(f"cloud of {particles} {cloud.agent.dtype}: whole blocks of float32 are needed")
-    if cloud.lines.shape[1] <= max(rays.last.max(initial=-1), rays.first.max(initial=-1)):
-        raise ValueError("a path names a surface that the cloud doesn't hold")
+    rays.check(cloud.lines.shape[1])
     total = cloud.kept * predicted.spread[pairs.path] + pairs.variance[:, None, :] * np.eye(3)
     inverse = np.linalg.inv(total)
     value = np.nan_to_num(heard.value[pairs.measurement])
@@ -134,7 +114,7 @@ def evaluate(
     launch(
         cloud.agent,
         cloud.lines,
-        np.ascontiguousarray(np.stack([rays.bounces, rays.last, rays.first], -1), np.int32),
+        rays.table,
         np.searchsorted(pairs.path, np.arange(count + 1)).astype(np.int32),
         table if len(pairs) else np.zeros((1, 11), np.float32),
         np.array([*heard.place, heard.facing], np.float32),

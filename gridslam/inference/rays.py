@@ -7,8 +7,6 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.geometry import PathGeometry, trace, wrap
-from gridslam.inference.belief import Belief, slots
 from gridslam.inference.surfaces import Bank
 
 Array = NDArray[np.float64]
@@ -38,6 +36,16 @@ class Rays:
 
     def __len__(self) -> int:
         return len(self.bounces)
+
+    @property
+    def table(self) -> NDArray[np.int32]:
+        """Bounces, last and first surface of every ray, as kernels take them, (L, 3)."""
+        return np.stack([self.bounces, self.last, self.first], -1).astype(np.int32)
+
+    def check(self, surfaces: int) -> None:
+        """Refuse rays that name a surface which isn't there: a kernel would read past its arrays."""
+        if max(self.last.max(initial=-1), self.first.max(initial=-1)) >= surfaces:
+            raise ValueError("a ray names a surface that doesn't exist")
 
     def take(self, rows: NDArray[np.intp]) -> Rays:
         """Some of the rays."""
@@ -69,54 +77,6 @@ def rays_of(bank: Bank, sight: Array, anchor: int, most_bounces: int, now: bool 
         memory,
         product,
     )
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """Predicted parameters of paths at the mean of the belief.
-
-    Attributes
-    ----------
-    value : (L, 3)
-        Distance (m), AoD and AoA relative to anchor and heading (rad).
-    jacobian : (L, 3, N)
-        Derivative by the joint state.
-    spread : (L, 3, 3)
-        Covariance from the belief alone.
-    geometry : PathGeometry
-    """
-
-    value: Array
-    jacobian: Array
-    spread: Array
-    geometry: PathGeometry
-
-
-def predict_paths(
-    rays: Rays, rows: NDArray[np.intp], belief: Belief, anchor: Array, facing: float
-) -> Prediction:
-    """Predict the paths `rows` of `rays` at the mean of the belief."""
-    lines = belief.lines if len(belief.lines) else np.zeros((1, 2))
-    last, first, bounces = rays.last[rows], rays.first[rows], rays.bounces[rows]
-    geometry = trace(
-        np.broadcast_to(belief.mean[:2], (len(rows), 2)),
-        np.broadcast_to(anchor, (len(rows), 2)),
-        lines[np.maximum(last, 0)],
-        lines[np.maximum(first, 0)],
-        bounces,
-    )
-    value = np.stack(
-        [geometry.distance, wrap(geometry.departure - facing), wrap(geometry.arrival - belief.mean[4])], -1
-    )
-    jacobian = np.zeros((len(rows), 3, len(belief.mean)))
-    jacobian[:, :, [0, 1, 4]] = geometry.jacobian[:, :, :3]
-    for kind, surface, columns in ((bounces > 0, last, slice(3, 5)), (bounces == 2, first, slice(5, 7))):
-        chosen = np.flatnonzero(kind)
-        place = slots(surface[chosen])
-        for side in range(2):
-            jacobian[chosen, :, place[:, side]] += geometry.jacobian[chosen, :, columns][:, :, side]
-    spread = np.einsum("lan,nm,lbm->lab", jacobian, belief.covariance, jacobian, optimize=True)
-    return Prediction(value, jacobian, spread, geometry)
 
 
 def remember(bank: Bank, sight: Array, rays: Rays, anchor: int, worth: Array, validity: Array) -> None:

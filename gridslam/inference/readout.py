@@ -9,7 +9,10 @@ from numpy.typing import NDArray
 
 from gridslam.estimates import PathEstimate, SurfaceEstimate
 from gridslam.inference.belief import Belief
-from gridslam.inference.rays import Rays, predict_paths, rays_of
+from gridslam.inference.particles import at_mean
+from gridslam.inference.polylines import draw_paths
+from gridslam.inference.prediction import predict_paths
+from gridslam.inference.rays import Rays, rays_of
 from gridslam.inference.surfaces import Bank, canonical_lines
 from gridslam.signal import REFLECTION_BINS
 
@@ -37,28 +40,26 @@ def path_estimate(
     strength : callable
         Amplitudes (L,) of an anchor's rays of given distances (L,).
     """
-    tables = []
+    tables, here = [], at_mean(belief)
     identity = np.append(bank.identity, -1)
     for anchor in range(len(places)):
         rays = rays_of(bank, sight, anchor, most_bounces, now=True)
         chance = rays.existence * rays.surfaces
         rows = np.flatnonzero(chance > 0.5)
-        found = predict_paths(rays, rows, belief, places[anchor], float(facings[anchor]))
-        good = found.geometry.valid
-        rows, value = rows[good], found.value[good]
-        double = rays.bounces[rows] == 2
-        points = np.full((len(rows), 4, 2), np.nan)
-        points[:, 0], points[:, 3] = places[anchor], belief.mean[:2]
-        points[:, 1] = found.geometry.first_point[good]
-        points[double, 2] = found.geometry.last_point[good][double]
+        drawn = draw_paths(rays.bounces[rows], rays.last[rows], rays.first[rows], here, places[anchor])
+        good = drawn.valid[:, 0] > 0
+        rows, points = rows[good], drawn.corners[good, 0]
+        rays = rays.take(rows)
+        value = predict_paths(rays, belief, places[anchor], float(facings[anchor])).value
+        points[rays.bounces < 2, 2], points[rays.bounces < 1, 1] = np.nan, np.nan
         tables.append(
             PathEstimate(
                 np.full(len(rows), anchor),
-                np.stack([identity[rays.last[rows]], identity[rays.first[rows]]], -1),
+                np.stack([identity[rays.last], identity[rays.first]], -1),
                 value[:, 0],
                 value[:, 1],
                 value[:, 2],
-                strength(anchor, rays.take(rows), value[:, 0]),
+                strength(anchor, rays, value[:, 0]),
                 chance[rows],
                 points,
             )

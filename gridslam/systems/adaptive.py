@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.estimates import Estimate
 from gridslam.inference import surfaces
 from gridslam.inference.amplitudes import RayAmplitudes
 from gridslam.inference.heard import Heard
 from gridslam.inference.particles import at_mean
 from gridslam.inference.polylines import draw_paths
-from gridslam.inference.rays import Rays, predict_paths, rays_of
+from gridslam.inference.prediction import predict_paths
+from gridslam.inference.rays import Rays, rays_of
 from gridslam.map import Map
-from gridslam.measurements import Scan
 from gridslam.scene import Scene
 from gridslam.systems.surface_slam import Messages, SurfaceSlam
 
@@ -48,21 +45,11 @@ class AdaptiveSlam(SurfaceSlam):
         if prior_map is not None:
             self._start_from(prior_map)
 
-    def step(self, scan: Scan) -> Estimate:
-        """Take in what was heard at one step and return what is believed now."""
-        began = time.perf_counter()
-        self._move(scan.time_s)
-        for heard in self._hear(scan):
-            self._take_in(heard)
-        self._tidy()
-        self.amplitudes.forget(self.bank.identity)
-        return self._estimate(scan, time.perf_counter() - began)
-
     def _take_in(self, heard: Heard) -> None:
         """Messages of one anchor, in the order of the paper's section V."""
         # prediction of paths and amplitudes, eqs. (13), (14)
         rays = rays_of(self.bank, self.sight, heard.anchor, self.most_bounces)
-        predicted = predict_paths(rays, np.arange(len(rays)), self.belief, heard.place, heard.facing)
+        predicted = predict_paths(rays, self.belief, heard.place, heard.facing)
         distance = predicted.value[:, 0]
         amplitudes = self.amplitudes.predict(heard.anchor, rays, self.bank.identity, distance)
         # measurement evaluation, births, data association, updates of agent, surfaces and rays
@@ -74,6 +61,11 @@ class AdaptiveSlam(SurfaceSlam):
         drawn = draw_paths(rays.bounces, rays.last, rays.first, at_mean(self.belief), heard.place)
         surfaces.mark(self.bank, self.belief, rays, drawn, said.responsible.sum(1) * drawn.valid[:, 0])
         self._learn_from_births(heard, said)
+
+    def _tidy(self) -> None:
+        """Merge and drop surfaces, and the amplitudes of their rays with them."""
+        super()._tidy()
+        self.amplitudes.forget(self.bank.identity)
 
     def _learn_from_births(self, heard: Heard, said: Messages) -> None:
         """Add new surfaces; the ray that bore each starts with the amplitude that was measured."""

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import os
-import time
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.estimates import Estimate
 from gridslam.inference import surfaces
 from gridslam.inference.births import Births, draw_births
 from gridslam.inference.cells import Cells
@@ -17,9 +15,9 @@ from gridslam.inference.heard import Heard
 from gridslam.inference.materials import coefficient_factors, learn_reflection, reflected
 from gridslam.inference.particles import sample
 from gridslam.inference.polylines import draw_paths
-from gridslam.inference.rays import Rays, predict_paths, rays_of
+from gridslam.inference.prediction import predict_paths
+from gridslam.inference.rays import Rays, rays_of
 from gridslam.map import Map
-from gridslam.measurements import Scan
 from gridslam.scene import Scene
 from gridslam.signal import REFLECTION_BINS
 from gridslam.systems.surface_slam import Messages, SurfaceSlam
@@ -56,21 +54,11 @@ class GridSlam(SurfaceSlam):
         if prior_map is not None:
             self._start_from(prior_map)
 
-    def step(self, scan: Scan) -> Estimate:
-        """Take in what was heard at one step and return what is believed now."""
-        began = time.perf_counter()
-        self._move(scan.time_s)
-        for heard in self._hear(scan):
-            self._take_in(heard)
-        self.cells.absorb()
-        self._tidy()
-        return self._estimate(scan, time.perf_counter() - began)
-
     def _take_in(self, heard: Heard) -> None:
         """Messages of one anchor, in the paper's order (section IV; model.md, sections 2.1 to 2.6)."""
         # prediction: paths, their validity in the grid, eq. (1), and amplitudes, eq. (2)
         rays = rays_of(self.bank, self.sight, heard.anchor, self.most_bounces)
-        predicted = predict_paths(rays, np.arange(len(rays)), self.belief, heard.place, heard.facing)
+        predicted = predict_paths(rays, self.belief, heard.place, heard.facing)
         few = sample(self.belief, RAYS, self._stream(heard.anchor, 0))
         drawn = draw_paths(rays.bounces, rays.last, rays.first, few, heard.place)
         validity = self.cells.validity(drawn)
@@ -86,6 +74,11 @@ class GridSlam(SurfaceSlam):
     def _reachable(self, heard: Heard, births: Births) -> Births:
         """Births weighed by the validity of their paths in the grid."""
         return births.weighed(self.cells.validity(draw_births(births, self.belief, heard.place)))
+
+    def _tidy(self) -> None:
+        """Fold the anchors' messages into the cells; then merge and drop surfaces."""
+        self.cells.absorb()
+        super()._tidy()
 
     def _learn_materials(self, heard: Heard, rays: Rays, distance: Array, said: Messages) -> None:
         """Coefficients of the surfaces, by what the amplitudes of their single bounces said."""
@@ -132,13 +125,13 @@ class GridSlam(SurfaceSlam):
             observed=self.cells.observed.copy(),
         )
 
-    def _start_from(self, prior: Map) -> None:
+    def _start_from(self, prior: Map) -> Map:
         """Start from another agent's map (paper 003, section IV-C)."""
-        super()._start_from(prior)
-        prior = prior.resample(self.cells.origin, self.cells.cell, self.cells.shape)
+        prior = super()._start_from(prior)
         self.cells.evidence = prior.evidence.astype(np.float64)
         self.cells.observed = prior.observed.copy()
         self.cells.coefficient = prior.coefficient.astype(np.float64)
+        return prior
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a checkpoint, from which `resume` goes on bit for bit."""

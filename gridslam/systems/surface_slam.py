@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam import runtime
 from gridslam.estimates import Estimate, SurfaceEstimate
+from gridslam.frames import fitted, stamped
 from gridslam.geometry import unit, wrap
 from gridslam.inference import surfaces
 from gridslam.inference.association import associate
@@ -19,7 +22,8 @@ from gridslam.inference.evaluation import evaluate, gate
 from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import AmplitudeBelief, DetectionTable, detection, strengths
 from gridslam.inference.particles import Particles
-from gridslam.inference.rays import Prediction, Rays, remember
+from gridslam.inference.prediction import Prediction
+from gridslam.inference.rays import Rays, remember
 from gridslam.inference.readout import path_estimate, surface_estimate
 from gridslam.inference.surfaces import Bank
 from gridslam.map import Map
@@ -102,6 +106,16 @@ class SurfaceSlam:
 
     def step(self, scan: Scan) -> Estimate:
         """Take in what was heard at one step and return what is believed now."""
+        began = time.perf_counter()
+        with runtime.one_blas_thread():
+            self._move(scan.time_s)
+            for heard in self._hear(scan):
+                self._take_in(heard)
+            self._tidy()
+            return self._estimate(scan, time.perf_counter() - began)
+
+    def _take_in(self, heard: Heard) -> None:
+        """Messages of one anchor."""
         raise NotImplementedError
 
     def map(self) -> Map:
@@ -114,20 +128,29 @@ class SurfaceSlam:
             "seeds": [*self.provenance["seeds"], self.seed],
             "steps": [*self.provenance["steps"], self.steps],
         }
-        return Map(
+        sheet = Map(
             np.array(grid.origin_m), grid.cell_m, np.zeros(grid.shape, np.float32),
             np.zeros((*grid.shape, bins), np.float32), np.zeros(grid.shape, dtype=bool),
             float(1 - np.exp(-grid.cell_m / self.settings.mean_free_path_m)), table.take(found),
             self.bank.reflection[found].copy(), provenance,
         )  # fmt: skip
+        return stamped(sheet, self.scene)
 
-    def _start_from(self, prior: Map) -> None:
-        """Start from the surfaces that another agent left."""
+    def _start_from(self, prior: Map) -> Map:
+        """Start from the surfaces that another agent left; return the map on the scene's grid.
+
+        Raises
+        ------
+        InputError
+            The map is of another frame.
+        """
+        prior, _ = fitted(prior, self.scene)
         for key in self.provenance:
             earlier = prior.provenance.get(key)
             self.provenance[key] = list(earlier) if isinstance(earlier, list) else []
         known = prior.surfaces if prior.surfaces is not None else SurfaceEstimate.empty()
         self._inherit(known, prior.surface_reflection)
+        return prior
 
     def _move(self, now: float) -> None:
         """Motion of the agent, jitter of the surfaces, survival (paper 003, section III-C)."""

@@ -1,0 +1,44 @@
+"""Predicted parameters of paths, linearised at the mean of the belief; owner of that kernel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam import runtime
+from gridslam.inference.belief import Belief
+from gridslam.inference.rays import Rays
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Predicted parameters of paths at the mean of the belief.
+
+    Attributes
+    ----------
+    value : (L, 3)
+        Distance (m), AoD and AoA relative to anchor and heading (rad).
+    spread : (L, 3, 3)
+        Covariance from the belief alone.
+    """
+
+    value: Array
+    spread: Array
+
+
+def predict_paths(rays: Rays, belief: Belief, place: Array, facing: float) -> Prediction:
+    """Predict all rays of an anchor at `place` (2,) that faces `facing` (rad)."""
+    runtime.start()
+    from gridslam.kernels.gaussian import predict
+
+    rays.check(len(belief.lines))
+    out = np.zeros((len(rays), 12))
+    if len(rays):
+        mean = np.ascontiguousarray(belief.mean)
+        covariance = np.ascontiguousarray(belief.covariance)
+        predict(mean, covariance, rays.table, np.array([*place, facing]), out)
+    return Prediction(out[:, :3], out[:, 3:].reshape(-1, 3, 3))

@@ -1,0 +1,187 @@
+"""Paths linearised at the mean of the joint belief: their prediction, and its correction by them.
+
+State: [x, y, vx, vy, heading, angle_1, offset_1, ...]. A path depends on seven of its entries at most.
+"""
+
+import taichi as ti
+
+from gridslam.kernels.functions import PI, wrapped
+
+MEASURED = 1e11
+"""A variance from here on stands for "not measured"."""
+
+
+@ti.func
+def mirror_of(x, y, angle, offset):
+    """Mirror image of a point at a line, and its derivatives by the line's angle and offset."""
+    nx, ny = ti.cos(angle), ti.sin(angle)
+    gap = nx * x + ny * y - offset
+    along = -ny * x + nx * y
+    return (
+        ti.Vector([x - 2 * gap * nx, y - 2 * gap * ny], dt=ti.f64),
+        ti.Vector([-2 * along * nx + 2 * gap * ny, -2 * along * ny - 2 * gap * nx], dt=ti.f64),
+        ti.Vector([2 * nx, 2 * ny], dt=ti.f64),
+    )
+
+
+@ti.func
+def path_of(mean: ti.template(), place: ti.template(), bounces, last, first):
+    """Distance, AoD and AoA of a path, and their derivatives by the seven entries of `entry_of`."""
+    zero = ti.Vector([0.0, 0.0], dt=ti.f64)
+    image = ti.Vector([place[0], place[1]], dt=ti.f64)
+    by_last, by_first, by_c, by_d = zero, zero, zero, zero  # of the image, by angles and offsets
+    turn_last, turn_first = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+    if bounces == 2:
+        image, by_first, by_d = mirror_of(image[0], image[1], mean[5 + 2 * first], mean[6 + 2 * first])
+        turn_last, turn_first = ti.cast(-2.0, ti.f64), ti.cast(2.0, ti.f64)
+    if bounces >= 1:
+        angle = mean[5 + 2 * last]
+        image, by_last, by_c = mirror_of(image[0], image[1], angle, mean[6 + 2 * last])
+        if bounces == 2:
+            n = ti.Vector([ti.cos(angle), ti.sin(angle)], dt=ti.f64)
+            by_first = by_first - 2 * n.dot(by_first) * n
+            by_d = by_d - 2 * n.dot(by_d) * n
+        else:
+            turn_last = ti.cast(2.0, ti.f64)
+    toward = ti.Vector([image[0] - mean[0], image[1] - mean[1]], dt=ti.f64)
+    distance = ti.max(toward.norm(), 1e-9)
+    toward /= distance
+    across = ti.Vector([-toward[1], toward[0]], dt=ti.f64) / distance
+    arrival = ti.atan2(toward[1], toward[0])
+    # a single bounce turns the direction over, others keep it
+    sense = ti.cast(-1.0 if bounces == 1 else 1.0, ti.f64)
+    departure = sense * arrival + (0.0 if bounces == 1 else PI)
+    if bounces >= 1:
+        departure += turn_last * mean[5 + 2 * last]
+    if bounces == 2:
+        departure += turn_first * mean[5 + 2 * first]
+    value = ti.Vector([distance, wrapped(departure - place[2]), wrapped(arrival - mean[4])], dt=ti.f64)
+    slope = ti.Matrix.zero(ti.f64, 3, 7)
+    slope[0, 0], slope[0, 1] = -toward[0], -toward[1]
+    slope[2, 0], slope[2, 1], slope[2, 2] = -across[0], -across[1], -1.0
+    slope[0, 3], slope[0, 4] = toward.dot(by_last), toward.dot(by_c)
+    slope[2, 3], slope[2, 4] = across.dot(by_last), across.dot(by_c)
+    slope[0, 5], slope[0, 6] = toward.dot(by_first), toward.dot(by_d)
+    slope[2, 5], slope[2, 6] = across.dot(by_first), across.dot(by_d)
+    for n in ti.static(range(7)):
+        if ti.static(n != 2):
+            slope[1, n] = sense * slope[2, n]
+    slope[1, 3] += turn_last
+    slope[1, 5] += turn_first
+    return value, slope
+
+
+@ti.func
+def entry_of(bounces, last, first):
+    """Entries of the state that a path depends on; unused ones repeat the first (their derivative is 0)."""
+    a, b = (5 + 2 * last if bounces >= 1 else 0), (5 + 2 * first if bounces == 2 else 0)
+    return ti.Vector([0, 1, 4, a, (a + 1 if a > 0 else 0), b, (b + 1 if b > 0 else 0)])
+
+
+@ti.func
+def spread_of(slope, entry, covariance: ti.template()):
+    """Covariance of the path's parameters, 3 x 3."""
+    total = ti.Matrix.zero(ti.f64, 3, 3)
+    for m in range(7):
+        for n in range(7):
+            p = covariance[entry[m], entry[n]]
+            for i in ti.static(range(3)):
+                for j in ti.static(range(3)):
+                    total[i, j] += slope[i, m] * p * slope[j, n]
+    return total
+
+
+@ti.kernel
+def predict(
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]
+    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 3] bounces, last, first
+    place: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [3] anchor x, y, orientation
+    out: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 12] out: value (3), spread (9)
+):
+    """Predict every path at the mean."""
+    for row in range(path.shape[0]):
+        value, slope = path_of(mean, place, path[row, 0], path[row, 1], path[row, 2])
+        spread = spread_of(slope, entry_of(path[row, 0], path[row, 1], path[row, 2]), covariance)
+        for i in ti.static(range(3)):
+            out[row, i] = value[i]
+            for j in ti.static(range(3)):
+                out[row, 3 + 3 * i + j] = spread[i, j]
+
+
+@ti.kernel
+def correct(
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] in/out
+    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N] in/out
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 5] bounces, last, first, its pairs from, to
+    prior: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 2] chance of being there, probability of a miss
+    pair: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [K, 8] z (3), variance (3), density, message nu
+    place: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [3] anchor x, y, orientation
+    least: ti.f64,
+    scratch: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, 6]
+    share: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K] out: probability of each association
+):
+    """Correct by the paths one after the other, each moment-matched over its measurements.
+
+    Several measurements may have come from the path, or none. With S = P J', a measurement moves the state
+    by S g, and all of them together change the covariance by S C S', where C is 3 x 3.
+    """
+    size = mean.shape[0]
+    ti.loop_config(serialize=True)
+    for row in range(path.shape[0]):
+        bounces, last, first = path[row, 0], path[row, 1], path[row, 2]
+        value, slope = path_of(mean, place, bounces, last, first)
+        entry = entry_of(bounces, last, first)
+        core = spread_of(slope, entry, covariance)
+        total = prior[row, 1]
+        for k in range(path[row, 3], path[row, 4]):
+            gap, noisy = ti.Vector.zero(ti.f64, 3), core
+            for i in ti.static(range(3)):
+                noisy[i, i] += pair[k, 3 + i]
+                if pair[k, 3 + i] < MEASURED:
+                    gap[i] = pair[k, i] - value[i]
+                    if ti.static(i > 0):
+                        gap[i] = wrapped(gap[i])
+            inverse = noisy.inverse()
+            scale = ti.sqrt((2 * PI) ** 3 * noisy.determinant())
+            density = pair[k, 6] * ti.exp(-0.5 * gap.dot(inverse @ gap)) / scale
+            share[k] = prior[row, 0] * pair[k, 7] * density
+            total += share[k]
+        change, shift = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)
+        moved = False
+        for k in range(path[row, 3], path[row, 4]):
+            share[k] /= total
+            if share[k] > least:
+                gap, noisy = ti.Vector.zero(ti.f64, 3), core
+                for i in ti.static(range(3)):
+                    noisy[i, i] += pair[k, 3 + i]
+                    if pair[k, 3 + i] < MEASURED:
+                        gap[i] = pair[k, i] - value[i]
+                        if ti.static(i > 0):
+                            gap[i] = wrapped(gap[i])
+                inverse = noisy.inverse()
+                g = inverse @ gap
+                shift += share[k] * g
+                change += share[k] * (inverse - g.outer_product(g))
+                moved = True
+        if moved:
+            change += shift.outer_product(shift)
+            for n in range(size):
+                spread = ti.Vector.zero(ti.f64, 3)
+                for m in range(7):
+                    p = covariance[n, entry[m]]
+                    for i in ti.static(range(3)):
+                        spread[i] += p * slope[i, m]
+                pushed = change @ spread
+                for i in ti.static(range(3)):
+                    scratch[n, i], scratch[n, 3 + i] = spread[i], pushed[i]
+            for n in range(size):
+                for m in range(n + 1):
+                    less = ti.cast(0.0, ti.f64)
+                    for i in ti.static(range(3)):
+                        less += scratch[n, i] * scratch[m, 3 + i]
+                    covariance[n, m] -= less
+                    covariance[m, n] = covariance[n, m]
+                for i in ti.static(range(3)):
+                    mean[n] += scratch[n, i] * shift[i]
+            mean[4] = wrapped(mean[4])

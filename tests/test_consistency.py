@@ -1,0 +1,145 @@
+"""NEES against its distribution and by hand; a run step by step against its final score."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import binom, kstest
+
+import gridslam as gs
+from gridslam.consistency import assigned_error, follow, nees, nees_band, surfaces_heard, true_rays
+from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
+from gridslam.geometry import line_of_sfv
+from gridslam.metrics import surface_scores, true_surfaces
+
+
+def test_nees_of_the_right_covariance_is_chi_square_and_of_a_bold_one_is_not():
+    draw = np.random.default_rng(3)
+    root = draw.normal(size=(2, 2))
+    error = draw.normal(size=(4000, 2)) @ root.T
+    covariance = np.broadcast_to(root @ root.T, (4000, 2, 2))
+    assert kstest(nees(error, covariance), "chi2", args=(2,)).pvalue > 1e-3
+    assert nees(error, covariance / 4).mean() == pytest.approx(4 * nees(error, covariance).mean())
+    solved = np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
+    np.testing.assert_allclose(nees(error, covariance), solved, rtol=1e-9)
+
+
+def test_nees_of_a_direction_that_the_covariance_excludes_is_infinite():
+    flat = np.diag([1.0, 0.0])
+    assert nees([2.0, 0.0], flat) == 4
+    assert nees([2.0, 1e-3], flat) == np.inf
+    assert nees([0.0, 0.0], flat) == 0
+
+
+def test_band_holds_the_mean_of_consistent_runs_as_often_as_it_says():
+    low, high = nees_band(20, 2)
+    means = np.random.default_rng(8).chisquare(2, (20, 3000)).mean(0)
+    inside = ((low <= means) & (means <= high)).sum()
+    assert binom.ppf(1e-4, 3000, 0.95) <= inside <= binom.ppf(1 - 1e-4, 3000, 0.95)
+    assert nees_band(1, 2)[1] == pytest.approx(-2 * np.log(0.025))  # chi-square with 2: exponential
+    narrow, wide = nees_band(100, 2), nees_band(5, 2)
+    assert wide[0] < narrow[0] < 2 < narrow[1] < wide[1]
+
+
+@pytest.fixture(scope="module")
+def alcove():
+    scene = gs.Scene.load("alcove")
+    return scene, gs.ground_truth(scene, "agent1")
+
+
+def perfect(scene, truth, off):
+    """Estimates that are `off` (m) in x, with all surfaces found so far in place and no path but the true."""
+    estimates = []
+    feature, since = surfaces_heard(truth)
+    for step in range(len(truth.trajectory)):
+        line = line_of_sfv(feature[since <= step])
+        one = np.ones(len(line))
+        surfaces = SurfaceEstimate.from_lines(line, np.zeros((len(line), 2, 2)), one, one, one)
+        at = truth.paths.at(step)
+        paths = PathEstimate(
+            at.anchor,
+            np.full((len(at), 2), -1),
+            at.distance_m,
+            at.aod_rad,
+            at.aoa_rad,
+            at.amplitude,
+            np.where(at.bounces < 2, 0.9, 0.4),
+            at.points,
+        )
+        estimates.append(
+            Estimate(
+                step,
+                truth.trajectory.time_s[step],
+                truth.trajectory.position_m[step] + [off, 0],
+                np.zeros(2),
+                float(truth.trajectory.heading_rad[step]) + 2 * np.pi - 0.01,
+                np.diag([0.01, 0.04, 1, 1, 1e-4]),
+                surfaces,
+                paths,
+                one > 0,
+                1.0,
+                0.0,
+            )
+        )
+    return estimates
+
+
+def test_steps_of_a_run_that_knows_all_but_its_place(alcove):
+    scene, truth = alcove
+    steps = follow(perfect(scene, truth, 0.2), scene, truth)
+    np.testing.assert_allclose(steps.position_error_m, 0.2)
+    np.testing.assert_allclose(steps.heading_error_rad, -0.01, atol=1e-9)
+    np.testing.assert_allclose(steps.position_nees, 4)
+    np.testing.assert_allclose(steps.heading_nees, 1, rtol=1e-6)
+    assert (steps.surface_ospa_m < 1e-9).all()
+    assert steps.surfaces[-1] == len(true_surfaces(truth.segments, truth.paths))
+    few = truth.paths.bounces < 2
+    expected = np.zeros_like(steps.rays)
+    np.add.at(expected, (truth.paths.anchor[few], truth.paths.step[few]), 1)
+    np.testing.assert_array_equal(steps.rays, expected)
+    np.testing.assert_allclose(steps.ray_belief, 0.9 * expected)
+    _, since = surfaces_heard(truth)
+    there = since[:, None] <= np.arange(steps.surface_error_m.shape[1])
+    assert (np.isfinite(steps.surface_error_m) == there).all()
+    assert (steps.surface_error_m[there] < 1e-9).all()
+
+
+def test_ospa_over_time_ends_at_the_score_of_the_run(alcove):
+    scene, truth = alcove
+    estimates = perfect(scene, truth, 0.0)
+    line = estimates[-1].surfaces.line[:3] + np.array([0.01, 0.05])
+    one = np.ones(3)
+    last = SurfaceEstimate.from_lines(line, np.zeros((3, 2, 2)), one, one, one)
+    estimates[-1] = SimpleNamespace(**{**vars(estimates[-1]), "surfaces": last, "detected": one > 0})
+    score = surface_scores(last, truth.segments, truth.paths)["surface_ospa_m"]
+    assert follow(estimates, scene, truth).surface_ospa_m[-1] == pytest.approx(score)
+
+
+def test_each_true_point_gets_one_estimate_or_none_within_the_cutoff():
+    truth = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 20.0]])
+    found = np.array([[10.0, 1.0], [0.5, 0.0], [0.0, 26.0], [0.1, 0.0]])
+    np.testing.assert_allclose(assigned_error(found, truth), [0.1, 1.0, np.nan])
+    np.testing.assert_allclose(assigned_error(found[:0], truth), [np.nan] * 3)
+    np.testing.assert_allclose(assigned_error(found[:1], truth), [np.nan, 1.0, np.nan])
+
+
+def test_surfaces_that_an_earlier_agent_heard_are_there_from_the_start():
+    scene = gs.Scene.load("hall")
+    truth = gs.ground_truth(scene, "agent1")
+    feature, since = surfaces_heard(truth)
+    np.testing.assert_allclose(feature, true_surfaces(truth.segments, truth.paths))
+    later = gs.Truth(truth.trajectory, truth.paths.at(0), truth.segments)
+    own, _ = surfaces_heard(later)
+    both, from_start = surfaces_heard(later, [truth])
+    assert len(own) < len(both) == len(feature)
+    assert (from_start == 0).all()
+    assert since.max() > 0
+
+
+def test_paths_are_counted_from_a_detection_probability_on(alcove):
+    scene, truth = alcove
+    every, likely = true_rays(scene, "agent1", truth), true_rays(scene, "agent1", truth, 0.5)
+    assert every.sum() == len(truth.paths)
+    assert (likely <= every).all()
+    loud = scene.signal_model("agent1").detection_probability(truth.paths.amplitude) > 0.5
+    assert likely.sum() == loud.sum() < len(truth.paths)

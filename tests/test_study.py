@@ -1,0 +1,372 @@
+"""Monte Carlo studies: no run lost or counted twice, whatever happens; tables against hand-made runs."""
+
+import csv
+import json
+import sys
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from tiny import TINY
+
+import gridslam as gs
+from gridslam.bounds import Bound, MapBound
+from gridslam.cli import main
+from gridslam.cli_study import _setting
+from gridslam.consistency import surfaces_heard, true_rays
+from gridslam.errors import InputError
+from gridslam.scene import Scene
+from gridslam.study import Outcome, Study, identity, run_study
+from gridslam.study_plots import draw_study
+from gridslam.study_tables import Benchmark, batches, run_rows, step_rows, summary_rows, write_tables
+
+AGENTS = ("agent1", "agent2")
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return Scene.from_toml(TINY, "tiny")
+
+
+def plan(scene, seeds=4, **more):
+    return Study((scene,), seeds=tuple(range(seeds)), **more)
+
+
+@lru_cache
+def true_course(toml, name):
+    return gs.ground_truth(Scene.from_toml(toml, "tiny"), name)
+
+
+def made_up(job, position=0.02):
+    """Record of a run that never was: every error is `position` (m) or 0.01 rad."""
+    agents = {}
+    scene = Scene.from_toml(job.variant.scene, job.variant.name)
+    for name in job.agents:
+        truth = true_course(job.variant.scene, name)
+        earlier = [true_course(job.variant.scene, other) for other in job.agents[: job.agents.index(name)]]
+        size, surfaces = len(truth.trajectory), len(surfaces_heard(truth, earlier)[0])
+        steps = {
+            "position_error_m": [position * (1 + job.seed)] * size,
+            "heading_error_rad": [-0.01] * size,
+            "position_nees": [2.0] * size,
+            "heading_nees": [1.0] * size,
+            "surface_ospa_m": [0.5] * size,
+            "surfaces": [surfaces] * size,
+            "surface_error_m": [[None if job.seed == 0 else 0.1] * size] * surfaces,
+            "rays": (true_rays(scene, name, truth) + 1).tolist(),
+            "ray_belief": true_rays(scene, name, truth).tolist(),
+        }
+        scores = {"steps": size, "diverged": job.seed == 1, "map": {"auc": None}, "reflection_mae": 0.25}
+        agents[name] = {
+            "cost": {"seconds_per_step": 0.5, "peak_memory_mb": 9.0},
+            "scores": scores,
+            "steps": steps,
+        }
+    return {"key": job.key, "agents": agents}
+
+
+class Here:
+    """Workers that make runs up, in this process, and count them; `fate` may break one."""
+
+    def __init__(self, fate=None):
+        self.done, self.fate = [], fate or {}
+
+    def run(self, work, tasks):
+        for index, job in reversed(list(enumerate(tasks))):
+            end = self.fate.get(job.seed)
+            if isinstance(end, KeyboardInterrupt):
+                raise end
+            self.done.append(job.seed)
+            yield index, end or made_up(job)
+
+
+def seeds_of(outcome):
+    return [record["key"]["seed"] for record in outcome.records]
+
+
+def test_interrupted_study_goes_on_and_does_no_run_twice(scene, tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        run_study(plan(scene), tmp_path / "s", Here({1: KeyboardInterrupt()}))
+    told, rest = [], Here()
+    outcome = run_study(plan(scene), tmp_path / "s", rest, progress=lambda *state: told.append(state))
+    assert seeds_of(outcome) == [0, 1, 2, 3]
+    assert rest.done == [1, 0]  # 3 and 2 were there
+    assert outcome.fresh == 2
+    assert told == [(2, 4), (3, 4), (4, 4)]
+    more = Here()
+    assert seeds_of(run_study(plan(scene, 6), tmp_path / "s", more)) == list(range(6))
+    assert more.done == [5, 4]  # more seeds are the same study
+    again = Here()
+    assert run_study(plan(scene, 6), tmp_path / "s", again).fresh == 0
+    assert again.done == []
+    anew = Here()
+    run_study(plan(scene), tmp_path / "s", anew, overwrite=True)
+    assert sorted(anew.done) == [0, 1, 2, 3]
+
+
+@given(cut=st.floats(0, 1))
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_file_cut_anywhere_by_a_crash_loses_only_what_was_cut(scene, tmp_path, cut):
+    folder = tmp_path / "s"
+    run_study(plan(scene), folder, Here(), overwrite=folder.exists())
+    content = (folder / "study.jsonl").read_bytes()
+    size = int(cut * len(content))
+    (folder / "study.jsonl").write_bytes(content[:size])
+    rest = Here()
+    assert seeds_of(run_study(plan(scene), folder, rest)) == [0, 1, 2, 3]
+    kept = max(content[:size].count(b"\n") - 1, 0)
+    assert len(rest.done) == 4 - kept
+    lines = (folder / "study.jsonl").read_text().splitlines()
+    assert sorted(json.loads(line)["key"]["seed"] for line in lines[1:]) == [0, 1, 2, 3]
+
+
+def test_line_that_is_there_twice_counts_once(scene, tmp_path):
+    run_study(plan(scene, 2), tmp_path / "s", Here())
+    file = tmp_path / "s" / "study.jsonl"
+    file.write_bytes(file.read_bytes() + file.read_bytes().splitlines(keepends=True)[1])
+    outcome = run_study(plan(scene, 2), tmp_path / "s", Here())
+    assert len(run_rows(batches(outcome))) == 2 * len(AGENTS)
+
+
+def other_radio(header):
+    header["scenes"] = [header["scenes"][0].replace("30.0", "31.0")]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda header: header.update(version=99), "version: found 99"),
+        (lambda header: header.update(gridslam="0.0.1"), "gridslam: found 0.0.1"),
+        (lambda header: header.update(format="other"), "another kind of file"),
+        (lambda header: header.update(settings=[["filter.births", [1]]]), "results of other settings"),
+        (other_radio, "results of other scenes"),
+    ],
+)
+def test_results_of_another_study_or_version_are_refused_and_kept(scene, tmp_path, spoil, says):
+    run_study(plan(scene, 2), tmp_path / "s", Here())
+    file = tmp_path / "s" / "study.jsonl"
+    first, *rest = file.read_text().splitlines()
+    header = json.loads(first)
+    spoil(header)
+    file.write_text("\n".join([json.dumps(header), *rest, ""]))
+    before = file.read_bytes()
+    with pytest.raises(InputError, match=says):
+        run_study(plan(scene, 2), tmp_path / "s", Here())
+    assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "line", [b"not json", b"[1]", b'{"key": 1}', b'{"key": {}}', b"\xff\xfe", b"[" * 99999]
+)
+def test_damage_in_the_middle_is_reported_by_line(scene, tmp_path, line):
+    run_study(plan(scene, 2), tmp_path / "s", Here())
+    file = tmp_path / "s" / "study.jsonl"
+    first, _, third = file.read_bytes().splitlines()
+    file.write_bytes(b"\n".join([first, line, third, b""]))
+    with pytest.raises(InputError, match="line 2"):
+        run_study(plan(scene, 2), tmp_path / "s", Here())
+
+
+def test_folder_of_something_else_and_a_study_at_work_are_refused(scene, tmp_path):
+    (tmp_path / "thesis.tex").write_text("precious")
+    with pytest.raises(InputError, match="something that no study wrote"):
+        run_study(plan(scene), tmp_path, Here(), overwrite=True)
+    assert (tmp_path / "thesis.tex").read_text() == "precious"
+    pytest.importorskip("fcntl")
+
+    class Greedy(Here):
+        def run(self, work, tasks):
+            with pytest.raises(InputError, match="another study at work"):
+                run_study(plan(scene), tmp_path / "s", Here())
+            yield from super().run(work, tasks)
+
+    assert seeds_of(run_study(plan(scene), tmp_path / "s", Greedy())) == [0, 1, 2, 3]
+
+
+def test_failed_run_is_reported_not_recorded_and_tried_again(scene, tmp_path):
+    outcome = run_study(plan(scene), tmp_path / "s", Here({2: RuntimeError("no luck")}))
+    assert list(outcome.failures) == [2]
+    assert "no luck" in outcome.failures[2]
+    assert (outcome.records[2], outcome.fresh) == (None, 3)
+    again = Here()
+    assert not run_study(plan(scene), tmp_path / "s", again).failures
+    assert again.done == [2]
+
+
+def test_worker_of_another_version_is_refused(scene, tmp_path, monkeypatch):
+    class Old(Here):
+        def run(self, work, tasks):
+            for index, record in super().run(work, tasks):
+                yield index, {**record, "key": {**record["key"], "gridslam": "0.0.1"}}
+
+    with pytest.raises(InputError, match=r"worker: gridslam: found version 0\.0\.1"):
+        run_study(plan(scene), tmp_path / "s", Old())
+    assert (tmp_path / "s" / "study.jsonl").read_bytes().count(b"\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ({"methods": ("magic",)}, "'magic'; allowed: grid"),
+        ({"methods": ("grid", "grid")}, "each once"),
+        ({"seeds": ()}, "one or more"),
+        ({"agents": ("nobody",)}, "nobody"),
+        ({"settings": (("filter.particle", (1,)),)}, "particles"),
+        ({"settings": (("radios.snr_at_1m_db", (1,)),)}, "no such table"),
+        ({"settings": (("filter.particles.x", (1,)),)}, "no such table"),
+        ({"settings": (("filter.particles", ("many",)),)}, "filter.particles"),
+        ({"settings": (("filter.births", (0.1,)), ("filter.births", (0.2,)))}, "every key once"),
+        ({"scenes": ()}, "scenes of different names"),
+    ],
+)
+def test_study_that_cannot_be_run_is_refused_before_anything_is_written(scene, more, says):
+    with pytest.raises(InputError, match=says):
+        Study(**{"scenes": (scene,), **more})
+
+
+def test_jobs_are_every_combination_once(scene):
+    settings = (("filter.particles", (50, 100)), ("radio.snr_at_1m_db", (20.0, 30.0, 40.0)))
+    study = plan(scene, 3, settings=settings)
+    keys = [job.key for job in study.jobs()]
+    assert len({identity(key) for key in keys}) == len(keys) == 2 * 3 * 3
+    assert {key["hash"] for key in keys} == {job.key["hash"] for job in study.jobs()}
+    assert len({key["hash"] for key in keys}) == 6
+    first = study.variants()[0]
+    changed = Scene.from_toml(first.scene, "tiny")
+    assert (changed.filter.particles, changed.radio.snr_at_1m_db) == (50, 20.0)
+    assert first.label == "tiny, particles=50, snr_at_1m_db=20.0"
+
+
+def test_tables_add_up(scene, tmp_path):
+    outcome = run_study(plan(scene), tmp_path / "s", Here())
+    found = batches(outcome)
+    assert [(batch.agent, batch.runs, batch.diverged) for batch in found] == [(name, 4, 1) for name in AGENTS]
+    first = found[0]
+    np.testing.assert_allclose(first.rmse("position_error_m"), 0.02 * np.sqrt((1 + 4 + 9 + 16) / 4))
+    np.testing.assert_allclose(first.quantiles("position_error_m"), [[0.026] * 3, [0.074] * 3])
+    np.testing.assert_allclose(first.rmse("surface_error_m"), 0.1)  # of the runs that have it
+    inherited = found[1].benchmark
+    assert (inherited.surface_since == 0).all()
+    assert inherited.unknown.surface_m.shape[1] == len(inherited.surface_since) == 4
+    assert (inherited.mospa_m < 5).all()
+    (row, _) = summary_rows(found)
+    assert row["nees_in_band"] == 1
+    assert row["ray_excess"] == 1
+    assert row["position_rmse_m"] == pytest.approx(0.02 * np.sqrt(7.5))
+    assert row["position_to_bound"] < row["position_to_known_map_bound"]
+    assert len(step_rows(found)) == 3 + 2
+    assert step_rows(found)[0]["heading_p90_deg"] == pytest.approx(np.degrees(0.01))
+    for path in write_tables(tmp_path, found):
+        with path.open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        assert {row["agent"] for row in rows} == set(AGENTS)
+        assert all(len(row) == len(rows[0]) and None not in row for row in rows)
+    with (tmp_path / "runs.csv").open(newline="") as file:
+        first, *_ = csv.DictReader(file)
+    assert (first["seed"], first["map_auc"], first["reflection_mae"]) == ("0", "", "0.25")
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda run: run["agents"].pop("agent2"),
+        lambda run: run["agents"]["agent1"]["steps"].pop("rays"),
+        lambda run: run["agents"]["agent1"]["steps"]["surfaces"].append(3),
+        lambda run: run["agents"]["agent1"]["steps"]["surfaces"].__setitem__(0, "many"),
+        lambda run: run["agents"]["agent1"].update(cost=None),
+        lambda run: run["agents"]["agent1"]["scores"].pop("map"),
+    ],
+)
+def test_run_that_was_tampered_with_is_named(scene, spoil):
+    study = plan(scene, 2)
+    records = [made_up(job) for job in study.jobs()]
+    spoil(records[1])
+    with pytest.raises(InputError, match=r"damaged run \(seed 1 of agent[12]\)"):
+        batches(Outcome(study, records))
+
+
+def test_bound_of_the_map_counts_surfaces_there_and_unknowable_ones_as_the_cutoff():
+    blank = np.zeros(3)
+    surface_m = np.array([[1.0, np.inf, np.inf], [0.5, 9.0, np.inf], [0.3, 0.6, 0.9]])
+    unknown = MapBound(blank, blank, np.arange(3), np.zeros((3, 2)), surface_m, np.zeros((6, 6)))
+    rays = np.zeros((2, 3), int)
+    mark = Benchmark(Bound(blank, blank), unknown, rays, rays, np.array([0, 0, 2]), ("A", "B"))
+    assert mark.surfaces.tolist() == [2, 2, 3]
+    np.testing.assert_allclose(mark.mospa_m, [3.0, 2.75, 0.6])
+
+
+def test_figures_of_several_settings_are_drawn_side_by_side(scene, tmp_path):
+    study = plan(scene, 2, settings=(("radio.snr_at_1m_db", (20.0, 30.0)),), agents=("agent1",))
+    outcome = run_study(study, tmp_path / "s", Here())
+    written = draw_study(tmp_path / "s", batches(outcome))
+    assert len(written) == 6
+    assert all(path.stat().st_size > 10_000 for path in written)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("filter.particles=1000,10_000", ("filter.particles", (1000, 10000))),
+        ("filter.births = 0.1", ("filter.births", (0.1,))),
+        ("name=\"a,b\",'c'", ("name", ("a,b", "c"))),
+        ("grid.x_m=[0.0,1.0]", ("grid.x_m", ([0.0, 1.0],))),
+    ],
+)
+def test_settings_are_read_as_in_a_scene_file(text, expected):
+    assert _setting(text) == expected
+
+
+@pytest.mark.parametrize(
+    "text", ["", "filter.particles", "=3", "filter.particles=", "name=plain", "a=1]\nb=[2"]
+)
+def test_settings_that_say_nothing_are_refused(text):
+    with pytest.raises(InputError, match="--set"):
+        _setting(text)
+
+
+def command(monkeypatch, *words):
+    monkeypatch.setattr(sys, "argv", ["gridslam", "study", *map(str, words)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    return end.value.code
+
+
+def test_command_says_what_is_wrong_in_one_line(tmp_path, monkeypatch, capsys):
+    (tmp_path / "tiny.toml").write_text(TINY)
+    given = (tmp_path / "tiny.toml", "-o", tmp_path / "s")
+    for wrong, says in (
+        (("--method", "magic"), "magic"),
+        (("--set", "filter.wrong=1"), "wrong"),
+        (("--runs", "0"), "runs"),
+        (("--scheduler", "nowhere", "--workers", "2"), "--workers"),
+        (("--agent", "nobody"), "nobody"),
+    ):
+        assert command(monkeypatch, *given, *wrong) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert says in error
+    assert not (tmp_path / "s").exists()
+
+
+def test_command_writes_goes_on_and_reports(scene, tmp_path, monkeypatch, capsys):
+    (tmp_path / "tiny.toml").write_text(TINY)
+    given = (tmp_path / "tiny.toml", "--runs", "2", "-o", tmp_path / "s")
+    drawn = []
+    monkeypatch.setattr("gridslam.study_plots.draw_study", lambda folder, found: drawn.append(folder))
+    for fate, code, says in (
+        ({0: KeyboardInterrupt()}, 130, "interrupted: 1 of 2 runs are kept"),
+        ({0: RuntimeError("no luck")}, 1, "1 runs failed (RuntimeError: no luck)"),
+        ({}, 0, "2 of 2 runs, 1 of them new"),
+        ({0: RuntimeError("never asked")}, 0, "2 of 2 runs, 0 of them new"),
+    ):
+        monkeypatch.setattr("gridslam.study_workers.LocalWorkers", lambda count, fate=fate: Here(fate))
+        assert command(monkeypatch, *given) == code
+        told = capsys.readouterr()
+        assert says in told.out + told.err
+        assert (tmp_path / "s" / "failures.log").exists() == (code == 1)
+    names = {path.name for path in Path(tmp_path / "s").iterdir()}
+    assert names == {"study.jsonl", "runs.csv", "steps.csv", "summary.csv"}
+    assert drawn == 3 * [tmp_path / "s"]

@@ -1,0 +1,134 @@
+"""Real worker processes, here and on a Dask cluster: same numbers, and no run lost when one dies."""
+
+import os
+import pickle
+import sys
+import warnings
+from contextlib import contextmanager
+
+import pytest
+from tiny import TINY
+
+from gridslam import study_workers
+from gridslam.errors import InputError
+from gridslam.scene import Scene
+from gridslam.study import Study, run_job, run_study
+from gridslam.study_workers import ClusterWorkers, LocalWorkers
+
+pytest.importorskip("joblib")
+
+
+def study(seeds):
+    return Study((Scene.from_toml(TINY, "tiny"),), seeds=tuple(range(seeds)))
+
+
+def numbers(record):
+    return {name: (own["scores"], own["steps"]) for name, own in record["agents"].items()}
+
+
+def doomed(folder, when):
+    """Work that ends its whole process at some tasks, the first time or always (pickled by value)."""
+
+    def work(task):
+        import os
+        from pathlib import Path
+
+        mark = Path(folder) / f"{task}"
+        with mark.open("a") as file:
+            file.write("x")
+        if when == "always" and task == 2:
+            os._exit(1)
+        if when == "once" and task % 3 == 1 and mark.stat().st_size == 1:
+            os._exit(1)
+        if when == "wrong" and task == 2:
+            raise ZeroDivisionError("two")
+        return task**2
+
+    return work
+
+
+@contextmanager
+def cluster(threads=1):
+    """A real scheduler with two worker processes on the loopback."""
+    distributed = pytest.importorskip("distributed")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with distributed.LocalCluster(
+            n_workers=2,
+            threads_per_worker=threads,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address=None,
+            silence_logs=50,
+        ) as running:
+            yield running
+
+
+def test_local_processes_and_a_cluster_give_the_numbers_of_runs_one_by_one(tmp_path):
+    jobs = study(4).jobs()
+    expected = [numbers(run_job(job)) for job in jobs]
+    local = run_study(study(4), tmp_path / "local", LocalWorkers(2))
+    assert [numbers(record) for record in local.records] == expected
+    with cluster(threads=2) as running:
+        remote = run_study(study(4), tmp_path / "remote", ClusterWorkers(running.scheduler_address))
+        assert [numbers(record) for record in remote.records] == expected
+    again = run_study(study(4), tmp_path / "local", ClusterWorkers("tcp://127.0.0.1:9"))  # nothing to ask it
+    assert (again.fresh, again.records) == (0, local.records)
+
+
+def test_tasks_of_a_process_that_dies_are_done_again(tmp_path):
+    found = list(LocalWorkers(2).run(doomed(tmp_path, "once"), range(6)))
+    assert sorted(found) == [(task, task**2) for task in range(6)]
+
+
+def test_process_that_always_dies_ends_the_study_after_the_others_are_done(tmp_path):
+    found = []
+
+    def collect():
+        for answer in LocalWorkers(2).run(doomed(tmp_path, "always"), range(5)):
+            found.append(answer)
+
+    with pytest.raises(InputError, match=r"died 3 times in a row \(1 runs left\)"):
+        collect()
+    assert sorted(found) == [(task, task**2) for task in (0, 1, 3, 4)]
+
+
+def test_bad_input_travels_whole_from_a_worker():
+    error = pickle.loads(pickle.dumps(InputError("here", "this", "that")))
+    assert (error.where, error.found, error.allowed) == ("here", "this", "that")
+    assert str(error) == "here: found this; allowed: that"
+
+
+def test_error_of_a_task_is_its_answer(tmp_path):
+    found = dict(LocalWorkers(1).run(doomed(tmp_path, "wrong"), range(4)))
+    error = found.pop(2)
+    assert repr(error) == "ZeroDivisionError('two')"
+    assert found == {0: 0, 1: 1, 3: 9}
+
+
+def test_cluster_does_again_what_a_dying_worker_took_along_and_gives_up_on_what_kills_all(tmp_path):
+    with cluster() as running:
+        workers = ClusterWorkers(running.scheduler_address)
+        once, always, wrong = (tmp_path / name for name in ("once", "always", "wrong"))
+        for folder in (once, always, wrong):
+            folder.mkdir()
+        found = list(workers.run(doomed(once, "once"), range(5)))
+        assert sorted(found) == [(task, task**2) for task in range(5)]
+        assert isinstance(dict(workers.run(doomed(wrong, "wrong"), range(3)))[2], ZeroDivisionError)
+        with pytest.raises(InputError, match="died again and again"):
+            list(workers.run(doomed(always, "always"), range(3)))
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x", "", "127.0.0.1:99999"])
+def test_scheduler_that_cannot_be_reached_is_one_clear_line(address, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(study_workers, "CONNECT_S", 0.3)
+    with pytest.raises(InputError, match="no scheduler") as caught:
+        list(ClusterWorkers(address).run(abs, [1]))
+    assert "\n" not in str(caught.value)
+
+
+def test_without_the_extra_the_line_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "joblib.externals.loky", None)
+    with pytest.raises(InputError, match="pip install"):
+        list(LocalWorkers().run(os.getpid, [1]))
