@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from gridslam import cli_files, cli_scene
+from gridslam import cli_bench, cli_files, cli_scene
 from gridslam.cli_study import study
 from gridslam.errors import InputError
 
@@ -108,6 +108,7 @@ def simulate(
 
 cli_files.register(app)
 cli_scene.register(app)
+cli_bench.register(app)
 
 
 def main() -> None:

@@ -63,6 +63,8 @@ def cluster(processes, threads=1):
             silence_logs=50,
         ) as running:
             yield running
+            with distributed.Client(running) as client:  # one that is just being replaced can't be closed
+                client.wait_for_workers(processes)
 
 
 def test_local_processes_and_a_cluster_give_the_numbers_of_runs_one_by_one(tmp_path):
