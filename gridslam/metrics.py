@@ -11,8 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.stats import rankdata
 
 from gridslam.errors import InputError
-from gridslam.estimates import SurfaceEstimate
-from gridslam.geometry import Segments, distance_to_segments, line_through, sfv, wrap
+from gridslam.geometry import Segments, distance_to_segments, wrap
 from gridslam.map import Map
 from gridslam.simulate import TruePaths
 from gridslam.trajectory import Trajectory
@@ -115,23 +114,6 @@ def _assignment(
     cost = np.minimum(distance, cutoff) ** order
     matched = cost[linear_sum_assignment(cost)].sum()
     return float(matched + (larger - smaller) * surplus), smaller, larger
-
-
-def true_surfaces(segments: Segments, paths: TruePaths) -> np.ndarray:
-    """Surface feature vectors of the walls that some visible path hit: (S, 2) float64, m.
-
-    A window shares the surface of its wall; every facet of a curved wall is a surface of its own.
-    """
-    hit = np.unique(paths.segment[paths.segment >= 0])
-    _, first = np.unique(segments.surface[hit], return_index=True)
-    chosen = hit[first]
-    return sfv(line_through(segments.start[chosen], segments.end[chosen]))
-
-
-def surface_scores(found: SurfaceEstimate, segments: Segments, paths: TruePaths) -> dict[str, float | int]:
-    """Compare detected surfaces with the true ones: how many these are, OSPA (5 m, order 1) of the SFVs."""
-    truth = true_surfaces(segments, paths)
-    return {"surfaces_true": len(truth), "surface_ospa_m": ospa(found.sfv_m, truth, OSPA_CUTOFF_M, 1.0)}
 
 
 def map_scores(grid: Map, segments: Segments, paths: TruePaths) -> dict[str, float | None]:
