@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import linear_sum_assignment
-from scipy.stats import rankdata
 
 from gridslam.errors import InputError
 from gridslam.geometry import Segments, distance_to_segments, wrap
@@ -105,6 +103,8 @@ def _assignment(
     estimates: ArrayLike, truth: ArrayLike, cutoff: float, order: float, surplus: float
 ) -> tuple[float, int, int]:
     """Cheapest assignment: its cost, the sizes of the smaller and of the larger set."""
+    from scipy.optimize import linear_sum_assignment
+
     a, b = np.atleast_2d(np.asarray(estimates, float)), np.atleast_2d(np.asarray(truth, float))
     count_a, count_b = (len(x) if x.size else 0 for x in (a, b))
     smaller, larger = sorted((count_a, count_b))
@@ -163,6 +163,8 @@ def reflection_mae(grid: Map, segments: Segments) -> float | None:
 
 def area_under_curve(positive: ArrayLike, negative: ArrayLike) -> float | None:
     """Area under the ROC curve: chance that a positive scores above a negative, ties half. None if empty."""
+    from scipy.stats import rankdata
+
     positive, negative = np.asarray(positive, float), np.asarray(negative, float)
     if not len(positive) or not len(negative):
         return None

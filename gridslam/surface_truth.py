@@ -8,7 +8,6 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from gridslam.estimates import SurfaceEstimate
 from gridslam.geometry import line_through, sfv
@@ -91,6 +90,8 @@ class HeardSurfaces:
 
     def _distance(self, found: Array, there: NDArray[np.bool_]) -> float:
         """OSPA against some of the surfaces; of a curved wall, the facets that lines were found for."""
+        from scipy.optimize import linear_sum_assignment
+
         feature, curve = self.feature[there], self.curve[there]
         distance = np.linalg.norm(found[:, None] - feature, axis=-1)
         which, whom = linear_sum_assignment(np.minimum(distance, OSPA_CUTOFF_M))
@@ -114,6 +115,8 @@ def assigned_error(found: Array, truth: Array, cutoff: float = OSPA_CUTOFF_M) ->
     (S,) m
         NaN where no estimate is left for it, or none nearer than the cutoff.
     """
+    from scipy.optimize import linear_sum_assignment
+
     distance = np.linalg.norm(found[:, None] - truth[None], axis=-1)
     which, whom = linear_sum_assignment(np.minimum(distance, cutoff))
     error = np.full(len(truth), np.nan)
