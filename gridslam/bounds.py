@@ -90,5 +90,6 @@ def path_information(scene: Scene, agent: str, paths: TruePaths) -> Array:
         ],
         -1,
     )
-    scaled = jacobian / std[:, :, None]
+    measured = [quantity in signal.measures for quantity in ("distance", "aod", "aoa")]
+    scaled = jacobian / np.where(measured, std, np.inf)[:, :, None]
     return np.einsum("lai,laj->lij", scaled, scaled)

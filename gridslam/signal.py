@@ -39,6 +39,10 @@ class SignalModel:
     max_distance_m : float
     anchor_aperture, agent_aperture : (J, 2) and (2,)
         Mean square extent of the arrays along their own x and y axis, in wavelengths^2.
+    measures : tuple of str
+        Which of distance, aod, aoa and amplitude the radio measures.
+    given_detection, given_distance_std : float or None
+        Detection probability and sigma_d (m) of every path, instead of those that follow from its amplitude.
     """
 
     amplitude_at_1m: float
@@ -49,6 +53,9 @@ class SignalModel:
     max_distance_m: float
     anchor_aperture: Array
     agent_aperture: Array
+    measures: tuple[str, ...] = ("distance", "aod", "aoa", "amplitude")
+    given_detection: float | None = None
+    given_distance_std: float | None = None
 
     @property
     def distance_scale(self) -> float:
@@ -60,7 +67,9 @@ class SignalModel:
         return self.amplitude_at_1m / np.maximum(distance, 1e-3) * reflection
 
     def distance_std(self, amplitude: Array) -> Array:
-        """sigma_d of a path, m (Fisher information)."""
+        """sigma_d of a path, m: given, or from Fisher information."""
+        if self.given_distance_std is not None:
+            return np.full(np.shape(amplitude), self.given_distance_std)
         return self.distance_scale / amplitude
 
     def angle_std(self, amplitude: Array, angle: Array, aperture: Array) -> Array:
@@ -73,7 +82,9 @@ class SignalModel:
         return np.sqrt(0.5 + amplitude**2 / (4 * self.samples))
 
     def detection_probability(self, amplitude: Array) -> Array:
-        """p_d(u), Marcum Q of first order."""
+        """p_d(u): given, or Marcum Q of first order."""
+        if self.given_detection is not None:
+            return np.full(np.shape(amplitude), self.given_detection)
         scale = self.amplitude_std(amplitude)
         return 1 - ncx2.cdf((self.threshold / scale) ** 2, 2, (amplitude / scale) ** 2)
 

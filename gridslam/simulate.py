@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from gridslam.geometry import Segments, crossing, mirror, trace, wrap
 from gridslam.measurements import Measurements
@@ -224,7 +225,9 @@ def simulate_labelled(scene: Scene, agent: str, seed: int = 0) -> tuple[Measurem
     scale = signal.amplitude_std(paths.amplitude)
     noise = draw.standard_normal((len(paths), 5))
     amplitude = np.hypot(paths.amplitude + scale * noise[:, 0], scale * noise[:, 1])
-    heard = np.flatnonzero(amplitude > signal.threshold)  # a path is missed with probability 1 - p_d(u)
+    # a path is missed with probability 1 - p_d(u)
+    given = signal.given_detection
+    heard = np.flatnonzero(amplitude > signal.threshold if given is None else ndtr(noise[:, 0]) < given)
     clean = paths.amplitude[heard]
     aod_std = signal.angle_std(clean, paths.aod_rad[heard], signal.anchor_aperture[paths.anchor[heard]])
     aoa_std = signal.angle_std(clean, paths.aoa_rad[heard], signal.agent_aperture)
@@ -250,6 +253,9 @@ def simulate_labelled(scene: Scene, agent: str, seed: int = 0) -> tuple[Measurem
     }
     label = np.concatenate([heard, np.full(total, -1)])
     columns = {name: np.concatenate([table[name], false[name]]) for name in table}
+    for quantity, name in (("aod", "aod_rad"), ("aoa", "aoa_rad"), ("amplitude", "amplitude")):
+        if quantity not in signal.measures:
+            columns[name] = np.full(len(label), np.nan)
     order = np.lexsort((columns["distance_m"], columns["anchor"], columns["step"]))
     measurements = Measurements(
         anchors=scene.anchor_names,
