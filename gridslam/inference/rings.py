@@ -2,15 +2,14 @@
 
 A distance puts the image of an anchor on a circle about the agent, which no single Gaussian can hold, and on a
 straight way two places, mirrored at the way, explain all distances equally well. So a tentative image is a
-mixture of small Gaussians, one per bearing, beside the joint belief; once the mixture has shrunk to one place,
-it joins the belief. (The published method keeps particles instead: Leitinger et al., "A belief propagation
-algorithm for multipath-based SLAM", IEEE Trans. Wireless Commun. 18(12), 2019, section VI.)
+mixture beside the joint belief, one Gaussian per bearing; once the mixture has shrunk to one place, it joins
+the belief. (The published method keeps particles instead: Leitinger et al., "A belief propagation algorithm
+for multipath-based SLAM", IEEE Trans. Wireless Commun. 18(12), 2019, section VI.)
 
-What is known of an image was learned from uncertain places of the agent. Every hypothesis keeps that
-correlation, as the regression of its image on the joint state: image = mean + lean (state - its mean) + rest.
-A measurement of the state moves the image by the lean; a measurement of the image leaves the state alone until
-the image has joined (a Schmidt-Kalman filter), by which the covariance stays honest though the agent's errors
-last over many steps.
+The agent's error lasts over many steps, and a hypothesis that took it for fresh noise at each would soon be
+sure of a wrong bearing. Hence every hypothesis is a Gaussian of agent and image together, [x, y, vx, vy,
+image x, image y]: what the agent would be like if the hypothesis were true. It takes in what the joint
+belief learns of the agent, as information; the joint belief learns nothing from rings until they join.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from gridslam.signal import REFLECTION_BINS, SignalModel
 
 Array = NDArray[np.float64]
 BEARINGS = 72
-"""Hypotheses per ring, 5 degrees apart: at 20 m an arc of one departs by 2 cm from its tangent."""
+"""Hypotheses per ring, 5 degrees apart: at 20 m the arc of one departs by 2 cm from its tangent."""
 OVERLAP = 0.6
 """Deviation of a hypothesis along the ring at birth, in spacings: their sum is flat within 1 %."""
 MOST_RINGS = 16
@@ -37,16 +36,18 @@ MOST_RINGS = 16
 LEAST_EXISTENCE = 0.01
 """Existence below which a ring is dropped, or not begun."""
 SHRUNK_M, SHRUNK_SHARE = 0.3, 0.1
-"""A ring joins the belief when its deviation is below both: metres, and a share of its distance to the anchor."""
+"""A ring joins when its deviation is below both: metres, and a share of the image's distance to the anchor."""
 SURE = 0.95
 """Existence that it must have then."""
 JITTER_M = 0.001
 """Random walk of an image per step."""
+MOVING = 4
+"""Entries of the agent in a hypothesis."""
 
 
 @dataclass(frozen=True)
 class Rings:
-    """Tentative images of anchors: R rings of K hypotheses, beside a joint state of N entries.
+    """Tentative images of anchors: R rings of K hypotheses.
 
     Attributes
     ----------
@@ -56,12 +57,9 @@ class Rings:
         Steps since birth, steps with a detection.
     weight : (R, K) float64
         Probability of each hypothesis; rows sum to 1.
-    image : (R, K, 2) float64, m
-        Mean position of the image.
-    lean : (R, K, 2, N) float64
-        Regression of the image on the joint state.
-    rest : (R, K, 2, 2) float64, m^2
-        Covariance of what the regression leaves over.
+    mean : (R, K, 6) float64
+        Agent and image, if the hypothesis is true.
+    covariance : (R, K, 6, 6) float64
     """
 
     anchor: NDArray[np.intp]
@@ -69,20 +67,19 @@ class Rings:
     age: NDArray[np.int64]
     seen: NDArray[np.int64]
     weight: Array
-    image: Array
-    lean: Array
-    rest: Array
+    mean: Array
+    covariance: Array
 
     def __len__(self) -> int:
         return len(self.anchor)
 
     @classmethod
     def empty(cls) -> Rings:
-        """No rings, beside an agent alone."""
-        none, whole = np.zeros(0), np.zeros(0, np.int64)
+        """No rings."""
+        whole, size = np.zeros(0, np.int64), MOVING + 2
         return cls(
-            np.zeros(0, np.intp), none, whole, whole, np.zeros((0, BEARINGS)), np.zeros((0, BEARINGS, 2)),
-            np.zeros((0, BEARINGS, 2, AGENT)), np.zeros((0, BEARINGS, 2, 2)),
+            np.zeros(0, np.intp), np.zeros(0), whole, whole, np.zeros((0, BEARINGS)),
+            np.zeros((0, BEARINGS, size)), np.zeros((0, BEARINGS, size, size)),
         )  # fmt: skip
 
     def take(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> Rings:
@@ -101,41 +98,57 @@ class Rings:
             column[rows] = getattr(other, name)
         return Rings(**columns)
 
+    @property
+    def matched(self) -> tuple[Array, Array]:
+        """Mean (R, 6) and covariance (R, 6, 6) of every ring as one Gaussian."""
+        mean = np.einsum("rk,rki->ri", self.weight, self.mean)
+        off = self.mean - mean[:, None]
+        return mean, np.einsum("rk,rkij->rij", self.weight, self.covariance + _outer(off, off))
 
-def move(rings: Rings, before: Belief, after: Belief, dt: float) -> Rings:
-    """Follow the state's prediction over `dt`; the images themselves stand still but for a jitter."""
-    forward = np.eye(len(before.mean))
+
+def move(rings: Rings, dt: float, acceleration: float) -> Rings:
+    """Move the agent of every hypothesis as `belief.predict` does; images stand still but for a jitter."""
+    forward, noise = np.eye(MOVING + 2), np.zeros((MOVING + 2, MOVING + 2))
     forward[0, 2] = forward[1, 3] = dt
-    both = rings.lean @ before.covariance  # covariance of image and state
-    own = both @ np.swapaxes(rings.lean, -1, -2) + rings.rest + JITTER_M**2 * np.eye(2)
-    both = both @ forward.T
-    lean = _divided(both, after.covariance)
-    rest = own - both @ np.swapaxes(lean, -1, -2)
-    return replace(rings, age=rings.age + 1, lean=lean, rest=_symmetric(rest))
+    push = acceleration * np.array([0.5 * dt**2, dt])
+    for axis in range(2):
+        entry = np.array([axis, axis + 2])
+        noise[np.ix_(entry, entry)] = np.outer(push, push)
+    noise[MOVING:, MOVING:] = JITTER_M**2 * np.eye(2)
+    covariance = forward @ rings.covariance @ forward.T + noise
+    return replace(rings, age=rings.age + 1, mean=rings.mean @ forward.T, covariance=covariance)
 
 
-def follow(
-    rings: Rings, before: Belief, known: NDArray[np.int64], after: Belief, now: NDArray[np.int64]
-) -> Rings:
-    """Follow a belief that was updated by others, lost surfaces, or got new ones.
-
-    Parameters
-    ----------
-    known, now : (S,) int
-        Identities of the surfaces in `before` and in `after`, in the order of their lines.
-    """
-    stays = np.concatenate([np.ones(AGENT, bool), np.repeat(np.isin(known, now), 2)])
-    lean = rings.lean
-    if not stays.all():
-        both = lean @ before.covariance
-        kept = _divided(both[..., stays], before.covariance[np.ix_(stays, stays)])
-        lost = both @ np.swapaxes(lean, -1, -2) - both[..., stays] @ np.swapaxes(kept, -1, -2)
-        rings, lean = replace(rings, rest=_symmetric(rings.rest + lost)), kept
-    size = lean.shape[-1]
-    lean = np.concatenate([lean, np.zeros((*lean.shape[:-1], len(after.mean) - size))], -1)
-    change = after.mean[:size] - before.mean[stays]
-    change[4] = 0.0  # distances say nothing of the heading, which may have wrapped
-    return replace(rings, lean=lean, image=rings.image + lean[..., :size] @ change)
+def follow(rings: Rings, before: Belief, after: Belief) -> Rings:
+    """Take in what the joint belief learned of the agent, as the information by which it grew."""
+    old, new = (b.covariance[:MOVING, :MOVING] for b in (before, after))
+    if not len(rings) or before is after:
+        return rings
+    root = np.linalg.cholesky(old)
+    white = np.linalg.inv(root) @ new @ np.linalg.inv(root).T
+    value, vector = np.linalg.eigh(white)
+    grown = np.clip(1 / np.maximum(value, 1e-9) - 1, -0.5, None)  # doubt may also have grown, but not beyond all
+    base = np.linalg.inv(root).T @ vector
+    information = base * grown @ base.T
+    shift = after.mean[:MOVING] - before.mean[:MOVING]
+    # the same in terms of the old mean, so that nothing large cancels
+    push = information @ shift + np.linalg.solve(old, shift)
+    agent = rings.mean[..., :MOVING] - before.mean[:MOVING]
+    both, own = rings.covariance[..., :MOVING], rings.covariance[..., :MOVING, :MOVING]
+    inner = np.eye(MOVING) + information @ own
+    pull = push - agent @ information
+    solved = np.linalg.solve(inner, np.concatenate([np.broadcast_to(information, own.shape), pull[..., None]], -1))
+    covariance = rings.covariance - both @ solved[..., :MOVING] @ np.swapaxes(both, -1, -2)
+    step = (both @ solved[..., MOVING:])[..., 0]
+    log = (
+        (agent * push).sum(-1)
+        - 0.5 * ((agent @ information) * agent).sum(-1)
+        + 0.5 * (pull * step[..., :MOVING]).sum(-1)
+        - 0.5 * np.log(np.linalg.det(inner))
+    )
+    return replace(
+        rings, weight=_weighed(rings.weight, log), mean=rings.mean + step, covariance=_symmetric(covariance)
+    )
 
 
 @dataclass(frozen=True)
@@ -149,15 +162,12 @@ class Worth:
     ratio : (L, K, M)
         p_d f(z | hypothesis) / (mu_fa f_fa(z)).
     detection : (L,)
-    gap, spread : (L, K, M) m and (L, K) m^2
-        Measured minus predicted distance, and the variance of the predicted one.
-    noise : (M,) m^2
-    slope : (L, K, N)
-        Derivative of the distance by the joint state, through agent and lean.
-    gain : (L, K, 2)
-        Covariance of image and distance.
-    toward : (L, K, 2)
-        Unit vector from the agent to the image.
+    gap : (L, K, M) m
+        Measured minus predicted distance.
+    spread, noise : (L, K) and (M,), m^2
+        Variances of the predicted and of the measured distance.
+    gain : (L, K, 6)
+        Covariance of agent and image with the distance.
     """
 
     rows: NDArray[np.intp]
@@ -166,47 +176,41 @@ class Worth:
     gap: Array
     spread: Array
     noise: Array
-    slope: Array
     gain: Array
-    toward: Array
 
 
-def judge(rings: Rings, belief: Belief, heard: Heard, table: DetectionTable, signal: SignalModel) -> Worth:
+def judge(rings: Rings, heard: Heard, table: DetectionTable, signal: SignalModel) -> Worth:
     """Evaluate the measurements that carry a distance and no AoA under every hypothesis."""
     rows = np.flatnonzero(rings.anchor == heard.anchor)
-    lean, rest = rings.lean[rows], rings.rest[rows]
-    away = rings.image[rows] - belief.mean[:2]
+    mean, weight = rings.mean[rows], rings.weight[rows]
+    away = mean[..., MOVING:] - mean[..., :2]
     distance = np.maximum(np.linalg.norm(away, axis=-1), 1e-6)
     toward = away / distance[..., None]
-    slope = np.einsum("lki,lkin->lkn", toward, lean)
-    slope[..., :2] -= toward
-    through = slope @ belief.covariance
-    own = np.einsum("lkij,lkj->lki", rest, toward)
-    spread = (through * slope).sum(-1) + (own * toward).sum(-1)
-    gain = np.einsum("lkin,lkn->lki", lean, through) + own
+    slope = np.concatenate([-toward, np.zeros_like(toward), toward], -1)
+    gain = np.einsum("lkij,lkj->lki", rings.covariance[rows], slope)
+    spread = (gain * slope).sum(-1)
 
     usable, deviation, loudness = _level(heard, signal)
-    typical = table(signal.amplitude((rings.weight[rows] * distance).sum(-1), 0.5))
+    typical = table(signal.amplitude((weight * distance).sum(-1), 0.5))
     gap = np.where(usable, heard.value[:, 0], 0.0) - distance[..., None]
     noise = np.where(usable, deviation**2, 1.0)
     total = spread[..., None] + noise
     density = np.exp(-0.5 * gap**2 / total) / np.sqrt(2 * np.pi * total)
     silent = np.isnan(heard.amplitude)
     ratio = density * np.where(silent, typical[:, None, None], 1.0) * np.where(usable, loudness, 0.0)
-    return Worth(rows, ratio, typical, gap, spread, noise, slope, gain, toward)
+    return Worth(rows, ratio, typical, gap, spread, noise, gain)
 
 
 def _level(heard: Heard, signal: SignalModel) -> tuple[NDArray[np.bool_], Array, Array]:
-    """Which measurements rings may explain; their deviation (m); amplitude's density over that of clutter (1/m)."""
+    """Measurements that rings may explain; their deviation, m; amplitude's density over that of clutter, 1/m."""
     usable = ~np.isnan(heard.value[:, 0]) & np.isnan(heard.value[:, 2])
     distance = np.where(usable, heard.value[:, 0], 1.0)
     loud = ~np.isnan(heard.amplitude)
-    level = signal.amplitude(distance[:, None], REFLECTION_BINS)
     strength = np.where(loud, heard.amplitude, signal.amplitude(distance, 0.5))
-    said = np.exp(signal.log_rician(strength[:, None], level)).mean(1)
+    said = np.exp(signal.log_rician(strength[:, None], signal.amplitude(distance[:, None], REFLECTION_BINS)))
     std = deviations(heard, np.arange(len(heard)), strength, np.nan_to_num(heard.value[:, 1:]), signal)[:, 0]
     clutter = np.log(signal.false_alarms) + signal.log_clutter(heard.amplitude) + 2 * np.log(2 * np.pi)
-    return usable, std, np.where(loud, said, 1.0) * np.exp(-clutter)
+    return usable, std, np.where(loud, said.mean(1), 1.0) * np.exp(-clutter)
 
 
 def claims(rings: Rings, worth: Worth) -> tuple[Array, Array]:
@@ -217,7 +221,7 @@ def claims(rings: Rings, worth: Worth) -> tuple[Array, Array]:
 
 
 def learn(rings: Rings, worth: Worth, nu: Array) -> Rings:
-    """Update existence, bearings and images of one anchor's rings, moment-matched over the association.
+    """Update existence and hypotheses of one anchor's rings, moment-matched over the association.
 
     Parameters
     ----------
@@ -225,41 +229,30 @@ def learn(rings: Rings, worth: Worth, nu: Array) -> Rings:
         Messages from the association.
     """
     old = rings.take(worth.rows)
-    said = nu[:, None] * worth.ratio
-    silent = (1 - worth.detection)[:, None]
-    factor = said.sum(-1) + silent
+    said = P_STAY * nu[:, None] * worth.ratio
+    factor = said.sum(-1) + P_STAY * (1 - worth.detection)[:, None] + 1 - P_STAY
     mean = (old.weight * factor).sum(-1)
-    ahead = P_STAY * mean + 1 - P_STAY
-    existence = old.existence * ahead / (old.existence * ahead + 1 - old.existence)
     heard = (old.weight * said.sum(-1)).sum(-1) / mean
-    weight = old.weight * (P_STAY * factor + 1 - P_STAY) / ahead[:, None]
-
-    # all gains of a hypothesis point the same way: only their sizes differ between the measurements
-    share = P_STAY * said / (P_STAY * factor + 1 - P_STAY)[..., None]
-    size = 1 / (worth.spread[..., None] + worth.noise)
-    first, second = (share * size).sum(-1), (share * size**2).sum(-1)
+    existence = old.existence * mean / (old.existence * mean + 1 - old.existence)
+    # the gains of a hypothesis point the same way for all measurements and differ in size alone
+    share, size = said / factor[..., None], 1 / (worth.spread[..., None] + worth.noise)
     step = (share * size * worth.gap).sum(-1)
     among = (share * (size * worth.gap) ** 2).sum(-1) - step**2
-    loud = (share * size**2 * worth.noise).sum(-1)
-    own = np.einsum("lkij,lkj->lki", old.rest, worth.toward)
-    inner = (own * worth.toward).sum(-1)
-    square = worth.gain[..., :, None] * worth.gain[..., None, :]
-    cross = worth.gain[..., :, None] * own[..., None, :]
-    grown = second * inner + loud + among + (second - first**2) * (worth.spread - inner)
-    rest = old.rest - first[..., None, None] * (cross + np.swapaxes(cross, -1, -2))
+    narrower = (share * size).sum(-1) - among
     fresh = replace(
         old,
         existence=np.minimum(existence, 1 - 1e-7),
         seen=old.seen + (heard > 0.5),
-        weight=weight / weight.sum(-1, keepdims=True),
-        image=old.image + step[..., None] * worth.gain,
-        lean=old.lean - first[..., None, None] * worth.gain[..., None] * worth.slope[..., None, :],
-        rest=_symmetric(rest + grown[..., None, None] * square),
+        weight=_weighed(old.weight, np.log(factor)),
+        mean=old.mean + step[..., None] * worth.gain,
+        covariance=_symmetric(old.covariance - narrower[..., None, None] * _outer(worth.gain, worth.gain)),
     )
     return rings.put(worth.rows, fresh)
 
 
-def expected(belief: Belief, heard: Heard, signal: SignalModel, births: float, middle: Array, radius_m: float) -> tuple[Array, Array]:
+def expected(
+    belief: Belief, heard: Heard, signal: SignalModel, births: float, middle: Array, radius_m: float
+) -> tuple[Array, Array]:
     """How many new images each measurement tells of, over clutter, and how likely it makes every bearing.
 
     As for births with angles, surfaces are born uniformly over all lines that cross the region, `births` per
@@ -284,28 +277,32 @@ def expected(belief: Belief, heard: Heard, signal: SignalModel, births: float, m
     return ratio, density / np.maximum(density.sum(-1, keepdims=True), 1e-300)
 
 
-def begin(rings: Rings, belief: Belief, heard: Heard, signal: SignalModel, chance: Array, weight: Array) -> Rings:
-    """Add a ring for every measurement that is one with probability `chance` (M,), bearings by `weight` (M, K)."""
+def begin(
+    rings: Rings, belief: Belief, heard: Heard, signal: SignalModel, chance: Array, weight: Array
+) -> Rings:
+    """Add a ring for every measurement that is likely enough to be one.
+
+    Parameters
+    ----------
+    chance : (M,)
+        Probability that the measurement tells of a new image.
+    weight : (M, K)
+        Of the bearings.
+    """
     rows = np.flatnonzero(chance > LEAST_EXISTENCE)
     distance, variance = heard.value[rows, 0, None], np.square(_level(heard, signal)[1][rows, None])
     toward = np.broadcast_to(unit(_bearings()), (len(rows), BEARINGS, 2))
     across = np.stack([-toward[..., 1], toward[..., 0]], -1)
-    arc = np.square(OVERLAP * 2 * np.pi / BEARINGS * distance)
-    lean = np.zeros((len(rows), BEARINGS, 2, len(belief.mean)))
-    lean[..., 0, 0] = lean[..., 1, 1] = 1.0
-    outer = [v[..., None, None] * u[..., :, None] * u[..., None, :] for v, u in ((variance, toward), (arc, across))]
-    return rings.joined(
-        Rings(
-            np.full(len(rows), heard.anchor, np.intp),
-            chance[rows],
-            np.zeros(len(rows), np.int64),
-            np.ones(len(rows), np.int64),
-            weight[rows],
-            belief.mean[:2] + distance[..., None] * toward,
-            lean,
-            outer[0] + outer[1],
-        )
-    )
+    arc = np.square(OVERLAP * 2 * np.pi / BEARINGS * distance)[..., None, None]
+    mean = np.zeros((len(rows), BEARINGS, MOVING + 2))
+    mean[..., :MOVING] = belief.mean[:MOVING]
+    mean[..., MOVING:] = belief.mean[:2] + distance[..., None] * toward
+    entry = np.array([0, 1, 2, 3, 0, 1])  # the image shares the error of the agent's position
+    covariance = np.broadcast_to(belief.covariance[np.ix_(entry, entry)], (*mean.shape, MOVING + 2)).copy()
+    covariance[..., MOVING:, MOVING:] += variance[..., None, None] * _outer(toward, toward) + arc * _outer(across, across)
+    age, seen = np.zeros(len(rows), np.int64), np.ones(len(rows), np.int64)
+    anchor = np.full(len(rows), heard.anchor, np.intp)
+    return rings.joined(Rings(anchor, chance[rows], age, seen, weight[rows], mean, covariance))
 
 
 def prune(rings: Rings, survival: float) -> Rings:
@@ -319,41 +316,54 @@ def prune(rings: Rings, survival: float) -> Rings:
     return replace(rings, existence=existence).take((existence > LEAST_EXISTENCE) & (place < MOST_RINGS))
 
 
-def shrunk(rings: Rings, belief: Belief, places: Array) -> NDArray[np.intp]:
-    """Rings that have shrunk to one place, the mirrored way included, and surely exist."""
-    image, _, lean, rest = _matched(rings)
-    total = lean @ belief.covariance @ np.swapaxes(lean, -1, -2) + rest
-    width = np.sqrt(np.linalg.eigvalsh(total)[:, -1]) if len(rings) else np.zeros(0)
-    span = np.linalg.norm(image - places[rings.anchor], axis=-1)
+def shrunk(rings: Rings, places: Array) -> NDArray[np.intp]:
+    """Rings that have shrunk to one place, the mirrored one gone, and surely exist."""
+    if not len(rings):
+        return np.zeros(0, np.intp)
+    mean, covariance = rings.matched
+    width = np.sqrt(np.linalg.eigvalsh(covariance[:, MOVING:, MOVING:])[:, -1])
+    span = np.linalg.norm(mean[:, MOVING:] - places[rings.anchor], axis=-1)
     return np.flatnonzero((width < SHRUNK_M) & (width < SHRUNK_SHARE * span) & (rings.existence > SURE))
 
 
 def join(rings: Rings, row: int, belief: Belief, place: Array) -> Belief:
-    """Append the line between anchor `place` and the image of one ring, as correlated as the ring is."""
-    image, _, lean, rest = (part[0] for part in _matched(rings.take(np.array([row]))))
-    line = line_between(place, image)
+    """Give the joint belief what one ring knows: agent, image, and how they hang together.
+
+    Parameters
+    ----------
+    place : (2,) m
+        The ring's anchor; the line between it and the image is appended.
+    """
+    mean, covariance = (part[0] for part in rings.take(np.array([row])).matched)
+    agent, image = slice(0, MOVING), slice(MOVING, None)
+    # the rest of the state follows the agent, to which alone the ring refers
+    lean = np.linalg.solve(belief.covariance[agent, agent], belief.covariance[agent]).T
+    changed = covariance[agent, agent] - belief.covariance[agent, agent]
+    belief = Belief(
+        belief.mean + lean @ (mean[agent] - belief.mean[agent]),
+        _symmetric(belief.covariance + lean @ changed @ lean.T),
+    )
+    line = line_between(place, mean[image])
     by_image = np.linalg.inv(mirror_derivative(line, place))
-    value, vector = np.linalg.eigh(rest)
-    return give_birth(belief, line, by_image @ lean, by_image @ vector, np.maximum(value, 0.0))
-
-
-def _matched(rings: Rings) -> tuple[Array, Array, Array, Array]:
-    """Mean, weight, lean and rest of every ring as one Gaussian."""
-    weight = rings.weight
-    image = np.einsum("rk,rki->ri", weight, rings.image)
-    lean = np.einsum("rk,rkin->rin", weight, rings.lean)
-    off = rings.image - image[:, None]
-    rest = np.einsum("rk,rkij->rij", weight, rings.rest + off[..., :, None] * off[..., None, :])
-    return image, weight.sum(-1), lean, rest
+    by_agent = np.linalg.solve(covariance[agent, agent], covariance[agent, image]).T
+    by_state = np.zeros((2, len(belief.mean)))
+    by_state[:, agent] = by_image @ by_agent
+    value, vector = np.linalg.eigh(covariance[image, image] - by_agent @ covariance[agent, image])
+    return give_birth(belief, line, by_state, by_image @ vector, np.maximum(value, 0.0))
 
 
 def _bearings() -> Array:
     return 2 * np.pi / BEARINGS * np.arange(BEARINGS)
 
 
-def _divided(both: Array, covariance: Array) -> Array:
-    """`both` (..., N) times the inverse of a covariance (N, N)."""
-    return np.swapaxes(np.linalg.solve(covariance, both.reshape(-1, len(covariance)).T), 0, 1).reshape(both.shape)
+def _weighed(weight: Array, log: Array) -> Array:
+    """Weights (R, K) times exp(log), normalised."""
+    scaled = weight * np.exp(log - log.max(-1, keepdims=True, initial=-np.inf))
+    return np.asarray(scaled / scaled.sum(-1, keepdims=True))
+
+
+def _outer(left: Array, right: Array) -> Array:
+    return left[..., :, None] * right[..., None, :]
 
 
 def _symmetric(matrix: Array) -> Array:

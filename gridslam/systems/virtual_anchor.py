@@ -53,23 +53,23 @@ class VirtualAnchorSlam(AdaptiveSlam):
 
     def _move(self, now: float) -> None:
         """Motion of the agent, which the rings follow."""
-        before, elapsed = self.belief, now - (now if self.last_time is None else self.last_time)
+        if self.last_time is not None:
+            self.rings = rings.move(self.rings, now - self.last_time, self.settings.acceleration_mps2)
         super()._move(now)
-        self.rings = rings.move(self.rings, before, self.belief, elapsed)
 
     def _take_in(self, heard: Heard) -> None:
         """Messages of one anchor: first those of its virtual anchors, then those of the rings."""
         with self._followed():
             super()._take_in(heard)
         # updates of rings by what the association left them; new rings
-        worth = rings.judge(self.rings, self.belief, heard, self.detected, self.signal)
+        worth = rings.judge(self.rings, heard, self.detected, self.signal)
         self.rings = rings.learn(self.rings, worth, self._told)
         chance, bearings = self._begun
         self.rings = rings.begin(self.rings, self.belief, heard, self.signal, chance, bearings)
 
     def _associate(self, heard: Heard, beta: Array, missed: Array, new: Array) -> tuple[Array, Array]:
         """Data association of virtual anchors and rings alike."""
-        worth = rings.judge(self.rings, self.belief, heard, self.detected, self.signal)
+        worth = rings.judge(self.rings, heard, self.detected, self.signal)
         tentative, silent = rings.claims(self.rings, worth)
         born, bearings = rings.expected(
             self.belief, heard, self.signal, self.settings.births, self.middle, self.radius_m
@@ -83,7 +83,7 @@ class VirtualAnchorSlam(AdaptiveSlam):
 
     def _tidy(self) -> None:
         """Rings that have shrunk to a place become virtual anchors; duplicates merge, the unlikely go."""
-        for row in rings.shrunk(self.rings, self.belief, self.places)[::-1].tolist():
+        for row in rings.shrunk(self.rings, self.places)[::-1].tolist():
             self._join(row)
         with self._followed():
             super()._tidy()
@@ -106,6 +106,6 @@ class VirtualAnchorSlam(AdaptiveSlam):
     @contextmanager
     def _followed(self) -> Iterator[None]:
         """Let the rings follow whatever the block does to the belief."""
-        before, known = self.belief, self.bank.identity
+        before = self.belief
         yield
-        self.rings = rings.follow(self.rings, before, known, self.belief, self.bank.identity)
+        self.rings = rings.follow(self.rings, before, self.belief)
