@@ -124,21 +124,22 @@ def follow(rings: Rings, before: Belief, after: Belief) -> Rings:
     old, new = (b.covariance[:MOVING, :MOVING] for b in (before, after))
     if not len(rings) or before is after:
         return rings
+    # in the frame where the old covariance is 1 and the new one diagonal
     root = np.linalg.cholesky(old)
-    white = np.linalg.inv(root) @ new @ np.linalg.inv(root).T
-    value, vector = np.linalg.eigh(white)
-    grown = np.clip(1 / np.maximum(value, 1e-9) - 1, -0.5, None)  # doubt may also have grown, but not beyond all
-    base = np.linalg.inv(root).T @ vector
-    information = base * grown @ base.T
-    shift = after.mean[:MOVING] - before.mean[:MOVING]
-    # the same in terms of the old mean, so that nothing large cancels
-    push = information @ shift + np.linalg.solve(old, shift)
-    agent = rings.mean[..., :MOVING] - before.mean[:MOVING]
-    both, own = rings.covariance[..., :MOVING], rings.covariance[..., :MOVING, :MOVING]
+    value, vector = np.linalg.eigh(np.linalg.inv(root) @ new @ np.linalg.inv(root).T)
+    value, frame = np.maximum(value, 1e-6), np.linalg.inv(root).T @ vector
+    shift = frame.T @ (after.mean[:MOVING] - before.mean[:MOVING])
+    surer = value < 1
+    information = frame * np.where(surer, 1 / value - 1, 0.0) @ frame.T
+    push = frame @ np.where(surer, shift / value, 0.0)
+    doubt = root @ vector * np.where(surer, 0.0, value - 1) @ vector.T @ root.T
+    agent, prior = rings.mean[..., :MOVING] - before.mean[:MOVING], rings.covariance.copy()
+    prior[..., :MOVING, :MOVING] += doubt
+    both, own = prior[..., :MOVING], prior[..., :MOVING, :MOVING]
     inner = np.eye(MOVING) + information @ own
     pull = push - agent @ information
     solved = np.linalg.solve(inner, np.concatenate([np.broadcast_to(information, own.shape), pull[..., None]], -1))
-    covariance = rings.covariance - both @ solved[..., :MOVING] @ np.swapaxes(both, -1, -2)
+    covariance = prior - both @ solved[..., :MOVING] @ np.swapaxes(both, -1, -2)
     step = (both @ solved[..., MOVING:])[..., 0]
     log = (
         (agent * push).sum(-1)

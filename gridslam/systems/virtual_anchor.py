@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gridslam.geometry import unit
 from gridslam.inference import rings
-from gridslam.inference.association import associate
+from gridslam.inference.exact import associate_exactly
 from gridslam.inference.heard import Heard
 from gridslam.map import Map
 from gridslam.scene import Scene
@@ -74,7 +74,7 @@ class VirtualAnchorSlam(AdaptiveSlam):
         born, bearings = rings.expected(
             self.belief, heard, self.signal, self.settings.births, self.middle, self.radius_m
         )
-        nu, claimed = associate(
+        nu, claimed = associate_exactly(
             np.concatenate([beta, tentative]), np.concatenate([missed, silent]), new + born
         )
         self._told = nu[len(beta) :]
