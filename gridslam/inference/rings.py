@@ -35,8 +35,10 @@ MOST_RINGS = 16
 """Rings kept per anchor, the likeliest first."""
 LEAST_EXISTENCE = 0.01
 """Existence below which a ring is dropped, or not begun."""
-SHRUNK_M, SHRUNK_SHARE = 0.3, 0.1
+SHRUNK_M, SHRUNK_SHARE = 0.25, 0.1
 """A ring joins when its deviation is below both: metres, and a share of the image's distance to the anchor."""
+THIN_M = 0.03
+"""Deviation across the ring that it must be below, too: two places beside each other are thicker."""
 SURE = 0.95
 """Existence that it must have then."""
 JITTER_M = 0.001
@@ -322,9 +324,9 @@ def shrunk(rings: Rings, places: Array) -> NDArray[np.intp]:
     if not len(rings):
         return np.zeros(0, np.intp)
     mean, covariance = rings.matched
-    width = np.sqrt(np.linalg.eigvalsh(covariance[:, MOVING:, MOVING:])[:, -1])
+    thickness, width = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[:, MOVING:, MOVING:]), 0)).T
     span = np.linalg.norm(mean[:, MOVING:] - places[rings.anchor], axis=-1)
-    return np.flatnonzero((width < SHRUNK_M) & (width < SHRUNK_SHARE * span) & (rings.existence > SURE))
+    return np.flatnonzero((width < SHRUNK_M) & (width < SHRUNK_SHARE * span) & (thickness < THIN_M) & (rings.existence > SURE))
 
 
 def join(rings: Rings, row: int, belief: Belief, place: Array) -> Belief:
