@@ -47,7 +47,7 @@ def associate_exactly(beta: Array, missed: Array, new: Array) -> tuple[Array, Ar
     nu, claimed = np.broadcast_to(1 / new, beta.shape).copy(), np.zeros(len(new))
     if not count:
         return nu, claimed
-    # sets of taken measurements as bits: ahead[l] sums over the paths before l, behind[l] over those from l on
+    # sets of taken measurements as bits; ahead[l] sums over the paths before l, behind[l] over the others
     bits, sets = 1 << np.arange(count), np.arange(1 << count)
     free = (sets[:, None] & bits) == 0
     grown = sets[:, None] | bits
@@ -60,7 +60,9 @@ def associate_exactly(beta: Array, missed: Array, new: Array) -> tuple[Array, Ar
     for path in range(len(odds) - 1, -1, -1):
         behind[path] = behind[path + 1] + (free * behind[path + 1][grown]) @ odds[path]
     without = (ahead[:-1] * behind[1:]).sum(1)
-    taking = np.stack([(ahead[:-1, free[:, m]] * behind[1:, grown[free[:, m], m]]).sum(1) for m in range(count)], 1)
+    taking = np.stack(
+        [(ahead[:-1, free[:, m]] * behind[1:, grown[free[:, m], m]]).sum(1) for m in range(count)], 1
+    )
     nu[:, contested] = taking / without[:, None] / new[contested]
     total = ahead[-1].sum()
     idle = (ahead[-1] @ free) / total

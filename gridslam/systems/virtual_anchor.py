@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.geometry import unit
-from gridslam.inference import rings
+from gridslam.inference import ranging, rings
 from gridslam.inference.exact import associate_exactly
 from gridslam.inference.heard import Heard
 from gridslam.map import Map
@@ -62,16 +62,16 @@ class VirtualAnchorSlam(AdaptiveSlam):
         with self._followed():
             super()._take_in(heard)
         # updates of rings by what the association left them; new rings
-        worth = rings.judge(self.rings, heard, self.detected, self.signal)
-        self.rings = rings.learn(self.rings, worth, self._told)
+        worth = ranging.judge(self.rings, heard, self.detected, self.signal)
+        self.rings = ranging.learn(self.rings, worth, self._told)
         chance, bearings = self._begun
-        self.rings = rings.begin(self.rings, self.belief, heard, self.signal, chance, bearings)
+        self.rings = ranging.begin(self.rings, self.belief, heard, self.signal, chance, bearings)
 
     def _associate(self, heard: Heard, beta: Array, missed: Array, new: Array) -> tuple[Array, Array]:
         """Data association of virtual anchors and rings alike."""
-        worth = rings.judge(self.rings, heard, self.detected, self.signal)
-        tentative, silent = rings.claims(self.rings, worth)
-        born, bearings = rings.expected(
+        worth = ranging.judge(self.rings, heard, self.detected, self.signal)
+        tentative, silent = ranging.claims(self.rings, worth)
+        born, bearings = ranging.expected(
             self.belief, heard, self.signal, self.settings.births, self.middle, self.radius_m
         )
         nu, claimed = associate_exactly(
@@ -83,7 +83,7 @@ class VirtualAnchorSlam(AdaptiveSlam):
 
     def _tidy(self) -> None:
         """Rings that have shrunk to a place become virtual anchors; duplicates merge, the unlikely go."""
-        for row in rings.shrunk(self.rings, self.places)[::-1].tolist():
+        for row in rings.shrunk(self.rings, self.places, self.signal)[::-1].tolist():
             self._join(row)
         with self._followed():
             super()._tidy()
