@@ -10,7 +10,7 @@ from gridslam.simulate import true_paths
 
 
 def test_bundled_scenes_cite_their_source_and_say_what_is_hard():
-    assert bundled_scenes() == ["alcove", "canyon", "room"]
+    assert bundled_scenes() == ["alcove", "canyon", "room", "seminar"]
     for name in bundled_scenes():
         head = re.split(r"^(?!#)", (BUNDLED / f"{name}.toml").read_text(), maxsplit=1, flags=re.M)[0]
         assert "paper 00" in head
@@ -87,3 +87,24 @@ def test_canyon_tracks_overlap_only_in_part():
     one, two = (scene.track(name).position_m for name in ("agent1", "agent2"))
     near = (np.linalg.norm(two[:, None] - one[None], axis=-1) < 1.0).any(axis=1).mean()
     assert 0.1 < near < 0.6
+
+
+def test_seminar_is_heard_by_distances_of_sight_and_single_bounces_alone():
+    scene, paths, entry, _ = heard("seminar", "agent1", 0.0)
+    assert scene.radio.measures == ("distance",)
+    assert len(scene.track("agent1")) == 900
+    assert set(paths.bounces) == {0, 1}
+    sight = np.zeros((900, 2), bool)
+    sight[paths.step[paths.bounces == 0], paths.anchor[paths.bounces == 0]] = True
+    assert sight.all()
+    images = {(a, s) for a, s in zip(paths.anchor, paths.segment[:, 0], strict=True) if s >= 0}
+    assert len(images) == 9
+    assert set(entry[paths.bounces == 1, 0]) == {0}
+
+
+def test_seminar_crosses_the_line_between_its_anchors():
+    scene = Scene.load("seminar")
+    (ax, ay), (bx, by) = scene.anchor_positions
+    x, y = scene.track("agent1").position_m.T
+    side = np.sign((bx - ax) * (y - ay) - (by - ay) * (x - ax))
+    assert (np.diff(side) != 0).sum() >= 1
