@@ -18,6 +18,8 @@ from gridslam.signal import REFLECTION_BINS, SignalModel
 Array = NDArray[np.float64]
 OVERLAP = 0.6
 """Deviation of a hypothesis along the ring at birth, in spacings: their sum is flat within 1 %."""
+APART = 2.0
+"""Deviations by which a distance must exceed that of the anchor itself before it may begin a ring."""
 
 
 @dataclass(frozen=True)
@@ -133,15 +135,15 @@ def expected(
     (ratio, weight)
         ratio (M,): 0 where there is no distance, or an AoA with it; weight (M, K).
     """
-    usable, _, loudness = _level(heard, signal)
+    usable, deviation, loudness = _level(heard, signal)
     distance = np.where(usable, heard.value[:, 0], 0.0)
     image = belief.mean[:2] + distance[:, None, None] * unit(_bearings())
     line = line_between(heard.place, image)
     span = np.linalg.norm(image - heard.place, axis=-1)
     crosses = np.abs((unit(line[..., 0]) @ middle) - line[..., 1]) < radius_m
-    nearer = (
-        np.linalg.norm(belief.mean[:2] - heard.place) < distance
-    )  # else the wall would stand between them
+    # no image is nearer than its anchor, and one that is hardly farther can't be told from it
+    doubt = np.where(usable, deviation, 0.0) ** 2 + np.trace(belief.covariance[:2, :2])
+    nearer = np.linalg.norm(belief.mean[:2] - heard.place) + APART * np.sqrt(doubt) < distance
     density = crosses * nearer[:, None] / np.maximum(span, 0.1)
     common = births / (4 * np.pi * radius_m) * distance * 2 * np.pi * loudness
     ratio = np.where(usable, common * density.mean(-1), 0.0)
