@@ -238,7 +238,8 @@ def whitened_jacobian(scene: Scene, agent: str, paths: TruePaths, surface: NDArr
         signal.angle_std(paths.amplitude, paths.aod_rad, anchors),
         signal.angle_std(paths.amplitude, paths.aoa_rad, signal.agent_aperture),
     )
-    return jacobian / np.stack(std, -1)[:, :, None]
+    measured = [quantity in signal.measures for quantity in ("distance", "aod", "aoa")]
+    return jacobian / np.where(measured, np.stack(std, -1), np.inf)[:, :, None]
 
 
 def _information(scene: Scene, agent: str, paths: TruePaths, rows: Array) -> Array:

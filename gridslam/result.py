@@ -121,6 +121,8 @@ class Run:
             done = slice(len(self.trajectory))
             scores["position_bound_m"] = rmse(bound.position_m[done])
             scores["heading_bound_deg"] = float(np.degrees(rmse(bound.heading_rad[done])))
+        if "aoa" not in self.scene.radio.measures:  # nothing tells of the heading then
+            scores |= dict.fromkeys(("heading_rmse_deg", "heading_bound_deg"))
         if isinstance(truth, Truth):
             whole = truth.first(len(self.trajectory)).joined(earlier)
             scores |= surface_scores(found, whole)

@@ -152,6 +152,9 @@ class Scene(Strict):
             max_distance_m=radio.max_distance_m,
             anchor_aperture=np.stack([(anchor.array or radio.array).aperture for anchor in self.anchors]),
             agent_aperture=carried.aperture,
+            measures=radio.measures,
+            given_detection=radio.detection_probability,
+            given_distance_std=radio.distance_std_m,
         )
 
     def segments(self) -> Segments:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ Metre = Annotated[float, Field(ge=-1e6, le=1e6)]
 Degree = Annotated[float, Field(ge=-720, le=720)]
 Point = tuple[Metre, Metre]
 Name = Annotated[str, Field(min_length=1, max_length=100)]
+Quantity = Literal["distance", "aod", "aoa", "amplitude"]
+QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 
 
 class ArraySpec(Strict):
@@ -42,7 +44,10 @@ class ArraySpec(Strict):
 
 
 class Radio(Strict):
-    """The radio link; defaults as in papers 002 and 003."""
+    """The radio link; defaults as in papers 002 and 003.
+
+    `detection_probability` and `distance_std_m`, where given, replace what would follow from the amplitude.
+    """
 
     carrier_hz: Positive = 6.0e9
     bandwidth_hz: Positive = 1.0e9
@@ -52,7 +57,21 @@ class Radio(Strict):
     max_distance_m: Positive = 60.0
     samples: int = Field(2500, ge=1)
     max_bounces: int = Field(2, ge=0, le=2)
+    measures: tuple[Quantity, ...] = QUANTITIES
+    detection_probability: Probability | None = None
+    distance_std_m: Positive | None = None
     array: ArraySpec = ArraySpec()
+
+    @model_validator(mode="after")
+    def _measures_what_it_can(self) -> Self:
+        given = list(self.measures)
+        if "distance" not in given or len(set(given)) < len(given):
+            raise fault("measures", repr(given), f"distance and any others of {', '.join(QUANTITIES)}, once")
+        if self.detection_probability is not None and "amplitude" in given:
+            # a measured amplitude is cut at the threshold, which is a detection probability of its own
+            allowed = "none, or measures without amplitude"
+            raise fault("detection_probability", str(self.detection_probability), allowed)
+        return self
 
 
 class GridSpec(Strict):

@@ -38,6 +38,10 @@ class SignalModel:
     max_distance_m : float
     anchor_aperture, agent_aperture : (J, 2) and (2,)
         Mean square extent of the arrays along their own x and y axis, in wavelengths^2.
+    measures : tuple of str
+        Which of distance, aod, aoa and amplitude the radio measures.
+    given_detection, given_distance_std : float or None
+        Detection probability and sigma_d (m) of every path, instead of those that follow from its amplitude.
     """
 
     amplitude_at_1m: float
@@ -48,6 +52,9 @@ class SignalModel:
     max_distance_m: float
     anchor_aperture: Array
     agent_aperture: Array
+    measures: tuple[str, ...] = ("distance", "aod", "aoa", "amplitude")
+    given_detection: float | None = None
+    given_distance_std: float | None = None
 
     @property
     def distance_scale(self) -> float:
@@ -59,20 +66,28 @@ class SignalModel:
         return self.amplitude_at_1m / np.maximum(distance, 1e-3) * reflection
 
     def distance_std(self, amplitude: Array) -> Array:
-        """sigma_d of a path, m (Fisher information)."""
+        """sigma_d of a path, m: given, or from Fisher information."""
+        if self.given_distance_std is not None:
+            return np.full(np.shape(amplitude), self.given_distance_std)
         return self.distance_scale / amplitude
 
     def angle_std(self, amplitude: Array, angle: Array, aperture: Array) -> Array:
-        """sigma of an angle seen by an array with mean square extents `aperture` (..., 2), rad."""
+        """sigma of an angle seen by an array with mean square extents `aperture` (..., 2), rad.
+
+        Infinite where the array has no extent across the direction.
+        """
         square = np.sin(angle) ** 2 * aperture[..., 0] + np.cos(angle) ** 2 * aperture[..., 1]
-        return 1 / (np.sqrt(8) * np.pi * amplitude * np.sqrt(square))
+        with np.errstate(divide="ignore"):
+            return 1 / (np.sqrt(8) * np.pi * amplitude * np.sqrt(square))
 
     def amplitude_std(self, amplitude: Array) -> Array:
         """Scale sigma_u of the Rician amplitude."""
         return np.sqrt(0.5 + amplitude**2 / (4 * self.samples))
 
     def detection_probability(self, amplitude: Array) -> Array:
-        """p_d(u), Marcum Q of first order."""
+        """p_d(u): given, or Marcum Q of first order."""
+        if self.given_detection is not None:
+            return np.full(np.shape(amplitude), self.given_detection)
         scale = self.amplitude_std(amplitude)
         return 1 - chndtr((self.threshold / scale) ** 2, 2, (amplitude / scale) ** 2)
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from gridslam.errors import InputError
 from gridslam.formats import DEVIATIONS, VALUES
@@ -267,7 +268,9 @@ def _received(
     scale = signal.amplitude_std(paths.amplitude)
     noise = draw.standard_normal((len(paths.step), 5))
     amplitude = np.hypot(paths.amplitude + scale * noise[:, 0], scale * noise[:, 1])
-    heard = np.flatnonzero(amplitude > signal.threshold)  # a path is missed with probability 1 - p_d(u)
+    # a path is missed with probability 1 - p_d(u)
+    given = signal.given_detection
+    heard = np.flatnonzero(amplitude > signal.threshold if given is None else ndtr(noise[:, 0]) < given)
     clean = paths.amplitude[heard]
     aod_std = signal.angle_std(clean, paths.aod_rad[heard], signal.anchor_aperture[paths.anchor[heard]])
     aoa_std = signal.angle_std(clean, paths.aoa_rad[heard], signal.agent_aperture)
@@ -275,8 +278,8 @@ def _received(
         "step": paths.step[heard],
         "anchor": paths.anchor[heard],
         "distance_m": np.abs(paths.distance_m[heard] + signal.distance_std(clean) * noise[heard, 2]),
-        "aod_rad": wrap(paths.aod_rad[heard] + aod_std * noise[heard, 3]),
-        "aoa_rad": wrap(paths.aoa_rad[heard] + aoa_std * noise[heard, 4]),
+        "aod_rad": wrap(paths.aod_rad[heard] + np.nan_to_num(aod_std, posinf=0) * noise[heard, 3]),
+        "aoa_rad": wrap(paths.aoa_rad[heard] + np.nan_to_num(aoa_std, posinf=0) * noise[heard, 4]),
         "amplitude": amplitude[heard],
     }
     counts = draw.poisson(signal.false_alarms, (steps, len(scene.anchors)))
@@ -293,5 +296,10 @@ def _received(
     }
     label = np.concatenate([heard, np.full(total, -1)])
     columns = {name: np.concatenate([table[name], false[name]]) for name in table}
+    for angle, std in (("aod_rad", aod_std), ("aoa_rad", aoa_std)):  # a lone antenna measures no angle
+        columns[angle][: len(heard)][~np.isfinite(std)] = np.nan
+    for quantity, name in (("aod", "aod_rad"), ("aoa", "aoa_rad"), ("amplitude", "amplitude")):
+        if quantity not in signal.measures:
+            columns[name] = np.full(len(label), np.nan)
     order = np.lexsort((columns["distance_m"], columns["anchor"], columns["step"]))
     return {name: column[order] for name, column in columns.items()}, label[order]

@@ -10,7 +10,7 @@ from gridslam.simulate import true_paths
 
 
 def test_bundled_scenes_cite_their_source_and_say_what_is_hard():
-    assert bundled_scenes() == ["alcove", "canyon", "hall", "room"]
+    assert bundled_scenes() == ["alcove", "canyon", "hall", "room", "seminar"]
     for name in bundled_scenes():
         head = re.split(r"^(?!#)", (BUNDLED / f"{name}.toml").read_text(), maxsplit=1, flags=re.M)[0]
         assert "paper 00" in head
@@ -111,3 +111,24 @@ def test_hall_pillars_and_shelves_are_heard_at_least_for_a_while():
     for wall in range(1, 5):
         rows = loud & (paths.bounces == 1) & (entry[:, 0] == wall)
         assert len(steps_of(paths, rows)) >= 5, wall
+
+
+def test_seminar_is_heard_by_distances_of_sight_and_single_bounces_alone():
+    scene, paths, entry, _ = heard("seminar", "agent1", 0.0)
+    assert scene.radio.measures == ("distance",)
+    assert len(scene.track("agent1")) == 900
+    assert set(paths.bounces) == {0, 1}
+    sight = np.zeros((900, 2), bool)
+    sight[paths.step[paths.bounces == 0], paths.anchor[paths.bounces == 0]] = True
+    assert sight.all()
+    images = {(a, s) for a, s in zip(paths.anchor, paths.segment[:, 0], strict=True) if s >= 0}
+    assert len(images) == 9
+    assert set(entry[paths.bounces == 1, 0]) == {0}
+
+
+def test_seminar_crosses_the_line_between_its_anchors():
+    scene = Scene.load("seminar")
+    (ax, ay), (bx, by) = scene.anchor_positions
+    x, y = scene.track("agent1").position_m.T
+    side = np.sign((bx - ax) * (y - ay) - (by - ay) * (x - ax))
+    assert (np.diff(side) != 0).sum() >= 1

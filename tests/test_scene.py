@@ -88,6 +88,20 @@ REFUSED = {
     "text for a number": (put("radio", {"carrier_hz": "6e9"}), "radio.carrier_hz", "valid number"),
     "yes for a number": (put("radio", {"carrier_hz": True}), "radio.carrier_hz", "valid number"),
     "fraction for a count": (put("filter", {"particles": 10.5}), "filter.particles", "valid integer"),
+    "unknown quantity": (put("radio", {"measures": ["distance", "phase"]}), "radio.measures[1]", "'aoa'"),
+    "quantity twice": (put("radio", {"measures": ["distance", "distance"]}), "radio.measures", "once"),
+    "no distance": (put("radio", {"measures": ["aoa"]}), "radio.measures", "distance"),
+    "sure detection": (
+        put("radio", {"measures": ["distance"], "detection_probability": 1.0}),
+        "radio.detection_probability",
+        "less than 1",
+    ),
+    "detection given and measured": (
+        put("radio", {"detection_probability": 0.9}),
+        "radio.detection_probability",
+        "without amplitude",
+    ),
+    "no range noise": (put("radio", {"distance_std_m": 0.0}), "radio.distance_std_m", "greater than 0"),
     "number for a table": (put("grid", 3), "grid", "a table"),
     "NaN": (put("anchors", 0, "orientation_deg", float("nan")), "anchors[0].orientation_deg", "finite"),
     "infinity": (put("walls", 0, "points_m", 1, 0, float("inf")), "walls[0].points_m[1][0]", "finite"),
@@ -175,7 +189,7 @@ def test_missing_and_unreadable_files_are_named(tmp_path):
 
 
 def test_unknown_name_lists_the_bundled_scenes():
-    with pytest.raises(InputError, match=r"'rom'; allowed: alcove, canyon, hall, room, or the path"):
+    with pytest.raises(InputError, match=r"'rom'; allowed: alcove, canyon, hall, room, seminar, or the path"):
         Scene.load("rom")
 
 

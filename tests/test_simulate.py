@@ -140,3 +140,12 @@ def test_a_door_is_a_gap_that_lets_paths_through(low, high, open_):
     paths = true_paths(scene, "a")
     assert (len(paths) > 0) == open_
     assert not (paths.bounces > 0).any()
+
+
+def test_a_lone_antenna_measures_no_angle_and_is_no_error():
+    text = DOOR.format(low=1.5, high=2.5) + "[agents.array]\nrows = 1\ncolumns = 1\n"
+    scene = gs.Scene.from_toml(text)
+    heard, label = simulate_labelled(scene, "a", 1)
+    assert np.isnan(heard.aoa_rad[label >= 0]).all()
+    assert np.isfinite(heard.aod_rad).all()
+    assert np.isfinite(gs.map_scene(scene, heard, seed=1, particles=500).trajectory.position_m).all()

@@ -182,6 +182,10 @@ class SurfaceSlam:
         """The births as what is known of the space between allows them."""
         return births
 
+    def _associate(self, heard: Heard, beta: Array, missed: Array, new: Array) -> tuple[Array, Array]:
+        """Data association of the rays, and of whatever else a system keeps that may cause measurements."""
+        return associate(beta, missed, new)
+
     def _exchange(
         self, heard: Heard, rays: Rays, predicted: Prediction, amplitudes: AmplitudeBelief, validity: Array
     ) -> Messages:
@@ -211,7 +215,7 @@ class SurfaceSlam:
             ),
         )  # fmt: skip
         missed = np.maximum(1 - rays.surfaces * chance * detected, 1e-9)
-        nu, claimed = associate(beta, missed, 1 + births.per_measurement(len(heard)))
+        nu, claimed = self._associate(heard, beta, missed, 1 + births.per_measurement(len(heard)))
         worth = (nu * ratio).sum(1) + 1 - detected
         # updates
         self.belief, responsible = correct(

@@ -2,9 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.geometry import unit
+from gridslam.inference import ranging, rings
+from gridslam.inference.exact import associate_exactly
+from gridslam.inference.heard import Heard
 from gridslam.map import Map
 from gridslam.scene import Scene
+from gridslam.signal import REFLECTION_BINS
 from gridslam.systems.adaptive import AdaptiveSlam
+
+Array = NDArray[np.float64]
 
 
 class VirtualAnchorSlam(AdaptiveSlam):
@@ -13,6 +26,9 @@ class VirtualAnchorSlam(AdaptiveSlam):
     A virtual anchor is the mirror image of one anchor, so it is kept as the line between the two: that line
     serves its own anchor alone, by single bounces. What an anchor teaches of a wall, the others have to
     learn again; double bounces, whose departure no single bounce explains, count as clutter.
+
+    Of a radio that measures distances alone, the images start as rings about the agent, which shrink while it
+    moves (`gridslam.inference.rings`); its heading can't be told then.
 
     Parameters
     ----------
@@ -32,3 +48,64 @@ class VirtualAnchorSlam(AdaptiveSlam):
     ) -> None:
         super().__init__(scene, None, agent, seed)
         self.most_bounces = min(self.most_bounces, 1)
+        self.rings = rings.Rings.empty()
+        self._told, self._begun = np.zeros((0, 0)), (np.zeros(0), np.zeros((0, 0)))
+
+    def _move(self, now: float) -> None:
+        """Motion of the agent, which the rings follow."""
+        if self.last_time is not None:
+            self.rings = rings.move(self.rings, now - self.last_time, self.settings.acceleration_mps2)
+        super()._move(now)
+
+    def _take_in(self, heard: Heard) -> None:
+        """Messages of one anchor: first those of its virtual anchors, then those of the rings."""
+        with self._followed():
+            super()._take_in(heard)
+        # updates of rings by what the association left them; new rings
+        worth = ranging.judge(self.rings, heard, self.detected, self.signal)
+        self.rings = ranging.learn(self.rings, worth, self._told)
+        chance, bearings = self._begun
+        self.rings = ranging.begin(self.rings, self.belief, heard, self.signal, chance, bearings)
+
+    def _associate(self, heard: Heard, beta: Array, missed: Array, new: Array) -> tuple[Array, Array]:
+        """Data association of virtual anchors and rings alike."""
+        worth = ranging.judge(self.rings, heard, self.detected, self.signal)
+        tentative, silent = ranging.claims(self.rings, worth)
+        born, bearings = ranging.expected(
+            self.belief, heard, self.signal, self.settings.births, self.middle, self.radius_m
+        )
+        nu, claimed = associate_exactly(
+            np.concatenate([beta, tentative]), np.concatenate([missed, silent]), new + born
+        )
+        self._told = nu[len(beta) :]
+        self._begun = born / (new + born + claimed), bearings
+        return nu[: len(beta)], claimed
+
+    def _tidy(self) -> None:
+        """Rings that have shrunk to a place become virtual anchors; duplicates merge, the unlikely go."""
+        for row in rings.shrunk(self.rings, self.places, self.signal)[::-1].tolist():
+            self._join(row)
+        with self._followed():
+            super()._tidy()
+        self.rings = rings.prune(self.rings, self.settings.survival)
+
+    def _join(self, row: int) -> None:
+        ring = self.rings.take(np.array([row]))
+        anchor = int(ring.anchor[0])
+        with self._followed():
+            self.belief = rings.join(self.rings, row, self.belief, self.places[anchor])
+            foot = float(self.belief.mean[:2] @ unit(self.belief.lines[-1, 0] + 0.5 * np.pi))
+            bins = np.full(len(REFLECTION_BINS), 1 / len(REFLECTION_BINS))
+            self.bank = self.bank.add(
+                self.next_identity, float(ring.existence[0]), bins, foot, (anchor, -1, -1), anchor
+            )
+            self.bank.age[-1], self.bank.seen[-1] = ring.age[0], ring.seen[0]
+            self.next_identity += 1
+        self.rings = self.rings.take(np.arange(len(self.rings)) != row)
+
+    @contextmanager
+    def _followed(self) -> Iterator[None]:
+        """Let the rings follow whatever the block does to the belief."""
+        before = self.belief
+        yield
+        self.rings = rings.follow(self.rings, before, self.belief)
