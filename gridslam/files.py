@@ -66,7 +66,9 @@ def writing_h5(path: str | os.PathLike[str], kind: str, version: int = 1) -> Ite
     version : int
         Root attribute ``version``.
     """
-    with h5py.File(str(path), "w", driver="core", backing_store=False) as file:
+    # the format of HDF5 1.8 on has checksums, without which a damaged file can hang the library
+    layout = ("v108", "v108")
+    with h5py.File(str(path), "w", driver="core", backing_store=False, libver=layout) as file:
         file.attrs["format"], file.attrs["version"] = kind, version
         yield file
         file.flush()

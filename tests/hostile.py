@@ -13,6 +13,8 @@ CASES = settings(
     max_examples=int(os.environ.get("GRIDSLAM_HOSTILE_CASES", "500")),
     deadline=None,
     database=None,
+    # the gate tries the same cases each time: a damaged HDF5 file of others can hang the HDF5 library itself
+    derandomize="GRIDSLAM_HOSTILE_CASES" not in os.environ,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 FEWER = settings(CASES, max_examples=CASES.max_examples // 5)
