@@ -218,8 +218,14 @@ def simulate(scene: Scene, agent: str, seed: int = 0) -> Measurements:
 
 def simulate_labelled(scene: Scene, agent: str, seed: int = 0) -> tuple[Measurements, NDArray[np.intp]]:
     """As `simulate`, with the row in `true_paths` that caused each measurement, or -1 for clutter (K,)."""
-    paths, signal, track = true_paths(scene, agent), scene.signal_model(agent), scene.track(agent)
-    names = [a.name for a in scene.agents]
+    return heard_along(scene, agent, scene.track(agent), true_paths(scene, agent), seed)
+
+
+def heard_along(
+    scene: Scene, agent: str, track: Trajectory, paths: TruePaths, seed: int = 0
+) -> tuple[Measurements, NDArray[np.intp]]:
+    """As `simulate_labelled`, of any track and of paths that were traced (or made up) before."""
+    signal, names = scene.signal_model(agent), [a.name for a in scene.agents]
     draw = np.random.default_rng([seed, names.index(agent), 0x51])
     scale = signal.amplitude_std(paths.amplitude)
     noise = draw.standard_normal((len(paths), 5))
