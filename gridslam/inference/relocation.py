@@ -1,0 +1,213 @@
+"""Finding the agent again: poses proposed by the measurements themselves, scored against the map.
+
+A Gaussian belief follows what it can linearise. After a long silence, from a vague start, or after a turn that
+the motion model doesn't know, it can't; but each path that is heard with distance and both angles fixes a
+whole pose, if one knows over which surface it came. All such poses are tried; the likelihood of a scan is that
+of a Poisson process of paths and clutter (every measurement may come from any path or from none).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.geometry import direction, mirror, unit, wrap
+from gridslam.inference.belief import Belief
+from gridslam.inference.heard import Heard
+from gridslam.inference.likelihood import DetectionTable, deviations
+from gridslam.inference.rays import Rays
+from gridslam.signal import SignalModel
+
+Array = NDArray[np.float64]
+POSE = np.array([0, 1, 4])
+"""Entries of the agent's pose in the state."""
+COPIES, KEPT, REFINED = 10, 150, 400
+"""Draws per hypothesis, of the belief, and about the best pose."""
+MODE_M, MODE_RAD = 0.6, 0.45
+"""Poses closer than this are one mode."""
+MAP_M, MAP_RAD = 0.03, 0.02
+"""What the map's own errors add to a measurement's."""
+CLEAR, WORTH = 5.0, 8.0
+"""Log-likelihood by which a mode must beat the next one, and the pose that was believed."""
+LOUDEST = 25.0
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Images of one anchor over the surfaces at the belief's mean: where its paths seem to come from.
+
+    Attributes
+    ----------
+    image : (L, 2) m
+    line : (L, 2)
+        Surface hit; the line of sight's is never used.
+    level : (L,)
+        Coefficient of the path.
+    chance : (L,)
+        Probability that the path is there.
+    """
+
+    image: Array
+    line: Array
+    level: Array
+    chance: Array
+
+
+def sources_of(rays: Rays, belief: Belief, place: Array, coefficient: Array) -> Sources:
+    """Line of sight and single bounces of an anchor; `coefficient` (S,) of the surfaces."""
+    rows = np.flatnonzero((rays.bounces == 0) | ((rays.bounces == 1) & (rays.surfaces > 0.5)))
+    lines = np.concatenate([belief.lines, np.zeros((1, 2))])[rays.last[rows]]
+    straight = rays.bounces[rows] == 0
+    image = np.where(straight[:, None], place, mirror(lines, place))
+    level = np.where(straight, 1.0, np.append(coefficient, 1.0)[rays.last[rows]])
+    chance = np.clip(rays.existence[rows] * rays.surfaces[rows], 0.2, 0.95)
+    return Sources(image, lines, level, chance)
+
+
+@dataclass(frozen=True)
+class Fix:
+    """A pose that explains a scan.
+
+    Attributes
+    ----------
+    pose : (3,) m, m, rad
+    covariance : (3, 3)
+        Of the mode.
+    gain : float
+        Log-likelihood above that of the best pose that was believed in.
+    lead : float
+        Log-likelihood above that of the next mode.
+    """
+
+    pose: Array
+    covariance: Array
+    gain: float
+    lead: float
+
+
+def find_pose(
+    belief: Belief, sources: Sequence[Sources], scan: Sequence[Heard], wide: Array, table: DetectionTable,
+    signal: SignalModel, stream: list[int],
+) -> Fix | None:  # fmt: skip
+    """The pose that explains a scan best, or None if no measurement proposes any.
+
+    Parameters
+    ----------
+    wide : (3, 3)
+        Covariance of the pose by which the search is bounded, softly.
+    """
+    draw = np.random.default_rng(stream)
+    asked = _proposals(sources, scan, signal, draw)
+    if not len(asked):
+        return None
+    mean, narrow = belief.mean[POSE], belief.covariance[np.ix_(POSE, POSE)]
+    known = mean + draw.multivariate_normal(np.zeros(3), narrow, KEPT, method="eigh")
+    bound = np.linalg.inv(wide)
+
+    def score(poses: Array) -> Array:
+        gap = poses - mean
+        gap[:, 2] = wrap(gap[:, 2])
+        far = np.einsum("ni,ij,nj->n", gap, bound, gap)
+        log = -3.0 * np.log1p(far / 6)  # heavy tails: what was believed may be wrong altogether
+        for own, heard in zip(sources, scan, strict=True):
+            log += _log_likelihood(poses, own, heard, table, signal)
+        return np.asarray(log)
+
+    before, log = score(known), score(asked)
+    poses, log = np.concatenate([known, asked]), np.concatenate([before, log])
+    best = int(log.argmax())
+    inside = _near(poses, poses[best])
+    lead = float(log[best] - log[~inside].max(initial=-np.inf))
+    pose, covariance = _moments(poses[inside], log[inside] - log[best])
+    for _ in range(2):
+        covariance = 2.0 * covariance + np.diag([0.02**2, 0.02**2, 0.02**2])
+        fresh = draw.multivariate_normal(pose, covariance, REFINED, method="eigh")
+        gap = fresh - pose
+        density = -0.5 * np.einsum("ni,ij,nj->n", gap, np.linalg.inv(covariance), gap)
+        value = score(fresh)
+        lead += max(float(value.max() - log[best]), 0.0)
+        log[best] = max(log[best], float(value.max()))
+        weight = value - density
+        pose, covariance = _moments(fresh, weight - weight.max())
+    return Fix(pose, covariance, float(log[best] - before.max()), lead)
+
+
+def _proposals(
+    sources: Sequence[Sources], scan: Sequence[Heard], signal: SignalModel, draw: np.random.Generator
+) -> Array:
+    """Poses (N, 3) that the loud measurements stand for, over each surface they could have come by."""
+    poses = [np.zeros((0, 3))]
+    for own, heard in zip(sources, scan, strict=True):
+        rows = np.flatnonzero(~np.isnan(heard.value).any(1) & loud(heard, signal))
+        if not len(rows):
+            continue
+        strength = np.nan_to_num(heard.amplitude[rows], nan=signal.threshold)
+        std = deviations(heard, rows, strength, heard.value[rows, 1:], signal)
+        for copy in range(COPIES):
+            value = heard.value[rows] + (copy > 0) * std * draw.standard_normal((len(rows), 3))
+            leaving = heard.facing + value[None, :, 1]
+            straight = (own.image == heard.place).all(1)[:, None]
+            back = np.where(straight, leaving + np.pi, 2 * own.line[:, 0, None] - leaving)
+            place = own.image[:, None] - value[None, :, :1] * unit(back)
+            poses.append(np.concatenate([place, wrap(back - value[None, :, 2])[..., None]], -1).reshape(-1, 3))
+    return np.concatenate(poses)
+
+
+def loud(heard: Heard, signal: SignalModel) -> NDArray[np.bool_]:
+    """Measurements (M,) that clutter is unlikely to be the cause of: one in a thousand is as loud."""
+    amplitude = np.nan_to_num(heard.amplitude, nan=np.inf)
+    return np.asarray(amplitude**2 - signal.threshold**2 > np.log(1000.0))
+
+
+def _log_likelihood(
+    poses: Array, own: Sources, heard: Heard, table: DetectionTable, signal: SignalModel
+) -> Array:
+    """Log-likelihood (N,) of one anchor's measurements at poses (N, 3), relative to clutter alone."""
+    back = direction(poses[:, None, :2], own.image[None])
+    distance = np.linalg.norm(poses[:, None, :2] - own.image[None], axis=-1)
+    straight = (own.image == heard.place).all(1)
+    leaving = np.where(straight, back + np.pi, 2 * own.line[:, 0] - back) - heard.facing
+    normal, offset = unit(own.line[:, 0]), own.line[:, 1]
+    sides = ((poses[:, :2] @ normal.T) - offset) * (normal @ heard.place - offset)
+    there = own.chance * (straight | (sides > 0))
+    strength = signal.amplitude(distance, own.level)
+    log = -(there * table(strength)).sum(1)
+    if not len(heard):
+        return np.asarray(log)
+    rows = np.arange(len(heard))
+    known = np.isfinite(heard.amplitude)
+    amplitude = np.where(known, heard.amplitude, signal.threshold)
+    std = deviations(heard, rows, amplitude, np.nan_to_num(heard.value[:, 1:]), signal)
+    measured = np.isfinite(std)
+    variance = np.where(measured, std, 1.0) ** 2 + np.array([MAP_M, MAP_RAD, MAP_RAD]) ** 2
+    predicted = (distance, leaving, back - poses[:, 2, None])
+    square = np.zeros((len(poses), len(own.image), len(rows)))
+    for axis, value in enumerate(predicted):
+        gap = heard.value[:, axis] - value[..., None]
+        gap = gap if axis == 0 else wrap(gap)
+        square += np.where(measured[:, axis], gap**2 / variance[:, axis], 0.0)
+    blur = 0.5 + (0.25 * strength[..., None]) ** 2
+    square += np.where(known, (amplitude - strength[..., None]) ** 2 / blur, 0.0)
+    flat = np.array([signal.max_distance_m, 2 * np.pi, 2 * np.pi])
+    constant = np.where(measured, np.log(flat / np.sqrt(2 * np.pi * variance)), 0.0).sum(1)
+    tail = np.where(known, np.minimum(amplitude**2 - signal.threshold**2, LOUDEST), 0.0)
+    ratio = np.exp(np.minimum(constant + tail - np.log(signal.false_alarms) - 0.5 * square, 60.0))
+    return np.asarray(log + np.log1p((there[..., None] * ratio).sum(1)).sum(1))
+
+
+def _near(poses: Array, centre: Array) -> NDArray[np.bool_]:
+    apart = np.linalg.norm(poses[:, :2] - centre[:2], axis=1)
+    return np.asarray((apart < MODE_M) & (np.abs(wrap(poses[:, 2] - centre[2])) < MODE_RAD))
+
+
+def _moments(poses: Array, log: Array) -> tuple[Array, Array]:
+    weight = np.exp(log)
+    weight /= weight.sum()
+    turned = poses.copy()
+    turned[:, 2] = poses[weight.argmax(), 2] + wrap(poses[:, 2] - poses[weight.argmax(), 2])
+    mean = weight @ turned
+    gap = turned - mean
+    return mean, np.asarray((weight[:, None] * gap).T @ gap)
