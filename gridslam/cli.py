@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from gridslam import cli_files
+from gridslam import cli_files, cli_scene
 from gridslam.cli_study import study
 from gridslam.errors import InputError
 
@@ -36,7 +36,9 @@ def run(
     method: Annotated[str, typer.Option(help="grid or adaptive")] = "grid",
     particles: Annotated[int | None, typer.Option(help="instead of the scene's filter.particles")] = None,
     seed: Annotated[int, typer.Option(min=0)] = 0,
-    measurements: Annotated[Path | None, typer.Option(help="CSV or HDF5 of the one agent")] = None,
+    measurements: Annotated[
+        Path | None, typer.Option(help="CSV, MATLAB or HDF5 file of the one agent")
+    ] = None,
     truth: Annotated[Path | None, typer.Option(help="TUM track to score --measurements by")] = None,
     map_file: Annotated[Path | None, typer.Option("--map", help="map to start from")] = None,
     device: Annotated[str, typer.Option(help="auto, cpu or gpu")] = "auto",
@@ -105,6 +107,7 @@ def simulate(
 
 
 cli_files.register(app)
+cli_scene.register(app)
 
 
 def main() -> None:
@@ -175,10 +178,7 @@ def _recorded(world: Scene, file: Path | None, truth: Path | None) -> Measuremen
         if truth is not None:
             raise InputError("--truth", str(truth), "only together with --measurements")
         return None
-    if file.suffix.lower() == ".csv":
-        heard = Measurements.from_csv(file, world.anchor_names)
-    else:
-        heard = Measurements.from_h5(file)
+    heard = Measurements.load(file, world.anchor_names)
     if truth is None:
         return with_truth(heard, None, f"{file}: /truth")
     return with_truth(heard, Trajectory.from_tum(truth), str(truth))

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.console import Console
 
 from gridslam.errors import InputError
 
-if TYPE_CHECKING:
-    from gridslam.measurements import Measurements
-
 out = Console()
-KINDS = "a scene (.toml), measurements (.csv, .h5), a map (.h5) or a run's folder"
+KINDS = "a scene (.toml), measurements (.csv, .mat, .h5), a map (.h5) or a run's folder"
 
 
 def register(app: typer.Typer) -> None:
@@ -24,17 +21,33 @@ def register(app: typer.Typer) -> None:
         app.command()(command)
 
 
-def check(file: Path) -> None:
+def check(
+    file: Path,
+    scene: Annotated[str | None, typer.Option(help="compares measurements with a scene's anchors")] = None,
+    agent: Annotated[str | None, typer.Option(help="whose measurements; default: the first")] = None,
+) -> None:
     """Say what a scene, measurement or map file (or a run's folder) is, or what is wrong with it."""
-    _say(_describe(file))
+    from gridslam.diagnose import describe
+    from gridslam.measurements import Measurements
+    from gridslam.scene import Scene
+
+    world = Scene.load(scene) if scene is not None else None
+    if not _is_table(file):
+        _say(_describe(file))
+        return
+    for line in describe(file, world, agent):
+        if not line.startswith("refused: "):
+            _say(line)
+    Measurements.load(file)  # a fault is told as that of every file
 
 
 def export(
     map_file: Annotated[Path, typer.Argument(metavar="MAP.h5")],
     output: Annotated[Path, typer.Option("-o", "--output", help="folder; other files in it stay")],
 ) -> None:
-    """Export a map for others: nav2 (yaml, pgm), pictures (png), tables (csv)."""
+    """Export a map for others: nav2 (yaml, pgm), pictures (png), tables (csv), surfaces (GeoJSON)."""
     from gridslam.files import beside, cannot_write
+    from gridslam.geojson import write_surfaces
     from gridslam.map import Map
     from gridslam.plots import draw_export
 
@@ -47,6 +60,8 @@ def export(
         found.to_nav2(part)
         found.to_csv(part)
         draw_export(found, part)
+        if found.surfaces is not None:
+            write_surfaces(part / "surfaces.geojson", found.surfaces)
         names = sorted(path.name for path in part.iterdir())
         output.mkdir(exist_ok=True)
         for name in names:
@@ -82,7 +97,6 @@ def _say(text: str) -> None:
 
 def _describe(file: Path) -> str:
     from gridslam.map import Map
-    from gridslam.measurements import Measurements
     from gridslam.runfiles import read_run
     from gridslam.scene import Scene
 
@@ -94,11 +108,7 @@ def _describe(file: Path) -> str:
         size = " x ".join(str(n) for n in reversed(world.grid.shape))
         counts = f"{len(world.anchors)} anchors, {len(world.walls)} walls, {len(world.agents)} agents"
         return f"scene {world.name}: {counts}, {size} cells of {world.grid.cell_m:g} m"
-    if file.suffix.lower() == ".csv":
-        return _heard(Measurements.from_csv(file, _anchors(file)))
     kind = _kind(file)
-    if kind == "gridslam-measurements":
-        return _heard(Measurements.from_h5(file))
     if kind == "gridslam-map":
         grid = Map.load(file)
         height, width = grid.shape
@@ -111,22 +121,10 @@ def _describe(file: Path) -> str:
     raise InputError(str(file), f"an HDF5 file of format {kind!r}", KINDS)
 
 
-def _heard(heard: Measurements) -> str:
-    truth = ", true track known" if heard.truth is not None else ""
-    counts = f"{len(heard)} steps, {len(heard.step)} paths"
-    return f"measurements: {counts}, anchors {', '.join(heard.anchors)}{truth}"
-
-
-def _anchors(file: Path) -> list[str]:
-    """Names of the anchors in a CSV file, in order of appearance."""
-    import csv
-
-    try:
-        with file.open(newline="", encoding="utf-8-sig") as rows:
-            return list(dict.fromkeys((row.get("anchor") or "").strip() for row in csv.DictReader(rows)))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(str(file), reason, "a CSV file that can be read") from error
+def _is_table(file: Path) -> bool:
+    if file.is_dir() or file.suffix.lower() == ".toml":
+        return False
+    return file.suffix.lower() in (".csv", ".mat") or _kind(file) == "gridslam-measurements"
 
 
 def _kind(file: Path) -> str:

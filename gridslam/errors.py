@@ -17,9 +17,15 @@ class InputError(ValueError):
     """
 
     def __init__(self, where: str, found: str, allowed: str) -> None:
-        self.where, self.found, self.allowed = where, found, allowed
-        super().__init__(f"{where}: found {found}; allowed: {allowed}")
+        self.where, self.found, self.allowed = _line(where), _line(found), _line(allowed)
+        super().__init__(f"{self.where}: found {self.found}; allowed: {self.allowed}")
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
         """Travel whole from a worker process: the parts, where ValueError would pass on the sentence."""
         return type(self), (self.where, self.found, self.allowed)
+
+
+def _line(text: str, longest: int = 500) -> str:
+    """The text on one line, whatever a hostile file put into it."""
+    plain = "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text[: 2 * longest])
+    return plain if len(plain) <= longest else f"{plain[: longest - 3]}..."

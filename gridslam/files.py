@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -14,6 +15,8 @@ from gridslam.errors import InputError
 
 LARGEST_BYTES = 2**31
 """A dataset that claims to be larger is refused before memory is asked for."""
+MOST_PACKED = 1100
+"""Deflate packs at most 1032 bytes into one."""
 
 
 def beside(path: Path) -> Path:
@@ -140,9 +143,16 @@ def get(group: h5py.Group, name: str, shape: tuple[int | None, ...], kind: str =
         raise InputError(where, f"shape {data.shape}", f"shape {wanted}".replace("'", ""))
     if data.dtype.kind not in kind:
         raise InputError(where, f"type {data.dtype}", "numbers")
-    if data.size * data.dtype.itemsize > LARGEST_BYTES:
-        raise InputError(where, f"{data.size} values", f"at most {LARGEST_BYTES // data.dtype.itemsize}")
+    if claims_too_much(data):
+        raise InputError(where, f"{data.size} values", "as many as the file holds")
     return np.asarray(data[()])
+
+
+def claims_too_much(data: h5py.Dataset) -> bool:
+    """Whether a dataset claims more than `LARGEST_BYTES`, or more than its file can hold even packed."""
+    claimed = max(data.size, math.prod(data.chunks or (0,))) * data.dtype.itemsize
+    held = min(data.id.get_storage_size(), data.file.id.get_filesize())
+    return claimed > LARGEST_BYTES or claimed > 2**20 + MOST_PACKED * held
 
 
 def put_attributes(group: h5py.Group, values: Mapping[str, object]) -> None:

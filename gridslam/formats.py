@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
+from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,6 +34,8 @@ UNITS = {
 }
 UNITS |= dict.fromkeys(("aod_rad", "aoa_rad", "aod_std_rad", "aoa_std_rad"), "rad")
 MOST_STEPS = 10_000_000
+LARGEST_CSV_BYTES = 2**29
+"""A larger table belongs into HDF5."""
 
 Columns = dict[str, NDArray[Any]]
 
@@ -54,7 +57,7 @@ def check_columns(columns: Columns, anchors: int, place: Callable[[int, str], st
     Parameters
     ----------
     columns : dict of (K,) arrays
-        Every key of `KEYS` and `VALUES`, and any of `DEVIATIONS`; NaN stands for not measured.
+        Every key of `KEYS`, and any of `VALUES` and `DEVIATIONS`; NaN stands for not measured.
     anchors : int
         Number of anchors.
     place : callable
@@ -80,13 +83,13 @@ def check_columns(columns: Columns, anchors: int, place: Callable[[int, str], st
     refuse(later & (rise <= 0), "time_s", "times that rise strictly from step to step")
     refuse(same & (rise != 0), "time_s", "one time for all rows of a step")
     refuse((columns["anchor"] < 0) | (columns["anchor"] >= anchors), "anchor", f"0 to {anchors - 1}")
-    for name in (*VALUES, *(name for name in DEVIATIONS if name in columns)):
+    for name in (name for name in (*VALUES, *DEVIATIONS) if name in columns):
         refuse(np.isinf(columns[name]), name, "a finite number")
         if name in ("aod_rad", "aoa_rad"):
             refuse(np.abs(columns[name]) > 2 * np.pi, name, "radians in (-pi, pi]")
         else:
             refuse(columns[name] <= 0, name, "a number above 0")
-    empty = np.all([np.isnan(columns[name]) for name in VALUES], axis=0)
+    empty = np.all([np.isnan(columns[name]) for name in VALUES if name in columns], axis=0)
     refuse(empty, "distance_m", f"at least one of {', '.join(VALUES)} in each row")
 
 
@@ -107,22 +110,39 @@ def _cell(value: float) -> str:
     return "" if value != value else repr(value)
 
 
-def read_csv(path: str | os.PathLike[str], anchors: Sequence[str]) -> Columns:
+def fill_missing(columns: Columns) -> Columns:
+    """Return the table with the columns of `VALUES` that it lacks, all NaN: not measured."""
+    count = len(columns["step"])
+    return columns | {name: np.full(count, np.nan) for name in VALUES if name not in columns}
+
+
+def read_csv(
+    path: str | os.PathLike[str], anchors: Sequence[str] | None = None, checked: bool = True
+) -> tuple[Columns, tuple[str, ...]]:
     """Read and check a CSV table.
+
+    Parameters
+    ----------
+    path : path
+    anchors : sequence of str or None
+        Names of the anchors; None takes those of the file in the order in which they first appear.
+    checked : bool
+        Whether the content of the rows is checked too, not only that they are numbers.
+
+    Returns
+    -------
+    columns : dict of (K,) arrays
+        `KEYS`, and those of `VALUES` and `DEVIATIONS` that the file has.
+    anchors : tuple of str
 
     Raises
     ------
     InputError
         The first fault, with its line.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "bytes that aren't text"
-        raise InputError(str(path), reason, "a CSV file of measurements") from error
-    reader = csv.reader(io.StringIO(text), strict=True)
-    lines, table = [], []
-    try:
+    number = {name: index for index, name in enumerate(anchors or ())}
+    lines, table = array("q"), array("d")  # a list of lists takes ten times the memory
+    with _rows(Path(path)) as reader:
         header = [name.strip() for name in next(reader, [])]
         _check_header(header, str(path))
         for cells in reader:
@@ -131,20 +151,37 @@ def read_csv(path: str | os.PathLike[str], anchors: Sequence[str]) -> Columns:
                 raise InputError(where, f"{len(cells)} cells", f"{len(header)} cells, as in the header")
             if cells:
                 lines.append(reader.line_num)
-                table.append(
-                    [
-                        _number(cell.strip(), name, anchors, where)
-                        for cell, name in zip(cells, header, strict=True)
-                    ]
+                table.extend(
+                    _number(cell.strip(), name, number, anchors is None, where)
+                    for cell, name in zip(cells, header, strict=True)
                 )
-    except csv.Error as error:
-        raise InputError(f"{path}: line {reader.line_num}", str(error), "a CSV row") from error
     if not table:
         raise InputError(str(path), "no rows", "at least one measurement")
-    columns = dict(zip(header, np.array(table, dtype=np.float64).T, strict=True))
+    columns = dict(zip(header, np.array(table).reshape(-1, len(header)).T, strict=True))
     columns |= {name: columns[name].astype(np.intp) for name in ("step", "anchor")}
-    check_columns(columns, len(anchors), lambda row, name: f"{path}: line {lines[row]}: {name}")
-    return columns
+    names = tuple(number)
+    if checked:
+        check_columns(columns, len(names), lambda row, name: f"{path}: line {lines[row]}: {name}")
+    return columns, names
+
+
+@contextmanager
+def _rows(path: Path) -> Iterator[Any]:
+    """Rows of a CSV file; whatever is wrong with the file itself becomes an `InputError`."""
+    reader = None
+    try:
+        if path.stat().st_size > LARGEST_CSV_BYTES:
+            size = f"{path.stat().st_size} bytes"
+            raise InputError(str(path), size, f"at most {LARGEST_CSV_BYTES} bytes of CSV (or HDF5)")
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file, strict=True)
+            yield reader
+    except csv.Error as error:
+        line = reader.line_num if reader is not None else 1
+        raise InputError(f"{path}: line {line}", str(error), "a CSV row") from error
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "bytes that aren't text"
+        raise InputError(str(path), reason, "a CSV file of measurements") from error
 
 
 def _check_header(header: list[str], where: str) -> None:
@@ -156,19 +193,21 @@ def _check_header(header: list[str], where: str) -> None:
             raise InputError(f"{where}: line 1", f"an unknown column {name!r}", nearest(name, known))
         if header.count(name) > 1:
             raise InputError(f"{where}: line 1", f"column {name!r} twice", "each column once")
-    for name in (*KEYS, *VALUES):
+    for name in KEYS:
         if name not in header:
-            raise InputError(
-                f"{where}: line 1", f"no column {name!r}", f"all of {','.join((*KEYS, *VALUES))}"
-            )
+            raise InputError(f"{where}: line 1", f"no column {name!r}", f"all of {','.join(KEYS)}")
+    if not set(header) & set(VALUES):
+        raise InputError(f"{where}: line 1", "no measured column", f"at least one of {','.join(VALUES)}")
 
 
-def _number(cell: str, name: str, anchors: Sequence[str], where: str) -> float:
-    """One cell as a number; anchors by their place in the list."""
+def _number(cell: str, name: str, anchors: dict[str, int], growing: bool, where: str) -> float:
+    """One cell as a number; anchors by their place in the list, to which new ones are added if it grows."""
     if name == "anchor":
+        if growing and cell:
+            anchors.setdefault(cell, len(anchors))
         if cell not in anchors:
-            raise InputError(f"{where}: anchor", repr(cell), ", ".join(anchors))
-        return anchors.index(cell)
+            raise InputError(f"{where}: anchor", repr(cell), ", ".join(anchors) or "the name of an anchor")
+        return anchors[cell]
     if name == "step":
         if not (cell.isascii() and cell.isdecimal() and len(cell) <= 12):
             raise InputError(f"{where}: step", repr(cell), f"a whole number from 0 to {MOST_STEPS - 1}")
@@ -211,8 +250,14 @@ def write_h5(path: str | os.PathLike[str], columns: Columns, table: Mapping[str,
                 put(truth, name, getattr(table["truth"], name), unit)
 
 
-def read_h5(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read and check an HDF5 table: all arguments of `Measurements`.
+def read_h5(path: str | os.PathLike[str], checked: bool = True) -> dict[str, Any]:
+    """Read and check an HDF5 table: all arguments of `Measurements` (the columns that the file has).
+
+    Parameters
+    ----------
+    path : path
+    checked : bool
+        Whether the content of the rows is checked too.
 
     Raises
     ------
@@ -226,9 +271,13 @@ def read_h5(path: str | os.PathLike[str]) -> dict[str, Any]:
             raise InputError(f"{path}: /anchors/name", "no anchors", "at least one")
         count = len(get(rows, "step", (None,), "iu"))
         columns = {name: get(rows, name, (count,), "iu") for name in ("step", "anchor")}
-        for name in ("time_s", *VALUES, *(name for name in DEVIATIONS if name in rows)):
+        present = [name for name in (*VALUES, *DEVIATIONS) if name in rows]
+        if not set(present) & set(VALUES):
+            raise InputError(f"{path}: /measurements", "no measured column", f"at least one of {VALUES}")
+        for name in ("time_s", *present):
             columns[name] = get(rows, name, (count,)).astype(np.float64)
-        check_columns(columns, len(names), lambda row, name: f"{path}: /measurements/{name}[{row}]")
+        if checked:
+            check_columns(columns, len(names), lambda row, name: f"{path}: /measurements/{name}[{row}]")
         return {
             "anchors": names,
             "anchor_position_m": get(group, "position_m", (len(names), 2)) if "position_m" in group else None,

@@ -5,52 +5,23 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gridslam import formats
+from gridslam import deepmimo, formats, matlab, ragged, raytracers, sionna
 from gridslam.errors import InputError
 from gridslam.formats import DEVIATIONS, KEYS, VALUES
 from gridslam.geometry import wrap
+from gridslam.scan import Scan
 from gridslam.trajectory import Trajectory
 
+if TYPE_CHECKING:
+    from gridslam.scene import Scene
+
+__all__ = ["Measurements", "Scan"]
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Scan:
-    """What was heard at one step; NaN stands for not measured.
-
-    Attributes
-    ----------
-    step : int
-    time_s : float
-    anchor : (M,) int
-        Index of the anchor.
-    distance_m : (M,) float64
-    aod_rad, aoa_rad : (M,) float64
-        Departure relative to the anchor's orientation, arrival relative to the heading.
-    amplitude : (M,) float64
-        Square root of the path's SNR.
-    distance_std_m, aod_std_rad, aoa_std_rad : (M,) float64 or None
-        Used instead of the Fisher-information values.
-    """
-
-    step: int
-    time_s: float
-    anchor: NDArray[np.intp]
-    distance_m: Array
-    aod_rad: Array
-    aoa_rad: Array
-    amplitude: Array
-    distance_std_m: Array | None = None
-    aod_std_rad: Array | None = None
-    aoa_std_rad: Array | None = None
-
-    def __len__(self) -> int:
-        return len(self.anchor)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -189,8 +160,15 @@ class Measurements:
         formats.write_csv(path, self._columns(), self.anchors)
 
     @classmethod
-    def from_csv(cls, path: str | os.PathLike[str], anchors: Sequence[str]) -> Measurements:
-        """Read a CSV file that names the anchors `anchors`.
+    def from_csv(cls, path: str | os.PathLike[str], anchors: Sequence[str] | None = None) -> Measurements:
+        """Read a CSV file; a quantity whose column it lacks was not measured.
+
+        Parameters
+        ----------
+        path : path
+        anchors : sequence of str, optional
+            Names of the anchors, in the scene's order (``scene.anchor_names``); without it, those of the
+            file in the order in which they first appear.
 
         Raises
         ------
@@ -198,8 +176,9 @@ class Measurements:
             The first fault, with its line.
         """
         with formats.located(path):
-            columns: dict[str, Any] = formats.read_csv(path, tuple(anchors))
-            return cls(anchors=tuple(anchors), **columns)
+            columns, names = formats.read_csv(path, anchors)
+            table: dict[str, Any] = formats.fill_missing(columns)
+            return cls(anchors=names, **table)
 
     def to_h5(self, path: str | os.PathLike[str]) -> None:
         """Write everything, the truth included, as HDF5 (``h5read`` of MATLAB reads it).
@@ -221,7 +200,35 @@ class Measurements:
             Not such a file, cut short, or any fault in its content.
         """
         with formats.located(path):
-            return cls(**formats.read_h5(path))
+            table: dict[str, Any] = formats.fill_missing(formats.read_h5(path))
+            return cls(**table)
+
+    @classmethod
+    def from_mat(cls, path: str | os.PathLike[str], anchors: Sequence[str] | None = None) -> Measurements:
+        """Read a MATLAB file, version 5 to 7.3; see `gridslam.matlab` for what it holds.
+
+        Raises
+        ------
+        InputError
+            Not such a file, cut short, or any fault in its content.
+        """
+        with formats.located(path):
+            columns, names = matlab.read_mat(path, anchors)
+            table: dict[str, Any] = formats.fill_missing(columns)
+            return cls(anchors=names, **table)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], anchors: Sequence[str] | None = None) -> Measurements:
+        """Read a file of any known kind: ``.csv``, ``.mat``, and HDF5 under any other name.
+
+        Raises
+        ------
+        InputError
+            As the reader of its kind.
+        """
+        readers = {".csv": cls.from_csv, ".mat": cls.from_mat}
+        reader = readers.get(os.path.splitext(os.fspath(path))[1].lower())
+        return cls.from_h5(path) if reader is None else reader(path, anchors)
 
     @classmethod
     def from_arrays(
@@ -262,46 +269,78 @@ class Measurements:
         given = {"distance_m": distance_m, "aod_rad": aod_rad, "aoa_rad": aoa_rad, "amplitude": amplitude}
         given |= {name: more.pop(name, None) for name in DEVIATIONS}
         tables = {name: quantity for name, quantity in given.items() if quantity is not None}
-        anchors, steps = tuple(distance_m), max((len(rows) for rows in distance_m.values()), default=0)
-        times = np.arange(steps) * interval_s if time_s is None else np.asarray(time_s, dtype=np.float64)
-        if times.shape != (steps,):
-            raise InputError("measurements: time_s", f"shape {times.shape}", f"shape ({steps},)")
-        counts = _counts(tables, anchors, steps)
-        flat = {name: _flat(quantity, anchors) for name, quantity in tables.items()}
-        flat |= {name: np.full(counts.sum(), np.nan) for name in VALUES if name not in flat}
-        step = np.concatenate([np.repeat(np.arange(steps), row) for row in counts])
-        anchor = np.repeat(np.arange(len(anchors)), counts.sum(axis=1))
-        kept = ~np.all([np.isnan(flat[name]) for name in VALUES], axis=0)
-        order = np.flatnonzero(kept)[np.argsort(step[kept], kind="stable")]
-        columns = {"step": step, "time_s": times[step], "anchor": anchor, **flat}
-        taken = {name: values[order] for name, values in columns.items()}
-        return cls(anchors=anchors, interval_s=interval_s, **{"steps": steps, **more}, **taken)
+        columns = ragged.table(tables, time_s, interval_s)
+        return cls(interval_s=interval_s, **{**columns, **more})
 
+    @classmethod
+    def from_sionna(
+        cls,
+        paths: Any,
+        scene: Scene,
+        heading_rad: ArrayLike,
+        *,
+        uplink: bool = False,
+        **more: Any,
+    ) -> Measurements:
+        """Take over what Sionna RT traced: exact paths, without noise (`gridslam.simulate.receive` adds it).
 
-def _counts(
-    tables: Mapping[str, Mapping[str, Sequence[ArrayLike]]], anchors: tuple[str, ...], steps: int
-) -> NDArray[np.intp]:
-    """Paths per anchor and step, (J, N), the same in every quantity."""
-    found = None
-    for name, quantity in tables.items():
-        if set(quantity) != set(anchors):
-            raise InputError(
-                f"measurements: {name}", f"anchors {sorted(quantity)}", f"anchors {sorted(anchors)}"
-            )
-        counts = np.zeros((len(anchors), steps), dtype=np.intp)
-        for index, anchor in enumerate(anchors):
-            if len(quantity[anchor]) != steps:
-                found_steps = f"{len(quantity[anchor])} steps"
-                raise InputError(f"measurements: {name}[{anchor!r}]", found_steps, f"{steps} steps")
-            counts[index] = [np.size(row) for row in quantity[anchor]]
-        found = counts if found is None else found
-        if (counts != found).any():
-            index, step = np.argwhere(counts != found)[0]
-            where = f"measurements: {name}[{anchors[index]!r}][{step}]"
-            raise InputError(where, f"{counts[index, step]} paths", f"{found[index, step]}, as in distance_m")
-    return np.zeros((len(anchors), steps), dtype=np.intp) if found is None else found
+        Parameters
+        ----------
+        paths : sionna.rt.Paths, or a sequence of them
+            Its transmitters are the scene's anchors, in order; its receivers the agent, step by step.
+        scene : Scene
+            For the anchors' orientations and the radio.
+        heading_rad : float or (N,) float, rad
+            The agent's heading, the first angle of the receivers' orientation.
+        uplink : bool
+            Transmitters are the agent, receivers the anchors.
+        **more
+            ``slope_deg``, ``carrier_hz`` and ``least_snr_db`` of `gridslam.raytracers.plane_table`;
+            ``time_s``, ``interval_s``, ``truth`` and other arguments of `from_arrays`.
 
+        Raises
+        ------
+        InputError
+            Not such an object, or numbers of devices that don't match.
+        """
+        return cls._traced(sionna.traced(paths, uplink), scene, heading_rad, **more)
 
-def _flat(quantity: Mapping[str, Sequence[ArrayLike]], anchors: tuple[str, ...]) -> Array:
-    rows = [np.ravel(np.asarray(row, dtype=np.float64)) for anchor in anchors for row in quantity[anchor]]
-    return np.concatenate([np.zeros(0), *rows])
+    @classmethod
+    def from_deepmimo(
+        cls,
+        datasets: Sequence[Mapping[str, Any]],
+        scene: Scene,
+        heading_rad: ArrayLike,
+        *,
+        users: ArrayLike | None = None,
+        **more: Any,
+    ) -> Measurements:
+        """Take over arrays of DeepMIMO: exact paths, without noise (`gridslam.simulate.receive` adds it).
+
+        Parameters
+        ----------
+        datasets : sequence of mappings, one per anchor in the scene's order
+            See `gridslam.deepmimo` for the arrays and their conventions.
+        users : (N,) int, optional
+            Users along which the agent moves; otherwise all, in order.
+        scene, heading_rad, **more
+            As in `from_sionna`.
+
+        Raises
+        ------
+        InputError
+            An array is missing, or shapes that don't match.
+        """
+        return cls._traced(deepmimo.traced(datasets, users), scene, heading_rad, **more)
+
+    @classmethod
+    def _traced(
+        cls, paths: raytracers.TracedPaths, scene: Scene, heading_rad: ArrayLike, **more: Any
+    ) -> Measurements:
+        choice = {name: more.pop(name) for name in raytracers.CHOICES if name in more}
+        tables = raytracers.plane_table(paths, scene, heading_rad, **choice)
+        known = {
+            "anchor_position_m": scene.anchor_positions,
+            "anchor_orientation_rad": scene.anchor_orientations,
+        }
+        return cls.from_arrays(**tables, **{**known, **more})

@@ -84,7 +84,7 @@ class Scene(Strict):
         """
         try:
             data = tomllib.loads(text)
-        except (tomllib.TOMLDecodeError, RecursionError) as error:
+        except (ValueError, RecursionError) as error:  # no TOML, or a number of thousands of digits
             raise InputError(where, f"broken TOML ({error})", "TOML") from error
         return cls.checked({"name": Path(where).stem or "scene", **data}, where)
 

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.errors import InputError
+from gridslam.formats import DEVIATIONS, VALUES
 from gridslam.geometry import Segments, crossing, mirror, trace, wrap
 from gridslam.measurements import Measurements
 from gridslam.scene import Scene
@@ -225,10 +228,50 @@ def heard_along(
     scene: Scene, agent: str, track: Trajectory, paths: TruePaths, seed: int = 0
 ) -> tuple[Measurements, NDArray[np.intp]]:
     """As `simulate_labelled`, of any track and of paths that were traced (or made up) before."""
-    signal, names = scene.signal_model(agent), [a.name for a in scene.agents]
+    columns, label = _received(paths, scene, agent, seed, len(track))
+    measurements = Measurements(
+        anchors=scene.anchor_names,
+        anchor_position_m=scene.anchor_positions,
+        anchor_orientation_rad=scene.anchor_orientations,
+        interval_s=scene.agent(agent).interval_s,
+        steps=len(track),
+        time_s=track.time_s[columns["step"]],
+        truth=track,
+        **columns,
+    )
+    return measurements, label
+
+
+def receive(clean: Measurements, scene: Scene, agent: str, seed: int = 0) -> Measurements:
+    """What the scene's radio would make of exact paths, from a ray tracer for example.
+
+    Noise, missed paths and clutter as in `simulate`; every path needs all four quantities.
+
+    Raises
+    ------
+    InputError
+        The anchors aren't the scene's, there is no such agent, or a quantity is missing.
+    """
+    if clean.anchors != scene.anchor_names:
+        raise InputError("measurements: anchors", str(clean.anchors), str(scene.anchor_names))
+    for name in VALUES:
+        if np.isnan(getattr(clean, name)).any():
+            raise InputError(f"measurements: {name}", "paths without it", "a value for every path")
+    columns, _ = _received(clean, scene, agent, seed, len(clean))
+    times = np.array([clean.scan(step).time_s for step in range(len(clean))])
+    changes: dict[str, Any] = {"time_s": times[columns["step"]], **dict.fromkeys(DEVIATIONS), **columns}
+    return replace(clean, **changes)
+
+
+def _received(
+    paths: TruePaths | Measurements, scene: Scene, agent: str, seed: int, steps: int
+) -> tuple[dict[str, Any], NDArray[np.intp]]:
+    """Columns of the detected paths with noise and of clutter, and the row of `paths` of each, or -1."""
+    signal = scene.signal_model(agent)
+    names = [a.name for a in scene.agents]
     draw = np.random.default_rng([seed, names.index(agent), 0x51])
     scale = signal.amplitude_std(paths.amplitude)
-    noise = draw.standard_normal((len(paths), 5))
+    noise = draw.standard_normal((len(paths.step), 5))
     amplitude = np.hypot(paths.amplitude + scale * noise[:, 0], scale * noise[:, 1])
     heard = np.flatnonzero(amplitude > signal.threshold)  # a path is missed with probability 1 - p_d(u)
     clean = paths.amplitude[heard]
@@ -242,7 +285,7 @@ def heard_along(
         "aoa_rad": wrap(paths.aoa_rad[heard] + aoa_std * noise[heard, 4]),
         "amplitude": amplitude[heard],
     }
-    counts = draw.poisson(signal.false_alarms, (len(track), len(scene.anchors)))
+    counts = draw.poisson(signal.false_alarms, (steps, len(scene.anchors)))
     total = int(counts.sum())
     cell = np.repeat(np.arange(counts.size), counts.ravel())
     false = {
@@ -257,14 +300,4 @@ def heard_along(
     label = np.concatenate([heard, np.full(total, -1)])
     columns = {name: np.concatenate([table[name], false[name]]) for name in table}
     order = np.lexsort((columns["distance_m"], columns["anchor"], columns["step"]))
-    measurements = Measurements(
-        anchors=scene.anchor_names,
-        anchor_position_m=scene.anchor_positions,
-        anchor_orientation_rad=scene.anchor_orientations,
-        interval_s=scene.agent(agent).interval_s,
-        steps=len(track),
-        time_s=track.time_s[columns["step"][order]],
-        truth=track,
-        **{name: column[order] for name, column in columns.items()},
-    )
-    return measurements, label[order]
+    return {name: column[order] for name, column in columns.items()}, label[order]

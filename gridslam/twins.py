@@ -18,29 +18,27 @@ Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 
 
-def lines_of(normals: Array) -> Array:
-    """Lines (angle, offset) of ``[3, S, P]`` normals and offsets, (S, P, 2)."""
-    return np.stack([np.arctan2(normals[1], normals[0]), normals[2]], -1).astype(np.float64)
+def lines_of(state: Array) -> Array:
+    """Lines (angle, offset) of states ``[3 + 3 S, P]``, (S, P, 2)."""
+    return np.stack([np.arctan2(state[4::3], state[3::3]), state[5::3]], -1).astype(np.float64)
 
 
-def evaluate(
-    agent: Array, lines: Array, path: Whole, start: Whole, pair: Array, place: Array, block: int
-) -> tuple[Array, Array]:
+def evaluate(state: Array, path: Whole, pair: Array, place: Array, block: int) -> tuple[Array, Array]:
     """Twin of `kernels.paths.evaluate`: sums of densities and counts of valid particles, by blocks."""
-    particles = agent.shape[1]
+    particles = state.shape[1]
     blocks = particles // block
-    weight, valid = np.zeros((start[-1], blocks)), np.zeros((len(path), blocks))
-    surfaces = lines_of(lines)
+    weight, valid = np.zeros((path[:, 4].max(initial=0), blocks)), np.zeros((len(path), blocks))
+    surfaces = lines_of(state)
     anchor = np.broadcast_to(np.asarray(place[:2], np.float64), (particles, 2))
-    position = np.asarray(agent[:2].T, np.float64)
-    for row, (bounces, last, first) in enumerate(path):
+    position = np.asarray(state[:2].T, np.float64)
+    for row, (bounces, last, first, low, high) in enumerate(path):
         drawn = trace(
             position, anchor, surfaces[max(last, 0)], surfaces[max(first, 0)], np.full(particles, bounces)
         )
         possible = drawn.valid.astype(np.float64)
         valid[row] = possible.reshape(blocks, block).sum(1)
-        seen = np.stack([drawn.distance, drawn.departure - place[2], drawn.arrival - agent[2]], -1)
-        for n in range(start[row], start[row + 1]):
+        seen = np.stack([drawn.distance, drawn.departure - place[2], drawn.arrival - state[2]], -1)
+        for n in range(low, high):
             gap = pair[n, :3] - seen
             gap[:, 1:] = wrap(gap[:, 1:])
             i00, i11, i22, i01, i02, i12 = pair[n, 3:9]
@@ -50,11 +48,11 @@ def evaluate(
     return weight, valid
 
 
-def polylines(agent: Array, lines: Array, path: Whole, place: Array) -> tuple[Array, Array]:
+def polylines(state: Array, path: Whole, place: Array) -> tuple[Array, Array]:
     """Twin of `kernels.paths.polylines`: corners (L, R, 4, 2) of possible paths, and which are, (L, R)."""
-    states = agent.shape[1]
+    agent, states = state[:2], state.shape[1]
     corners, valid = np.zeros((len(path), states, 4, 2)), np.zeros((len(path), states))
-    surfaces, anchor = lines_of(lines), np.broadcast_to(place, (states, 2))
+    surfaces, anchor = lines_of(state), np.broadcast_to(place, (states, 2))
     for row, (bounces, last, first) in enumerate(path):
         drawn = trace(
             agent.T, anchor, surfaces[max(last, 0)], surfaces[max(first, 0)], np.full(states, bounces)
@@ -69,11 +67,11 @@ def polylines(agent: Array, lines: Array, path: Whole, place: Array) -> tuple[Ar
     return corners, valid
 
 
-def propose(agent: Array, lines: Array, noise: Array, heard: Array, known: Whole, place: Array) -> Array:
+def propose(state: Array, noise: Array, heard: Array, known: Whole, place: Array) -> Array:
     """Twin of `kernels.births.propose`: mean of f(AoD) / span for measurements and hypotheses, (M, H)."""
-    samples = agent.shape[1]
+    agent, samples = state[:3], state.shape[1]
     weight = np.zeros((len(heard), len(known)))
-    surfaces, anchor = lines_of(lines), np.broadcast_to(place[:2], (samples, 2))
+    surfaces, anchor = lines_of(state), np.broadcast_to(place[:2], (samples, 2))
     for m, (distance, departure, arrival, distance_std, departure_std, arrival_std) in enumerate(heard):
         reach = distance + distance_std * noise[0]
         bearing = arrival + arrival_std * noise[1] + agent[2]

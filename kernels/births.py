@@ -9,8 +9,7 @@ ROOT_TURN = 2.5066282746310002
 
 @ti.kernel
 def propose(
-    agent: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3, B] x, y, heading
-    lines: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [3, S, B] normal x, y, offset
+    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, B] x, y, heading; per line normal x, y, offset
     noise: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, B] standard normal
     heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 6] distance, AoD, AoA and their deviations
     known: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [H, 2] known surface hit last, first; -1: the new one
@@ -23,21 +22,22 @@ def propose(
     """
     ti.loop_config(block_dim=1)
     for m in range(heard.shape[0]):
-        hypotheses, samples = known.shape[0], agent.shape[1]
+        hypotheses, samples = known.shape[0], state.shape[1]
         for h in range(hypotheses):
             weight[m, h] = 0.0
         for k in range(samples):
             distance = heard[m, 0] + heard[m, 3] * noise[0, k]
-            bearing = heard[m, 2] + heard[m, 5] * noise[1, k] + agent[2, k]
-            px, py, ax, ay = agent[0, k], agent[1, k], place[0], place[1]
+            bearing = heard[m, 2] + heard[m, 5] * noise[1, k] + state[2, k]
+            px, py, ax, ay = state[0, k], state[1, k], place[0], place[1]
             end_x, end_y = px + distance * ti.cos(bearing), py + distance * ti.sin(bearing)
             for h in range(hypotheses):
                 last, first = known[h, 0], known[h, 1]
+                s, r = 3 + 3 * last, 3 + 3 * first
                 vx, vy, sx, sy = end_x, end_y, ax, ay
                 if last >= 0:
-                    vx, vy = mirrored(vx, vy, lines[0, last, k], lines[1, last, k], lines[2, last, k])
+                    vx, vy = mirrored(vx, vy, state[s, k], state[s + 1, k], state[s + 2, k])
                 if first >= 0:
-                    sx, sy = mirrored(sx, sy, lines[0, first, k], lines[1, first, k], lines[2, first, k])
+                    sx, sy = mirrored(sx, sy, state[r, k], state[r + 1, k], state[r + 2, k])
                 span = ti.sqrt((vx - sx) ** 2 + (vy - sy) ** 2)
                 if span > 1e-2 and distance > 0:
                     nx, ny = (vx - sx) / span, (vy - sy) / span
@@ -46,10 +46,10 @@ def propose(
                     if last < 0 and first < 0:
                         _, _, wx, wy, ok = single_bounce(px, py, ax, ay, nx, ny, c)
                     elif last >= 0:
-                        ex, ey, e = lines[0, last, k], lines[1, last, k], lines[2, last, k]
+                        ex, ey, e = state[s, k], state[s + 1, k], state[s + 2, k]
                         _, _, wx, wy, ok = double_bounce(px, py, ax, ay, ex, ey, e, nx, ny, c)
                     else:
-                        ex, ey, e = lines[0, first, k], lines[1, first, k], lines[2, first, k]
+                        ex, ey, e = state[r, k], state[r + 1, k], state[r + 2, k]
                         _, _, wx, wy, ok = double_bounce(px, py, ax, ay, nx, ny, c, ex, ey, e)
                     if ok > 0.5:
                         density = ti.cast(1 / TURN, ti.f32)

@@ -12,6 +12,7 @@ own states above that. So a ray is walked twice at most: for V, and to add V to 
 import taichi as ti
 
 from gridslam.kernels import CELL_SLABS
+from gridslam.kernels.paths import draw_path
 
 SLABS = CELL_SLABS
 NEAR = 4
@@ -25,10 +26,14 @@ def cell_of(x, origin, cell):
 
 
 @ti.func
-def listed(slab, ix, iy, crossed: ti.template(), met: ti.template(), touched: ti.template(), count):
-    """Enter a cell in the list of those that the path touches, once."""
+def listed(slab, ix, iy, scratch: ti.template(), touched: ti.template(), count):
+    """Enter a cell in the list of those that the path touches, once; return how many there are."""
     n = count
-    if crossed[slab, iy, ix] == 0.0 and met[slab, 0, iy, ix] == 0.0 and met[slab, 1, iy, ix] == 0.0:
+    if (
+        scratch[slab, 0, iy, ix] == 0.0
+        and scratch[slab, 1, iy, ix] == 0.0
+        and scratch[slab, 2, iy, ix] == 0.0
+    ):
         touched[slab, n, 0], touched[slab, n, 1] = ix, iy
         n += 1
     return n
@@ -36,32 +41,38 @@ def listed(slab, ix, iy, crossed: ti.template(), met: ti.template(), touched: ti
 
 @ti.kernel
 def cast(
-    corners: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [K, 4, 2] anchor, points, agent (all legs real)
-    normals: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [K, 2, 2] normals of the surfaces hit
-    bounces: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L]
+    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, R] x, y, heading; per line normal x, y, offset
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
     factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 2]  A of the path, and whether to send messages
     occupied: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [2, ny, nx] o of a traversed cell, of a hit one in V
-    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [5] origin x, y, cell side, factor outside, clip
-    validity: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K] out: V
-    crossed: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [SLABS, ny, nx] scratch, zero on entry and exit
-    met: ti.types.ndarray(dtype=ti.f32, ndim=4),  # [SLABS, 2, ny, nx] scratch, zero on entry and exit
+    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [6] origin x, y, side, factor outside, clip, least share
+    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 14] out: corners, normals, possible or not, V
+    scratch: ti.types.ndarray(dtype=ti.f32, ndim=4),  # [SLABS, 3, ny, nx] zero on entry and exit
     touched: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [SLABS, ny * nx + 1, 2] scratch
     message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [SLABS, ny, nx] in/out: sum of log ratios
-    rays: ti.i32,
 ):
-    """Cast the rays of all paths; where `factor[:, 1]` is set, add the paths' log ratios to `message`."""
-    ny, nx = occupied.shape[1], occupied.shape[2]
+    """Draw and cast the rays of all paths; add the log ratios to `message` of those that are to send.
+
+    A path sends only if it is possible at more than the least share of its states.
+    """
+    for row, k in ti.ndrange(path.shape[0], state.shape[1]):
+        draw_path(state, path, places, row, k, drawn)
     ti.loop_config(block_dim=1)
     for slab in range(SLABS):
-        paths = bounces.shape[0]
+        ny, nx = occupied.shape[1], occupied.shape[2]
+        paths, rays = path.shape[0], state.shape[1]
         side, outside, clip = frame[2], frame[3], frame[4]
-        path = slab
-        while path < paths:
-            count, a = bounces[path], factor[path, 0]
+        row = slab
+        while row < paths:
+            count, a = path[row, 0], factor[row, 0]
             total, known = ti.cast(0.0, ti.f64), 0
-            send = factor[path, 1] > 0.5
+            possible = ti.cast(0.0, ti.f64)
             for ray in range(rays):
-                k = path * rays + ray
+                possible += drawn[row * rays + ray, 12]
+            send = factor[row, 1] > 0.5 and possible > frame[5] * rays
+            for ray in range(rays):
+                k = row * rays + ray
                 hx, hy = ti.Vector([-9, -9, -9, -9, -9, -9]), ti.Vector([-9, -9, -9, -9, -9, -9])
                 met_v, met_m = ti.Vector([1.0, 1.0], dt=ti.f64), ti.Vector([1.0, 1.0], dt=ti.f64)
                 for b in range(count):
@@ -69,8 +80,8 @@ def cast(
                     inside = 0
                     for n in range(3):
                         off = (n - 1) * side
-                        ix = cell_of(corners[k, b + 1, 0] + off * normals[k, b, 0], frame[0], side)
-                        iy = cell_of(corners[k, b + 1, 1] + off * normals[k, b, 1], frame[1], side)
+                        ix = cell_of(drawn[k, 2 * b + 2] + off * drawn[k, 8 + 2 * b], frame[0], side)
+                        iy = cell_of(drawn[k, 2 * b + 3] + off * drawn[k, 9 + 2 * b], frame[1], side)
                         if ix >= 0 and iy >= 0 and ix < nx and iy < ny:
                             fresh = 1
                             for other in range(n):
@@ -90,11 +101,11 @@ def cast(
                         add = ti.cast(v_m, ti.f32)
                         for leg in range(count + 1):  # Amanatides and Woo
                             x0, y0 = (
-                                (corners[k, leg, 0] - frame[0]) / side,
-                                (corners[k, leg, 1] - frame[1]) / side,
+                                (drawn[k, 2 * leg] - frame[0]) / side,
+                                (drawn[k, 2 * leg + 1] - frame[1]) / side,
                             )
-                            x1 = (corners[k, leg + 1, 0] - frame[0]) / side
-                            y1 = (corners[k, leg + 1, 1] - frame[1]) / side
+                            x1 = (drawn[k, 2 * leg + 2] - frame[0]) / side
+                            y1 = (drawn[k, 2 * leg + 3] - frame[1]) / side
                             ix, iy = ti.cast(ti.floor(x0), ti.i32), ti.cast(ti.floor(y0), ti.i32)
                             jx, jy = ti.cast(ti.floor(x1), ti.i32), ti.cast(ti.floor(y1), ti.i32)
                             dx, dy = x1 - x0, y1 - y0
@@ -132,10 +143,10 @@ def cast(
                                         if ti.static(walk == 0):
                                             through *= 1 - occupied[0, iy, ix]
                                         else:
-                                            before = crossed[slab, iy, ix]
+                                            before = scratch[slab, 0, iy, ix]
                                             if before == 0.0:
-                                                known = listed(slab, ix, iy, crossed, met, touched, known)
-                                            crossed[slab, iy, ix] = before + add
+                                                known = listed(slab, ix, iy, scratch, touched, known)
+                                            scratch[slab, 0, iy, ix] = before + add
                                     if tx < ty:
                                         tx += ax
                                         ix += sx
@@ -143,7 +154,7 @@ def cast(
                                         ty += ay
                                         iy += sy
                     if ti.static(walk == 0):
-                        validity[k] = through * met_v[0] * met_v[1]
+                        drawn[k, 13] = through * met_v[0] * met_v[1]
                         v_m = through * met_m[0] * met_m[1]
                         total += v_m * a + 1 - v_m
                 if send and v_m > 0:
@@ -153,17 +164,17 @@ def cast(
                             ix, iy = hx[n], hy[n]
                             if ix >= 0:
                                 v0 = v1 * (1 - (1 - met_m[b]) / (1 - occupied[0, iy, ix]))
-                                known = listed(slab, ix, iy, crossed, met, touched, known)
-                                met[slab, 0, iy, ix] += ti.cast((v0 - v_m) * (a - 1), ti.f32)
-                                met[slab, 1, iy, ix] += ti.cast((v1 - v_m) * (a - 1), ti.f32)
+                                known = listed(slab, ix, iy, scratch, touched, known)
+                                scratch[slab, 1, iy, ix] += ti.cast((v0 - v_m) * (a - 1), ti.f32)
+                                scratch[slab, 2, iy, ix] += ti.cast((v1 - v_m) * (a - 1), ti.f32)
             for n in range(known):
                 ix, iy = touched[slab, n, 0], touched[slab, n, 1]
-                o, lift = ti.cast(occupied[0, iy, ix], ti.f64), (a - 1) * crossed[slab, iy, ix]
-                low = ti.max(total + lift * o / (1 - o) + met[slab, 0, iy, ix], 1e-12)
-                high = ti.max(total - lift + met[slab, 1, iy, ix], 1e-12)
+                o, lift = ti.cast(occupied[0, iy, ix], ti.f64), (a - 1) * scratch[slab, 0, iy, ix]
+                low = ti.max(total + lift * o / (1 - o) + scratch[slab, 1, iy, ix], 1e-12)
+                high = ti.max(total - lift + scratch[slab, 2, iy, ix], 1e-12)
                 ratio = ti.log(high) - ti.log(low)
                 message[slab, iy, ix] += ti.max(-clip, ti.min(clip, ratio))
-                crossed[slab, iy, ix] = 0.0
-                met[slab, 0, iy, ix] = 0.0
-                met[slab, 1, iy, ix] = 0.0
-            path += SLABS
+                scratch[slab, 0, iy, ix] = 0.0
+                scratch[slab, 1, iy, ix] = 0.0
+                scratch[slab, 2, iy, ix] = 0.0
+            row += SLABS

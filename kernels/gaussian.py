@@ -25,7 +25,7 @@ def mirror_of(x, y, angle, offset):
 
 
 @ti.func
-def path_of(mean: ti.template(), place: ti.template(), bounces, last, first):
+def path_of(mean: ti.template(), place, bounces, last, first):
     """Distance, AoD and AoA of a path, and their derivatives by the seven entries of `entry_of`."""
     zero = ti.Vector([0.0, 0.0], dt=ti.f64)
     image = ti.Vector([place[0], place[1]], dt=ti.f64)
@@ -95,12 +95,14 @@ def spread_of(slope, entry, covariance: ti.template()):
 def predict(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]
     covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 3] bounces, last, first
-    place: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [3] anchor x, y, orientation
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
     out: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 12] out: value (3), spread (9)
 ):
     """Predict every path at the mean."""
     for row in range(path.shape[0]):
+        anchor = path[row, 3]
+        place = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)
         value, slope = path_of(mean, place, path[row, 0], path[row, 1], path[row, 2])
         spread = spread_of(slope, entry_of(path[row, 0], path[row, 1], path[row, 2]), covariance)
         for i in ti.static(range(3)):
@@ -130,7 +132,8 @@ def correct(
     ti.loop_config(serialize=True)
     for row in range(path.shape[0]):
         bounces, last, first = path[row, 0], path[row, 1], path[row, 2]
-        value, slope = path_of(mean, place, bounces, last, first)
+        here = ti.Vector([place[0], place[1], place[2]], dt=ti.f64)
+        value, slope = path_of(mean, here, bounces, last, first)
         entry = entry_of(bounces, last, first)
         core = spread_of(slope, entry, covariance)
         total = prior[row, 1]

@@ -15,42 +15,39 @@ FINE = 4096.0
 
 @ti.kernel
 def evaluate(
-    agent: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3, P] x, y, heading
-    lines: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [3, S, P] normal x, y, offset
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 3] bounces, last, first
-    start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] first pair of each path
+    state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S, P] x, y, heading; per line normal x, y, offset
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 5] bounces, last, first; its pairs from, to
     pair: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [K, 11] z (3), inverse covariance (6), nearest, farthest
     place: ti.types.ndarray(dtype=ti.f32, ndim=1),  # [3] anchor x, y, orientation
-    weight: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [K, P / BLOCK] out: sum of exp(-quadratic / 2)
-    valid: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L, P / BLOCK] out: number of valid particles
+    out: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L + K, P / BLOCK] out: valid particles; sums of densities
 ):
     """Sum, over each block of particles, the density of every gated pair where the path is possible."""
     ti.loop_config(block_dim=1)
-    for block in range(agent.shape[1] // BLOCK):
-        base = block * BLOCK
+    for block in range(state.shape[1] // BLOCK):
+        base, paths = block * BLOCK, path.shape[0]
         ax, ay, facing = place[0], place[1], place[2]
-        for row in range(path.shape[0]):
+        for row in range(paths):
             tx, ty = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
             wx, wy = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
             good, far = ti.Vector([1.0] * BLOCK), ti.Vector([0.0] * BLOCK)
-            bounces, s, r = path[row, 0], path[row, 1], path[row, 2]
+            bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
             if bounces == 0:
                 for i in range(BLOCK):
-                    x, y = ax - agent[0, base + i], ay - agent[1, base + i]
+                    x, y = ax - state[0, base + i], ay - state[1, base + i]
                     tx[i], ty[i], wx[i], wy[i] = x, y, -x, -y
             elif bounces == 1:
                 for i in range(BLOCK):
                     k = base + i
                     a, b, c, d, ok = single_bounce(
-                        agent[0, k], agent[1, k], ax, ay, lines[0, s, k], lines[1, s, k], lines[2, s, k]
+                        state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k]
                     )
                     tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
             else:
                 for i in range(BLOCK):
                     k = base + i
                     a, b, c, d, ok = double_bounce(
-                        agent[0, k], agent[1, k], ax, ay, lines[0, s, k], lines[1, s, k], lines[2, s, k],
-                        lines[0, r, k], lines[1, r, k], lines[2, r, k],
+                        state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k],
+                        state[r, k], state[r + 1, k], state[r + 2, k],
                     )  # fmt: skip
                     tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
             low, high = 1 << 30, 0  # range interval in fixed point: integer extrema vectorise
@@ -62,19 +59,19 @@ def evaluate(
                 low, high = ti.min(low, fixed), ti.max(high, fixed)
             for i in range(BLOCK):
                 count += good[i]
-            valid[row, block] = count
+            out[row, block] = count
             wanted = 0
-            for n in range(start[row], start[row + 1]):
+            for n in range(path[row, 3], path[row, 4]):
                 near = count > 0.0 and pair[n, 9] * FINE <= high and pair[n, 10] * FINE >= low
-                weight[n, block] = 1.0 if near else 0.0
+                out[paths + n, block] = 1.0 if near else 0.0
                 wanted += 1 if near else 0
             if wanted > 0:
                 for i in range(BLOCK):
-                    arrival = angle_of(tx[i], ty[i]) - agent[2, base + i]
+                    arrival = angle_of(tx[i], ty[i]) - state[2, base + i]
                     departure = angle_of(wx[i], wy[i]) - facing
                     tx[i], wx[i] = arrival, departure
-                for n in range(start[row], start[row + 1]):
-                    if weight[n, block] > 0.0:
+                for n in range(path[row, 3], path[row, 4]):
+                    if out[paths + n, block] > 0.0:
                         z0, z1, z2 = pair[n, 0], pair[n, 1], pair[n, 2]
                         i00, i11, i22 = pair[n, 3], pair[n, 4], pair[n, 5]
                         i01, i02, i12 = pair[n, 6], pair[n, 7], pair[n, 8]
@@ -84,58 +81,61 @@ def evaluate(
                             q = i00 * e0 * e0 + i11 * e1 * e1 + i22 * e2 * e2
                             q += 2 * (i01 * e0 * e1 + i02 * e0 * e2 + i12 * e1 * e2)
                             total += good[i] * exp_of(-0.5 * q)
-                        weight[n, block] = total
+                        out[paths + n, block] = total
+
+
+@ti.func
+def draw_path(state: ti.template(), path: ti.template(), places: ti.template(), row, k, drawn: ti.template()):
+    """Draw a path at a state as row of ``[L R, 13]``: corners (8), normals of last and first (4), validity.
+
+    The first corner is the anchor, the last the agent, which repeats where there are fewer bounces. The
+    first normal belongs to the first interaction point. An impossible path collapses onto the anchor.
+    """
+    at = row * state.shape[1] + k
+    anchor = path[row, 3]
+    ax, ay, px, py = places[anchor, 0], places[anchor, 1], state[0, k], state[1, k]
+    bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
+    for n in range(4):
+        drawn[at, 2 * n], drawn[at, 2 * n + 1] = px, py
+        drawn[at, 8 + n] = 1.0 - n % 2
+    drawn[at, 0], drawn[at, 1] = ax, ay
+    ok = ti.cast(1.0, ti.f64)
+    if bounces == 1:
+        nx, ny, c = state[s, k], state[s + 1, k], state[s + 2, k]
+        vx, vy, _, _, good = single_bounce(px, py, ax, ay, nx, ny, c)
+        here, across = nx * px + ny * py - c, nx * vx + ny * vy
+        t = -here / ti.select(ti.abs(across) < 1e-12, 1e-12, across)
+        drawn[at, 2], drawn[at, 3] = px + t * vx, py + t * vy
+        drawn[at, 8], drawn[at, 9], drawn[at, 10], drawn[at, 11] = nx, ny, nx, ny
+        ok = good
+    if bounces == 2:
+        nx, ny, c = state[s, k], state[s + 1, k], state[s + 2, k]
+        mx, my, d = state[r, k], state[r + 1, k], state[r + 2, k]
+        vx, vy, ux, uy, good = double_bounce(px, py, ax, ay, nx, ny, c, mx, my, d)
+        here, across = nx * px + ny * py - c, nx * vx + ny * vy
+        t = -here / ti.select(ti.abs(across) < 1e-12, 1e-12, across)
+        there, over = mx * ax + my * ay - d, mx * ux + my * uy
+        f = -there / ti.select(ti.abs(over) < 1e-12, 1e-12, over)
+        drawn[at, 2], drawn[at, 3] = ax + f * ux, ay + f * uy
+        drawn[at, 4], drawn[at, 5] = px + t * vx, py + t * vy
+        drawn[at, 8], drawn[at, 9], drawn[at, 10], drawn[at, 11] = mx, my, nx, ny
+        ok = good
+    for n in range(8):
+        if not (ti.abs(drawn[at, n]) < 1e4):
+            ok = 0.0
+    if ok < 0.5:
+        for n in range(4):
+            drawn[at, 2 * n], drawn[at, 2 * n + 1] = ax, ay
+    drawn[at, 12] = ok
 
 
 @ti.kernel
 def polylines(
-    agent: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, R] x, y
-    lines: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [3, S, R] normal x, y, offset
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 3] bounces, last, first
-    place: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [2] anchor x, y
-    corners: ti.types.ndarray(dtype=ti.f64, ndim=4),  # [L, R, 4, 2] out: anchor, points, agent
-    normals: ti.types.ndarray(dtype=ti.f64, ndim=4),  # [L, R, 2, 2] out: normals of first and last
-    valid: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, R] out: 1 or 0
+    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, R] as above
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 13] out
 ):
-    """Draw every path at every sampled state; an impossible path collapses onto the anchor."""
-    for row, k in ti.ndrange(path.shape[0], agent.shape[1]):
-        ax, ay, px, py = place[0], place[1], agent[0, k], agent[1, k]
-        bounces, s, r = path[row, 0], path[row, 1], path[row, 2]
-        for n in range(4):
-            corners[row, k, n, 0], corners[row, k, n, 1] = px, py
-        corners[row, k, 0, 0], corners[row, k, 0, 1] = ax, ay
-        for n in range(2):
-            normals[row, k, n, 0], normals[row, k, n, 1] = 1.0, 0.0
-        ok = ti.cast(1.0, ti.f64)
-        if bounces == 1:
-            nx, ny, c = lines[0, s, k], lines[1, s, k], lines[2, s, k]
-            vx, vy, _, _, good = single_bounce(px, py, ax, ay, nx, ny, c)
-            here = nx * px + ny * py - c
-            across = nx * vx + ny * vy
-            t = -here / ti.select(ti.abs(across) < 1e-12, 1e-12, across)
-            corners[row, k, 1, 0], corners[row, k, 1, 1] = px + t * vx, py + t * vy
-            normals[row, k, 0, 0], normals[row, k, 0, 1] = nx, ny
-            normals[row, k, 1, 0], normals[row, k, 1, 1] = nx, ny
-            ok = good
-        if bounces == 2:
-            nx, ny, c = lines[0, s, k], lines[1, s, k], lines[2, s, k]
-            mx, my, d = lines[0, r, k], lines[1, r, k], lines[2, r, k]
-            vx, vy, ux, uy, good = double_bounce(px, py, ax, ay, nx, ny, c, mx, my, d)
-            here, across = nx * px + ny * py - c, nx * vx + ny * vy
-            t = -here / ti.select(ti.abs(across) < 1e-12, 1e-12, across)
-            there, over = mx * ax + my * ay - d, mx * ux + my * uy
-            f = -there / ti.select(ti.abs(over) < 1e-12, 1e-12, over)
-            corners[row, k, 1, 0], corners[row, k, 1, 1] = ax + f * ux, ay + f * uy
-            corners[row, k, 2, 0], corners[row, k, 2, 1] = px + t * vx, py + t * vy
-            normals[row, k, 0, 0], normals[row, k, 0, 1] = mx, my
-            normals[row, k, 1, 0], normals[row, k, 1, 1] = nx, ny
-            ok = good
-        for n in range(4):
-            for side in range(2):
-                value = corners[row, k, n, side]
-                if not (ti.abs(value) < 1e4):
-                    ok = 0.0
-        if ok < 0.5:
-            for n in range(4):
-                corners[row, k, n, 0], corners[row, k, n, 1] = ax, ay
-        valid[row, k] = ok
+    """Draw every path at every sampled state."""
+    for row, k in ti.ndrange(path.shape[0], state.shape[1]):
+        draw_path(state, path, places, row, k, drawn)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tables import same, table
 
 from gridslam.errors import InputError
-from gridslam.formats import DEVIATIONS
+from gridslam.formats import DEVIATIONS, VALUES
 from gridslam.measurements import Measurements
 from gridslam.scene import Scene
 from gridslam.simulate import simulate
@@ -73,6 +73,19 @@ def test_csv_of_other_programs_is_read(tmp_path):
     assert np.isnan(heard.amplitude[0])
 
 
+def test_ranging_alone_is_a_table_of_four_columns(tmp_path):
+    (tmp_path / "a.csv").write_text("step,time_s,anchor,distance_m\n0,0,B,3.5\n2,1,A,4.5\n")
+    heard = Measurements.from_csv(tmp_path / "a.csv")
+    assert heard.anchors == ("B", "A")  # as they first appear
+    np.testing.assert_array_equal(heard.distance_m, [3.5, 4.5])
+    assert np.isnan([heard.aod_rad, heard.aoa_rad, heard.amplitude]).all()
+    heard.to_h5(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        for name in ("aod_rad", "aoa_rad", "amplitude"):
+            del file[f"measurements/{name}"]
+    same(Measurements.from_h5(tmp_path / "a.h5"), heard)
+
+
 ROW = "0,0.0,A,1.0,0.5,0.5,3.0"
 
 
@@ -82,7 +95,8 @@ ROW = "0,0.0,A,1.0,0.5,0.5,3.0"
         ("", "", "empty file"),
         (HEADER, "", "no rows"),
         (HEADER.replace("aoa_rad", "aoa_deg") + f"\n{ROW}", ": line 1", "aoa_rad"),
-        (HEADER.replace(",aoa_rad", "") + "\n0,0,A,1,0,3", ": line 1", "no column 'aoa_rad'"),
+        (HEADER.replace("time_s,", "") + "\n0,A,1,0,0,3", ": line 1", "no column 'time_s'"),
+        ("step,time_s,anchor,aoa_std_rad\n0,0,A,1", ": line 1", "no measured column"),
         (HEADER + ",step\n" + ROW + ",0", ": line 1", "'step' twice"),
         (f"{HEADER}\n{ROW},9", ": line 2", "8 cells"),
         (f"{HEADER}\n{ROW}\n1,1.0,A,1.0", ": line 3", "4 cells"),
@@ -199,7 +213,7 @@ def replace(file, name, values):
         (lambda f: f.attrs.__setitem__("version", 99), ": version"),
         (lambda f: f.__delitem__("measurements"), ": /measurements"),
         (lambda f: f.__delitem__("anchors"), ": /anchors"),
-        (lambda f: f.__delitem__("measurements/aoa_rad"), ": /measurements/aoa_rad"),
+        (lambda f: [f.__delitem__(f"measurements/{name}") for name in VALUES], ": /measurements"),
         (lambda f: replace(f, "measurements/aoa_rad", np.zeros(3)), ": /measurements/aoa_rad"),
         (lambda f: replace(f, "measurements/aoa_rad", np.array([b"x"] * 4)), ": /measurements/aoa_rad"),
         (lambda f: replace(f, "measurements/step", np.arange(4.0)), ": /measurements/step"),

@@ -13,7 +13,8 @@ from gridslam.geometry import line_between, line_of_sfv, mirror, sfv, trace, wra
 from gridslam.inference.association import associate
 from gridslam.inference.belief import Belief, update
 from gridslam.inference.cells import Cells
-from gridslam.inference.polylines import Polylines
+from gridslam.inference.particles import Cloud
+from gridslam.inference.rays import Rays
 
 angles, offsets = st.floats(-3, 3), st.floats(0.5, 20)
 places = st.tuples(st.floats(-20, 20), st.floats(-20, 20)).map(np.array)
@@ -117,9 +118,13 @@ def test_update_of_a_sure_association_is_the_kalman_update():
     np.testing.assert_allclose(update(belief, jacobian, residual[None], noise[None], np.zeros(1)).mean, 0)
 
 
-def drawn(bounces, corners, normals):
-    """One path at one state."""
-    return Polylines(np.array([bounces]), corners[None, None], normals[None, None], np.ones((1, 1)))
+def told(cells, bounces, anchor, agent, line, worth):
+    """Tell the cells of one path at one state, and absorb; return its V."""
+    rays = Rays(*(np.array([value]) for value in (0, bounces, bounces - 1, bounces - 1, 1.0, 1.0)))
+    cloud = Cloud(np.array([[*agent, 0.0, np.cos(line[0]), np.sin(line[0]), line[1]]]).T, 0.0)
+    drawn = cells.tell(rays, cloud, np.array([[*anchor, 0.0]]), np.array([worth]), np.array([True]), 0.0)
+    cells.absorb()
+    return drawn.validity[0]
 
 
 def ray_messages(cells, through, hits, worth):
@@ -150,7 +155,6 @@ def test_cell_messages_equal_enumeration_of_all_cell_states(worth, bounces):
     cells.evidence = np.random.default_rng(3).normal(0, 1, cells.shape)
     anchor, agent, point = np.array([0.5, 0.5]), np.array([4.5, 0.5]), np.array([2.5, 3.5])
     corners = np.stack([anchor, point, agent, agent] if bounces else [anchor, agent, agent, agent])
-    normals = np.array([[0.0, 1.0], [0.0, 1.0]])
     walked = set()
     for start, end in itertools.pairwise(corners[: bounces + 2]):
         for share in np.linspace(0, 1, 20_001):
@@ -161,8 +165,7 @@ def test_cell_messages_equal_enumeration_of_all_cell_states(worth, bounces):
     # the corner cells that a sampled walk may graze don't count
     before = cells.evidence.copy()
     expected = ray_messages(cells, through, hits, worth)
-    cells.tell(drawn(bounces, corners, normals), np.array([worth]))
-    cells.absorb()
+    told(cells, bounces, anchor, agent, (np.pi / 2, 3.5), worth)
     change = cells.evidence - before
     for cell, value in expected.items():
         assert change[cell] == pytest.approx(value, rel=1e-5, abs=1e-6)
@@ -173,11 +176,7 @@ def test_cell_messages_equal_enumeration_of_all_cell_states(worth, bounces):
 
 def test_a_ray_outside_the_grid_touches_nothing():
     cells = Cells(np.zeros(2), 1.0, (3, 3), 10.0, np.array([[100.0, 100.0]]))
-    corners = np.array([[5.0, 5.0], [9.0, 7.0], [9.0, 7.0], [9.0, 7.0]])
-    line = drawn(0, corners, np.ones((2, 2)))
-    cells.tell(line, np.array([5.0]))
-    cells.absorb()
-    assert cells.validity(line) == 1.0
+    assert told(cells, 0, (5.0, 5.0), (9.0, 7.0), (0.0, 1.0), 5.0) == 1.0
     assert not cells.evidence.any()
 
 

@@ -15,38 +15,38 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def random_world(draw, particles, kind, spread=0.05, surfaces=4):
-    """Agents near one place, lines near some walls, and all paths over them."""
+    """States of agents near one place and lines near some walls, and all paths over them."""
     agent = np.concatenate([draw.uniform(-4, 4, (2, 1)), draw.uniform(-3, 3, (1, 1))])
     agent = (agent + spread * draw.normal(size=(3, particles))).astype(kind)
     angle = draw.uniform(-np.pi, np.pi, (surfaces, 1)) + 0.02 * draw.normal(size=(surfaces, particles))
     offset = draw.uniform(-6, 6, (surfaces, 1)) + spread * draw.normal(size=(surfaces, particles))
-    lines = np.stack([np.cos(angle), np.sin(angle), offset]).astype(kind)
+    state = np.empty((3 + 3 * surfaces, particles), kind)
+    state[:3], state[3::3], state[4::3], state[5::3] = agent, np.cos(angle), np.sin(angle), offset
     path = [[0, -1, -1]] + [[1, s, s] for s in range(surfaces)]
     path += [[2, s, r] for s in range(surfaces) for r in range(surfaces) if s != r]
     place = np.array([*draw.uniform(-5, 5, 2), draw.uniform(-3, 3)], kind)
-    return agent, lines, np.array(path, np.int32), place
+    return state, np.array(path, np.int32), place
 
 
-def launch_evaluate(agent, lines, path, start, pair, place):
+def launch_evaluate(state, path, pair, place):
     from gridslam.kernels.paths import evaluate
 
-    blocks = agent.shape[1] // PATH_BLOCK
-    weight = np.full((max(len(pair), 1), blocks), np.nan, np.float32)
-    valid = np.full((len(path), blocks), np.nan, np.float32)
-    table = pair if len(pair) else np.zeros((1, 11), np.float32)
-    evaluate(agent, lines, path, start, table, place, weight, valid)
-    return weight[: start[-1]], valid
+    count = path[:, 4].max(initial=0)
+    out = np.full((len(path) + count, state.shape[1] // PATH_BLOCK), np.nan, np.float32)
+    evaluate(state, path, pair if len(pair) else np.zeros((1, 11), np.float32), place, out)
+    return out[len(path) :], out[: len(path)]
 
 
 @given(seeds)
 @settings(max_examples=25, deadline=None)
 def test_path_evaluation_equals_its_twin(seed):
     draw = np.random.default_rng(seed)
-    agent, lines, path, place = random_world(draw, 2 * PATH_BLOCK, np.float32)
+    state, path, place = random_world(draw, 2 * PATH_BLOCK, np.float32)
+    agent = state[:3]
     per_path = draw.integers(0, 3, len(path))
     start = np.concatenate([[0], np.cumsum(per_path)]).astype(np.int32)
     pair = np.zeros((start[-1], 11), np.float32)
-    surfaces = twins.lines_of(lines).mean(1)
+    surfaces = twins.lines_of(state).mean(1)
     for row, (bounces, last, first) in enumerate(path):
         drawn = twins.trace(
             agent[None, :2].mean(2).astype(float), place[None, :2].astype(float), surfaces[[max(last, 0)]],
@@ -61,8 +61,9 @@ def test_path_evaluation_equals_its_twin(seed):
             pair[n, 6:9] = inverse[0, 1], inverse[0, 2], inverse[1, 2]
             reach = 8 * np.sqrt((root @ root.T)[0, 0])
             pair[n, 9:] = pair[n, 0] - reach, pair[n, 0] + reach
-    weight, valid = launch_evaluate(agent, lines, path, start, pair, place)
-    expected, possible = twins.evaluate(agent, lines, path, start, pair, place, PATH_BLOCK)
+    path = np.column_stack([path, start[:-1], start[1:]]).astype(np.int32)
+    weight, valid = launch_evaluate(state, path, pair, place)
+    expected, possible = twins.evaluate(state, path, pair, place, PATH_BLOCK)
     # a particle on the edge of what is possible may fall on either side in single precision
     assert np.abs(valid - possible).max() <= 2
     sure = np.repeat(valid == possible, per_path, axis=0)
@@ -72,30 +73,20 @@ def test_path_evaluation_equals_its_twin(seed):
 @pytest.mark.parametrize("surfaces", [1, 3])
 def test_path_evaluation_without_any_measurement_still_tells_what_is_possible(surfaces):
     draw = np.random.default_rng(5)
-    agent, lines, path, place = random_world(draw, PATH_BLOCK, np.float32, surfaces=surfaces)
-    start = np.zeros(len(path) + 1, np.int32)
-    weight, valid = launch_evaluate(agent, lines, path, start, np.zeros((0, 11), np.float32), place)
+    state, path, place = random_world(draw, PATH_BLOCK, np.float32, surfaces=surfaces)
+    path = np.pad(path, ((0, 0), (0, 2)))
+    weight, valid = launch_evaluate(state, path, np.zeros((0, 11), np.float32), place)
     assert weight.shape[0] == 0
-    np.testing.assert_allclose(
-        valid, twins.evaluate(agent, lines, path, start, np.zeros((0, 11)), place, 64)[1], atol=1
-    )
+    _, possible = twins.evaluate(state, path, np.zeros((0, 11)), place, PATH_BLOCK)
+    np.testing.assert_allclose(valid, possible, atol=1)
 
 
 def test_a_wall_that_the_path_runs_along_or_stands_on_gives_no_reflection():
     # agent and anchor on either side of the first, and on the second: parallel and grazing rays
-    agent = np.tile(np.array([[2.0], [1.0], [0.0]], np.float32), PATH_BLOCK)
-    lines = np.zeros((3, 2, PATH_BLOCK), np.float32)
-    lines[:, 0] = np.array([0.0, 1.0, 0.0])[:, None]
-    lines[:, 1] = np.array([0.0, 1.0, 1.0])[:, None]
-    path = np.array([[1, 0, 0], [1, 1, 1]], np.int32)
-    _, valid = launch_evaluate(
-        agent,
-        lines,
-        path,
-        np.zeros(3, np.int32),
-        np.zeros((0, 11), np.float32),
-        np.array([0, -1, 0], np.float32),
-    )
+    state = np.tile(np.array([[2, 1, 0, 0, 1, 0, 0, 1, 1]], np.float32).T, PATH_BLOCK)
+    path = np.array([[1, 0, 0, 0, 0], [1, 1, 1, 0, 0]], np.int32)
+    place = np.array([0, -1, 0], np.float32)
+    _, valid = launch_evaluate(state, path, np.zeros((0, 11), np.float32), place)
     assert (valid == 0).all()
 
 
@@ -105,15 +96,15 @@ def test_drawn_polylines_equal_their_twin(seed):
     from gridslam.kernels.paths import polylines
 
     draw = np.random.default_rng(seed)
-    agent, lines, path, place = random_world(draw, 7, np.float64)
-    corners, normals = np.zeros((len(path), 7, 4, 2)), np.zeros((len(path), 7, 2, 2))
-    valid = np.zeros((len(path), 7))
-    polylines(np.ascontiguousarray(agent[:2]), lines, path, place[:2].copy(), corners, normals, valid)
-    expected, possible = twins.polylines(agent[:2], lines, path, place[:2])
+    state, path, place = random_world(draw, 7, np.float64)
+    drawn = np.zeros((len(path) * 7, 13))
+    polylines(state, np.pad(path, ((0, 0), (0, 1))), place[None], drawn)
+    drawn = drawn.reshape(len(path), 7, 13)
+    expected, possible = twins.polylines(state, path, place[:2])
     near = np.abs(expected).max((2, 3)) < 1e3
-    np.testing.assert_array_equal(valid[near], possible[near])
-    np.testing.assert_allclose(corners[near], expected[near], rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1, atol=1e-9)
+    np.testing.assert_array_equal(drawn[near, 12], possible[near])
+    np.testing.assert_allclose(drawn[near, :8].reshape(-1, 4, 2), expected[near], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(np.hypot(drawn[..., [8, 10]], drawn[..., [9, 11]]), 1, atol=1e-9)
 
 
 @given(seeds, st.booleans())
@@ -122,13 +113,13 @@ def test_birth_proposals_equal_their_twin(seed, with_departure):
     from gridslam.kernels.births import propose
 
     draw = np.random.default_rng(seed)
-    agent, lines, _, place = random_world(draw, SAMPLES, np.float64, surfaces=2)
+    state, _, place = random_world(draw, SAMPLES, np.float64, surfaces=2)
     heard = np.array([[draw.uniform(1, 15), *draw.uniform(-3, 3, 2), 0.05, 0.3, 0.1] for _ in range(3)])
     heard[:, 4] = 0.3 if with_departure else 1e9
     known = np.array([[-1, -1], [-1, 0], [0, -1], [1, -1], [-1, 1]], np.int32)
     noise, weight = draw.normal(size=(2, SAMPLES)), np.zeros((3, 5))
-    propose(agent, lines, noise, heard, known, place, weight)
-    expected = twins.propose(agent, lines, noise, heard, known, place)
+    propose(state, noise, heard, known, place, weight)
+    expected = twins.propose(state, noise, heard, known, place)
     np.testing.assert_allclose(weight, expected, rtol=2e-3, atol=1e-6)
 
 
@@ -151,7 +142,7 @@ def test_predicted_paths_equal_their_twin(seed, surfaces):
     draw = np.random.default_rng(seed)
     mean, covariance, path = random_belief(draw, surfaces)
     place, out = np.array([*draw.uniform(-5, 5, 2), draw.uniform(-3, 3)]), np.zeros((len(path), 12))
-    predict(mean, covariance, path, place, out)
+    predict(mean, covariance, np.pad(path, ((0, 0), (0, 1))), place[None], out)
     value, _, spread = twins.predict(mean, covariance, path, place)
     far = value[:, 0] > 0.1  # next to its image, an agent has no direction to it
     np.testing.assert_allclose(out[far, 0], value[far, 0], rtol=1e-9)
@@ -187,45 +178,63 @@ def test_correction_equals_its_twin(seed, surfaces):
     assert np.linalg.eigvalsh(covariance).min() > -1e-9
 
 
-def launch_cast(corners, normals, bounces, worth, traversed, hit, frame, rays):
+def launch_cast(state, path, place, worth, traversed, hit, frame):
+    """Rays as drawn (K, 13), their V (K,) and the messages to the cells (ny, nx)."""
     from gridslam.kernels.cells import SLABS, cast
 
-    shape = traversed.shape
-    validity, message = np.zeros(len(corners)), np.zeros((SLABS, *shape))
-    crossed, met = np.zeros((SLABS, *shape), np.float32), np.zeros((SLABS, 2, *shape), np.float32)
-    touched = np.zeros((SLABS, traversed.size + 1, 2), np.int32)
+    shape, rays = traversed.shape, state.shape[1]
+    drawn, message = np.zeros((len(path) * rays, 14)), np.zeros((SLABS, *shape))
+    scratch, touched = (
+        np.zeros((SLABS, 3, *shape), np.float32),
+        np.zeros((SLABS, traversed.size + 1, 2), np.int32),
+    )
     occupied = np.stack([traversed, hit]).astype(np.float32)
     factor = np.stack([worth, np.ones(len(worth))], -1)
-    frame = np.append(frame, [0.1, 12.0])
+    table = np.pad(path, ((0, 0), (0, 1)))
     cast(
-        corners, normals, bounces, factor, occupied, frame, validity, crossed, met, touched,
-        message, rays,
+        state, table, np.append(place, 0.0)[None], factor, occupied, np.append(frame, [0.1, 12.0, 0.0]),
+        drawn, scratch, touched, message,
     )  # fmt: skip
-    assert not crossed.any(), "scratch is left as it was found"
-    assert not met.any()
-    return validity, message.sum(0)
+    assert not scratch.any(), "scratch is left as it was found"
+    return drawn[:, :13], drawn[:, 13], message.sum(0)
 
 
 @given(seeds)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_ray_casting_and_cell_messages_equal_their_twin(seed):
     draw = np.random.default_rng(seed)
-    shape, rays = (9, 12), 3
+    shape, rays, surfaces = (9, 12), 3, 3
     traversed, hit = draw.uniform(0.001, 0.5, shape), draw.uniform(0.001, 0.9, shape)
-    bounces = draw.integers(0, 3, 5).astype(np.int32)
-    corners = np.repeat(draw.uniform(-1, 7, (5, 1, 4, 2)), rays, 1) + 0.1 * draw.normal(size=(5, rays, 4, 2))
-    angle = draw.uniform(-3, 3, (5 * rays, 2))
-    normals = np.stack([np.cos(angle), np.sin(angle)], -1)
-    worth = np.exp(draw.normal(0, 2, 5))
-    frame = np.array([-0.3, 0.2, 0.5])
-    corners = corners.reshape(-1, 4, 2)
-    found = launch_cast(corners, normals, bounces, worth, traversed, hit, frame, rays)
-    expected = twins.cast(corners, normals, bounces, worth, traversed, hit, frame, rays, 0.1, 12.0)
-    np.testing.assert_allclose(found[0], expected[0], rtol=1e-5, atol=1e-9)
+    state = np.empty((3 + 3 * surfaces, rays))
+    state[:3] = draw.uniform(-1, 6, (3, 1)) + 0.1 * draw.normal(size=(3, rays))
+    angle = draw.uniform(-3, 3, (surfaces, 1)) + 0.02 * draw.normal(size=(surfaces, rays))
+    state[3::3], state[4::3] = np.cos(angle), np.sin(angle)
+    state[5::3] = draw.uniform(-3, 6, (surfaces, 1)) + 0.05 * draw.normal(size=(surfaces, rays))
+    path = [[0, -1, -1]] + [[1, s, s] for s in range(surfaces)]
+    path += [[2, s, r] for s in range(surfaces) for r in range(surfaces) if s != r]
+    path, worth = np.array(path, np.int32), np.exp(draw.normal(0, 2, len(path)))
+    frame, place = np.array([-0.3, 0.2, 0.5]), draw.uniform(0, 5, 2)
+    drawn, validity, message = launch_cast(state, path, place, worth, traversed, hit, frame)
+    sends = drawn[:, 12].reshape(-1, rays).any(1)
+    chosen = np.repeat(sends, rays)
+    expected = twins.cast(
+        drawn[chosen, :8].reshape(-1, 4, 2), drawn[chosen, 8:12].reshape(-1, 2, 2), path[sends, 0],
+        worth[sends], traversed, hit, frame, rays, 0.1, 12.0,
+    )  # fmt: skip
+    np.testing.assert_allclose(validity[chosen], expected[0], rtol=1e-5, atol=1e-9)
     # a ratio of e^7 and more is told from rounded sums that all but cancel
     clear = np.abs(expected[1]) < 7
-    np.testing.assert_allclose(found[1][clear], expected[1][clear], rtol=1e-3, atol=1e-6)
-    np.testing.assert_allclose(found[1][~clear], expected[1][~clear], atol=0.5)
+    np.testing.assert_allclose(message[clear], expected[1][clear], rtol=1e-3, atol=1e-5)
+    np.testing.assert_allclose(message[~clear], expected[1][~clear], atol=0.5)
+
+
+def cast_sight(start, end, shape=(4, 4)):
+    """V and the messages of one line of sight through cells of 1 m with o = 0.1."""
+    state, path = np.array([[*end, 0.0]]).T, np.array([[0, -1, -1]], np.int32)
+    table = np.full(shape, 0.1)
+    return launch_cast(
+        state, path, np.array(start), np.array([9.0]), table, table, np.array([0.0, 0.0, 1.0])
+    )[1:]
 
 
 @pytest.mark.parametrize(
@@ -239,35 +248,29 @@ def test_ray_casting_and_cell_messages_equal_their_twin(seed):
     ],
 )
 def test_a_ray_touches_exactly_the_cells_on_its_way(start, end, cells):
-    shape, rays = (4, 4), 1
-    corners = np.array([start, end, end, end], float)[None]
-    _, message = launch_cast(
-        corners, np.ones((1, 2, 2)), np.zeros(1, np.int32), np.array([9.0]), np.full(shape, 0.1),
-        np.full(shape, 0.1), np.array([0.0, 0.0, 1.0]), rays,
-    )  # fmt: skip
+    _, message = cast_sight(start, end)
     assert {tuple(int(i) for i in c) for c in np.argwhere(message != 0)} == cells
 
 
-@pytest.mark.parametrize("end", [(3.5, 3.5), (3.5, 0.5), (0.5, 3.5)])
-def test_a_ray_through_corners_stays_between_the_cells_that_touch_it(end):
-    corners = np.array([(0.5, 0.5) if end != (0.5, 3.5) else (3.5, 0.5), end, end, end], float)[None]
-    shape = (4, 4)
-    validity, message = launch_cast(
-        corners, np.ones((1, 2, 2)), np.zeros(1, np.int32), np.array([9.0]), np.full(shape, 0.1),
-        np.full(shape, 0.1), np.array([0.0, 0.0, 1.0]), 1,
-    )  # fmt: skip
+@pytest.mark.parametrize(("start", "end"), [((0.5, 0.5), (3.5, 3.5)), ((3.5, 0.5), (0.5, 3.5))])
+def test_a_ray_through_corners_stays_between_the_cells_that_touch_it(start, end):
+    validity, message = cast_sight(start, end)
     touched = np.argwhere(message != 0)
-    low, high = corners[0, :2].min(0), corners[0, :2].max(0)
-    assert (touched[:, ::-1] + 1 >= low).all()
-    assert (touched[:, ::-1] <= high).all()
+    assert len(touched) >= 4
+    assert (np.abs(touched[:, 1] - (touched[:, 0] if start[0] < 1 else 3 - touched[:, 0])) <= 1).all()
     assert 0.9 ** len(touched) == pytest.approx(validity[0], rel=1e-5)
 
 
 def test_no_paths_cast_nothing():
-    shape = (3, 3)
-    validity, message = launch_cast(
-        np.zeros((0, 4, 2)), np.zeros((0, 2, 2)), np.zeros(0, np.int32), np.zeros(0), np.full(shape, 0.1),
-        np.full(shape, 0.1), np.array([0.0, 0.0, 1.0]), 2,
-    )  # fmt: skip
+    table = np.full((3, 3), 0.1)
+    _, validity, message = launch_cast(
+        np.zeros((3, 2)),
+        np.zeros((0, 3), np.int32),
+        np.zeros(2),
+        np.zeros(0),
+        table,
+        table,
+        np.array([0.0, 0.0, 1.0]),
+    )
     assert len(validity) == 0
     assert not message.any()

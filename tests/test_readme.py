@@ -57,6 +57,7 @@ def test_python_examples_run_one_after_the_other(brief_scenes, tmp_path, monkeyp
     assert {"agent1.h5", "map.yaml", "map.pgm", "checkpoint.h5"} <= {p.name for p in tmp_path.iterdir()}
     assert names["estimate"].step == 3
     assert names["both"].observed.any()
+    assert names["mine"].map.observed.any()
 
 
 def test_command_line_examples_run_one_after_the_other(brief_scenes, say, no_figures):
@@ -84,7 +85,8 @@ def test_gate_runs_the_test_command_of_the_readme():
 def test_options_are_those_of_the_readme():
     there = {
         name
-        for command in commands().values()
+        for group in commands().values()
+        for command in (group, *getattr(group, "commands", {}).values())
         for parameter in command.params
         for name in parameter.opts
         if name.startswith("--") and name != "--help"

@@ -56,7 +56,7 @@ class RayAmplitudes:
         self._gap = gap / gap.sum()
         self._kept: dict[tuple[int, int, int], Array] = {}
 
-    def predict(self, anchor: int, rays: Rays, identity: NDArray[np.int64], distance: Array) -> Histogram:
+    def predict(self, rays: Rays, identity: NDArray[np.int64], distance: Array) -> Histogram:
         """Beliefs one step ahead, given that the ray exists.
 
         A ray that was there walks on, eq. (13); one that appears now may have any amplitude up to that of
@@ -66,7 +66,7 @@ class RayAmplitudes:
         fresh = self._gap * (self.nodes <= np.maximum(reach, 2 * self.nodes[0]))
         fresh = fresh / fresh.sum(1, keepdims=True)
         stayed = fresh.copy()
-        for row, key in enumerate(self._keys(anchor, rays, identity)):
+        for row, key in enumerate(self._keys(rays, identity)):
             if key in self._kept:
                 stayed[row] = self._kept[key] @ self._walk
         before = np.clip((rays.existence - P_APPEAR) / (P_STAY - P_APPEAR), 0.0, 1.0)
@@ -74,7 +74,7 @@ class RayAmplitudes:
         return Histogram((1 - share) * stayed + share * fresh, self.nodes)
 
     def correct(
-        self, anchor: int, rays: Rays, identity: NDArray[np.int64], belief: Histogram, heard: Heard,
+        self, rays: Rays, identity: NDArray[np.int64], belief: Histogram, heard: Heard,
         responsible: Array, table: DetectionTable,
     ) -> None:  # fmt: skip
         """Multiply in what was heard, softly by association, eq. (26).
@@ -95,7 +95,7 @@ class RayAmplitudes:
             said = prior * density[m]
             after += responsible[:, m, None] * said / np.maximum(said.sum(1, keepdims=True), 1e-300)
         after /= np.maximum(after.sum(1, keepdims=True), 1e-12)
-        for row, key in enumerate(self._keys(anchor, rays, identity)):
+        for row, key in enumerate(self._keys(rays, identity)):
             if rays.existence[row] * rays.surfaces[row] > 0.01:
                 self._kept[key] = after[row]
 
@@ -105,10 +105,10 @@ class RayAmplitudes:
             density = self._gap * np.exp(self.signal.log_rician(np.asarray(amplitude), self.nodes))
             self._kept[anchor, last, first] = density / density.sum()
 
-    def mean(self, anchor: int, rays: Rays, identity: NDArray[np.int64], distance: Array) -> Array:
+    def mean(self, rays: Rays, identity: NDArray[np.int64], distance: Array) -> Array:
         """Estimated amplitude of every ray, eq. (18), (L,)."""
         usual = 0.5 * self.signal.amplitude(distance)
-        keys = self._keys(anchor, rays, identity)
+        keys = self._keys(rays, identity)
         return np.array(
             [self._kept[k] @ self.nodes if k in self._kept else u for k, u in zip(keys, usual, strict=True)]
         )
@@ -119,6 +119,8 @@ class RayAmplitudes:
         self._kept = {key: value for key, value in self._kept.items() if {*key[1:]} <= living}
 
     @staticmethod
-    def _keys(anchor: int, rays: Rays, identity: NDArray[np.int64]) -> list[tuple[int, int, int]]:
+    def _keys(rays: Rays, identity: NDArray[np.int64]) -> list[tuple[int, int, int]]:
         named = np.append(identity, -1)
-        return [(anchor, int(a), int(b)) for a, b in zip(named[rays.last], named[rays.first], strict=True)]
+        return list(
+            zip(rays.anchor.tolist(), named[rays.last].tolist(), named[rays.first].tolist(), strict=True)
+        )

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.geometry import mirror, trace, wrap
-from gridslam.inference.belief import AGENT, Belief, birth_line, give_birth, slots, update
+from gridslam.geometry import line_between, mirror, trace, unit, wrap
+from gridslam.inference.belief import Belief, birth_line, give_birth, slots, update
 from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import deviations
 from gridslam.inference.particles import Cloud, at_mean
-from gridslam.inference.polylines import Polylines, draw_paths
+from gridslam.inference.rays import Rays
 from gridslam.inference.surfaces import Bank
 from gridslam.signal import REFLECTION_BINS, SignalModel
 
@@ -111,8 +111,7 @@ def propose(
         value = np.concatenate([np.nan_to_num(heard.value[rows]), np.minimum(std, 1e9)], 1)
         noise = np.random.default_rng(len(known)).standard_normal((2, SAMPLES))
         launch(
-            np.ascontiguousarray(cloud.agent[:, :SAMPLES], np.float64),
-            np.ascontiguousarray(cloud.lines[:, :, :SAMPLES], np.float64),
+            cloud.first(SAMPLES),
             noise,
             np.ascontiguousarray(value),
             known.astype(np.int32),
@@ -123,13 +122,8 @@ def propose(
     ratio = common[:, None] * level * weight * share
     row, hypothesis = np.nonzero(ratio > np.maximum(FAINT, EXPLAINED * explained[rows])[:, None])
     measurement, last, first = rows[row], known[hypothesis, 0], known[hypothesis, 1]
-    line = [_line(heard, belief, m, a, b) for m, a, b in zip(measurement, last, first, strict=True)]
     return Births(
-        measurement,
-        last,
-        first,
-        np.array(line).reshape(-1, 2),
-        ratio[row, hypothesis],
+        measurement, last, first, _lines(heard, belief, measurement, last, first), ratio[row, hypothesis]
     )
 
 
@@ -150,21 +144,30 @@ def _amplitude_factor(
     return np.asarray(factor * np.exp(-clutter)[:, None])
 
 
-def _line(heard: Heard, belief: Belief, row: int, last: int, first: int) -> Array:
-    source = mirror(belief.lines[first], heard.place) if first >= 0 else heard.place
-    after = belief.lines[last] if last >= 0 else None
-    return birth_line(belief.mean[[0, 1, 4]], heard.value[row, 0], heard.value[row, 2], source, after)
+def _lines(
+    heard: Heard, belief: Belief, rows: NDArray[np.intp], last: NDArray[np.intp], first: NDArray[np.intp]
+) -> Array:
+    """Lines of the new surfaces that would explain measurements `rows`, (B, 2)."""
+    lines = np.concatenate([belief.lines, np.zeros((1, 2))])
+    source = np.where((first >= 0)[:, None], mirror(lines[first], heard.place), heard.place)
+    image = belief.mean[:2] + heard.value[rows, :1] * unit(belief.mean[4] + heard.value[rows, 2])
+    image = np.where((last >= 0)[:, None], mirror(lines[last], image), image)
+    return line_between(source, image)
 
 
-def draw_births(births: Births, belief: Belief, place: Array) -> Polylines:
-    """The paths of all hypotheses at the mean of the belief, for casting through the grid, (B, 1)."""
+def draw_births(births: Births, belief: Belief, anchor: int) -> tuple[Rays, Cloud]:
+    """The paths of all hypotheses at the mean of the belief, to be cast through the grid."""
     count, known = len(births), len(belief.lines)
-    lines = np.concatenate([belief.lines, births.line])
     own = known + np.arange(count)
-    double = (births.last >= 0) | (births.first >= 0)
-    cloud = at_mean(replace(belief, mean=np.concatenate([belief.mean[:AGENT], lines.ravel()])))
-    last, first = np.where(births.last >= 0, births.last, own), np.where(births.first >= 0, births.first, own)
-    return draw_paths(np.where(double, 2, 1), last, first, cloud, place)
+    rays = Rays(
+        np.full(count, anchor),
+        np.where((births.last >= 0) | (births.first >= 0), 2, 1),
+        np.where(births.last >= 0, births.last, own),
+        np.where(births.first >= 0, births.first, own),
+        births.ratio,
+        births.ratio,
+    )
+    return rays, at_mean(replace(belief, mean=np.concatenate([belief.mean, births.line.ravel()])))
 
 
 def bear(births: Births, number: int, heard: Heard, belief: Belief, signal: SignalModel) -> Belief:

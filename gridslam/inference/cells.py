@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.inference.particles import Cloud
 from gridslam.inference.polylines import Polylines
+from gridslam.inference.rays import Rays
 from gridslam.kernels import CELL_SLABS
 from gridslam.signal import REFLECTION_BINS
 
@@ -44,8 +46,7 @@ class Cells:
         centre = self.origin + cell * (np.stack([x, y], -1) + 0.5)
         gap = np.linalg.norm(centre[:, :, None] - anchors, axis=-1).min(-1)
         self._clear = gap < CLEAR_ANCHOR_M
-        self._crossed = np.zeros((CELL_SLABS, *shape), np.float32)
-        self._met = np.zeros((CELL_SLABS, 2, *shape), np.float32)
+        self._scratch = np.zeros((CELL_SLABS, 3, *shape), np.float32)
         self._touched = np.zeros((CELL_SLABS, shape[0] * shape[1] + 1, 2), np.int32)
         self._message = np.zeros((CELL_SLABS, *shape))
         self._frame = np.array([*self.origin, cell, OUTSIDE, EVIDENCE_CLIP])
@@ -74,44 +75,47 @@ class Cells:
         """Occupancy probability of a cell in the role of being hit, inside V."""
         return np.where(self._clear, 1e-6, np.clip(1 / (1 + np.exp(-self.evidence)), 1e-3, 0.99))
 
-    def validity(self, lines: Polylines) -> Array:
-        """V of every path, eq. (1): mean over the sampled states at which it is possible, (L,)."""
-        through = self._cast(lines, np.zeros((len(lines.bounces), 2)))
-        return (through * lines.valid).sum(1) / np.maximum(lines.valid.sum(1), 1.0)
+    def see(self, rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:
+        """Draw rays at all states of a cloud, and cast them: V of every path, eq. (1)."""
+        return self._cast(rays, cloud, anchors, np.zeros((len(rays), 2)), 0.0)
 
-    def tell(self, lines: Polylines, worth: Array) -> None:
-        """Add the messages of all paths to their cells, eqs. (43)-(45); `absorb` folds them in.
+    def tell(
+        self, rays: Rays, cloud: Cloud, anchors: Array, worth: Array, send: NDArray[np.bool_], least: float
+    ) -> Polylines:
+        """Add the messages of paths to their cells, eqs. (43)-(45); `absorb` folds them in.
 
         Parameters
         ----------
         worth : (L,)
             A of each path: what it is worth if it is not blocked.
+        send : (L,)
+            Which paths tell anything.
+        least : float
+            Share of the states at which a path must be possible to tell anything.
         """
-        self._cast(lines, np.stack([worth, np.ones(len(worth))], -1))
+        return self._cast(rays, cloud, anchors, np.stack([worth, send.astype(np.float64)], -1), least)
 
-    def _cast(self, lines: Polylines, factor: Array) -> Array:
-        """Cast rays; return V of every ray (L, R), and add messages where ``factor[:, 1]`` is set."""
+    def _cast(self, rays: Rays, cloud: Cloud, anchors: Array, factor: Array, least: float) -> Polylines:
         runtime.start()
         from gridslam.kernels.cells import cast
 
-        paths, rays = lines.valid.shape
-        validity = np.zeros(paths * rays)
-        if paths:
+        rays.check(cloud.surfaces, len(anchors))
+        state = cloud.first(cloud.state.shape[1])
+        drawn = np.zeros((len(rays), state.shape[1], 14))
+        if len(rays):
             cast(
-                np.ascontiguousarray(lines.corners.reshape(-1, 4, 2), dtype=np.float64),
-                np.ascontiguousarray(lines.normals.reshape(-1, 2, 2), dtype=np.float64),
-                np.ascontiguousarray(lines.bounces, dtype=np.int32),
+                state,
+                rays.table,
+                anchors,
                 np.ascontiguousarray(factor, dtype=np.float64),
                 self.occupied(),
-                self._frame,
-                validity,
-                self._crossed,
-                self._met,
+                np.append(self._frame, least),
+                drawn.reshape(-1, 14),
+                self._scratch,
                 self._touched,
                 self._message,
-                rays,
             )
-        return validity.reshape(paths, rays)
+        return Polylines(rays.bounces, drawn)
 
     def absorb(self) -> None:
         """Fold the messages of all paths and anchors into the beliefs, eq. (46)."""

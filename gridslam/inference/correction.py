@@ -41,7 +41,7 @@ def correct(
     runtime.start()
     from gridslam.kernels.gaussian import correct as launch
 
-    rays.check(len(belief.lines))
+    rays.check(len(belief.lines), heard.anchor + 1)
     weight = (beta * nu).sum(1)
     missed = np.maximum(1 - chance * detection, 1e-9)
     total = weight / (weight + missed)
@@ -52,7 +52,7 @@ def correct(
         return belief, responsible
     mean, covariance = belief.mean.copy(), np.ascontiguousarray(belief.covariance).copy()
     start = np.searchsorted(pairs.path, np.arange(len(rays) + 1))
-    table = np.concatenate([rays.table, start[:-1, None], start[1:, None]], 1)[order].astype(np.int32)
+    table = np.column_stack([rays.table[:, :3], start[:-1], start[1:]])[order].astype(np.int32)
     heard_of = np.zeros((len(pairs), 8))
     heard_of[:, :3] = np.nan_to_num(heard.value[pairs.measurement])
     heard_of[:, 3:6] = pairs.variance

@@ -95,34 +95,31 @@ def evaluate(
     runtime.start()
     from gridslam.kernels.paths import evaluate as launch
 
-    count, particles = len(rays), cloud.agent.shape[1]
-    if particles % PATH_BLOCK or cloud.agent.dtype != np.float32 or cloud.lines.dtype != np.float32:
-        raise ValueError(f"cloud of {particles} {cloud.agent.dtype}: whole blocks of float32 are needed")
-    rays.check(cloud.lines.shape[1])
+    count, (rows, particles) = len(rays), cloud.state.shape
+    if particles % PATH_BLOCK or cloud.state.dtype != np.float32:
+        raise ValueError(f"cloud of {particles} {cloud.state.dtype}: whole blocks of float32 are needed")
+    rays.check(rows // 3 - 1, heard.anchor + 1)
     total = cloud.kept * predicted.spread[pairs.path] + pairs.variance[:, None, :] * np.eye(3)
     inverse = np.linalg.inv(total)
     value = np.nan_to_num(heard.value[pairs.measurement])
-    table = np.zeros((len(pairs), 11), np.float32)
-    table[:, :3] = value
-    table[:, 3:6] = np.diagonal(inverse, axis1=1, axis2=2)
-    table[:, 6], table[:, 7], table[:, 8] = inverse[:, 0, 1], inverse[:, 0, 2], inverse[:, 1, 2]
+    table = np.zeros((max(len(pairs), 1), 11), np.float32)
+    some = table[: len(pairs)]
+    some[:, :3] = value
+    some[:, 3:6] = np.diagonal(inverse, axis1=1, axis2=2)
+    some[:, 6], some[:, 7], some[:, 8] = inverse[:, 0, 1], inverse[:, 0, 2], inverse[:, 1, 2]
     reach = np.minimum(GATE * np.sqrt(total[:, 0, 0]), 1e5)
-    table[:, 9], table[:, 10] = np.maximum(value[:, 0] - reach, -1e5), value[:, 0] + reach
-    blocks = particles // PATH_BLOCK
-    weight = np.zeros((max(len(pairs), 1), blocks), np.float32)
-    valid = np.zeros((count, blocks), np.float32)
+    some[:, 9], some[:, 10] = np.maximum(value[:, 0] - reach, -1e5), value[:, 0] + reach
+    start = np.searchsorted(pairs.path, np.arange(count + 1))
+    out = np.zeros((count + len(pairs), particles // PATH_BLOCK), np.float32)
     launch(
-        cloud.agent,
-        cloud.lines,
-        rays.table,
-        np.searchsorted(pairs.path, np.arange(count + 1)).astype(np.int32),
-        table if len(pairs) else np.zeros((1, 11), np.float32),
+        cloud.state,
+        np.column_stack([rays.table[:, :3], start[:-1], start[1:]]).astype(np.int32),
+        table,
         np.array([*heard.place, heard.facing], np.float32),
-        weight,
-        valid,
+        out,
     )
+    mean = out.sum(1, dtype=np.float64) / particles
     ratio = np.zeros((count, len(heard)))
-    mean = weight[: len(pairs)].sum(1, dtype=np.float64) / particles
     scale = np.sqrt(np.linalg.det(2 * np.pi * total))
-    ratio[pairs.path, pairs.measurement] = pairs.density * mean / scale
-    return ratio, valid.sum(1, dtype=np.float64) / particles
+    ratio[pairs.path, pairs.measurement] = pairs.density * mean[count:] / scale
+    return ratio, mean[:count]

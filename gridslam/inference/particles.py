@@ -27,17 +27,23 @@ class Cloud:
 
     Attributes
     ----------
-    agent : (3, P) float32 or float64
-        x, y (m), heading (rad).
-    lines : (3, max(S, 1), P)
-        Unit normal and offset (m) of every surface.
+    state : (3 + 3 S, P) float32 or float64
+        x, y (m) and heading (rad); then unit normal and offset (m) of every surface.
     kept : float
         h^2, share of the covariance that each particle keeps to itself.
     """
 
-    agent: NDArray[np.floating]
-    lines: NDArray[np.floating]
+    state: NDArray[np.floating]
     kept: float
+
+    @property
+    def surfaces(self) -> int:
+        """Number of surfaces S."""
+        return len(self.state) // 3 - 1
+
+    def first(self, count: int) -> Array:
+        """The first states in double precision, (3 + 3 S, count)."""
+        return np.ascontiguousarray(self.state[:, :count], np.float64)
 
 
 def root_of(covariance: Array) -> Array:
@@ -50,11 +56,11 @@ def cloud_of(belief: Belief, deviation: NDArray[np.floating], kept: float) -> Cl
     """States ``mean + deviation`` (N, P) as a cloud of the deviations' precision."""
     kind = deviation.dtype
     states = deviation + belief.mean.astype(kind)[:, None]
-    agent = np.ascontiguousarray(states[[0, 1, 4]])
-    if len(states) == AGENT:
-        return Cloud(agent, np.zeros((3, 1, states.shape[1]), kind), kept)
-    angle, offset = states[AGENT::2], states[AGENT + 1 :: 2]
-    return Cloud(agent, np.stack([np.cos(angle), np.sin(angle), offset]), kept)
+    state = np.empty((3 + 3 * len(belief.lines), states.shape[1]), kind)
+    state[:2], state[2] = states[:2], states[4]
+    angle = states[AGENT::2]
+    state[3::3], state[4::3], state[5::3] = np.cos(angle), np.sin(angle), states[AGENT + 1 :: 2]
+    return Cloud(state, kept)
 
 
 def at_mean(belief: Belief) -> Cloud:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.inference.particles import Cloud
+from gridslam.inference.rays import Rays
 
 Array = NDArray[np.float64]
 
@@ -20,22 +21,27 @@ class Polylines:
     Attributes
     ----------
     bounces : (L,) int
-    corners : (L, R, 4, 2) m
-        Anchor, interaction points, agent; the agent repeats where there are fewer bounces.
-    normals : (L, R, 2, 2)
-        Of the surfaces hit first and last.
-    valid : (L, R)
-        1 where the path is possible; else it is drawn as a point at the anchor.
+    drawn : (L, R, 13 or 14)
+        Corners (8), normals (4) and possibility as the kernel leaves them; then V, if they were cast.
     """
 
     bounces: NDArray[np.intp]
-    corners: Array
-    normals: Array
-    valid: Array
+    drawn: Array
 
-    def take(self, rows: NDArray[np.intp]) -> Polylines:
-        """Some of the paths."""
-        return Polylines(self.bounces[rows], self.corners[rows], self.normals[rows], self.valid[rows])
+    @property
+    def corners(self) -> Array:
+        """Anchor, interaction points, agent, which repeats where there are fewer bounces, (L, R, 4, 2) m."""
+        return self.drawn[..., :8].reshape(*self.drawn.shape[:2], 4, 2)
+
+    @property
+    def valid(self) -> Array:
+        """1 where the path is possible; else it is drawn as a point at the anchor, (L, R)."""
+        return self.drawn[..., 12]
+
+    @property
+    def validity(self) -> Array:
+        """V of every path, paper 003 eq. (1): mean over the states at which it is possible, (L,)."""
+        return (self.drawn[..., 13] * self.valid).sum(1) / np.maximum(self.valid.sum(1), 1.0)
 
     @property
     def last_points(self) -> Array:
@@ -49,26 +55,14 @@ class Polylines:
         return self.corners[:, :, 1]
 
 
-def draw_paths(
-    bounces: NDArray[np.intp], last: NDArray[np.intp], first: NDArray[np.intp], cloud: Cloud, place: Array
-) -> Polylines:
-    """Draw paths over surfaces `last`, `first` (L,) from the anchor at `place` to all states of a cloud."""
+def draw_paths(rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:
+    """Draw rays from anchors (J, 3: x, y, orientation) to all states of a cloud."""
     runtime.start()
     from gridslam.kernels.paths import polylines
 
-    count, states = len(bounces), cloud.agent.shape[1]
-    corners, normals = np.zeros((count, states, 4, 2)), np.zeros((count, states, 2, 2))
-    valid = np.zeros((count, states))
-    if count:
-        if cloud.lines.shape[1] <= max(int(last.max()), int(first.max())):
-            raise ValueError("a path names a surface that the cloud doesn't hold")
-        polylines(
-            np.ascontiguousarray(cloud.agent[:2], np.float64),
-            np.ascontiguousarray(cloud.lines, np.float64),
-            np.ascontiguousarray(np.stack([bounces, last, first], -1), np.int32),
-            np.asarray(place, np.float64),
-            corners,
-            normals,
-            valid,
-        )
-    return Polylines(bounces, corners, normals, valid)
+    rays.check(cloud.surfaces, len(anchors))
+    state = cloud.first(cloud.state.shape[1])
+    drawn = np.zeros((len(rays), state.shape[1], 13))
+    if len(rays):
+        polylines(state, rays.table, anchors, drawn.reshape(-1, 13))
+    return Polylines(rays.bounces, drawn)

@@ -30,15 +30,15 @@ class Prediction:
     spread: Array
 
 
-def predict_paths(rays: Rays, belief: Belief, place: Array, facing: float) -> Prediction:
-    """Predict all rays of an anchor at `place` (2,) that faces `facing` (rad)."""
+def predict_paths(rays: Rays, belief: Belief, anchors: Array) -> Prediction:
+    """Predict all rays; anchors (J, 3) are x, y (m) and orientation (rad)."""
     runtime.start()
     from gridslam.kernels.gaussian import predict
 
-    rays.check(len(belief.lines))
+    rays.check(len(belief.lines), len(anchors))
     out = np.zeros((len(rays), 12))
     if len(rays):
         mean = np.ascontiguousarray(belief.mean)
         covariance = np.ascontiguousarray(belief.covariance)
-        predict(mean, covariance, rays.table, np.array([*place, facing]), out)
+        predict(mean, covariance, rays.table, anchors, out)
     return Prediction(out[:, :3], out[:, 3:].reshape(-1, 3, 3))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -20,6 +21,7 @@ class Rays:
 
     Attributes
     ----------
+    anchor : (L,) int
     bounces, last, first : (L,) int
         Number of bounces; surfaces hit last and first (-1 for none).
     existence : (L,) float64
@@ -28,6 +30,7 @@ class Rays:
         Product of the existences of the surfaces involved.
     """
 
+    anchor: NDArray[np.intp]
     bounces: NDArray[np.intp]
     last: NDArray[np.intp]
     first: NDArray[np.intp]
@@ -39,13 +42,23 @@ class Rays:
 
     @property
     def table(self) -> NDArray[np.int32]:
-        """Bounces, last and first surface of every ray, as kernels take them, (L, 3)."""
-        return np.stack([self.bounces, self.last, self.first], -1).astype(np.int32)
+        """Bounces, last and first surface, and anchor of every ray, as kernels take them, (L, 4)."""
+        table = np.empty((len(self), 4), np.int32)
+        table[:, 0], table[:, 1], table[:, 2] = self.bounces, self.last, self.first
+        table[:, 3] = self.anchor
+        return table
 
-    def check(self, surfaces: int) -> None:
-        """Refuse rays that name a surface which isn't there: a kernel would read past its arrays."""
+    def check(self, surfaces: int, anchors: int) -> None:
+        """Refuse rays of a surface or anchor that isn't there: a kernel would read past its arrays."""
         if max(self.last.max(initial=-1), self.first.max(initial=-1)) >= surfaces:
             raise ValueError("a ray names a surface that doesn't exist")
+        if self.anchor.max(initial=0) >= anchors:
+            raise ValueError("a ray names an anchor that doesn't exist")
+
+    @classmethod
+    def stack(cls, tables: Sequence[Rays]) -> Rays:
+        """Join the rays of several anchors."""
+        return cls(*(np.concatenate([getattr(t, f.name) for t in tables]) for f in fields(cls)))
 
     def take(self, rows: NDArray[np.intp]) -> Rays:
         """Some of the rays."""
@@ -71,6 +84,7 @@ def rays_of(bank: Bank, sight: Array, anchor: int, most_bounces: int, now: bool 
         memory = settled + (memory - settled) * (P_STAY - P_APPEAR)
     product = np.concatenate([[1.0], bank.existence[own], bank.existence[last] * bank.existence[first]])
     return Rays(
+        np.full(len(bounces), anchor),
         bounces,
         np.concatenate([[-1], own, last]).astype(np.intp),
         np.concatenate([[-1], own, first]).astype(np.intp),

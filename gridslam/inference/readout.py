@@ -30,38 +30,31 @@ def surface_estimate(belief: Belief, bank: Bank) -> SurfaceEstimate:
 
 
 def path_estimate(
-    belief: Belief, bank: Bank, sight: Array, places: Array, facings: Array, most_bounces: int,
-    strength: Callable[[int, Rays, Array], Array],
+    belief: Belief, bank: Bank, sight: Array, anchors: Array, most_bounces: int,
+    strength: Callable[[Rays, Array], Array],
 ) -> PathEstimate:  # fmt: skip
     """Table of the paths believed in, over the surfaces as they stand.
 
     Parameters
     ----------
     strength : callable
-        Amplitudes (L,) of an anchor's rays of given distances (L,).
+        Amplitudes (L,) of rays of given distances (L,).
     """
-    tables, here = [], at_mean(belief)
+    rays = Rays.stack([rays_of(bank, sight, j, most_bounces, now=True) for j in range(len(anchors))])
+    rays = rays.take(np.flatnonzero(rays.existence * rays.surfaces > 0.5))
+    drawn = draw_paths(rays, at_mean(belief), anchors)
+    good = np.flatnonzero(drawn.valid[:, 0])
+    rays, points = rays.take(good), drawn.corners[good, 0]
+    points[rays.bounces < 2, 2], points[rays.bounces < 1, 1] = np.nan, np.nan
+    value = predict_paths(rays, belief, anchors).value
     identity = np.append(bank.identity, -1)
-    for anchor in range(len(places)):
-        rays = rays_of(bank, sight, anchor, most_bounces, now=True)
-        chance = rays.existence * rays.surfaces
-        rows = np.flatnonzero(chance > 0.5)
-        drawn = draw_paths(rays.bounces[rows], rays.last[rows], rays.first[rows], here, places[anchor])
-        good = drawn.valid[:, 0] > 0
-        rows, points = rows[good], drawn.corners[good, 0]
-        rays = rays.take(rows)
-        value = predict_paths(rays, belief, places[anchor], float(facings[anchor])).value
-        points[rays.bounces < 2, 2], points[rays.bounces < 1, 1] = np.nan, np.nan
-        tables.append(
-            PathEstimate(
-                np.full(len(rows), anchor),
-                np.stack([identity[rays.last], identity[rays.first]], -1),
-                value[:, 0],
-                value[:, 1],
-                value[:, 2],
-                strength(anchor, rays, value[:, 0]),
-                chance[rows],
-                points,
-            )
-        )
-    return PathEstimate.stack(tables)
+    return PathEstimate(
+        rays.anchor,
+        np.stack([identity[rays.last], identity[rays.first]], -1),
+        value[:, 0],
+        value[:, 1],
+        value[:, 2],
+        strength(rays, value[:, 0]),
+        rays.existence * rays.surfaces,
+        points,
+    )

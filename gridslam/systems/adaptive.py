@@ -49,16 +49,14 @@ class AdaptiveSlam(SurfaceSlam):
         """Messages of one anchor, in the order of the paper's section V."""
         # prediction of paths and amplitudes, eqs. (13), (14)
         rays = rays_of(self.bank, self.sight, heard.anchor, self.most_bounces)
-        predicted = predict_paths(rays, self.belief, heard.place, heard.facing)
+        predicted = predict_paths(rays, self.belief, self.anchors)
         distance = predicted.value[:, 0]
-        amplitudes = self.amplitudes.predict(heard.anchor, rays, self.bank.identity, distance)
+        amplitudes = self.amplitudes.predict(rays, self.bank.identity, distance)
         # measurement evaluation, births, data association, updates of agent, surfaces and rays
         said = self._exchange(heard, rays, predicted, amplitudes, np.ones(len(rays)))
         # amplitudes, eq. (26); what was seen; new surfaces
-        self.amplitudes.correct(
-            heard.anchor, rays, self.bank.identity, amplitudes, heard, said.responsible, self.detected
-        )
-        drawn = draw_paths(rays.bounces, rays.last, rays.first, at_mean(self.belief), heard.place)
+        self.amplitudes.correct(rays, self.bank.identity, amplitudes, heard, said.responsible, self.detected)
+        drawn = draw_paths(rays, at_mean(self.belief), self.anchors)
         surfaces.mark(self.bank, self.belief, rays, drawn, said.responsible.sum(1) * drawn.valid[:, 0])
         self._learn_from_births(heard, said)
 
@@ -72,6 +70,6 @@ class AdaptiveSlam(SurfaceSlam):
         for measurement, last, first in self._bear(heard, said.births, said.claimed):
             self.amplitudes.start(heard.anchor, last, first, float(heard.amplitude[measurement]))
 
-    def _strength(self, anchor: int, rays: Rays, distance: Array) -> Array:
+    def _strength(self, rays: Rays, distance: Array) -> Array:
         """Amplitudes of the rays' own states, eq. (18)."""
-        return self.amplitudes.mean(anchor, rays, self.bank.identity, distance)
+        return self.amplitudes.mean(rays, self.bank.identity, distance)

@@ -14,7 +14,6 @@ from gridslam.inference.cells import Cells
 from gridslam.inference.heard import Heard
 from gridslam.inference.materials import coefficient_factors, learn_reflection, reflected
 from gridslam.inference.particles import sample
-from gridslam.inference.polylines import draw_paths
 from gridslam.inference.prediction import predict_paths
 from gridslam.inference.rays import Rays, rays_of
 from gridslam.map import Map
@@ -58,14 +57,13 @@ class GridSlam(SurfaceSlam):
         """Messages of one anchor, in the paper's order (section IV; model.md, sections 2.1 to 2.6)."""
         # prediction: paths, their validity in the grid, eq. (1), and amplitudes, eq. (2)
         rays = rays_of(self.bank, self.sight, heard.anchor, self.most_bounces)
-        predicted = predict_paths(rays, self.belief, heard.place, heard.facing)
+        predicted = predict_paths(rays, self.belief, self.anchors)
         few = sample(self.belief, RAYS, self._stream(heard.anchor, 0))
-        drawn = draw_paths(rays.bounces, rays.last, rays.first, few, heard.place)
-        validity = self.cells.validity(drawn)
+        drawn = self.cells.see(rays, few, self.anchors)
         at_last, at_first = (self.cells.coefficient_at(p) for p in (drawn.last_points, drawn.first_points))
         amplitudes = reflected(rays, self.bank, at_last, at_first, self.signal)
         # measurement evaluation, births, data association, updates of agent, surfaces and rays
-        said = self._exchange(heard, rays, predicted, amplitudes, validity)
+        said = self._exchange(heard, rays, predicted, amplitudes, drawn.validity)
         # coefficients, cells, new surfaces
         self._learn_materials(heard, rays, predicted.value[:, 0], said)
         self._tell_cells(heard, rays, predicted.value[:, 0], said)
@@ -73,7 +71,8 @@ class GridSlam(SurfaceSlam):
 
     def _reachable(self, heard: Heard, births: Births) -> Births:
         """Births weighed by the validity of their paths in the grid."""
-        return births.weighed(self.cells.validity(draw_births(births, self.belief, heard.place)))
+        rays, cloud = draw_births(births, self.belief, heard.anchor)
+        return births.weighed(self.cells.see(rays, cloud, self.anchors).validity)
 
     def _tidy(self) -> None:
         """Fold the anchors' messages into the cells; then merge and drop surfaces."""
@@ -90,10 +89,9 @@ class GridSlam(SurfaceSlam):
         """Messages to the cells that each path crosses or meets, eqs. (43) to (45), and to coefficients."""
         belief, share = rays.surfaces * rays.existence, said.responsible.sum(1)
         few = sample(self.belief, RAYS, self._stream(heard.anchor, 1))
-        drawn = draw_paths(rays.bounces, rays.last, rays.first, few, heard.place)
-        send = (drawn.valid.mean(1) > MOSTLY_POSSIBLE) & (belief > 0.1)
-        rows = np.flatnonzero(send)
-        self.cells.tell(drawn.take(rows), belief[rows] * said.worth[rows] + 1 - belief[rows])
+        worth, send = belief * said.worth + 1 - belief, belief > 0.1
+        drawn = self.cells.tell(rays, few, self.anchors, worth, send, MOSTLY_POSSIBLE)
+        send &= drawn.valid.mean(1) > MOSTLY_POSSIBLE
         surfaces.mark(self.bank, self.belief, rays, drawn, share * send)
         # a window isn't the wall around it (model.md, section 2.5)
         usual = np.append(self.bank.reflection @ REFLECTION_BINS, 1.0)

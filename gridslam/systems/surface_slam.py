@@ -84,6 +84,7 @@ class SurfaceSlam:
         self.agent, self.settings = body.name, scene.filter
         self.signal = scene.signal_model(body.name)
         self.places, self.facings = scene.anchor_positions, scene.anchor_orientations
+        self.anchors = np.column_stack([self.places, self.facings])
         half = np.array(
             [body.prior.position_m] * 2 + [body.prior.velocity_mps] * 2 + [np.radians(body.prior.heading_deg)]
         )
@@ -281,7 +282,7 @@ class SurfaceSlam:
             self.next_identity += 1
         self.bank.single[:] = surfaces.FRESH_SINGLE
 
-    def _strength(self, anchor: int, rays: Rays, distance: Array) -> Array:
+    def _strength(self, rays: Rays, distance: Array) -> Array:
         """Believed amplitudes of rays, by the coefficients of their surfaces (paper 003, eq. (2)), (L,)."""
         coefficient = np.append(self.bank.reflection @ REFLECTION_BINS, 1.0)
         other = np.where(rays.bounces == 2, coefficient[rays.first], 1.0)
@@ -291,8 +292,7 @@ class SurfaceSlam:
         """MMSE estimates of agent and surfaces, and the paths believed in."""
         table, mean = surface_estimate(self.belief, self.bank), self.belief.mean
         paths = path_estimate(
-            self.belief, self.bank, self.sight, self.places, self.facings, self.most_bounces,
-            self._strength,
+            self.belief, self.bank, self.sight, self.anchors, self.most_bounces, self._strength,
         )  # fmt: skip
         return Estimate(
             scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[4])),

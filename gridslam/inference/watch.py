@@ -1,0 +1,207 @@
+"""What a filter learns of its radio and of itself: clutter level, SNR, and whether what is heard fits.
+
+Sums with forgetting over some ten steps stand for a window. Nothing here needs the truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from gridslam.estimates import Health
+from gridslam.inference.evaluation import Pairs
+from gridslam.inference.heard import Heard
+from gridslam.inference.prediction import Prediction
+from gridslam.inference.rays import Rays
+from gridslam.inference.relocation import loud
+from gridslam.signal import SignalModel
+
+Array = NDArray[np.float64]
+KEEP, KEEP_GAIN = 0.9, 0.99
+"""Share of what was learned that is kept per step."""
+TRUST = 3.0
+"""Steps of listening that the scene's own clutter level is worth."""
+LEAST_CLUTTER, MOST_CLUTTER = 0.2, 20.0
+"""Bounds of the clutter level, as shares of the scene's."""
+SURPRISE = 4.0
+"""Standard deviations above its level by which clutter breaks with its past."""
+QUIET = np.log(20.0)
+"""Squared amplitude above the squared threshold that one in twenty clutter measurements exceeds."""
+GAIN_STD, LEAST_GAIN, MOST_GAIN = 0.3, 0.5, 2.0
+"""Prior of the ratio of true to told amplitude, and its bounds."""
+SURE = 0.9
+"""Probability from which an association counts as sure."""
+WORST = 30.0
+"""Normalised innovation squared at which one path's is cut off."""
+SILENT, LOST, MISFIT, LOUD_CLUTTER, FEW, VAGUE_M = 5, 0.5, 1.7, 3.0, 10.0, 1.0
+"""When something is amiss: steps of silence; share of the usual explained; ratio of innovations to what is
+expected; of clutter; effective particles; position's standard deviation."""
+AFRESH = 5
+"""Steps for which a new start is told of."""
+
+
+@dataclass
+class Watch:
+    """State of what is watched, as arrays, so that it can be kept in a checkpoint.
+
+    Attributes
+    ----------
+    clutter, listened : (J,)
+        Clutter heard, and steps listened to, with forgetting.
+    misfit, freedom : (1,)
+        Normalised innovations squared of sure associations, and their degrees of freedom.
+    explained, loud : (1,)
+        Measurements too loud for clutter that known paths explain, and all such.
+    usual : (1,)
+        Share of them that is explained in the long run.
+    pull, weight : (1,)
+        Sums from which the ratio of true to told amplitude follows.
+    silent, since : (1,)
+        Steps of silence so far; steps since the agent was found again.
+    """
+
+    clutter: Array
+    listened: Array
+    misfit: Array
+    freedom: Array
+    explained: Array
+    loud: Array
+    usual: Array
+    pull: Array
+    weight: Array
+    silent: Array
+    since: Array
+
+    @classmethod
+    def start(cls, anchors: int) -> Watch:
+        """Nothing heard yet."""
+        state = {f.name: np.zeros(anchors if f.name in ("clutter", "listened") else 1) for f in fields(cls)}
+        state["pull"] += GAIN_STD**-2
+        state["weight"] += GAIN_STD**-2
+        state["since"] += 1e6
+        return cls(**state)
+
+    def begin(self, scan_size: int) -> None:
+        """A new step, at which `scan_size` measurements were heard."""
+        for name in ("misfit", "freedom", "explained", "loud"):
+            getattr(self, name)[:] *= KEEP
+        prior = GAIN_STD**-2
+        self.pull[:] = prior + KEEP_GAIN * (self.pull - prior)
+        self.weight[:] = prior + KEEP_GAIN * (self.weight - prior)
+        self.silent[:] = 0 if scan_size else self.silent + 1
+        self.since += 1
+        self._effective = np.inf
+
+    @property
+    def gain(self) -> float:
+        """Ratio of true to told amplitude."""
+        return float(np.clip(self.pull[0] / self.weight[0], LEAST_GAIN, MOST_GAIN))
+
+    def level(self, anchor: int, told: float) -> float:
+        """Mean clutter per step of an anchor: a Gamma-Poisson estimate about the level that was told."""
+        mean = (TRUST * told + self.clutter[anchor]) / (TRUST + self.listened[anchor])
+        return float(np.clip(mean, LEAST_CLUTTER * told, MOST_CLUTTER * told))
+
+    def tuned(self, told: SignalModel, anchor: int) -> SignalModel:
+        """The radio's numbers as they seem to be."""
+        return replace(
+            told,
+            amplitude_at_1m=told.amplitude_at_1m * self.gain,
+            false_alarms=self.level(anchor, told.false_alarms),
+        )
+
+    def listen(self, heard: Heard, near: NDArray[np.bool_], told: SignalModel) -> None:
+        """Count the clutter of an anchor's scan before its association.
+
+        Parameters
+        ----------
+        near : (M,)
+            Measurements that some path could have caused.
+        """
+        quiet = _quiet(heard, told) & ~near
+        share = np.where(np.isnan(heard.amplitude), 1.0, 1 / (1 - np.exp(-QUIET)))
+        count, anchor = float(share[quiet].sum()), heard.anchor
+        usual = self.level(anchor, told.false_alarms)
+        # a level that jumps is learned afresh, or a burst would be over before it is believed
+        keep = KEEP if abs(count - usual) < SURPRISE * np.sqrt(usual + 1) else 0.3 * KEEP
+        self.clutter[anchor] = keep * self.clutter[anchor] + count
+        self.listened[anchor] = keep * self.listened[anchor] + 1
+
+    def judge(
+        self, heard: Heard, rays: Rays, predicted: Prediction, pairs: Pairs, responsible: Array,
+        effective: Array, told: SignalModel,
+    ) -> None:  # fmt: skip
+        """Take in how an anchor's measurements fitted.
+
+        Parameters
+        ----------
+        responsible : (L, M)
+            Probability that the path caused the measurement.
+        effective : (K,)
+            Effective number of particles behind each pair.
+        """
+        strong = loud(heard, told)
+        self.loud += strong.sum()
+        self.explained += np.minimum(responsible.sum(0), 1.0)[strong].sum()
+        sure = np.flatnonzero(responsible[pairs.path, pairs.measurement] > SURE)
+        if not len(sure):
+            return
+        path, measurement = pairs.path[sure], pairs.measurement[sure]
+        gap = heard.value[measurement] - predicted.value[path]
+        gap[:, 1:] = np.remainder(gap[:, 1:] + np.pi, 2 * np.pi) - np.pi
+        known = ~np.isnan(gap)
+        spread = predicted.spread[path] + pairs.variance[sure, :, None] * np.eye(3)
+        solved = np.linalg.solve(spread, np.nan_to_num(gap)[..., None])[..., 0]
+        self.misfit += np.minimum((np.nan_to_num(gap) * solved).sum(1), WORST).sum()
+        self.freedom += known.sum()
+        self._effective = min(self._effective, float(effective[sure].min()))
+        direct = (rays.bounces[path] == 0) & ~np.isnan(heard.amplitude[measurement])
+        for row in np.flatnonzero(direct & known[:, 0]):
+            level = told.amplitude(heard.value[measurement[row], 0])
+            scale = told.amplitude_std(level)
+            measured = np.sqrt(max(heard.amplitude[measurement[row]] ** 2 - scale**2, 0.0))
+            if measured > 2 * told.threshold:  # fainter ones are biased by the threshold
+                self.pull += level * measured / scale**2
+                self.weight += (level / scale) ** 2
+
+    def health(self, told: SignalModel, spread_m: float) -> Health:
+        """Say how things are; `spread_m` is the position's standard deviation."""
+        share = float((self.explained + 1) / (self.loud + 1))[0] if False else float(
+            (self.explained[0] + 1) / (self.loud[0] + 1)
+        )
+        freedom = float(self.freedom[0])
+        ratio = float(self.misfit[0]) / freedom if freedom > 0 else 1.0
+        low, high = (float(x) for x in chi2.ppf([0.001, 0.999], max(freedom, 1.0)) / max(freedom, 1.0))
+        heard = np.array([self.level(j, told.false_alarms) for j in range(len(self.clutter))])
+        reasons = []
+        if self.silent[0] >= SILENT:
+            reasons.append(f"nothing heard for {int(self.silent[0])} steps")
+        if spread_m > VAGUE_M:
+            reasons.append(f"position known to {spread_m:.1f} m alone")
+        if self.since[0] < AFRESH:
+            reasons.append(f"agent found again {int(self.since[0])} steps ago")
+        if self.usual[0] > 0 and share < LOST * self.usual[0]:
+            reasons.append(f"{share:.0%} of the loud measurements explained, usually {self.usual[0]:.0%}")
+        if ratio > max(high, MISFIT):
+            reasons.append(f"innovations {ratio:.1f} times as large as they should be")
+        worst = heard[np.abs(np.log(heard / told.false_alarms)).argmax()] / told.false_alarms
+        if worst > LOUD_CLUTTER:
+            reasons.append(f"clutter {worst:.1f} times what the scene says")
+        if self._effective < FEW:
+            reasons.append(f"{self._effective:.0f} particles carry the weight")
+        if not self.silent[0]:
+            rate = 0.02 if self.usual[0] > 0 else 1.0
+            self.usual += rate * (share - self.usual)
+        return Health(
+            not reasons, "; ".join(reasons), self._effective, ratio, (low, high), share, heard,
+            self.gain, int(self.silent[0]),
+        )  # fmt: skip
+
+
+def _quiet(heard: Heard, signal: SignalModel) -> NDArray[np.bool_]:
+    """Measurements (M,) as quiet as all but one in twenty of clutter."""
+    excess = np.nan_to_num(heard.amplitude, nan=signal.threshold) ** 2 - signal.threshold**2
+    return np.asarray(excess < QUIET)

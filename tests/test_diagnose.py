@@ -1,0 +1,165 @@
+"""`check` on measurements: the usual errors are named, and clean tables raise no alarm."""
+
+import numpy as np
+import pytest
+
+from gridslam.diagnose import describe, suspicions
+from gridslam.errors import InputError
+from gridslam.geometry import wrap
+from gridslam.measurements import Measurements
+from gridslam.scene import Scene
+from gridslam.sight import explain, turning_rad
+from gridslam.signal import SPEED_OF_LIGHT
+from gridslam.simulate import simulate
+
+SCENES = {name: Scene.load(name) for name in ("room", "alcove")}
+
+
+@pytest.fixture(scope="module")
+def heard():
+    return {
+        (name, seed): simulate(scene, "agent1", seed) for name, scene in SCENES.items() for seed in (1, 2)
+    }
+
+
+def columns(table):
+    names = ("step", "time_s", "anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
+    return {name: np.array(getattr(table, name)) for name in names}
+
+
+def kinds(table, names, scene):
+    return [(item.column, item.kind) for item in suspicions(table, names, scene)]
+
+
+SPOILT = {
+    "aoa in degrees": ("aoa_rad", "degrees", lambda c, s, h: np.degrees(c["aoa_rad"])),
+    "aod in degrees": ("aod_rad", "degrees", lambda c, s, h: np.degrees(c["aod_rad"])),
+    "turned twice": ("aoa_rad", "radians twice", lambda c, s, h: np.radians(c["aoa_rad"])),
+    "seconds": ("distance_m", "seconds", lambda c, s, h: c["distance_m"] / SPEED_OF_LIGHT),
+    "nanoseconds": ("distance_m", "nanoseconds", lambda c, s, h: c["distance_m"] / SPEED_OF_LIGHT * 1e9),
+    "millimetres": ("distance_m", "millimetres", lambda c, s, h: c["distance_m"] * 1e3),
+    "round trip": ("distance_m", "round trip", lambda c, s, h: c["distance_m"] * 2),
+    "clockwise aoa": ("aoa_rad", "flipped", lambda c, s, h: -c["aoa_rad"]),
+    "clockwise aod": ("aod_rad", "flipped", lambda c, s, h: -c["aod_rad"]),
+    "world aoa": ("aoa_rad", "world frame", lambda c, s, h: wrap(c["aoa_rad"] + h)),
+    "travel": ("aoa_rad", "backwards", lambda c, s, h: wrap(c["aoa_rad"] + np.pi)),
+    "dB": ("amplitude", "dB", lambda c, s, h: 20 * np.log10(c["amplitude"])),
+    "power": ("amplitude", "power", lambda c, s, h: c["amplitude"] ** 2),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("case", SPOILT)
+def test_each_usual_error_is_named_and_nothing_else(heard, name, case):
+    column, kind, spoil = SPOILT[case]
+    table, scene = heard[name, 1], SCENES[name]
+    good = columns(table)
+    found = suspicions(
+        good | {column: spoil(good, scene, table.truth.heading_rad[table.step])}, table.anchors, scene
+    )
+    assert [(item.column, item.kind, item.certain) for item in found] == [(column, kind, True)]
+
+
+def test_two_errors_at_once_are_both_named(heard):
+    table = heard["room", 1]
+    good = columns(table)
+    both = {"distance_m": good["distance_m"] / SPEED_OF_LIGHT, "aoa_rad": -good["aoa_rad"]}
+    assert kinds(good | both, table.anchors, SCENES["room"]) == [
+        ("distance_m", "seconds"),
+        ("aoa_rad", "flipped"),
+    ]
+    world = wrap(good["aod_rad"] + SCENES["room"].anchor_orientations[good["anchor"]])
+    swapped = {"aod_rad": good["aoa_rad"], "aoa_rad": good["aod_rad"]}
+    assert kinds(good | swapped, table.anchors, SCENES["room"]) == [("aod_rad", "swapped")]
+    assert kinds(good | {"aod_rad": world}, table.anchors, SCENES["room"]) == [("aod_rad", "world frame")]
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("missing", [(), ("amplitude",), ("aod_rad",), ("aoa_rad", "aod_rad")])
+def test_clean_tables_raise_no_alarm(heard, name, seed, missing):
+    table = heard[name, seed]
+    good = {key: values for key, values in columns(table).items() if key not in missing}
+    assert suspicions(good, table.anchors, SCENES[name]) == []
+    assert suspicions(good, table.anchors) == []
+
+
+def test_agent_that_never_turns_raises_no_alarm_about_the_world_frame():
+    whole = SCENES["room"].model_dump(exclude_none=True)
+    straight = {**whole["agents"][0], "waypoints_m": ((1.5, -1.4),), "steps": None}
+    scene = Scene.checked({**whole, "agents": ({k: v for k, v in straight.items() if v},)}, "room")
+    table = simulate(scene, "agent1", 1)
+    assert suspicions(columns(table), table.anchors, scene) == []
+
+
+def test_clutter_alone_raises_no_alarm():
+    draw = np.random.default_rng(3)
+    table = columns(simulate(SCENES["room"], "agent1", 1))
+    count = len(table["step"])
+    table |= {"distance_m": draw.uniform(0.1, 60, count), "amplitude": 2 + draw.exponential(0.3, count)}
+    table |= {name: draw.uniform(-3, 3, count) for name in ("aod_rad", "aoa_rad")}
+    assert suspicions(table, ("A", "B"), SCENES["room"]) == []
+
+
+@pytest.mark.parametrize("value", [-1.0, -999.0, 0.0])
+def test_padding_is_named_and_the_rest_still_judged(heard, value):
+    table = heard["room", 1]
+    good = columns(table)
+    rows = np.arange(len(good["step"])) % 7 == 3
+    names = ("distance_m", "aod_rad", "aoa_rad", "amplitude")
+    padded = good | {name: np.where(rows, value, good[name]) for name in names}
+    found = suspicions(padded | {"aoa_rad": -padded["aoa_rad"]}, table.anchors, SCENES["room"])
+    found += suspicions(padded, table.anchors, SCENES["room"])
+    assert [item.kind for item in found] == ["padding", "flipped", "padding"]
+    assert f"{rows.sum()} of" in found[0].reason
+
+
+def test_lines_tell_units_what_is_missing_and_what_is_refused(tmp_path, heard):
+    table = heard["room", 1]
+    path = tmp_path / "heard.csv"
+    table.to_csv(path)
+    lines = describe(path, SCENES["room"])
+    assert any(line.startswith("  distance_m: ") and " m, median" in line for line in lines)
+    assert lines[-1].endswith("units and frames fit the scene")
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    place = rows[0].index("aoa_rad")
+    for row in rows[1:]:
+        row[place] = repr(float(np.degrees(float(row[place]))))
+    path.write_text("\n".join(",".join(row[:-1]) for row in rows))
+    lines = describe(path, SCENES["room"])
+    assert "  amplitude: not measured" in lines
+    assert [line.split(":")[0] for line in lines[-2:]] == ["suspect", "refused"]
+    assert "degrees" in lines[-2]
+
+
+def test_same_lines_from_every_format(tmp_path, heard):
+    table = heard["alcove", 1]
+    table.to_csv(tmp_path / "a.csv")
+    table.to_h5(tmp_path / "a.h5")
+    told, more = describe(tmp_path / "a.csv"), describe(tmp_path / "a.h5")
+    assert more == [f"{told[0]}, true track known", *told[1:]]
+
+
+def test_other_anchors_and_agents_are_refused(tmp_path, heard):
+    table = heard["room", 1]
+    found = suspicions(columns(table), ("X", "Y"), SCENES["room"])
+    assert [item.column for item in found] == ["anchor"]
+    assert suspicions(columns(table), ("1", "2"), SCENES["room"]) == []
+    with pytest.raises(InputError):
+        suspicions(columns(table), table.anchors, SCENES["room"], "nobody")
+    with pytest.raises(InputError):
+        describe(tmp_path / "none.csv")
+
+
+def test_sight_follows_the_agent(heard):
+    table = heard["alcove", 2]
+    seen = explain(columns(table), SCENES["alcove"], "agent1")
+    gap = np.linalg.norm(seen.position_m - table.truth.position_m[: len(seen.position_m)], axis=1)
+    assert np.median(gap) < 0.25
+    assert turning_rad(table.truth.position_m) > np.pi / 2
+    assert turning_rad(np.linspace([0, 0], [5, 5], 100)) < 1e-6
+
+
+def test_empty_table_is_described():
+    empty = Measurements.from_arrays({"A": [[], []], "B": [[], []]})
+    assert suspicions(columns(empty), ("A", "B"), SCENES["room"]) == []

@@ -1,0 +1,262 @@
+"""Sionna RT's and DeepMIMO's paths become the measurements of the same geometry, whatever their layout."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from tables import same
+
+from gridslam.bounds import known_map_bound
+from gridslam.errors import InputError
+from gridslam.geometry import wrap
+from gridslam.mapping import map_scene
+from gridslam.measurements import Measurements
+from gridslam.metrics import rmse, track_errors
+from gridslam.scene import Scene
+from gridslam.signal import SPEED_OF_LIGHT
+from gridslam.simulate import receive, simulate, true_paths
+
+ROOM = Scene.load("room")
+TRACK = ROOM.track("agent1")
+STEPS = 20
+WAVELENGTH = SPEED_OF_LIGHT / ROOM.radio.carrier_hz
+
+
+def exact():
+    """The room's own paths, as measured without noise."""
+    paths = true_paths(ROOM, "agent1")
+    rows = np.flatnonzero(paths.step < STEPS)
+    rows = rows[np.lexsort((paths.distance_m[rows], paths.anchor[rows], paths.step[rows]))]
+    names = ("step", "anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
+    cut = {name: getattr(paths, name)[rows] for name in names}
+    return Measurements(anchors=("A", "B"), time_s=TRACK.time_s[cut["step"]], steps=STEPS, **cut)
+
+
+def world(heard):
+    """Arrays (steps, anchors, paths) as a ray tracer gives them: world directions, padded with NaN."""
+    counts = np.zeros((STEPS, 2), int)
+    np.add.at(counts, (heard.step, heard.anchor), 1)
+    place = np.concatenate([np.arange(n) for n in counts.ravel()])
+    shape = (STEPS, 2, counts.max() + 2)
+    columns = {
+        "tau": heard.distance_m / SPEED_OF_LIGHT,
+        "phi_t": wrap(heard.aod_rad + ROOM.anchor_orientations[heard.anchor]),
+        "phi_r": wrap(heard.aoa_rad + TRACK.heading_rad[heard.step]),
+        "theta_t": np.full(len(heard.step), np.pi / 2),
+        "theta_r": np.full(len(heard.step), np.pi / 2),
+        "gain": heard.amplitude / ROOM.signal_model().amplitude_at_1m * WAVELENGTH / (4 * np.pi),
+    }
+    table = {name: np.full(shape, np.nan) for name in columns}
+    for name, values in columns.items():
+        table[name][heard.step, heard.anchor, place] = values
+    return table
+
+
+def sionna_like(table, antennas=1):
+    """Sionna RT's layout: padding has delay -1 and angle 0, and a flag; 5 dimensions unless synthetic."""
+    valid = ~np.isnan(table["tau"])
+    phase = np.exp(1j * np.arange(valid.size)).reshape(valid.shape)
+    gain = np.where(valid, np.nan_to_num(table["gain"]) * phase, 0)
+    gain = np.broadcast_to(gain[:, None, :, None], (STEPS, antennas, 2, antennas, valid.shape[2]))
+    other = {name: np.nan_to_num(table[name]) for name in ("phi_t", "phi_r", "theta_t", "theta_r")}
+    other |= {"tau": np.where(valid, table["tau"], -1), "valid": valid}
+    if antennas > 1:
+        other = {
+            name: np.repeat(np.repeat(v[:, None, :, None], antennas, 1), antennas, 3)
+            for name, v in other.items()
+        }
+    return SimpleNamespace(a=(gain.real, gain.imag), **other)
+
+
+def close(one, other):
+    np.testing.assert_array_equal(one.step, other.step)
+    np.testing.assert_array_equal(one.anchor, other.anchor)
+    for name in ("distance_m", "amplitude"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-9)
+    for name in ("aod_rad", "aoa_rad"):
+        np.testing.assert_allclose(wrap(getattr(one, name) - getattr(other, name)), 0, atol=1e-9)
+
+
+LEAST = {"least_snr_db": -100.0}
+HEADING = TRACK.heading_rad[:STEPS]
+
+
+@pytest.mark.parametrize("antennas", [1, 2])
+def test_sionna_paths_give_the_geometry_back(antennas):
+    heard = exact()
+    close(Measurements.from_sionna(sionna_like(world(heard), antennas), ROOM, HEADING, **LEAST), heard)
+
+
+def test_one_paths_object_per_step_gives_the_same():
+    whole = sionna_like(world(exact()))
+    parts = [
+        SimpleNamespace(
+            a=tuple(part[k : k + 1, ..., : 10 + k % 3] for part in whole.a),
+            **{n: v[k : k + 1, :, : 10 + k % 3] for n, v in vars(whole).items() if n != "a"},
+        )
+        for k in range(STEPS)
+    ]
+    together = Measurements.from_sionna(parts, ROOM, HEADING, **LEAST)
+    assert len(together) == STEPS
+    assert (np.bincount(together.step) == [2 * (10 + k % 3) for k in range(STEPS)]).all()
+
+
+def test_uplink_swaps_the_ends():
+    down = sionna_like(world(exact()))
+    up = SimpleNamespace(
+        a=tuple(np.transpose(part, (2, 3, 0, 1, 4)) for part in down.a),
+        tau=np.swapaxes(down.tau, 0, 1),
+        valid=np.swapaxes(down.valid, 0, 1),
+        phi_t=np.swapaxes(down.phi_r, 0, 1),
+        phi_r=np.swapaxes(down.phi_t, 0, 1),
+        theta_t=np.swapaxes(down.theta_r, 0, 1),
+        theta_r=np.swapaxes(down.theta_t, 0, 1),
+    )
+    close(Measurements.from_sionna(up, ROOM, HEADING, uplink=True, **LEAST), exact())
+
+
+def test_paths_over_floor_and_steep_paths_are_left_out_and_slopes_projected():
+    table = world(exact())
+    slope = np.zeros(table["tau"].shape)
+    slope[:, 0] = np.radians(5)  # a higher anchor: down there, up here
+    table["theta_t"], table["theta_r"] = table["theta_t"] + slope, table["theta_r"] - slope
+    close(
+        Measurements.from_sionna(
+            sionna_like(table | {"tau": table["tau"] / np.cos(slope)}), ROOM, HEADING, **LEAST
+        ),
+        exact(),
+    )
+    steep = Measurements.from_sionna(sionna_like(table), ROOM, HEADING, slope_deg=4.0, **LEAST)
+    assert set(steep.anchor) == {1}
+    floor = table | {"theta_r": np.pi - table["theta_r"]}  # down at both ends
+    assert set(Measurements.from_sionna(sionna_like(floor), ROOM, HEADING, **LEAST).anchor) == {1}
+
+
+def test_weak_paths_are_left_out_and_the_carrier_sets_the_gain():
+    paths = sionna_like(world(exact()))
+    heard = Measurements.from_sionna(paths, ROOM, HEADING)
+    assert heard.amplitude.min() > ROOM.signal_model().threshold
+    assert len(heard.step) == (exact().amplitude > ROOM.signal_model().threshold).sum()
+    double = Measurements.from_sionna(paths, ROOM, HEADING, carrier_hz=2 * ROOM.radio.carrier_hz, **LEAST)
+    np.testing.assert_allclose(double.amplitude, 2 * exact().amplitude, rtol=1e-9)
+
+
+@pytest.mark.parametrize("users", [None, np.arange(STEPS)[::-1]])
+def test_deepmimo_arrays_give_the_geometry_back(users):
+    table = world(exact())
+    names = {"aod_az": "phi_t", "aoa_az": "phi_r", "aod_el": "theta_t", "aoa_el": "theta_r"}
+    sets = []
+    for anchor in range(2):
+        rows = slice(None) if users is None else users
+        arrays = {new: np.degrees(table[old][rows, anchor]) for new, old in names.items()}
+        arrays |= {"delay": table["tau"][rows, anchor], "power": 20 * np.log10(table["gain"][rows, anchor])}
+        sets.append(arrays)
+    close(Measurements.from_deepmimo(sets, ROOM, HEADING, users=users, **LEAST), exact())
+    flat = [{k: v for k, v in s.items() if not k.endswith("_el")} for s in sets]
+    close(Measurements.from_deepmimo(flat, ROOM, HEADING, users=users, **LEAST), exact())
+
+
+@pytest.mark.parametrize(
+    ("change", "where"),
+    [
+        (lambda p: p.__delattr__("phi_r"), "paths: phi_r"),
+        (lambda p: setattr(p, "tau", p.tau[0]), "paths: tau"),
+        (lambda p: setattr(p, "theta_t", p.theta_t[:, :, :3]), "paths: theta_t"),
+        (lambda p: setattr(p, "a", p.a[0][0]), "paths: a"),
+        (lambda p: setattr(p, "a", None), "paths: a"),
+        (lambda p: setattr(p, "a", tuple(part[:3] for part in p.a)), "paths: a"),
+    ],
+)
+def test_strange_paths_objects_are_refused(change, where):
+    paths = sionna_like(world(exact()))
+    change(paths)
+    with pytest.raises(InputError) as caught:
+        Measurements.from_sionna(paths, ROOM, HEADING)
+    assert caught.value.where == where
+
+
+def test_devices_that_do_not_match_are_refused():
+    paths = sionna_like(world(exact()))
+    with pytest.raises(InputError, match="heading_rad"):
+        Measurements.from_sionna(paths, ROOM, HEADING[:-1])
+    with pytest.raises(InputError, match="transmitters"):
+        Measurements.from_sionna(paths, Scene.load("canyon"), 0.0, uplink=True)
+    for sets, where in (([], "datasets"), ({}, "datasets"), ([{}], r"datasets\[0\].delay")):
+        with pytest.raises(InputError, match=where):
+            Measurements.from_deepmimo(sets, ROOM, 0.0)
+
+
+def test_receiving_exact_paths_is_the_simulator():
+    paths = true_paths(ROOM, "agent1")
+    names = ("step", "anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
+    columns = {name: getattr(paths, name) for name in names}
+    clean = Measurements(anchors=("A", "B"), time_s=TRACK.time_s[paths.step], steps=len(TRACK), **columns)
+    same(receive(clean, ROOM, "agent1", 7), simulate(ROOM, "agent1", 7))
+    with pytest.raises(InputError, match="aoa_rad"):
+        receive(replace(clean, aoa_rad=np.where(paths.step == 3, np.nan, paths.aoa_rad)), ROOM, "agent1")
+
+
+# ---- the real package
+
+
+@pytest.fixture(scope="module")
+def traced(tmp_path_factory):
+    """Runs the real ray tracer on a scene, every `step`-th place of its agent."""
+    if find_spec("sionna") is None:
+        pytest.skip("Sionna RT isn't installed")
+
+    def run(scene, step):
+        file = tmp_path_factory.mktemp("sionna") / "paths.npz"
+        script = Path(__file__).with_name("sionna_world.py")
+        done = subprocess.run(
+            [sys.executable, str(script), scene, str(step), str(file)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode < 0 or "LLVM" in (done.stderr.splitlines() or [""])[-1]:
+            pytest.skip("Sionna RT can't run here: no LLVM that Dr.Jit likes (DRJIT_LIBLLVM_PATH)")
+        assert done.returncode == 0, done.stderr
+        with np.load(file) as content:
+            arrays = dict(content)
+        return SimpleNamespace(a=tuple(arrays.pop("a")), **arrays)
+
+    return run
+
+
+@pytest.mark.parametrize(("name", "step"), [("room", 15), ("alcove", 30)])
+def test_real_sionna_traces_the_paths_of_the_image_source_simulator(traced, name, step):
+    scene = Scene.load(name)
+    track, truth = scene.track("agent1"), true_paths(scene, "agent1")
+    heard = Measurements.from_sionna(traced(name, step), scene, track.heading_rad[::step], **LEAST)
+    rows = np.flatnonzero(truth.step % step == 0)
+    assert len(heard.step) == len(rows)
+    for number in range(len(heard)):
+        scan, true = heard.scan(number), truth.at(number * step)
+        gap = np.abs(scan.distance_m[:, None] - true.distance_m)
+        gap += np.abs(wrap(scan.aod_rad[:, None] - true.aod_rad)) + np.abs(
+            wrap(scan.aoa_rad[:, None] - true.aoa_rad)
+        )
+        gap += 1e3 * (scan.anchor[:, None] != true.anchor)
+        assert gap.min(0).max() < 1e-3
+        assert gap.min(1).max() < 1e-3
+        sight = gap[:, true.bounces == 0].argmin(0)
+        np.testing.assert_allclose(scan.amplitude[sight], true.amplitude[true.bounces == 0], rtol=1e-5)
+
+
+def test_measurements_of_real_sionna_are_mapped(traced):
+    """Its materials, 6 GHz, 40 dB at 1 m: reflection varies with the angle, which the filter doesn't know."""
+    whole = ROOM.model_dump(exclude_none=True)
+    scene = Scene.checked({**whole, "radio": {**whole["radio"], "snr_at_1m_db": 40.0}}, "room")
+    clean = Measurements.from_sionna(
+        traced("room", 1), scene, TRACK.heading_rad, truth=TRACK, least_snr_db=-6.0
+    )
+    run = map_scene(scene, receive(clean, scene, "agent1", 1), seed=1)
+    position, _ = track_errors(run.trajectory, TRACK)
+    assert rmse(position) < 2.5 * rmse(known_map_bound(scene, "agent1").position_m)
+    assert len(run.surfaces) >= 4

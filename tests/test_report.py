@@ -1,0 +1,148 @@
+"""Report and moving picture of a run: whole, offline, harmless, and without walls too."""
+
+import json
+import re
+from html.parser import HTMLParser
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import gridslam as gs
+from gridslam.animation import animate
+from gridslam.cli import main
+from gridslam.errors import InputError
+from gridslam.geojson import write_surfaces
+from gridslam.report import write_report
+from gridslam.runfiles import read_run, write_run
+
+STEPS = 5
+NASTY = '<script>alert("&")</script>'
+
+
+def scene_of(walls):
+    whole = gs.Scene.load("room").model_dump(exclude_none=True)
+    agent = {**whole["agents"][0], "steps": STEPS}
+    if not walls:
+        del whole["walls"], agent["waypoints_m"], agent["steps"]
+    return gs.Scene.checked({**whole, "agents": (agent,), "description": NASTY}, "room")
+
+
+@pytest.fixture(scope="module", params=[True, False], ids=["walls", "no walls"])
+def run_folder(request, tmp_path_factory):
+    heard = gs.simulate(scene_of(True), "agent1", 1)
+    scene = scene_of(request.param)
+    if not request.param:  # as from a file of one's own
+        path = tmp_path_factory.mktemp("heard") / "a.csv"
+        heard.to_csv(path)
+        heard = gs.Measurements.from_csv(path, scene.anchor_names)
+    run = gs.map_scene(scene, heard, seed=1)
+    score = run.score(gs.ground_truth(scene, "agent1") if request.param else None)
+    folder = tmp_path_factory.mktemp("run") / "out"
+    write_run(folder, scene, [run], [heard], [score], {})
+    return folder
+
+
+class Reader(HTMLParser):
+    """Collects what a page would load and checks that its elements close."""
+
+    VOID = ("meta", "img", "br", "link", "input")
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.loads, self.seen, self.text = [], [], [], ""
+
+    def handle_starttag(self, tag, attrs):
+        self.seen.append(tag)
+        self.loads += [value for name, value in attrs if name in ("src", "href", "srcset", "data")]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def test_page_holds_all_and_loads_nothing(run_folder):
+    (run_folder / "figures").mkdir()  # instead of drawing them all, which is tested elsewhere
+    for title in ("map", "reflection", "rays", "errors"):
+        Image.new("L", (4, 4)).save(run_folder / "figures" / f"agent1-{title}.png")
+    path = write_report(run_folder)
+    page = Reader()
+    page.feed(path.read_text(encoding="utf-8"))
+    page.close()
+    assert page.open == []
+    assert all(re.match(r"data:image/(png|gif);base64,[\w+/]+=*$", load) for load in page.loads)
+    assert len(page.loads) == 5
+    assert "script" not in page.seen
+    assert NASTY in page.text
+    summary = json.loads((run_folder / "run.json").read_text())["agents"]["agent1"]
+    known = summary["position_rmse_m"] is not None
+    assert ("position, RMSE" in page.text) == known
+    assert ("walls not known" in page.text) == (not known)
+    assert "filter.births" in page.text
+    assert f"{summary['surfaces_detected']} surfaces" in page.text
+
+
+def test_every_frame_differs_and_the_last_step_is_shown(run_folder, tmp_path):
+    run = read_run(run_folder)
+    told = []
+    for frames, count in ((100, STEPS), (2, 2)):
+        animate(run.scene, run.agents["agent1"], tmp_path / "a.gif", frames, lambda *n: told.append(n))
+        with Image.open(tmp_path / "a.gif") as film:
+            assert film.n_frames == count
+            pictures = []
+            for number in range(count):
+                film.seek(number)
+                pictures.append(np.asarray(film.convert("L"), dtype=int))
+        assert all((a != b).any() for a, b in pairwise(pictures))
+    assert told[: STEPS + 1] == [(1, 5), (2, 5), (3, 5), (4, 5), (5, 5), (1, 2)]
+    assert [path.name for path in tmp_path.iterdir()] == ["a.gif"]
+
+
+def test_films_that_cannot_be_written_leave_nothing(run_folder, tmp_path, monkeypatch):
+    run = read_run(run_folder)
+    monkeypatch.setattr("gridslam.animation.FFMpegWriter.isAvailable", lambda: False)
+    for name in ("a.mp4", "a.avi", "none/a.gif"):
+        with pytest.raises(InputError):
+            animate(run.scene, run.agents["agent1"], tmp_path / name, 2)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_command_refuses_what_is_no_run(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["gridslam", "report", str(tmp_path)])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_surfaces_of_a_run_can_be_drawn_on_a_map(run_folder, tmp_path):
+    found = read_run(run_folder).agents["agent1"].map.surfaces
+    write_surfaces(tmp_path / "a.geojson", found)
+    content = json.loads((tmp_path / "a.geojson").read_text())
+    assert len(content["features"]) == len(found)
+
+
+def test_evo_reads_the_track_and_finds_the_same_error(run_folder):
+    pytest.importorskip("evo", reason="evo isn't installed")
+    from evo.core import metrics
+    from evo.tools.file_interface import read_tum_trajectory_file
+
+    folder = run_folder / "agent1"
+    found = read_tum_trajectory_file(str(folder / "trajectory.tum"))
+    own = gs.Trajectory.from_tum(folder / "trajectory.tum")
+    np.testing.assert_array_equal(found.timestamps, own.time_s)
+    np.testing.assert_array_equal(found.positions_xyz[:, :2], own.position_m)
+    yaw = found.get_orientations_euler("sxyz")[:, 2]
+    np.testing.assert_allclose(np.exp(1j * yaw), np.exp(1j * own.heading_rad), atol=1e-9)
+    if (folder / "truth.tum").exists():
+        error = metrics.APE(metrics.PoseRelation.translation_part)
+        error.process_data((read_tum_trajectory_file(str(folder / "truth.tum")), found))
+        summary = json.loads((run_folder / "run.json").read_text())["agents"]["agent1"]
+        rmse = error.get_statistic(metrics.StatisticsType.rmse)
+        assert rmse == pytest.approx(summary["position_rmse_m"], rel=1e-9)
