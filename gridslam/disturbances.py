@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from gridslam.errors import InputError
 from gridslam.formats import DEVIATIONS, KEYS, VALUES
-from gridslam.geometry import wrap
 from gridslam.measurements import Measurements
 from gridslam.scene import Scene
 from gridslam.simulate import TruePaths, heard_along, true_paths
@@ -71,7 +70,9 @@ def undisturbed(scene: Scene, agent: str | None = None, seed: int = 0) -> Case:
     track, paths = scene.track(agent), true_paths(scene, agent)
     heard, _ = heard_along(scene, agent, track, paths, seed)
     data = scene.model_dump(exclude_none=True)
-    data["agents"] = [{k: v for k, v in a.items() if k not in ("waypoints_m", "steps")} for a in data["agents"]]
+    data["agents"] = [
+        {k: v for k, v in a.items() if k not in ("waypoints_m", "steps")} for a in data["agents"]
+    ]
     believed = Scene.checked({**data, "walls": []}, scene.name)
     return Case(scene, believed, agent, seed, track, paths, heard)
 
@@ -219,7 +220,9 @@ def _throughout(case: Case) -> Case:
 
 def _last(case: Case, first: int, steps: int) -> int:
     if not 0 <= first < first + steps <= len(case.track):
-        raise InputError("disturbance", f"steps {first} to {first + steps}", f"steps in 0 to {len(case.track)}")
+        raise InputError(
+            "disturbance", f"steps {first} to {first + steps}", f"steps in 0 to {len(case.track)}"
+        )
     return first + steps
 
 

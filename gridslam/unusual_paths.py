@@ -6,7 +6,7 @@ They are made for `gridslam.disturbances`; `gridslam.simulate` traces the ordina
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ def triple_bounces(scene: Scene, agent: str, track: Trajectory) -> TruePaths:
             continue
         for anchor in range(len(scene.anchors)):
             corners, here = _unfold(scene.anchor_positions[anchor], track.position_m, walls, numbers)
-            legs = zip(corners[:-1], corners[1:], strict=True)
+            legs = pairwise(corners)
             here &= np.logical_and.reduce([visible(a, b, walls) for a, b in legs])
             if here.any():
                 strength = float(walls.reflection[list(numbers)].prod())
@@ -65,7 +65,7 @@ def diffuse_points(
         for anchor, source in enumerate(scene.anchor_positions):
             here = seen & visible(source[None], place[None], walls)
             corners = [np.broadcast_to(source, there.shape)[here], there[here], track.position_m[here]]
-            to, fro = (np.linalg.norm(b - a, axis=1) for a, b in zip(corners[:-1], corners[1:], strict=True))
+            to, fro = (np.linalg.norm(b - a, axis=1) for a, b in pairwise(corners))
             strength = size_m * (to + fro) / np.maximum(to * fro, 1e-3)
             tables.append(_rows(scene, agent, track, anchor, corners, here, strength))
     return joined(tables)
@@ -144,7 +144,7 @@ def _rows(
 ) -> TruePaths:  # fmt: skip
     """Rows of paths with these corners (each (K, 2)), at the steps where `here` (N,)."""
     step = np.flatnonzero(here)
-    distance = sum(np.linalg.norm(b - a, axis=1) for a, b in zip(corners[:-1], corners[1:], strict=True))
+    distance = sum(np.linalg.norm(b - a, axis=1) for a, b in pairwise(corners))
     points = np.full((len(step), 4, 2), np.nan)
     points[:, 0], points[:, 3] = corners[0], corners[-1]
     return TruePaths(

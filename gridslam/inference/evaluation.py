@@ -83,14 +83,14 @@ def gate(
 
 def evaluate(
     rays: Rays, cloud: Cloud, pairs: Pairs, predicted: Prediction, heard: Heard
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array]:
     """Mean over the particles of ratio and possibility, for all paths in one launch.
 
     Returns
     -------
-    (ratio, possible)
+    (ratio, possible, effective)
         ratio (L, M): p_d f(z | path) / (mu_fa f_fa(z)), 0 where the path is impossible; possible (L,): share
-        of the particles at which the path is possible.
+        of the particles at which the path is possible; effective (K,): effective sample size of each pair.
     """
     runtime.start()
     from gridslam.kernels.paths import evaluate as launch
@@ -122,4 +122,8 @@ def evaluate(
     ratio = np.zeros((count, len(heard)))
     scale = np.sqrt(np.linalg.det(2 * np.pi * total))
     ratio[pairs.path, pairs.measurement] = pairs.density * mean[count:] / scale
-    return ratio, mean[:count]
+    # blocks are sums of independent weights, so their spread tells that of the weights
+    block = out[count:].astype(np.float64)
+    usual = block.mean(1)
+    spread = PATH_BLOCK * block.var(1) / np.maximum(usual, 1e-100) ** 2
+    return ratio, mean[:count], np.maximum(particles / (1 + np.minimum(spread, 1e12)), 1.0)

@@ -1,9 +1,9 @@
 """Finding the agent again: poses proposed by the measurements themselves, scored against the map.
 
-A Gaussian belief follows what it can linearise. After a long silence, from a vague start, or after a turn that
-the motion model doesn't know, it can't; but each path that is heard with distance and both angles fixes a
-whole pose, if one knows over which surface it came. All such poses are tried; the likelihood of a scan is that
-of a Poisson process of paths and clutter (every measurement may come from any path or from none).
+A Gaussian belief follows what it can linearise. After a long silence, from a vague start, or after a turn
+that the motion model doesn't know, it can't; but each path that is heard with distance and both angles fixes
+a whole pose, if one knows over which surface it came. All such poses are tried; the likelihood of a scan is
+that of a Poisson process of paths and clutter (every measurement may come from any path or from none).
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.geometry import direction, mirror, unit, wrap
-from gridslam.inference.belief import Belief
+from gridslam.inference.belief import AGENT, Belief
 from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import DetectionTable, deviations
+from gridslam.inference.prediction import Prediction
 from gridslam.inference.rays import Rays
 from gridslam.signal import SignalModel
 
@@ -33,6 +34,14 @@ MAP_M, MAP_RAD = 0.03, 0.02
 CLEAR, WORTH = 5.0, 8.0
 """Log-likelihood by which a mode must beat the next one, and the pose that was believed."""
 LOUDEST = 25.0
+GATE = 5.0
+"""Standard deviations within which a measurement lies where its path is predicted."""
+VAGUE_M, VAGUE_RAD = 0.6, 0.4
+"""Standard deviations of position and heading from which on a pose is searched for."""
+FREEDOM, FREE_TURN = 10.0, 1.0
+"""Times the usual acceleration, and turn in rad, that a lost agent may have made."""
+BLUR, TOO_FAR = 3.0, 5.0
+"""Widening of a fix; standard deviations at which it counts as a jump."""
 
 
 @dataclass(frozen=True)
@@ -88,24 +97,95 @@ class Fix:
     lead: float
 
 
+def expected_share(
+    scans: Sequence[Heard], anchors: Sequence[Rays], predicted: Sequence[Prediction], signal: SignalModel
+) -> tuple[int, int]:
+    """How many loud measurements there are, and how many of them lie where some path is predicted."""
+    count = near = 0
+    for heard, rays, ahead in zip(scans, anchors, predicted, strict=True):
+        rows = np.flatnonzero(loud(heard, signal) & ~np.isnan(heard.amplitude))
+        paths = np.flatnonzero(rays.surfaces > 0.3)
+        if not len(rows):
+            continue
+        std = deviations(heard, rows, heard.amplitude[rows], np.nan_to_num(heard.value[rows, 1:]), signal)
+        gap = heard.value[rows] - ahead.value[paths, None]
+        gap[..., 1:] = wrap(gap[..., 1:])
+        spread = ahead.spread[paths, None] + np.minimum(std, 1e3)[None, :, :, None] ** 2 * np.eye(3)
+        gap = np.nan_to_num(gap)
+        square = (gap * np.linalg.solve(spread, gap[..., None])[..., 0]).sum(-1)
+        count += len(rows)
+        near += int((square < GATE**2).any(0).sum())
+    return count, near
+
+
+def is_vague(belief: Belief) -> bool:
+    """Whether the pose is known too badly to linearise paths about it."""
+    variance = np.diag(belief.covariance)
+    return bool(variance[0] + variance[1] > VAGUE_M**2 or variance[4] > VAGUE_RAD**2)
+
+
+def freed(belief: Belief, elapsed: float, acceleration: float) -> Belief:
+    """The belief with room for a turn and a push that the motion model doesn't allow for."""
+    covariance = belief.covariance.copy()
+    push = np.array([0.5 * elapsed**2, elapsed])
+    for axis in range(2):
+        entry = np.array([axis, axis + 2])
+        covariance[np.ix_(entry, entry)] += (FREEDOM * acceleration) ** 2 * np.outer(push, push)
+        covariance[axis, axis] += MAP_M**2
+    covariance[4, 4] += FREE_TURN**2
+    return Belief(belief.mean, covariance)
+
+
+def moved(belief: Belief, fix: Fix, velocity: float) -> Belief:
+    """The belief with the agent at the fix; its own accuracy is left for the scan to tell once more.
+
+    Parameters
+    ----------
+    velocity : float
+        Variance of each component (m^2/s^2) where the fix is too far off for the motion to lead there.
+    """
+    blurred = BLUR**2 * fix.covariance + np.diag([0.02**2, 0.02**2, 0.02**2])
+    gap = fix.pose - belief.mean[POSE]
+    gap[2] = wrap(gap[2])
+    own = belief.covariance[np.ix_(POSE, POSE)] + blurred
+    if gap @ np.linalg.solve(own, gap) < TOO_FAR**2:
+        select = np.zeros((3, len(belief.mean)))
+        select[range(3), POSE] = 1.0
+        gain = belief.covariance @ select.T @ np.linalg.inv(own)
+        mean = belief.mean + gain @ gap
+        rest = np.eye(len(mean)) - gain @ select
+        covariance = rest @ belief.covariance @ rest.T + gain @ blurred @ gain.T
+    else:
+        mean, covariance = belief.mean.copy(), belief.covariance.copy()
+        mean[POSE], mean[2:4] = fix.pose, 0.0
+        covariance[:AGENT], covariance[:, :AGENT] = 0.0, 0.0
+        covariance[np.ix_(POSE, POSE)] = blurred
+        covariance[2, 2] = covariance[3, 3] = velocity
+    mean[4] = wrap(mean[4])
+    return Belief(mean, 0.5 * (covariance + covariance.T))
+
+
 def find_pose(
-    belief: Belief, sources: Sequence[Sources], scan: Sequence[Heard], wide: Array, table: DetectionTable,
-    signal: SignalModel, stream: list[int],
+    belief: Belief, expected: Belief, sources: Sequence[Sources], scan: Sequence[Heard],
+    table: DetectionTable, signal: SignalModel, stream: list[int],
 ) -> Fix | None:  # fmt: skip
     """The pose that explains a scan best, or None if no measurement proposes any.
 
     Parameters
     ----------
-    wide : (3, 3)
-        Covariance of the pose by which the search is bounded, softly.
+    belief : Belief
+        By which the search is bounded, softly.
+    expected : Belief
+        What is believed unless something better is found.
     """
     draw = np.random.default_rng(stream)
     asked = _proposals(sources, scan, signal, draw)
     if not len(asked):
         return None
-    mean, narrow = belief.mean[POSE], belief.covariance[np.ix_(POSE, POSE)]
-    known = mean + draw.multivariate_normal(np.zeros(3), narrow, KEPT, method="eigh")
-    bound = np.linalg.inv(wide)
+    mean, wide = belief.mean[POSE], belief.covariance[np.ix_(POSE, POSE)]
+    narrow = expected.covariance[np.ix_(POSE, POSE)]
+    known = draw.multivariate_normal(mean, narrow, KEPT, method="eigh")
+    bound = np.linalg.inv(wide + np.diag([0.1, 0.1, 0.1]))
 
     def score(poses: Array) -> Array:
         gap = poses - mean
@@ -152,7 +232,9 @@ def _proposals(
             straight = (own.image == heard.place).all(1)[:, None]
             back = np.where(straight, leaving + np.pi, 2 * own.line[:, 0, None] - leaving)
             place = own.image[:, None] - value[None, :, :1] * unit(back)
-            poses.append(np.concatenate([place, wrap(back - value[None, :, 2])[..., None]], -1).reshape(-1, 3))
+            poses.append(
+                np.concatenate([place, wrap(back - value[None, :, 2])[..., None]], -1).reshape(-1, 3)
+            )
     return np.concatenate(poses)
 
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from gridslam.estimates import Health
 from gridslam.inference.evaluation import Pairs
@@ -39,8 +38,8 @@ WORST = 30.0
 SILENT, LOST, MISFIT, LOUD_CLUTTER, FEW, VAGUE_M = 5, 0.5, 1.7, 3.0, 10.0, 1.0
 """When something is amiss: steps of silence; share of the usual explained; ratio of innovations to what is
 expected; of clutter; effective particles; position's standard deviation."""
-AFRESH = 5
-"""Steps for which a new start is told of."""
+AFRESH, ENOUGH = 5, 4
+"""Steps for which a new start is told of; loud measurements that are needed to call it for."""
 
 
 @dataclass
@@ -113,8 +112,8 @@ class Watch:
             false_alarms=self.level(anchor, told.false_alarms),
         )
 
-    def listen(self, heard: Heard, near: NDArray[np.bool_], told: SignalModel) -> None:
-        """Count the clutter of an anchor's scan before its association.
+    def listen(self, heard: Heard, near: NDArray[np.bool_], told: SignalModel) -> float:
+        """Count the clutter of an anchor's scan before its association; return the level.
 
         Parameters
         ----------
@@ -129,6 +128,7 @@ class Watch:
         keep = KEEP if abs(count - usual) < SURPRISE * np.sqrt(usual + 1) else 0.3 * KEEP
         self.clutter[anchor] = keep * self.clutter[anchor] + count
         self.listened[anchor] = keep * self.listened[anchor] + 1
+        return self.level(anchor, told.false_alarms)
 
     def judge(
         self, heard: Heard, rays: Rays, predicted: Prediction, pairs: Pairs, responsible: Array,
@@ -167,14 +167,31 @@ class Watch:
                 self.pull += level * measured / scale**2
                 self.weight += (level / scale) ** 2
 
-    def health(self, told: SignalModel, spread_m: float) -> Health:
-        """Say how things are; `spread_m` is the position's standard deviation."""
-        share = float((self.explained + 1) / (self.loud + 1))[0] if False else float(
-            (self.explained[0] + 1) / (self.loud[0] + 1)
-        )
+    def lost(self, loud_and_near: tuple[int, int]) -> bool:
+        """Whether far fewer loud measurements than usual lie where a path is predicted."""
+        count, near = loud_and_near
+        return count >= ENOUGH and self.usual[0] > 0 and near < LOST * self.usual[0] * count
+
+    def found(self, was_lost: bool) -> None:
+        """The agent was found by other means than following it."""
+        if was_lost:
+            self.since[:] = 0
+
+    def health(self, told: SignalModel, spread_m: float, particles: int) -> Health:
+        """Say how things are.
+
+        Parameters
+        ----------
+        spread_m : float
+            Standard deviation of the position.
+        particles : int
+            How many there are.
+        """
+        share = float((self.explained[0] + 1) / (self.loud[0] + 1))
         freedom = float(self.freedom[0])
         ratio = float(self.misfit[0]) / freedom if freedom > 0 else 1.0
-        low, high = (float(x) for x in chi2.ppf([0.001, 0.999], max(freedom, 1.0)) / max(freedom, 1.0))
+        low, high = innovation_band(freedom)
+        effective = float(min(self._effective, particles))
         heard = np.array([self.level(j, told.false_alarms) for j in range(len(self.clutter))])
         reasons = []
         if self.silent[0] >= SILENT:
@@ -190,15 +207,22 @@ class Watch:
         worst = heard[np.abs(np.log(heard / told.false_alarms)).argmax()] / told.false_alarms
         if worst > LOUD_CLUTTER:
             reasons.append(f"clutter {worst:.1f} times what the scene says")
-        if self._effective < FEW:
-            reasons.append(f"{self._effective:.0f} particles carry the weight")
+        if effective < FEW:
+            reasons.append(f"{effective:.0f} particles carry the weight")
         if not self.silent[0]:
             rate = 0.02 if self.usual[0] > 0 else 1.0
             self.usual += rate * (share - self.usual)
         return Health(
-            not reasons, "; ".join(reasons), self._effective, ratio, (low, high), share, heard,
+            not reasons, "; ".join(reasons), effective, ratio, (low, high), share, heard,
             self.gain, int(self.silent[0]),
         )  # fmt: skip
+
+
+def innovation_band(freedom: float) -> tuple[float, float]:
+    """Band of the mean normalised innovation squared with 0.998 probability (Wilson and Hilferty)."""
+    part = 2 / (9 * max(freedom, 1.0))
+    low, high = (float(max(1 - part + side * 3.09 * np.sqrt(part), 0.0) ** 3) for side in (-1, 1))
+    return low, high
 
 
 def _quiet(heard: Heard, signal: SignalModel) -> NDArray[np.bool_]:

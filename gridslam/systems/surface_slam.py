@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,10 +22,21 @@ from gridslam.inference.evaluation import evaluate, gate
 from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import AmplitudeBelief, DetectionTable, detection, strengths
 from gridslam.inference.particles import Particles
-from gridslam.inference.prediction import Prediction
-from gridslam.inference.rays import Rays, remember
+from gridslam.inference.prediction import Prediction, predict_paths
+from gridslam.inference.rays import Rays, rays_of, remember
 from gridslam.inference.readout import path_estimate, surface_estimate
+from gridslam.inference.relocation import (
+    CLEAR,
+    WORTH,
+    expected_share,
+    find_pose,
+    freed,
+    is_vague,
+    moved,
+    sources_of,
+)
 from gridslam.inference.surfaces import Bank
+from gridslam.inference.watch import Watch
 from gridslam.map import Map
 from gridslam.measurements import Scan
 from gridslam.scene import Scene
@@ -82,7 +93,8 @@ class SurfaceSlam:
         self.scene, self.seed = scene, seed
         body = scene.agent(agent) if agent else scene.agents[0]
         self.agent, self.settings = body.name, scene.filter
-        self.signal = scene.signal_model(body.name)
+        self.signal = self.told = scene.signal_model(body.name)
+        self.watch = Watch.start(len(scene.anchors))
         self.places, self.facings = scene.anchor_positions, scene.anchor_orientations
         self.anchors = np.column_stack([self.places, self.facings])
         half = np.array(
@@ -102,6 +114,7 @@ class SurfaceSlam:
         self.most_bounces = scene.radio.max_bounces
         self.detected = DetectionTable(self.signal)
         self.last_time: float | None = None
+        self.elapsed, self.start_velocity = 0.0, float(variance[2])
         self.next_identity, self.steps = 0, 0
         self.provenance: dict[str, list] = {"agents": [], "seeds": [], "steps": []}
 
@@ -110,7 +123,11 @@ class SurfaceSlam:
         began = time.perf_counter()
         with runtime.one_blas_thread():
             self._move(scan.time_s)
-            for heard in self._hear(scan):
+            scans = self._hear(scan)
+            self.watch.begin(len(scan))
+            self._find_again(scans)
+            for heard in scans:
+                self.signal = self.watch.tuned(self.told, heard.anchor)
                 self._take_in(heard)
             self._tidy()
             return self._estimate(scan, time.perf_counter() - began)
@@ -156,9 +173,10 @@ class SurfaceSlam:
     def _move(self, now: float) -> None:
         """Motion of the agent, jitter of the surfaces, survival (paper 003, section III-C)."""
         if self.last_time is not None:
+            self.elapsed = now - self.last_time
             self.belief = predict(
                 self.belief,
-                now - self.last_time,
+                self.elapsed,
                 self.settings.acceleration_mps2,
                 np.radians(self.settings.heading_deg),
                 JITTER * self.settings.surface_m,
@@ -166,6 +184,27 @@ class SurfaceSlam:
             )
             surfaces.evolve(self.bank, self.settings.survival, self.settings.reflection)
         self.last_time = now
+
+    def _find_again(self, scans: list[Heard]) -> None:
+        """Where the belief can't be followed from the last step on, find the agent by the map."""
+        anchors = [rays_of(self.bank, self.sight, h.anchor, self.most_bounces) for h in scans]
+        predicted = [predict_paths(rays, self.belief, self.anchors) for rays in anchors]
+        lost = self.watch.lost(expected_share(scans, anchors, predicted, self.told))
+        if not (lost or is_vague(self.belief)):
+            return
+        coefficient = self.bank.reflection @ REFLECTION_BINS
+        sources = [
+            sources_of(rays, self.belief, heard.place, coefficient)
+            for rays, heard in zip(anchors, scans, strict=True)
+        ]
+        belief = freed(self.belief, self.elapsed, self.settings.acceleration_mps2) if lost else self.belief
+        fix = find_pose(
+            belief, self.belief, sources, scans, self.detected, self.watch.tuned(self.told, 0),
+            self._stream(len(scans), 2),
+        )  # fmt: skip
+        if fix is not None and fix.lead > CLEAR and (fix.gain > WORTH or not lost):
+            self.belief = moved(belief, fix, self.start_velocity)
+            self.watch.found(lost)
 
     def _hear(self, scan: Scan) -> list[Heard]:
         """The scan, anchor by anchor."""
@@ -197,8 +236,13 @@ class SurfaceSlam:
         detected = detection(amplitudes, distance, self.detected)
         strength = strengths(amplitudes, heard, distance, self.detected, signal)
         pairs = gate(predicted, heard, strength, rays.existence * rays.surfaces * validity, signal)
+        # clutter level, by what no path can have caused
+        near = np.bincount(pairs.measurement, minlength=len(heard)) > 0
+        level = self.watch.listen(heard, near, self.told)
+        pairs = replace(pairs, density=pairs.density * signal.false_alarms / level)
+        signal = replace(signal, false_alarms=level)
         cloud = self.particles.cloud(self.belief)
-        ratio, possible = evaluate(rays, cloud, pairs, predicted, heard)
+        ratio, possible, effective = evaluate(rays, cloud, pairs, predicted, heard)
         ratio, validity = ratio / np.maximum(possible, 1e-3)[:, None], validity * possible
         chance = rays.existence * validity
         beta = (rays.surfaces * chance)[:, None] * ratio
@@ -217,6 +261,7 @@ class SurfaceSlam:
         self.belief, responsible = correct(
             self.belief, rays, rays.surfaces * chance, detected, beta, nu, pairs, heard
         )
+        self.watch.judge(heard, rays, predicted, pairs, responsible, effective, self.told)
         remember(self.bank, self.sight, rays, heard.anchor, worth, validity)
         surfaces.exist(self.bank, rays, chance, worth)
         return Messages(chance, worth, responsible, births, claimed)
@@ -291,11 +336,13 @@ class SurfaceSlam:
     def _estimate(self, scan: Scan, seconds: float) -> Estimate:
         """MMSE estimates of agent and surfaces, and the paths believed in."""
         table, mean = surface_estimate(self.belief, self.bank), self.belief.mean
+        variance = float(self.belief.covariance[0, 0] + self.belief.covariance[1, 1])
+        health = self.watch.health(self.told, np.sqrt(variance), self.particles.count)
         paths = path_estimate(
             self.belief, self.bank, self.sight, self.anchors, self.most_bounces, self._strength,
         )  # fmt: skip
         return Estimate(
             scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[4])),
             self.belief.covariance[:AGENT, :AGENT].copy(), table, paths,
-            table.existence > self.settings.detect_above, float(self.particles.count), seconds,
+            table.existence > self.settings.detect_above, health.effective_sample_size, seconds, health,
         )  # fmt: skip
