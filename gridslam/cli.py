@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gridslam import cli_files, cli_scene
+from gridslam.cli_robustness import robustness
 from gridslam.cli_study import study
 from gridslam.errors import InputError
 
@@ -27,6 +28,7 @@ MAIN_SCENE = "canyon"
 WIDEST_TABLE = 160
 """Columns up to which the table is printed whole, whatever the terminal."""
 app.command()(study)
+app.command()(robustness)
 
 
 @app.command()

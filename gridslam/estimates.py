@@ -175,6 +175,8 @@ class Health:
         Clutter heard per anchor and step, as estimated.
     amplitude : float
         Ratio of the lines of sight's amplitude to what the scene's SNR implies, as estimated.
+    turned_rad : (J,) rad
+        How far each anchor is turned from the orientation in the scene, as estimated; 0 unless beyond doubt.
     silent_steps : int
         For how long nothing has been heard.
     """
@@ -187,6 +189,7 @@ class Health:
     explained: float = 1.0
     clutter: np.ndarray = field(default_factory=lambda: np.zeros(0))
     amplitude: float = 1.0
+    turned_rad: np.ndarray = field(default_factory=lambda: np.zeros(0))
     silent_steps: int = 0
 
 

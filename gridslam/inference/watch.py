@@ -31,6 +31,8 @@ QUIET = np.log(20.0)
 """Squared amplitude above the squared threshold that one in twenty clutter measurements exceeds."""
 GAIN_STD, LEAST_GAIN, MOST_GAIN = 0.3, 0.5, 2.0
 """Prior of the ratio of true to told amplitude, and its bounds."""
+TURN_STD, KEEP_TURN, BEYOND_DOUBT = 0.02, 0.98, 4.0
+"""Prior of an anchor's orientation (rad), share kept per step, deviations from which on it is believed."""
 SURE = 0.9
 """Probability from which an association counts as sure."""
 WORST = 30.0
@@ -58,6 +60,8 @@ class Watch:
         Share of them that is explained in the long run.
     pull, weight : (1,)
         Sums from which the ratio of true to told amplitude follows.
+    turn, turn_weight : (J,)
+        Sums from which the anchors' true orientations follow, relative to the told ones.
     silent, since : (1,)
         Steps of silence so far; steps since the agent was found again.
     """
@@ -71,13 +75,17 @@ class Watch:
     usual: Array
     pull: Array
     weight: Array
+    turn: Array
+    turn_weight: Array
     silent: Array
     since: Array
 
     @classmethod
     def start(cls, anchors: int) -> Watch:
         """Nothing heard yet."""
-        state = {f.name: np.zeros(anchors if f.name in ("clutter", "listened") else 1) for f in fields(cls)}
+        own = ("clutter", "listened", "turn", "turn_weight")
+        state = {f.name: np.zeros(anchors if f.name in own else 1) for f in fields(cls)}
+        state["turn_weight"] += TURN_STD**-2
         state["pull"] += GAIN_STD**-2
         state["weight"] += GAIN_STD**-2
         state["since"] += 1e6
@@ -90,14 +98,24 @@ class Watch:
         prior = GAIN_STD**-2
         self.pull[:] = prior + KEEP_GAIN * (self.pull - prior)
         self.weight[:] = prior + KEEP_GAIN * (self.weight - prior)
+        prior = TURN_STD**-2
+        self.turn *= KEEP_TURN
+        self.turn_weight[:] = prior + KEEP_TURN * (self.turn_weight - prior)
         self.silent[:] = 0 if scan_size else self.silent + 1
         self.since += 1
         self._effective = np.inf
+        self._turned = self.turned
 
     @property
     def gain(self) -> float:
         """Ratio of true to told amplitude."""
         return float(np.clip(self.pull[0] / self.weight[0], LEAST_GAIN, MOST_GAIN))
+
+    @property
+    def turned(self) -> Array:
+        """How far each anchor is turned from what was told, (J,) rad; 0 unless that is beyond doubt."""
+        estimate, doubt = self.turn / self.turn_weight, 1 / np.sqrt(self.turn_weight)
+        return np.where(np.abs(estimate) > BEYOND_DOUBT * doubt, estimate, 0.0)
 
     def level(self, anchor: int, told: float) -> float:
         """Mean clutter per step of an anchor: a Gamma-Poisson estimate about the level that was told."""
@@ -157,6 +175,11 @@ class Watch:
         solved = np.linalg.solve(spread, np.nan_to_num(gap)[..., None])[..., 0]
         self.misfit += np.minimum((np.nan_to_num(gap) * solved).sum(1), WORST).sum()
         self.freedom += known.sum()
+        departures = np.flatnonzero(known[:, 1])
+        precision = 1 / spread[departures, 1, 1]
+        # a path's departure says how the anchor faces, where distances say by themselves where the agent is
+        self.turn[heard.anchor] += precision @ (self._turned[heard.anchor] - gap[departures, 1])
+        self.turn_weight[heard.anchor] += precision.sum()
         self._effective = min(self._effective, float(effective[sure].min()))
         direct = (rays.bounces[path] == 0) & ~np.isnan(heard.amplitude[measurement])
         for row in np.flatnonzero(direct & known[:, 0]):
@@ -214,7 +237,7 @@ class Watch:
             self.usual += rate * (share - self.usual)
         return Health(
             not reasons, "; ".join(reasons), effective, ratio, (low, high), share, heard,
-            self.gain, int(self.silent[0]),
+            self.gain, self.turned, int(self.silent[0]),
         )  # fmt: skip
 
 

@@ -123,8 +123,10 @@ class SurfaceSlam:
         began = time.perf_counter()
         with runtime.one_blas_thread():
             self._move(scan.time_s)
-            scans = self._hear(scan)
             self.watch.begin(len(scan))
+            self.facings = wrap(self.scene.anchor_orientations + self.watch.turned)
+            self.anchors = np.column_stack([self.places, self.facings])
+            scans = self._hear(scan)
             self._find_again(scans)
             for heard in scans:
                 self.signal = self.watch.tuned(self.told, heard.anchor)
