@@ -31,7 +31,7 @@ QUIET = np.log(20.0)
 """Squared amplitude above the squared threshold that one in twenty clutter measurements exceeds."""
 GAIN_STD, LEAST_GAIN, MOST_GAIN = 0.3, 0.5, 2.0
 """Prior of the ratio of true to told amplitude, and its bounds."""
-TURN_STD, KEEP_TURN, BEYOND_DOUBT = 0.02, 0.98, 4.0
+TURN_STD, KEEP_TURN, BEYOND_DOUBT = 0.02, 0.99, 4.0
 """Prior of an anchor's orientation (rad), share kept per step, deviations from which on it is believed."""
 SURE = 0.9
 """Probability from which an association counts as sure."""
@@ -227,9 +227,13 @@ class Watch:
             reasons.append(f"{share:.0%} of the loud measurements explained, usually {self.usual[0]:.0%}")
         if ratio > max(high, MISFIT):
             reasons.append(f"innovations {ratio:.1f} times as large as they should be")
-        worst = heard[np.abs(np.log(heard / told.false_alarms)).argmax()] / told.false_alarms
-        if worst > LOUD_CLUTTER:
-            reasons.append(f"clutter {worst:.1f} times what the scene says")
+        clutter = float(heard.max() / told.false_alarms)
+        if clutter > LOUD_CLUTTER:
+            reasons.append(f"clutter {clutter:.1f} times what the scene says")
+        if self._turned.any():
+            worst = int(np.abs(self._turned).argmax())
+            turn = np.degrees(self._turned[worst])
+            reasons.append(f"anchor number {worst + 1} seems turned by {turn:.1f} degrees")
         if effective < FEW:
             reasons.append(f"{effective:.0f} particles carry the weight")
         if not self.silent[0]:
