@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from gridslam import cli_files, cli_scene
+from gridslam import cli_bench, cli_files, cli_scene
 from gridslam.cli_robustness import robustness
 from gridslam.cli_study import study
 from gridslam.errors import InputError
@@ -110,6 +110,7 @@ def simulate(
 
 cli_files.register(app)
 cli_scene.register(app)
+cli_bench.register(app)
 
 
 def main() -> None:
@@ -253,6 +254,10 @@ def _finish(
 
     write_run(folder, world, runs, heards, scores, {}, overwrite, draw)
     out.print(_table(runs, scores), width=max(out.width, WIDEST_TABLE), crop=False)
+    for done, score in zip(runs, scores, strict=True):
+        for why, steps in score["health"]["why"].items():
+            line = f"note: {done.agent} at {steps} of {len(done.estimates)} steps: {why}"
+            out.print(line, highlight=False, markup=False, soft_wrap=True)
     out.print(f"wrote {folder}", highlight=False, markup=False, soft_wrap=True)
     return whole
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from gridslam import disturbances
 from gridslam.bounds import known_map_bound
+from gridslam.consistency import complaints
 from gridslam.disturbances import Case
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
@@ -170,17 +170,13 @@ def judged(
     whole = case.last - case.first == len(error)
     end = 0 if whole else case.last
     stretches = (slice(WARM_UP, case.first), slice(case.first, case.last), slice(end + MEND, None))
-    reasons = Counter(
-        r.translate(str.maketrans("", "", "0123456789.")) for e in estimates for r in e.health.why.split("; ")
-    )
-    reasons.pop("", None)
-    common = reasons.most_common(1)
+    why = next(iter(complaints(estimates)), "")
     before, during, after = (_ratio(error[s], bound[s]) for s in stretches)
     quiet = [float(unwell[s].mean()) if unwell[s].size else math.nan for s in stretches]
     return Result(
         case.scene.name, name, case.agent, case.seed, case.first, case.last, before, during, after,
         _recovery(error[end:], bound[end:]), quiet[0], quiet[1], quiet[2],
-        " ".join(common[0][0].split()) if common else "", finite, surfaces, seconds,
+        why, finite, surfaces, seconds,
     )  # fmt: skip
 
 

@@ -48,12 +48,13 @@ def evaluate(state: Array, path: Whole, pair: Array, place: Array, block: int) -
     return weight, valid
 
 
-def polylines(state: Array, path: Whole, place: Array) -> tuple[Array, Array]:
+def polylines(state: Array, path: Whole, places: Array) -> tuple[Array, Array]:
     """Twin of `kernels.paths.polylines`: corners (L, R, 4, 2) of possible paths, and which are, (L, R)."""
     agent, states = state[:2], state.shape[1]
     corners, valid = np.zeros((len(path), states, 4, 2)), np.zeros((len(path), states))
-    surfaces, anchor = lines_of(state), np.broadcast_to(place, (states, 2))
-    for row, (bounces, last, first) in enumerate(path):
+    surfaces = lines_of(state)
+    for row, (bounces, last, first, source) in enumerate(path):
+        anchor = np.broadcast_to(places[source, :2], (states, 2))
         drawn = trace(
             agent.T, anchor, surfaces[max(last, 0)], surfaces[max(first, 0)], np.full(states, bounces)
         )
@@ -176,18 +177,19 @@ def _message(validity: Array, worth: float) -> Array:
     return validity * worth + 1 - validity
 
 
-def predict(mean: Array, covariance: Array, path: Whole, place: Array) -> tuple[Array, Array, Array]:
+def predict(mean: Array, covariance: Array, path: Whole, places: Array) -> tuple[Array, Array, Array]:
     """Twin of `kernels.gaussian.predict`: values (L, 3), Jacobians (L, 3, N) and covariances (L, 3, 3)."""
     count, lines = len(path), np.concatenate([mean[5:].reshape(-1, 2), np.zeros((1, 2))])
-    bounces, last, first = path.T.astype(np.intp)
+    bounces, last, first, source = path.T.astype(np.intp)
+    place = places[source]
     drawn = trace(
         np.tile(mean[:2], (count, 1)),
-        np.tile(place[:2], (count, 1)),
+        place[:, :2],
         lines[last],
         lines[first],
         bounces,
     )
-    value = np.stack([drawn.distance, wrap(drawn.departure - place[2]), wrap(drawn.arrival - mean[4])], -1)
+    value = np.stack([drawn.distance, wrap(drawn.departure - place[:, 2]), wrap(drawn.arrival - mean[4])], -1)
     slope = np.zeros((count, 3, len(mean)))
     slope[:, :, [0, 1, 4]] = drawn.jacobian[:, :, :3]
     for row in range(count):
@@ -204,7 +206,8 @@ def correct(
     """Twin of `kernels.gaussian.correct`: mean, covariance and the probabilities of the associations."""
     share = np.zeros(len(pair))
     for row, (chance, missed) in zip(path, prior, strict=True):
-        value, slope, core = (part[0] for part in predict(mean, covariance, row[None, :3], place))
+        alone = np.append(row[:3], 0)[None]
+        value, slope, core = (part[0] for part in predict(mean, covariance, alone, place[None]))
         chosen = slice(row[3], row[4])
         variance, density, message = pair[chosen, 3:6], pair[chosen, 6], pair[chosen, 7]
         gap = pair[chosen, :3] - value

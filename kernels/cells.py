@@ -56,6 +56,7 @@ def cast(
 
     A path sends only if it is possible at more than the least share of its states.
     """
+    ti.loop_config(serialize=True)  # too little work to wake other threads for
     for row, k in ti.ndrange(path.shape[0], state.shape[1]):
         draw_path(state, path, places, row, k, drawn)
     ti.loop_config(block_dim=1)

@@ -100,6 +100,7 @@ def predict(
     out: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 12] out: value (3), spread (9)
 ):
     """Predict every path at the mean."""
+    ti.loop_config(serialize=True)  # too little work to wake other threads for
     for row in range(path.shape[0]):
         anchor = path[row, 3]
         place = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)

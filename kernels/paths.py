@@ -137,5 +137,6 @@ def polylines(
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 13] out
 ):
     """Draw every path at every sampled state."""
+    ti.loop_config(serialize=True)  # too little work to wake other threads for
     for row, k in ti.ndrange(path.shape[0], state.shape[1]):
         draw_path(state, path, places, row, k, drawn)

@@ -98,9 +98,10 @@ def test_drawn_polylines_equal_their_twin(seed):
     draw = np.random.default_rng(seed)
     state, path, place = random_world(draw, 7, np.float64)
     drawn = np.zeros((len(path) * 7, 13))
-    polylines(state, np.pad(path, ((0, 0), (0, 1))), place[None], drawn)
+    path = np.pad(path, ((0, 0), (0, 1)))
+    polylines(state, path, place[None], drawn)
     drawn = drawn.reshape(len(path), 7, 13)
-    expected, possible = twins.polylines(state, path, place[:2])
+    expected, possible = twins.polylines(state, path, place[None])
     near = np.abs(expected).max((2, 3)) < 1e3
     np.testing.assert_array_equal(drawn[near, 12], possible[near])
     np.testing.assert_allclose(drawn[near, :8].reshape(-1, 4, 2), expected[near], rtol=1e-6, atol=1e-6)
@@ -142,8 +143,9 @@ def test_predicted_paths_equal_their_twin(seed, surfaces):
     draw = np.random.default_rng(seed)
     mean, covariance, path = random_belief(draw, surfaces)
     place, out = np.array([*draw.uniform(-5, 5, 2), draw.uniform(-3, 3)]), np.zeros((len(path), 12))
-    predict(mean, covariance, np.pad(path, ((0, 0), (0, 1))), place[None], out)
-    value, _, spread = twins.predict(mean, covariance, path, place)
+    path = np.pad(path, ((0, 0), (0, 1)))
+    predict(mean, covariance, path, place[None], out)
+    value, _, spread = twins.predict(mean, covariance, path, place[None])
     far = value[:, 0] > 0.1  # next to its image, an agent has no direction to it
     np.testing.assert_allclose(out[far, 0], value[far, 0], rtol=1e-9)
     np.testing.assert_allclose(wrap(out[far, 1:3] - value[far, 1:]), 0, atol=1e-6)
@@ -158,7 +160,7 @@ def test_correction_equals_its_twin(seed, surfaces):
     draw = np.random.default_rng(seed)
     mean, covariance, path = random_belief(draw, surfaces)
     place = np.array([*draw.uniform(-5, 5, 2), draw.uniform(-3, 3)])
-    value, _, spread = twins.predict(mean, covariance, path, place)
+    value, _, spread = twins.predict(mean, covariance, np.pad(path, ((0, 0), (0, 1))), place[None])
     path, value, spread = path[value[:, 0] > 0.5], value[value[:, 0] > 0.5], spread[value[:, 0] > 0.5]
     end = np.cumsum(draw.integers(0, 3, len(path)))
     table = np.column_stack([path, np.append(0, end[:-1]), end]).astype(np.int32)[: len(path)]

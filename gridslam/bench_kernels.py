@@ -1,0 +1,246 @@
+"""Each kernel against its NumPy twin, on what it was given in a running filter."""
+
+from __future__ import annotations
+
+import inspect
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam import runtime, twins
+from gridslam.bench_stages import Function, kernels, replaced
+from gridslam.kernels import PATH_BLOCK
+from gridslam.mapping import METHODS
+from gridslam.scene import Scene
+from gridslam.simulate import simulate
+
+Array = NDArray[Any]
+Case = dict[str, Any]
+"""Arguments of one launch, by name."""
+
+
+@dataclass(frozen=True)
+class KernelSpeed:
+    """One kernel and its twin on the same case.
+
+    Attributes
+    ----------
+    name, unit : str
+        What is counted: "path-particle", "cell visit", "path-ray", "path", "sample".
+    units : int
+        How many of them the case has.
+    kernel_s, twin_s : float
+        Medians, s.
+    kernel_best_s : float
+        Shortest of all repeats, s.
+    ratio : float
+        ``twin_s / kernel_s``.
+    ns_per_unit : float
+        Of the kernel, launch included.
+    launch_us : float
+        Of a launch with nothing to do.
+    """
+
+    name: str
+    unit: str
+    units: int
+    kernel_s: float
+    kernel_best_s: float
+    twin_s: float
+    ratio: float
+    ns_per_unit: float
+    launch_us: float
+
+
+def _senders(case: Case) -> Array:
+    """Rows of the rays whose paths send messages, of those drawn, (K, 14)."""
+    drawn = case["drawn"].reshape(len(case["path"]), -1, 14)
+    send = (case["factor"][:, 1] > 0.5) & (drawn[..., 12].mean(1) > case["frame"][5])
+    return np.asarray(drawn[send].reshape(-1, 14))
+
+
+def _bounces(case: Case) -> Array:
+    drawn = case["drawn"].reshape(len(case["path"]), -1, 14)
+    send = (case["factor"][:, 1] > 0.5) & (drawn[..., 12].mean(1) > case["frame"][5])
+    return np.asarray(case["path"][send, 0])
+
+
+def _visits(case: Case) -> int:
+    """Cells that the rays of sending paths cross, and those that they meet."""
+    rays, total = case["state"].shape[1], 0
+    for row, count in zip(_senders(case), np.repeat(_bounces(case), rays), strict=True):
+        corners, normals = row[:8].reshape(4, 2), row[8:12].reshape(2, 2)
+        crossed, met = twins.cells_of(
+            corners[: count + 2], normals[:count], case["frame"], case["occupied"].shape[1:]
+        )
+        total += len(crossed) + sum(len(cells) for cells in met)
+    return total
+
+
+@dataclass(frozen=True)
+class Contest:
+    """What the benchmark knows of a kernel.
+
+    Attributes
+    ----------
+    unit : str
+    twin : callable
+        Takes arguments of the kernel by name, and `given`.
+    units : callable
+        How many units a case has.
+    rows : str
+        Argument without whose rows there is nothing to do.
+    given : callable
+        The twin's arguments that the kernel doesn't have.
+    size : callable, optional
+        Which launch of a step is the largest, if not by its units.
+    changes : tuple of str
+        Arguments that the kernel reads and changes.
+    """
+
+    unit: str
+    twin: Function
+    units: Callable[[Case], int]
+    rows: str = "path"
+    given: Callable[[Case], Case] = lambda case: {}
+    size: Callable[[Case], int] | None = None
+    changes: tuple[str, ...] = ()
+
+
+def _path_particles(case: Case) -> int:
+    return len(case["path"]) * case["state"].shape[1]
+
+
+def _samples(case: Case) -> int:
+    return len(case["heard"]) * len(case["known"]) * case["state"].shape[1]
+
+
+def _paths(case: Case) -> int:
+    return len(case["path"])
+
+
+def _cast_twin(case: Case) -> Case:
+    """What was drawn of the sending paths; the kernel draws them itself, and casts the others for V alone."""
+    rows, bounces = _senders(case), _bounces(case)
+    drawn = case["drawn"].reshape(len(case["path"]), -1, 14)
+    send = (case["factor"][:, 1] > 0.5) & (drawn[..., 12].mean(1) > case["frame"][5])
+    traversed, hit = case["occupied"]
+    return {
+        "corners": rows[:, :8].reshape(-1, 4, 2), "normals": rows[:, 8:12].reshape(-1, 2, 2),
+        "bounces": bounces, "worth": case["factor"][send, 0], "traversed": traversed, "hit": hit,
+        "rays": case["state"].shape[1], "outside": case["frame"][3], "clip": case["frame"][4],
+    }  # fmt: skip
+
+
+CONTESTS = {
+    "evaluate": Contest(
+        "path-particle", twins.evaluate, _path_particles, given=lambda case: {"block": PATH_BLOCK}
+    ),
+    "cast": Contest(
+        "cell visit", twins.cast, _visits, given=_cast_twin,
+        size=lambda case: int((case["factor"][:, 1] > 0.5).sum()),  # those that send messages
+    ),
+    "correct": Contest("path", twins.correct, _paths, changes=("mean", "covariance")),
+    "polylines": Contest("path-ray", twins.polylines, _path_particles),
+    "predict": Contest("path", twins.predict, _paths),
+    "propose": Contest("sample", twins.propose, _samples, "heard"),
+}  # fmt: skip
+
+
+def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Case]:
+    """Run grid SLAM for some steps, then keep each kernel's largest launch of the next few.
+
+    Parameters
+    ----------
+    scene : Scene
+    steps : int
+        Before any launch is looked at.
+    watched : int
+        Steps that are.
+    """
+    runtime.start()
+    slam = METHODS["grid"](scene, seed=1)
+    scans = list(simulate(scene, scene.agents[0].name, seed=1))[: steps + watched]
+    for scan in scans[:steps]:
+        slam.step(scan)
+    best: dict[str, tuple[int, Case]] = {}
+
+    def recorder(name: str, kernel: Function) -> Function:
+        names = list(inspect.signature(kernel).parameters)
+
+        def record(*arguments: Any) -> Any:
+            case = dict(zip(names, arguments, strict=True))
+            contest = CONTESTS[name]
+            size = (contest.size or contest.units)(case)
+            if name not in best or size > best[name][0]:
+                best[name] = size, {k: _copy(v) for k, v in case.items()}
+            return kernel(*arguments)
+
+        return record
+
+    with replaced({id(k): (k, recorder(name, k)) for name, k in kernels().items()}):
+        for scan in scans[steps:]:
+            slam.step(scan)
+    return {name: case for name, (_, case) in best.items()}
+
+
+def compete(name: str, case: Case, seconds: float) -> KernelSpeed:
+    """Time a kernel and its twin on one case.
+
+    Parameters
+    ----------
+    seconds : float
+        At least so long for the kernel, and for the twin; each runs three times or more, the twin once.
+    """
+    import taichi as ti
+
+    kernel, contest = kernels()[name], CONTESTS[name]
+
+    used = case | {key: case[key].copy() for key in contest.changes}
+    idle = used | {contest.rows: case[contest.rows][:0]}
+
+    def launch(arguments: Case) -> None:
+        kernel(*arguments.values())
+        ti.sync()
+
+    def restore() -> None:
+        for key in contest.changes:
+            used[key][...] = case[key]
+
+    launch(used)  # compiled, and in the cache; the cast kernel has drawn its rays
+    known = case | contest.given(case)
+    wanted = {key: known[key] for key in inspect.signature(contest.twin).parameters}
+    launch(idle)
+    took = repeated(lambda: launch(used), seconds, before=restore)
+    nothing = repeated(lambda: launch(idle), 0.1 * seconds)
+    twin = float(np.median(repeated(lambda: contest.twin(**wanted), seconds, 1)))
+    median, units = float(np.median(took)), contest.units(case)
+    return KernelSpeed(
+        name, contest.unit, units, median, min(took), twin, twin / median, 1e9 * median / max(units, 1),
+        1e6 * float(np.median(nothing)),
+    )  # fmt: skip
+
+
+def repeated(
+    action: Callable[[], object],
+    seconds: float,
+    at_least: int = 3,
+    before: Callable[[], object] = lambda: None,
+) -> list[float]:
+    """Seconds that each of many calls took, without what is done `before` each."""
+    took: list[float] = []
+    until = time.perf_counter() + seconds
+    while len(took) < at_least or time.perf_counter() < until:
+        before()
+        began = time.perf_counter()
+        action()
+        took.append(time.perf_counter() - began)
+    return took
+
+
+def _copy(value: Any) -> Any:
+    return value.copy() if isinstance(value, np.ndarray) else value

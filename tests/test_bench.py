@@ -1,0 +1,202 @@
+"""The benchmark measures what it says, and leaves the filter as it found it."""
+
+import json
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scene_samples import shortened
+
+import gridslam as gs
+from gridslam import bench, bench_growth, bench_kernels, bench_stages, bench_start, runtime
+from gridslam.errors import InputError
+
+runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
+LAUNCH_S = 1e-4
+
+
+@pytest.fixture(scope="module")
+def quick():
+    """What a brief measurement of everything found, start-up left out, and the parts it told of."""
+    told = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bench, "start_up", lambda repeats, device: bench_start.StartUp(1.0, False, 3.0, 2.0))
+        return bench.measure(bench.QUICK, tell=lambda *words: told.append(words)), told
+
+
+def numbers(value):
+    if isinstance(value, dict):
+        return [n for child in value.values() for n in numbers(child)]
+    if isinstance(value, list):
+        return [n for child in value for n in numbers(child)]
+    return [] if isinstance(value, str | bool) or value is None else [value]
+
+
+def test_everything_is_in_the_json_as_positive_finite_numbers(quick):
+    found = json.loads(quick[0].to_json())
+    assert set(found) == {
+        "format", "version", "plan", "machine", "kernels", "steps", "growth", "start_up", "seconds",
+    }  # fmt: skip
+    assert found["machine"]["device"] == "cpu"
+    assert found["machine"]["threads"] >= 1
+    assert set(found["machine"]["versions"]) == set(bench_start.PACKAGES)
+    assert [g["of"] for g in found["growth"]] == [
+        "particles", "surfaces", "measurements", "grid cells", "steps",
+    ]  # fmt: skip
+    for growth in found["growth"]:
+        powers = growth.pop("exponent"), growth.pop("cpu_exponent")
+        assert all(map(math.isfinite, powers))  # of a brief measurement they may be anything
+    found["machine"].pop("load")
+    stages = [step.pop("stages_ms") for step in found["steps"]]
+    assert all(n >= 0 and math.isfinite(n) for n in numbers(stages))
+    assert all(n > 0 and math.isfinite(n) for n in numbers(found))
+    assert [(s["method"], s["scene"], s["particles"]) for s in found["steps"]] == [
+        ("grid", "alcove", 256), ("grid", "alcove", 1024), ("grid", "canyon", 256),
+        ("adaptive", "alcove", 256), ("adaptive", "alcove", 1024),
+    ]  # fmt: skip
+
+
+def test_ratios_and_rates_are_those_of_the_times(quick):
+    for kernel in quick[0].kernels:
+        assert kernel.ratio == pytest.approx(kernel.twin_s / kernel.kernel_s)
+        assert kernel.ns_per_unit == pytest.approx(1e9 * kernel.kernel_s / kernel.units)
+        assert kernel.kernel_best_s <= kernel.kernel_s
+    for step in quick[0].steps:
+        assert step.steps_per_s == pytest.approx(1000 / step.step_ms)
+        inside = sum(ms for name, ms in step.stages_ms.items() if name.startswith("kernel "))
+        assert step.not_kernel_share == pytest.approx(1 - inside / sum(step.stages_ms.values()))
+
+
+def test_every_kernel_there_is_has_a_twin_to_compete_with(quick):
+    assert set(bench_kernels.CONTESTS) == set(bench_stages.kernels())
+    assert {kernel.name for kernel in quick[0].kernels} == set(bench_kernels.CONTESTS)
+    launched = {name for step in quick[0].steps for name in step.stages_ms if name.startswith("kernel ")}
+    assert launched == {f"kernel {name}" for name in bench_kernels.CONTESTS}
+
+
+def test_progress_tells_every_part_once(quick):
+    speed, told = quick
+    assert [done for _, done, _ in told] == list(range(len(told)))
+    assert {total for _, _, total in told} == {len(told)}
+    assert len(told) == len(speed.steps) + 3
+
+
+def test_watching_changes_nothing_for_the_filter():
+    scene = shortened(gs.Scene.load("room"), 4).with_filter(particles=128)
+    plain, watched = gs.GridSlam(scene, seed=3), gs.GridSlam(scene, seed=3)
+    before = dict(bench_stages.kernels())
+    for scan in gs.simulate(scene, "agent1", seed=3):
+        expected = plain.step(scan)
+        with bench_stages.Stopwatch().watching() as watch:
+            assert bench_stages.kernels() != before
+            found = watched.step(scan)
+        assert bench_stages.kernels() == before
+        np.testing.assert_array_equal(found.covariance, expected.covariance)
+    assert watch.launches["cast"] >= 2 * len(scene.anchors)
+
+
+def test_function_that_fails_under_watch_is_put_back():
+    before = bench_stages.kernels()
+    with pytest.raises(ZeroDivisionError), bench_stages.Stopwatch().watching():
+        _ = 1 / 0
+    assert bench_stages.kernels() == before
+
+
+def test_stages_of_a_step_add_up_to_it_and_launches_are_no_kernels():
+    scene = shortened(gs.Scene.load("room"), 2).with_filter(particles=128)
+    slam = gs.GridSlam(scene, seed=3)
+    scans = list(gs.simulate(scene, "agent1", seed=3))
+    slam.step(scans[0])
+    with bench_stages.Stopwatch().watching() as watch:
+        began = time.perf_counter()
+        slam.step(scans[1])
+        whole = time.perf_counter() - began
+    stages = watch.of_step(2 * whole, 2, dict.fromkeys(watch.launches, LAUNCH_S))
+    assert sum(stages.values()) == pytest.approx(whole)
+    assert stages["launches"] <= LAUNCH_S * sum(watch.launches.values()) / 2 * (1 + 1e-9)
+    assert stages["launches"] > 0
+    assert {"association", "correction", "births", "cells", "evaluation", "bookkeeping"} < set(stages)
+
+
+@pytest.mark.parametrize("power", [0.0, 1.0, 2.5])
+def test_exponent_of_a_power_law_is_its_power(power):
+    size = [10, 100, 500]
+    times = [[3e-3 * n**power for n in size], [1e-3 * n for n in size]]
+    found = bench_growth.fitted("things", size, *times, [1.0] * 3)
+    assert found.exponent == pytest.approx(power, abs=1e-9)
+    assert found.cpu_exponent == pytest.approx(1)
+
+
+def test_one_size_has_no_exponent():
+    assert bench_growth.fitted("things", [3, 3], [0.1, 0.2], [0.1, 0.1], [1.0, 1.0]).exponent is None
+
+
+@pytest.mark.parametrize("sides", bench.Plan().surfaces)
+def test_polygons_have_as_many_surfaces_as_sides(sides):
+    scene = bench_growth.polygon(sides, 64)
+    assert len(set(scene.segments().surface.tolist())) == sides
+    assert len(scene.track("agent1")) >= bench.Plan().before + bench.Plan().timed
+
+
+def test_bundled_scene_is_long_enough_for_the_plan():
+    plan = bench.Plan()
+    assert len(gs.Scene.load("alcove").track("agent1")) >= max(*plan.steps, plan.kernel_before + 10)
+
+
+def test_cell_visits_of_a_straight_ray_are_the_cells_on_its_way():
+    drawn = np.array([[0.5, 0.5, 3.5, 0.5, 3.5, 0.5, 3.5, 0.5, 1, 0, 1, 0, 1, 0]])
+    case = {
+        "state": np.zeros((3, 1)), "path": np.array([[0, -1, -1, 0]]), "drawn": drawn, "factor": np.ones((1, 2)),
+        "frame": np.array([0.0, 0.0, 1.0, 0.1, 12.0, 0.5]), "occupied": np.zeros((2, 4, 4)),
+    }  # fmt: skip
+    assert bench_kernels.CONTESTS["cast"].units(case) == 4
+
+
+def test_command_writes_the_json_it_shows(say, quick, monkeypatch, tmp_path):
+    kept = quick[0]
+
+    def measure(plan, device, threads, tell):
+        assert (plan, device, threads) == (bench.QUICK, "auto", None)
+        return kept
+
+    monkeypatch.setattr(bench, "measure", measure)
+    said = say("bench", "--quick", "--json", "speed.json")
+    assert (said.code, said.err) == (0, "")
+    assert json.loads((tmp_path / "speed.json").read_text()) == json.loads(kept.to_json())
+    for kernel in kept.kernels:
+        assert f"{kernel.name} " in said.out
+    assert "…" not in said.out, "no table is cut"
+
+
+def test_first_start_compiles_the_kernels_and_the_next_finds_them(monkeypatch):
+    whole, compiled = bench_start._child, []
+
+    def child(code, words, environment=None):
+        if environment:
+            cache = Path(environment["TI_OFFLINE_CACHE_FILE_PATH"])
+            compiled.append(len(list(cache.iterdir())) if cache.is_dir() else 0)
+        return whole(code, words, environment)
+
+    monkeypatch.setattr(bench_start, "_child", child)
+    found = bench_start.start_up(1)
+    assert compiled[0] == 0
+    assert compiled[1] >= len(bench_stages.kernels())
+    assert not found.import_starts_taichi
+    assert min(found.import_s, found.cold_s, found.warm_s) > 0
+
+
+@pytest.mark.parametrize("name", ["", "missing/speed.json"])
+def test_json_that_cant_be_written_is_refused_before_anything_is_measured(say, name, monkeypatch, tmp_path):
+    monkeypatch.setattr(bench, "measure", lambda *_: pytest.fail("measured"))
+    said = say("bench", "--json", tmp_path / name)
+    assert said.code == 2
+    assert len(said.complaints) == 1
+    assert "--json" in said.complaints[0]
+
+
+def test_unknown_device_is_refused(say):
+    assert say("bench", "--device", "abacus").code == 2
+    with pytest.raises(InputError, match="device"):
+        bench.measure(bench.QUICK, "abacus")
