@@ -19,7 +19,7 @@ from gridslam.formats import DEVIATIONS, KEYS, VALUES
 from gridslam.measurements import Measurements
 from gridslam.scene import Scene
 from gridslam.simulate import TruePaths, heard_along, true_paths
-from gridslam.track import smooth_track
+from gridslam.track import TightCorner, smooth_track
 from gridslam.trajectory import Trajectory
 from gridslam.unusual_paths import diffuse_points, grazing, joined, triple_bounces
 
@@ -186,7 +186,11 @@ def strides(case: Case, times: int = 10, steps: int = 150, pause: bool = False) 
     once = smooth_track(body.way, body.step_m, body.interval_s, filters.acceleration_mps2)
     rounds = 1 + int(np.ceil(steps * times / len(once)))
     way = np.concatenate([body.way] * (2 * rounds))
-    walk = smooth_track(way, body.step_m, body.interval_s, filters.acceleration_mps2)
+    try:
+        walk = smooth_track(way, body.step_m, body.interval_s, filters.acceleration_mps2)
+    except TightCorner as error:
+        where = f"{case.scene.name}: agents: {case.agent}: waypoints_m"
+        raise InputError(where, str(error), "a way that can be gone round and round") from None
     rows = slice(0, steps * times, times)
     interval = body.interval_s * (times if pause else 1)
     speed = walk.velocity_mps[rows] * (1 if pause else times)

@@ -76,7 +76,7 @@ def grazing(scene: Scene, agent: str, paths: TruePaths, share: float) -> TruePat
 
     A wall's coefficient at normal incidence is `share` of its material's; a Fresnel reflection with the
     permittivity that this implies (transverse electric) gives the others. Concrete at 0.7 and a share of 0.56
-    give ITU-R P.2040's 0.39 at normal incidence and 0.93 at 87 degrees.
+    give ITU-R P.2040's 0.39 at normal incidence and 0.93 at 86 degrees.
     """
     walls, factor = scene.segments(), np.ones(len(paths))
     legs = np.diff(_filled(paths.points), axis=1)

@@ -34,7 +34,7 @@ MAP_M, MAP_RAD = 0.03, 0.02
 CLEAR, WORTH = 5.0, 8.0
 """Log-likelihood by which a mode must beat the next one, and the pose that was believed."""
 LOUDEST = 25.0
-GATE = 5.0
+GATE = 4.0
 """Standard deviations within which a measurement lies where its path is predicted."""
 VAGUE_M, VAGUE_RAD = 0.6, 0.4
 """Standard deviations of position and heading from which on a pose is searched for."""
@@ -97,25 +97,27 @@ class Fix:
     lead: float
 
 
-def expected_share(
-    scans: Sequence[Heard], anchors: Sequence[Rays], predicted: Sequence[Prediction], signal: SignalModel
-) -> tuple[int, int]:
-    """How many loud measurements there are, and how many of them lie where some path is predicted."""
-    count = near = 0
-    for heard, rays, ahead in zip(scans, anchors, predicted, strict=True):
-        rows = np.flatnonzero(loud(heard, signal) & ~np.isnan(heard.amplitude))
-        paths = np.flatnonzero(rays.surfaces > 0.3)
-        if not len(rows):
-            continue
-        std = deviations(heard, rows, heard.amplitude[rows], np.nan_to_num(heard.value[rows, 1:]), signal)
-        gap = heard.value[rows] - ahead.value[paths, None]
-        gap[..., 1:] = wrap(gap[..., 1:])
-        spread = ahead.spread[paths, None] + np.minimum(std, 1e3)[None, :, :, None] ** 2 * np.eye(3)
-        gap = np.nan_to_num(gap)
-        square = (gap * np.linalg.solve(spread, gap[..., None])[..., 0]).sum(-1)
-        count += len(rows)
-        near += int((square < GATE**2).any(0).sum())
-    return count, near
+def near_paths(scans: Sequence[Heard], rays: Rays, predicted: Prediction, signal: SignalModel) -> int:
+    """How many of the loud measurements lie where some path of their anchor is predicted."""
+    rows = [np.flatnonzero(loud(heard, signal)) for heard in scans]
+    anchor = np.repeat([heard.anchor for heard in scans], [len(r) for r in rows])
+    value, own = (
+        np.concatenate([getattr(heard, name)[r] for heard, r in zip(scans, rows, strict=True)])
+        for name in ("value", "own_std")
+    )
+    amplitude = np.concatenate([heard.amplitude[r] for heard, r in zip(scans, rows, strict=True)])
+    amplitude = np.nan_to_num(amplitude, nan=signal.threshold)
+    # which way an array faces doesn't matter for a gate
+    angle = 1 / (np.sqrt(8) * np.pi * amplitude)
+    there, here = np.sqrt(signal.anchor_aperture.mean(1))[anchor], np.sqrt(signal.agent_aperture.mean())
+    fisher = np.stack([signal.distance_std(amplitude), angle / there, angle / here], -1)
+    variance = np.where(np.isnan(own), fisher, own) ** 2
+    gap = value - predicted.value[:, None]
+    gap[..., 1:] = wrap(gap[..., 1:])
+    spread = np.diagonal(predicted.spread, axis1=1, axis2=2)[:, None] + variance
+    near = np.nan_to_num(np.square(gap) / spread).sum(-1) < GATE**2  # what wasn't measured is near
+    near &= (rays.surfaces > 0.3)[:, None] & (rays.anchor[:, None] == anchor)
+    return int(near.any(0).sum())
 
 
 def is_vague(belief: Belief) -> bool:

@@ -21,7 +21,7 @@ from gridslam.signal import SignalModel
 Array = NDArray[np.float64]
 KEEP, KEEP_GAIN = 0.9, 0.99
 """Share of what was learned that is kept per step."""
-TRUST = 3.0
+TRUST = 1.0
 """Steps of listening that the scene's own clutter level is worth."""
 LEAST_CLUTTER, MOST_CLUTTER = 0.2, 20.0
 """Bounds of the clutter level, as shares of the scene's."""
@@ -37,7 +37,7 @@ SURE = 0.9
 """Probability from which an association counts as sure."""
 WORST = 30.0
 """Normalised innovation squared at which one path's is cut off."""
-SILENT, LOST, MISFIT, LOUD_CLUTTER, FEW, VAGUE_M = 5, 0.5, 1.7, 3.0, 10.0, 1.0
+SILENT, LOST, MISFIT, LOUD_CLUTTER, FEW, VAGUE_M = 5, 0.5, 1.7, 3.0, 3.0, 1.0
 """When something is amiss: steps of silence; share of the usual explained; ratio of innovations to what is
 expected; of clutter; effective particles; position's standard deviation."""
 AFRESH, ENOUGH = 5, 4
@@ -190,9 +190,8 @@ class Watch:
                 self.pull += level * measured / scale**2
                 self.weight += (level / scale) ** 2
 
-    def lost(self, loud_and_near: tuple[int, int]) -> bool:
-        """Whether far fewer loud measurements than usual lie where a path is predicted."""
-        count, near = loud_and_near
+    def lost(self, count: int, near: int) -> bool:
+        """Whether, of `count` loud measurements, far fewer than usual lie where a path is predicted."""
         return count >= ENOUGH and self.usual[0] > 0 and near < LOST * self.usual[0] * count
 
     def found(self, was_lost: bool) -> None:

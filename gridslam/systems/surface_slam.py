@@ -28,15 +28,16 @@ from gridslam.inference.readout import path_estimate, surface_estimate
 from gridslam.inference.relocation import (
     CLEAR,
     WORTH,
-    expected_share,
     find_pose,
     freed,
     is_vague,
+    loud,
     moved,
+    near_paths,
     sources_of,
 )
 from gridslam.inference.surfaces import Bank
-from gridslam.inference.watch import Watch
+from gridslam.inference.watch import ENOUGH, Watch
 from gridslam.map import Map
 from gridslam.measurements import Scan
 from gridslam.scene import Scene
@@ -189,15 +190,20 @@ class SurfaceSlam:
 
     def _find_again(self, scans: list[Heard]) -> None:
         """Where the belief can't be followed from the last step on, find the agent by the map."""
+        count = sum(int(loud(heard, self.told).sum()) for heard in scans)
+        vague = is_vague(self.belief)
+        if count < ENOUGH and not vague:
+            return
         anchors = [rays_of(self.bank, self.sight, h.anchor, self.most_bounces) for h in scans]
-        predicted = [predict_paths(rays, self.belief, self.anchors) for rays in anchors]
-        lost = self.watch.lost(expected_share(scans, anchors, predicted, self.told))
-        if not (lost or is_vague(self.belief)):
+        rays = Rays.stack(anchors)
+        near = near_paths(scans, rays, predict_paths(rays, self.belief, self.anchors), self.told)
+        lost = self.watch.lost(count, near)
+        if not (lost or vague):
             return
         coefficient = self.bank.reflection @ REFLECTION_BINS
         sources = [
-            sources_of(rays, self.belief, heard.place, coefficient)
-            for rays, heard in zip(anchors, scans, strict=True)
+            sources_of(own, self.belief, heard.place, coefficient)
+            for own, heard in zip(anchors, scans, strict=True)
         ]
         belief = freed(self.belief, self.elapsed, self.settings.acceleration_mps2) if lost else self.belief
         fix = find_pose(
