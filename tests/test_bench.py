@@ -148,8 +148,9 @@ def test_bundled_scene_is_long_enough_for_the_plan():
 def test_cell_visits_of_a_straight_ray_are_the_cells_on_its_way():
     drawn = np.array([[0.5, 0.5, 3.5, 0.5, 3.5, 0.5, 3.5, 0.5, 1, 0, 1, 0, 1, 0]])
     case = {
-        "state": np.zeros((3, 1)), "path": np.array([[0, -1, -1, 0]]), "drawn": drawn, "factor": np.ones((1, 2)),
-        "frame": np.array([0.0, 0.0, 1.0, 0.1, 12.0, 0.5]), "occupied": np.zeros((2, 4, 4)),
+        "state": np.zeros((3, 1)), "path": np.array([[0, -1, -1, 0]]), "drawn": drawn,
+        "factor": np.ones((1, 2)), "frame": np.array([0.0, 0.0, 1.0, 0.1, 12.0, 0.5]),
+        "occupied": np.zeros((2, 4, 4)),
     }  # fmt: skip
     assert bench_kernels.CONTESTS["cast"].units(case) == 4
 

@@ -20,6 +20,8 @@ from gridslam.signal import SignalModel
 Array = NDArray[np.float64]
 WALK = 0.02
 """Random walk of an amplitude per step, as a share of it (paper 002, section VI-A)."""
+SURPRISE = 1e-9
+"""Weight of any amplitude at all, should the one that was measured be out of all expectation."""
 FINE, RATIO = 11.7, 0.03
 """Nodes ``FINE sinh(RATIO k)``: 0.35 apart where faint, 3 % apart where strong."""
 
@@ -89,11 +91,12 @@ class RayAmplitudes:
         missed = np.maximum(1 - responsible.sum(1, keepdims=True), 0.0)
         after = missed * silent / np.maximum(silent.sum(1, keepdims=True), 1e-12)
         loud = ~np.isnan(heard.amplitude)
-        density = np.ones((len(heard), len(self.nodes)))
-        density[loud] = np.exp(self.signal.log_rician(heard.amplitude[loud, None], self.nodes))
+        density = np.zeros((len(heard), len(self.nodes)))
+        density[loud] = self.signal.log_rician(heard.amplitude[loud, None], self.nodes)
+        density = np.exp(density - density.max(1, keepdims=True))
         for m in np.flatnonzero(responsible.sum(0) > 1e-3):
-            said = prior * density[m]
-            after += responsible[:, m, None] * said / np.maximum(said.sum(1, keepdims=True), 1e-300)
+            said = (prior + SURPRISE * self._gap) * density[m]
+            after += responsible[:, m, None] * said / said.sum(1, keepdims=True)
         after /= np.maximum(after.sum(1, keepdims=True), 1e-12)
         for row, key in enumerate(self._keys(rays, identity)):
             if rays.existence[row] * rays.surfaces[row] > 0.01:
@@ -102,7 +105,8 @@ class RayAmplitudes:
     def start(self, anchor: int, last: int, first: int, amplitude: float) -> None:
         """First belief of the ray that bore a surface, from the measurement alone."""
         if np.isfinite(amplitude):
-            density = self._gap * np.exp(self.signal.log_rician(np.asarray(amplitude), self.nodes))
+            log = self.signal.log_rician(np.asarray(amplitude), self.nodes)
+            density = self._gap * np.exp(log - log.max())
             self._kept[anchor, last, first] = density / density.sum()
 
     def mean(self, rays: Rays, identity: NDArray[np.int64], distance: Array) -> Array:

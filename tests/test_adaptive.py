@@ -1,0 +1,126 @@
+"""Adaptive SLAM and its reference: amplitude states of rays, and what the systems find on bundled scenes."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import gridslam as gs
+from gridslam.geometry import sfv
+from gridslam.inference.amplitudes import RayAmplitudes
+from gridslam.inference.heard import Heard
+from gridslam.inference.likelihood import DetectionTable
+from gridslam.inference.rays import Rays
+from gridslam.mapping import METHODS
+
+SIGNAL = gs.Scene.load("room").signal_model("agent1")
+TABLE = DetectionTable(SIGNAL)
+NOBODY = np.zeros(0, np.int64)
+
+
+def one_ray(existence=0.9):
+    return Rays(*(np.array([v]) for v in (0, 0, -1, -1, existence, 1.0)))
+
+
+def heard(*amplitudes):
+    count = len(amplitudes)
+    unknown = np.full((count, 3), np.nan)
+    return Heard(0, np.zeros(2), 0.0, unknown, unknown, np.array(amplitudes, float))
+
+
+def followed(amplitudes, existence=0.9, distance=3.0):
+    """Amplitude belief after hearing one path strengths one after the other; None for a miss."""
+    rays, states = one_ray(existence), RayAmplitudes(SIGNAL)
+    for amplitude in amplitudes:
+        belief = states.predict(rays, NOBODY, np.array([distance]))
+        said = heard() if amplitude is None else heard(amplitude)
+        responsible = np.ones((1, len(said)))
+        states.correct(rays, NOBODY, belief, said, responsible, TABLE)
+    return states, states.predict(rays, NOBODY, np.array([distance]))
+
+
+@given(
+    st.lists(st.one_of(st.none(), st.floats(2.1, 1000)), max_size=6),
+    st.floats(0.01, 0.99),
+    st.floats(0.5, 30),
+)
+@settings(max_examples=40, deadline=None)
+def test_amplitude_beliefs_stay_distributions(amplitudes, existence, distance):
+    _, belief = followed(amplitudes, existence, distance)
+    assert (belief.probability >= 0).all()
+    np.testing.assert_allclose(belief.probability.sum(1), 1, atol=1e-9)
+
+
+@pytest.mark.parametrize("true", [4.0, 9.0, 20.0])
+def test_amplitude_converges_to_what_is_heard(true):
+    draw = np.random.default_rng(1)
+    scale = SIGNAL.amplitude_std(np.array(true))
+    states, belief = followed(
+        np.hypot(true + scale * draw.normal(size=40), scale * draw.normal(size=40)), 0.99, 1.0
+    )
+    mean = states.mean(one_ray(), NOBODY, np.array([1.0]))[0]
+    # a walk of 2 % a step against noise `scale`: some ten measurements count
+    assert abs(mean - true) < 4 * scale / np.sqrt(10)
+    spread = np.sqrt(belief.probability[0] @ (belief.nodes - mean) ** 2)
+    assert spread < 2 * scale
+
+
+def test_silence_makes_a_ray_fainter_but_not_for_good():
+    _, before = followed([6.0, 6.0, 6.0])
+    _, after = followed([6.0, 6.0, 6.0] + [None] * 6)
+    _, again = followed([6.0, 6.0, 6.0] + [None] * 6 + [6.0, 6.0])
+    level = [b.probability[0] @ b.nodes for b in (before, after, again)]
+    assert level[1] < 0.7 * level[0]
+    assert level[2] > 0.7 * level[0]
+
+
+def test_a_ray_that_appears_may_have_any_amplitude_of_free_space():
+    states = RayAmplitudes(SIGNAL)
+    belief = states.predict(one_ray(0.005), NOBODY, np.array([4.0]))
+    top = belief.nodes[belief.probability[0] > 0].max()
+    assert top <= SIGNAL.amplitude(4.0)
+    assert top > 0.9 * SIGNAL.amplitude(4.0)
+
+
+def test_amplitudes_of_dropped_surfaces_are_forgotten():
+    states = RayAmplitudes(SIGNAL)
+    states.start(0, 7, 7, 5.0)
+    states.start(0, 8, 7, 5.0)
+    states.start(0, 8, 8, 5.0)
+    states.forget([8])
+    assert set(states._kept) == {(0, 8, 8)}
+
+
+def first_steps(method, name, steps, seed):
+    scene = gs.Scene.load(name).with_filter(particles=2000)
+    slam = METHODS[method](scene, seed=seed)
+    return slam, [slam.step(scan) for scan in itertools.islice(gs.simulate(scene, "agent1", seed), steps)]
+
+
+def test_adaptive_slam_finds_the_floor_by_its_double_bounce_alone():
+    floor = sfv(gs.Scene.load("alcove").segments().line)[2]
+    found = 0
+    for seed in (1, 2, 3):
+        _, estimates = first_steps("adaptive", "alcove", 60, seed)
+        known = estimates[-1].surfaces.take(estimates[-1].detected).sfv_m
+        found += np.linalg.norm(known - floor, axis=1).min() < 0.5
+    assert found >= 2
+
+
+def test_virtual_anchors_serve_their_own_anchor_by_single_bounces():
+    slam, estimates = first_steps("va", "alcove", 25, 1)
+    assert set(slam.bank.owner.tolist()) <= {0, 1}
+    for estimate in estimates:
+        assert (estimate.paths.surfaces[:, 0] == estimate.paths.surfaces[:, 1]).all()
+        owner = dict(zip(slam.bank.identity.tolist(), slam.bank.owner.tolist(), strict=True))
+        for anchor, surface in zip(estimate.paths.anchor, estimate.paths.surfaces[:, 0], strict=True):
+            assert surface < 0 or owner.get(int(surface), anchor) == anchor
+
+
+@pytest.mark.parametrize("method", ["adaptive", "va"])
+def test_a_run_repeats_bit_for_bit(method):
+    one, two = (first_steps(method, "room", 6, 3)[1][-1] for _ in range(2))
+    np.testing.assert_array_equal(one.covariance, two.covariance)
+    np.testing.assert_array_equal(one.position_m, two.position_m)
