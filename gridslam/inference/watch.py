@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.estimates import Health
-from gridslam.inference.evaluation import Pairs
+from gridslam.inference.evaluation import Pairs, effective_sample_size
 from gridslam.inference.heard import Heard
 from gridslam.inference.prediction import Prediction
 from gridslam.inference.rays import Rays
@@ -19,14 +19,14 @@ from gridslam.inference.relocation import loud
 from gridslam.signal import SignalModel
 
 Array = NDArray[np.float64]
-KEEP, KEEP_GAIN = 0.9, 0.99
-"""Share of what was learned that is kept per step."""
+KEEP, KEEP_GAIN, SLOW = 0.9, 0.99, 0.03
+"""Shares of what was learned that are kept per step; share of news that enters what is usual."""
 TRUST = 1.0
 """Steps of listening that the scene's own clutter level is worth."""
 LEAST_CLUTTER, MOST_CLUTTER = 0.2, 20.0
 """Bounds of the clutter level, as shares of the scene's."""
-SURPRISE = 4.0
-"""Standard deviations above its level by which clutter breaks with its past."""
+SURPRISE, DOUBTED = 4.0, 3.0
+"""Standard deviations by which clutter breaks with its past, and with what was told."""
 QUIET = np.log(20.0)
 """Squared amplitude above the squared threshold that one in twenty clutter measurements exceeds."""
 GAIN_STD, LEAST_GAIN, MOST_GAIN = 0.3, 0.5, 2.0
@@ -56,8 +56,9 @@ class Watch:
         Normalised innovations squared of sure associations, and their degrees of freedom.
     explained, loud : (1,)
         Measurements too loud for clutter that known paths explain, and all such.
-    usual : (1,)
-        Share of them that is explained in the long run.
+    usual, near : (1,)
+        Share of them that is explained, and that lies where a line of sight or a single bounce is predicted,
+        in the long run.
     pull, weight : (1,)
         Sums from which the ratio of true to told amplitude follows.
     turn, turn_weight : (J,)
@@ -73,6 +74,7 @@ class Watch:
     explained: Array
     loud: Array
     usual: Array
+    near: Array
     pull: Array
     weight: Array
     turn: Array
@@ -108,8 +110,10 @@ class Watch:
 
     @property
     def gain(self) -> float:
-        """Ratio of true to told amplitude."""
-        return float(np.clip(self.pull[0] / self.weight[0], LEAST_GAIN, MOST_GAIN))
+        """Ratio of true to told amplitude; 1 unless it differs beyond doubt."""
+        ratio, doubt = self.pull[0] / self.weight[0], 1 / np.sqrt(self.weight[0])
+        sure = abs(ratio - 1) > BEYOND_DOUBT * doubt
+        return float(np.clip(ratio, LEAST_GAIN, MOST_GAIN)) if sure else 1.0
 
     @property
     def turned(self) -> Array:
@@ -117,18 +121,23 @@ class Watch:
         estimate, doubt = self.turn / self.turn_weight, 1 / np.sqrt(self.turn_weight)
         return np.where(np.abs(estimate) > BEYOND_DOUBT * doubt, estimate, 0.0)
 
-    def level(self, anchor: int, told: float) -> float:
+    def estimate(self, anchor: int, told: float) -> float:
         """Mean clutter per step of an anchor: a Gamma-Poisson estimate about the level that was told."""
         mean = (TRUST * told + self.clutter[anchor]) / (TRUST + self.listened[anchor])
         return float(np.clip(mean, LEAST_CLUTTER * told, MOST_CLUTTER * told))
 
+    def level(self, anchor: int, told: float) -> float:
+        """The estimate if it differs from what was told beyond doubt, else what was told."""
+        mean = self.estimate(anchor, told)
+        doubt = np.sqrt(told / (TRUST + self.listened[anchor]))
+        return mean if abs(mean - told) > DOUBTED * doubt else told
+
     def tuned(self, told: SignalModel, anchor: int) -> SignalModel:
         """The radio's numbers as they seem to be."""
-        return replace(
-            told,
-            amplitude_at_1m=told.amplitude_at_1m * self.gain,
-            false_alarms=self.level(anchor, told.false_alarms),
-        )
+        gain, level = self.gain, self.level(anchor, told.false_alarms)
+        if gain == 1 and level == told.false_alarms:
+            return told
+        return replace(told, amplitude_at_1m=told.amplitude_at_1m * gain, false_alarms=level)
 
     def listen(self, heard: Heard, near: NDArray[np.bool_], told: SignalModel) -> float:
         """Count the clutter of an anchor's scan before its association; return the level.
@@ -141,7 +150,7 @@ class Watch:
         quiet = _quiet(heard, told) & ~near
         share = np.where(np.isnan(heard.amplitude), 1.0, 1 / (1 - np.exp(-QUIET)))
         count, anchor = float(share[quiet].sum()), heard.anchor
-        usual = self.level(anchor, told.false_alarms)
+        usual = self.estimate(anchor, told.false_alarms)
         # a level that jumps is learned afresh, or a burst would be over before it is believed
         keep = KEEP if abs(count - usual) < SURPRISE * np.sqrt(usual + 1) else 0.3 * KEEP
         self.clutter[anchor] = keep * self.clutter[anchor] + count
@@ -150,7 +159,7 @@ class Watch:
 
     def judge(
         self, heard: Heard, rays: Rays, predicted: Prediction, pairs: Pairs, responsible: Array,
-        effective: Array, told: SignalModel,
+        blocks: NDArray[np.float32], told: SignalModel,
     ) -> None:  # fmt: skip
         """Take in how an anchor's measurements fitted.
 
@@ -158,8 +167,8 @@ class Watch:
         ----------
         responsible : (L, M)
             Probability that the path caused the measurement.
-        effective : (K,)
-            Effective number of particles behind each pair.
+        blocks : (K, P / PATH_BLOCK)
+            Sums of each pair's weights over blocks of particles.
         """
         strong = loud(heard, told)
         self.loud += strong.sum()
@@ -180,19 +189,25 @@ class Watch:
         # a path's departure says how the anchor faces, where distances say by themselves where the agent is
         self.turn[heard.anchor] += precision @ (self._turned[heard.anchor] - gap[departures, 1])
         self.turn_weight[heard.anchor] += precision.sum()
-        self._effective = min(self._effective, float(effective[sure].min()))
+        self._effective = min(self._effective, float(effective_sample_size(blocks[sure]).min()))
         direct = (rays.bounces[path] == 0) & ~np.isnan(heard.amplitude[measurement])
-        for row in np.flatnonzero(direct & known[:, 0]):
-            level = told.amplitude(heard.value[measurement[row], 0])
+        direct &= known[:, 0]
+        if direct.any():
+            level = told.amplitude(heard.value[measurement[direct], 0])
             scale = told.amplitude_std(level)
-            measured = np.sqrt(max(heard.amplitude[measurement[row]] ** 2 - scale**2, 0.0))
-            if measured > 2 * told.threshold:  # fainter ones are biased by the threshold
-                self.pull += level * measured / scale**2
-                self.weight += (level / scale) ** 2
+            measured = np.sqrt(np.maximum(heard.amplitude[measurement[direct]] ** 2 - scale**2, 0.0))
+            clear = measured > 2 * told.threshold  # fainter ones are biased by the threshold
+            self.pull += (level * measured / scale**2)[clear].sum()
+            self.weight += np.square(level / scale)[clear].sum()
 
     def lost(self, count: int, near: int) -> bool:
         """Whether, of `count` loud measurements, far fewer than usual lie where a path is predicted."""
-        return count >= ENOUGH and self.usual[0] > 0 and near < LOST * self.usual[0] * count
+        if count < ENOUGH:
+            return False
+        lost = bool(near < LOST * self.near[0] * count)
+        if not lost:
+            self.near += SLOW * (near / count - self.near)
+        return lost
 
     def found(self, was_lost: bool) -> None:
         """The agent was found by other means than following it."""
@@ -214,7 +229,7 @@ class Watch:
         ratio = float(self.misfit[0]) / freedom if freedom > 0 else 1.0
         low, high = innovation_band(freedom)
         effective = float(min(self._effective, particles))
-        heard = np.array([self.level(j, told.false_alarms) for j in range(len(self.clutter))])
+        heard = np.array([self.estimate(j, told.false_alarms) for j in range(len(self.clutter))])
         reasons = []
         if self.silent[0] >= SILENT:
             reasons.append(f"nothing heard for {int(self.silent[0])} steps")
@@ -236,8 +251,7 @@ class Watch:
         if effective < FEW:
             reasons.append(f"{effective:.0f} particles carry the weight")
         if not self.silent[0]:
-            rate = 0.02 if self.usual[0] > 0 else 1.0
-            self.usual += rate * (share - self.usual)
+            self.usual += (SLOW if self.usual[0] > 0 else 1.0) * (share - self.usual)
         return Health(
             not reasons, "; ".join(reasons), effective, ratio, (low, high), share, heard,
             self.gain, self.turned, int(self.silent[0]),

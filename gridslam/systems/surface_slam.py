@@ -23,7 +23,7 @@ from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import AmplitudeBelief, DetectionTable, detection, strengths
 from gridslam.inference.particles import Particles
 from gridslam.inference.prediction import Prediction, predict_paths
-from gridslam.inference.rays import Rays, rays_of, remember
+from gridslam.inference.rays import Rays, remember, short_rays
 from gridslam.inference.readout import path_estimate, surface_estimate
 from gridslam.inference.relocation import (
     CLEAR,
@@ -98,6 +98,7 @@ class SurfaceSlam:
         self.watch = Watch.start(len(scene.anchors))
         self.places, self.facings = scene.anchor_positions, scene.anchor_orientations
         self.anchors = np.column_stack([self.places, self.facings])
+        self.told_facings = self.facings
         half = np.array(
             [body.prior.position_m] * 2 + [body.prior.velocity_mps] * 2 + [np.radians(body.prior.heading_deg)]
         )
@@ -125,8 +126,7 @@ class SurfaceSlam:
         with runtime.one_blas_thread():
             self._move(scan.time_s)
             self.watch.begin(len(scan))
-            self.facings = wrap(self.scene.anchor_orientations + self.watch.turned)
-            self.anchors = np.column_stack([self.places, self.facings])
+            self._face(self.watch.turned)
             scans = self._hear(scan)
             self._find_again(scans)
             for heard in scans:
@@ -188,22 +188,28 @@ class SurfaceSlam:
             surfaces.evolve(self.bank, self.settings.survival, self.settings.reflection)
         self.last_time = now
 
+    def _face(self, turned: Array) -> None:
+        """Turn the anchors by (J,) rad from what the scene says."""
+        facings = wrap(self.told_facings + turned)
+        if (facings != self.facings).any():
+            self.facings = facings
+            self.anchors = np.column_stack([self.places, facings])
+
     def _find_again(self, scans: list[Heard]) -> None:
         """Where the belief can't be followed from the last step on, find the agent by the map."""
         count = sum(int(loud(heard, self.told).sum()) for heard in scans)
         vague = is_vague(self.belief)
         if count < ENOUGH and not vague:
             return
-        anchors = [rays_of(self.bank, self.sight, h.anchor, self.most_bounces) for h in scans]
-        rays = Rays.stack(anchors)
+        rays = short_rays(self.bank, self.sight)
         near = near_paths(scans, rays, predict_paths(rays, self.belief, self.anchors), self.told)
         lost = self.watch.lost(count, near)
         if not (lost or vague):
             return
         coefficient = self.bank.reflection @ REFLECTION_BINS
         sources = [
-            sources_of(own, self.belief, heard.place, coefficient)
-            for own, heard in zip(anchors, scans, strict=True)
+            sources_of(rays.take(np.flatnonzero(rays.anchor == h.anchor)), self.belief, h.place, coefficient)
+            for h in scans
         ]
         belief = freed(self.belief, self.elapsed, self.settings.acceleration_mps2) if lost else self.belief
         fix = find_pose(
@@ -247,10 +253,11 @@ class SurfaceSlam:
         # clutter level, by what no path can have caused
         near = np.bincount(pairs.measurement, minlength=len(heard)) > 0
         level = self.watch.listen(heard, near, self.told)
-        pairs = replace(pairs, density=pairs.density * signal.false_alarms / level)
-        signal = replace(signal, false_alarms=level)
+        if level != signal.false_alarms:
+            pairs = replace(pairs, density=pairs.density * signal.false_alarms / level)
+            signal = replace(signal, false_alarms=level)
         cloud = self.particles.cloud(self.belief)
-        ratio, possible, effective = evaluate(rays, cloud, pairs, predicted, heard)
+        ratio, possible, blocks = evaluate(rays, cloud, pairs, predicted, heard)
         ratio, validity = ratio / np.maximum(possible, 1e-3)[:, None], validity * possible
         chance = rays.existence * validity
         beta = (rays.surfaces * chance)[:, None] * ratio
@@ -269,7 +276,7 @@ class SurfaceSlam:
         self.belief, responsible = correct(
             self.belief, rays, rays.surfaces * chance, detected, beta, nu, pairs, heard
         )
-        self.watch.judge(heard, rays, predicted, pairs, responsible, effective, self.told)
+        self.watch.judge(heard, rays, predicted, pairs, responsible, blocks, self.told)
         remember(self.bank, self.sight, rays, heard.anchor, worth, validity)
         surfaces.exist(self.bank, rays, chance, worth)
         return Messages(chance, worth, responsible, births, claimed)
