@@ -106,7 +106,7 @@ def _run(plan: Study, output: Path, where: Workers, overwrite: bool) -> Outcome:
 def _table(rows: list[dict[str, Any]]) -> None:
     table = Table(box=None)
     table.add_column("")
-    for title in ("runs", "diverged", "position", "heading", "MOSPA", "NEES", "paths"):
+    for title in ("runs", "diverged", "position", "heading", "MOSPA", "VAs", "NEES", "paths"):
         table.add_column(title, justify="right", no_wrap=True)
     names = list(rows[0])
     for row in rows:
@@ -117,13 +117,14 @@ def _table(rows: list[dict[str, Any]]) -> None:
             f"{100 * row['position_rmse_m']:.2f} cm = {row['position_to_bound']:.2f}",
             f"{row['heading_rmse_deg']:.2f} deg = {row['heading_to_bound']:.2f}",
             f"{row['surface_ospa_m']:.3f} m",
+            f"{row['image_ospa_m']:.3f} m",
             f"{row['nees_in_band']:.0%}",
             f"{row['ray_excess']:+.2f}",
         )
     Console(width=max(out.width, WIDEST_TABLE)).print(table)
     note = (
-        "= times the bound of an unknown map; NEES: share of steps in its 95 % band; "
-        "paths: detected minus true"
+        "= times the bound of an unknown map; MOSPA: of the surfaces at the end; VAs: of the paths' virtual "
+        "anchors; NEES: share of steps in its 95 % band; paths: detected minus true"
     )
     out.print(note, highlight=False, soft_wrap=True)
 

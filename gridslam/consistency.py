@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import linear_sum_assignment
 from scipy.stats import chi2
 
-from gridslam.estimates import Estimate
-from gridslam.geometry import line_through, sfv, wrap
+from gridslam.estimates import Estimate, PathEstimate
+from gridslam.geometry import unit, wrap
 from gridslam.metrics import OSPA_CUTOFF_M, ospa
 from gridslam.scene import Scene
-from gridslam.simulate import Truth
+from gridslam.simulate import TruePaths, Truth
+from gridslam.surface_truth import HeardSurfaces, assigned_error
 
 Array = NDArray[np.float64]
 
@@ -81,12 +81,16 @@ class Steps:
         Normalised squared errors with 2 and 1 degrees of freedom.
     surface_ospa_m : (N,) m
         Of the surface feature vectors of the detected surfaces (5 m, order 1), against the surfaces that some
-        path hit up to that step.
-    surfaces : (N,) int
-        How many are detected.
+        path hit up to that step (`gridslam.surface_truth.HeardSurfaces.ospa`).
+    image_ospa_m : (N,) m
+        Of the virtual anchors of the paths held for existing, single and double bounces, against those of the
+        visible ones (5 m, order 1), anchor by anchor and averaged over those that have either. As in paper
+        002, Fig. 4b, it compares methods whether a surface of theirs serves one anchor or all.
+    surfaces : (N,)
+        How many are detected; a line that serves one anchor alone counts as a J-th.
     surface_error_m : (S, N) m
-        Error of each surface of `surfaces_heard`: of the detected one that the best assignment gives it, NaN
-        where it gives none within 5 m.
+        Error of each of the `HeardSurfaces`: of the detected one that the best assignment gives it, NaN where
+        it gives none within 5 m.
     rays : (J, N) int
         Paths of each anchor that the filter holds for existing.
     ray_belief : (J, N)
@@ -98,7 +102,8 @@ class Steps:
     position_nees: Array
     heading_nees: Array
     surface_ospa_m: Array
-    surfaces: NDArray[np.intp]
+    image_ospa_m: Array
+    surfaces: Array
     surface_error_m: Array
     rays: NDArray[np.intp]
     ray_belief: Array
@@ -120,67 +125,64 @@ def follow(estimates: Sequence[Estimate], scene: Scene, truth: Truth, earlier: S
     position = np.array([e.position_m for e in estimates]) - truth.trajectory.position_m[:count]
     heading = wrap(np.array([e.heading_rad for e in estimates]) - truth.trajectory.heading_rad[:count])
     covariance = np.array([e.covariance for e in estimates])
-    feature, since = surfaces_heard(truth, earlier)
+    heard = HeardSurfaces.of(truth, earlier)
     found = [e.surfaces.take(e.detected) for e in estimates]
     rays = np.zeros((len(scene.anchors), count), np.intp)
-    belief, apart = np.zeros(rays.shape), np.full((len(feature), count), np.nan)
+    belief, apart = np.zeros(rays.shape), np.full((len(heard.feature), count), np.nan)
+    image, place = np.zeros(count), truth.trajectory
     for step, estimate in enumerate(estimates):
         chance = estimate.paths.existence
         believed = chance > scene.filter.detect_above
         owner = estimate.paths.anchor[believed]
         rays[:, step] = np.bincount(owner, minlength=len(rays))
         belief[:, step] = np.bincount(owner, chance[believed], len(rays))
-        apart[:, step] = assigned_error(found[step].sfv_m, feature)
+        apart[:, step] = assigned_error(found[step].sfv_m, heard.feature)
+        image[step] = _image_ospa(
+            virtual_anchors(estimate.paths.take(believed), estimate.position_m, estimate.heading_rad),
+            virtual_anchors(truth.paths.at(step), place.position_m[step], place.heading_rad[step]),
+        )
     return Steps(
         np.linalg.norm(position, axis=1),
         heading,
         nees(position, covariance[:, :2, :2]),
         nees(heading[:, None], covariance[:, 4:, 4:]),
-        np.array([ospa(f.sfv_m, feature[since <= step], OSPA_CUTOFF_M) for step, f in enumerate(found)]),
-        np.array([len(f) for f in found], np.intp),
+        np.array([heard.ospa(f, step) for step, f in enumerate(found)]),
+        image,
+        np.array([np.where(f.owner < 0, 1.0, 1 / len(rays)).sum() for f in found]),
         apart,
         rays,
         belief,
     )
 
 
-def assigned_error(found: Array, truth: Array, cutoff: float = OSPA_CUTOFF_M) -> Array:
-    """Distance of each true point to the estimate that the cheapest assignment gives it.
+def virtual_anchors(
+    paths: PathEstimate | TruePaths, position_m: Array, heading_rad: Array | float
+) -> tuple[Array, NDArray[np.intp]]:
+    """Where the reflected paths of one step seem to come from: the mirror images of their anchors.
 
     Parameters
     ----------
-    found, truth : (M, 2) and (S, 2), m
-    cutoff : float, m
+    paths : PathEstimate or TruePaths
+        Those in line of sight are left out.
+    position_m, heading_rad : (2,), float
+        Of the agent to which distance and AoA belong.
 
     Returns
     -------
-    (S,) m
-        NaN where no estimate is left for it, or none nearer than the cutoff.
+    images : (L, 2) float64, m
+    anchor : (L,) int
     """
-    distance = np.linalg.norm(found[:, None] - truth[None], axis=-1)
-    which, whom = linear_sum_assignment(np.minimum(distance, cutoff))
-    error = np.full(len(truth), np.nan)
-    error[whom] = distance[which, whom]
-    return np.where(error < cutoff, error, np.nan)
+    bent = np.isfinite(paths.points[:, 1, 0])
+    toward = unit(heading_rad + paths.aoa_rad[bent])
+    return position_m + paths.distance_m[bent, None] * toward, paths.anchor[bent]
 
 
-def surfaces_heard(truth: Truth, earlier: Sequence[Truth] = ()) -> tuple[Array, NDArray[np.intp]]:
-    """Surfaces that some path hits: feature vectors (S, 2) in m, and the first step of each (S,).
-
-    Surfaces that an earlier agent heard are there from step 0 on. They come in the order of their numbers in
-    ``truth.segments``, as in `gridslam.bounds.MapBound`.
-    """
-    walls = truth.segments
-    first = np.full(int(walls.surface.max(initial=-1)) + 1, len(truth.trajectory), np.intp)
-    for one in (truth, *earlier):
-        paths, hit = one.paths, one.paths.segment >= 0
-        step = paths.step if one is truth else np.zeros_like(paths.step)
-        np.minimum.at(first, walls.surface[paths.segment[hit]], np.repeat(step, hit.sum(1)))
-    heard = np.flatnonzero(first < len(truth.trajectory))
-    piece = np.array([np.flatnonzero(walls.surface == surface)[0] for surface in heard], np.intp)
-    if not len(piece):
-        return np.zeros((0, 2)), piece
-    return sfv(line_through(walls.start[piece], walls.end[piece])), first[heard]
+def _image_ospa(found: tuple[Array, NDArray[np.intp]], truth: tuple[Array, NDArray[np.intp]]) -> float:
+    each = [
+        ospa(found[0][found[1] == anchor], truth[0][truth[1] == anchor], OSPA_CUTOFF_M)
+        for anchor in np.union1d(found[1], truth[1])
+    ]
+    return float(np.mean(each)) if each else 0.0
 
 
 def true_rays(scene: Scene, agent: str, truth: Truth, above: float = 0.0) -> NDArray[np.intp]:

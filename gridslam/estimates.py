@@ -62,6 +62,8 @@ class SurfaceEstimate(_Rows):
     extent_m : (S, 2) float64, m
         Stretch that was hit: least and greatest coordinate along the tangent ``(-sin a, cos a)``, counted
         from the foot point ``o (cos a, sin a)``; NaN where nothing was hit.
+    owner : (S,) int64
+        The one anchor that the surface serves (virtual anchors); -1 for all.
     """
 
     identity: np.ndarray
@@ -73,12 +75,14 @@ class SurfaceEstimate(_Rows):
     reflection_var: np.ndarray
     existence: np.ndarray
     extent_m: np.ndarray
+    owner: np.ndarray
 
     @classmethod
     def empty(cls) -> Self:
         """Return a table without surfaces."""
         none, pair, square = np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2, 2))
-        return cls(np.zeros(0, np.int64), pair, square, pair, square, none, none, none, pair)
+        whole = np.zeros(0, np.int64)
+        return cls(whole, pair, square, pair, square, none, none, none, pair, whole)
 
     @classmethod
     def from_lines(
@@ -90,13 +94,14 @@ class SurfaceEstimate(_Rows):
         existence: np.ndarray,
         extent_m: np.ndarray | None = None,
         identity: np.ndarray | None = None,
+        owner: np.ndarray | None = None,
     ) -> Self:
         """Build the table from lines; surface feature vectors and their covariances follow from them.
 
         Parameters
         ----------
-        line, line_cov, reflection, reflection_var, existence, extent_m, identity : np.ndarray
-            As the attributes; without `extent_m` NaN, without `identity` 0 to S-1.
+        line, line_cov, reflection, reflection_var, existence, extent_m, identity, owner : np.ndarray
+            As the attributes; without `extent_m` NaN, without `identity` 0 to S-1, without `owner` -1.
         """
         line = np.asarray(line, float).reshape(-1, 2)
         return cls(
@@ -109,6 +114,7 @@ class SurfaceEstimate(_Rows):
             np.asarray(reflection_var, float),
             np.asarray(existence, float),
             np.full((len(line), 2), np.nan) if extent_m is None else np.asarray(extent_m, float),
+            np.full(len(line), -1, np.int64) if owner is None else np.asarray(owner, np.int64),
         )
 
     @property

@@ -104,6 +104,8 @@ class Segments:
         Infinite line on which the piece lies; a window and the wall around it share one.
     wall : (W,) int
         Index of the scene's wall entry.
+    curve : (W,) int
+        The same for a facet of a curved wall, -1 for a piece of a straight one.
     """
 
     start: Array
@@ -111,6 +113,7 @@ class Segments:
     reflection: Array
     surface: NDArray[np.intp]
     wall: NDArray[np.intp]
+    curve: NDArray[np.intp]
 
     def __len__(self) -> int:
         return len(self.start)

@@ -44,6 +44,7 @@ SURFACE_UNITS = {
     "reflection_var": "1",
     "existence": "1",
     "extent_m": "m",
+    "owner": "1",
 }
 
 
@@ -158,12 +159,18 @@ def _read_surfaces(group: h5py.Group) -> tuple[SurfaceEstimate, np.ndarray | Non
         jacobian = np.stack([turn, 0.5 * normal], axis=-2)
         cov = jacobian @ table["sfv_cov_m2"] @ jacobian.swapaxes(-1, -2)
         table |= {"identity": np.arange(count), "line": line, "line_cov": cov}
+    table["owner"] = read_owner(group, count)
     posterior = (
         get(group, "reflection_posterior", (count, len(REFLECTION_BINS)), "f")
         if "reflection_posterior" in group
         else None
     )
     return SurfaceEstimate(**table), posterior
+
+
+def read_owner(group: h5py.Group, count: int) -> np.ndarray:
+    """Owning anchors of `count` surfaces; files of earlier versions and other software have none: -1."""
+    return get(group, "owner", (count,), "i") if "owner" in group else np.full(count, -1, np.int64)
 
 
 def write_nav2(grid: Map, directory: str | os.PathLike[str]) -> None:

@@ -7,12 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import linear_sum_assignment
-from scipy.stats import rankdata
 
 from gridslam.errors import InputError
-from gridslam.estimates import SurfaceEstimate
-from gridslam.geometry import Segments, distance_to_segments, line_through, sfv, wrap
+from gridslam.geometry import Segments, distance_to_segments, wrap
 from gridslam.map import Map
 from gridslam.simulate import TruePaths
 from gridslam.trajectory import Trajectory
@@ -106,6 +103,8 @@ def _assignment(
     estimates: ArrayLike, truth: ArrayLike, cutoff: float, order: float, surplus: float
 ) -> tuple[float, int, int]:
     """Cheapest assignment: its cost, the sizes of the smaller and of the larger set."""
+    from scipy.optimize import linear_sum_assignment
+
     a, b = np.atleast_2d(np.asarray(estimates, float)), np.atleast_2d(np.asarray(truth, float))
     count_a, count_b = (len(x) if x.size else 0 for x in (a, b))
     smaller, larger = sorted((count_a, count_b))
@@ -115,23 +114,6 @@ def _assignment(
     cost = np.minimum(distance, cutoff) ** order
     matched = cost[linear_sum_assignment(cost)].sum()
     return float(matched + (larger - smaller) * surplus), smaller, larger
-
-
-def true_surfaces(segments: Segments, paths: TruePaths) -> np.ndarray:
-    """Surface feature vectors of the walls that some visible path hit: (S, 2) float64, m.
-
-    A window shares the surface of its wall; every facet of a curved wall is a surface of its own.
-    """
-    hit = np.unique(paths.segment[paths.segment >= 0])
-    _, first = np.unique(segments.surface[hit], return_index=True)
-    chosen = hit[first]
-    return sfv(line_through(segments.start[chosen], segments.end[chosen]))
-
-
-def surface_scores(found: SurfaceEstimate, segments: Segments, paths: TruePaths) -> dict[str, float | int]:
-    """Compare detected surfaces with the true ones: how many these are, OSPA (5 m, order 1) of the SFVs."""
-    truth = true_surfaces(segments, paths)
-    return {"surfaces_true": len(truth), "surface_ospa_m": ospa(found.sfv_m, truth, OSPA_CUTOFF_M, 1.0)}
 
 
 def map_scores(grid: Map, segments: Segments, paths: TruePaths) -> dict[str, float | None]:
@@ -181,6 +163,8 @@ def reflection_mae(grid: Map, segments: Segments) -> float | None:
 
 def area_under_curve(positive: ArrayLike, negative: ArrayLike) -> float | None:
     """Area under the ROC curve: chance that a positive scores above a negative, ties half. None if empty."""
+    from scipy.stats import rankdata
+
     positive, negative = np.asarray(positive, float), np.asarray(negative, float)
     if not len(positive) or not len(negative):
         return None

@@ -11,12 +11,13 @@ import numpy as np
 from gridslam.consistency import complaints
 from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
 from gridslam.map import Map
-from gridslam.metrics import diverged, map_scores, p95, reflection_mae, rmse, surface_scores, track_errors
+from gridslam.metrics import diverged, map_scores, p95, reflection_mae, rmse, track_errors
 from gridslam.runfiles import AgentFiles, RunFiles, check_output, read_run, write_run
 from gridslam.scene import Scene
 from gridslam.scoring import known_bound
 from gridslam.simulate import Truth
 from gridslam.stepfiles import read_steps, write_steps
+from gridslam.surface_truth import surface_scores
 from gridslam.trajectory import Trajectory
 
 __all__ = [
@@ -127,7 +128,7 @@ class Run:
             scores["heading_bound_deg"] = float(np.degrees(rmse(bound.heading_rad[done])))
         if isinstance(truth, Truth):
             whole = truth.first(len(self.trajectory)).joined(earlier)
-            scores |= surface_scores(found, whole.segments, whole.paths)
+            scores |= surface_scores(found, whole)
             scores["reflection_mae"] = reflection_mae(self.map, whole.segments)
             if self.map.observed.any():  # not every method tells cells
                 scores["map"] = map_scores(self.map, whole.segments, whole.paths)

@@ -161,7 +161,8 @@ class Scene(Strict):
         end = np.concatenate([np.zeros((0, 2)), *(points[1:] for points in corners)])
         wall = np.repeat(np.arange(len(corners)), [len(points) - 1 for points in corners]).astype(np.intp)
         reflection = np.array([self.materials[w.material] for w in self.walls])[wall]
-        return Segments(start, end, reflection, _surfaces(start, end), wall)
+        curved = np.array([w.arc is not None for w in self.walls], dtype=bool)[wall]
+        return Segments(start, end, reflection, _surfaces(start, end), wall, np.where(curved, wall, -1))
 
     def track(self, agent: str) -> Trajectory:
         """Smooth way of an agent through its waypoints, one state per step.

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import i0e
-from scipy.stats import ncx2
+from scipy.special import chndtr, i0e
 
 Array = NDArray[np.float64]
 SPEED_OF_LIGHT = 299_792_458.0
@@ -75,7 +74,7 @@ class SignalModel:
     def detection_probability(self, amplitude: Array) -> Array:
         """p_d(u), Marcum Q of first order."""
         scale = self.amplitude_std(amplitude)
-        return 1 - ncx2.cdf((self.threshold / scale) ** 2, 2, (amplitude / scale) ** 2)
+        return 1 - chndtr((self.threshold / scale) ** 2, 2, (amplitude / scale) ** 2)
 
     def log_rician(self, measured: Array, amplitude: Array) -> Array:
         """Log density of the measured amplitude, not truncated: p_d times the truncated Rician."""

@@ -11,7 +11,7 @@ import numpy as np
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
 from gridslam.files import get, put, reading_h5, subgroup, writing_h5
-from gridslam.mapfiles import SURFACE_UNITS
+from gridslam.mapfiles import SURFACE_UNITS, read_owner
 
 FORMAT = "gridslam-steps"
 STEP_UNITS = {
@@ -93,7 +93,9 @@ def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
             if offset[0] != 0 or (np.diff(offset) < 0).any():
                 raise InputError(f"{path}: offset", "offsets that fall", "offsets from 0 that never fall")
         total, lines = int(surface_at[-1]), int(path_at[-1])
-        table = {name: get(surfaces, name, (total, *TAILS.get(name, ()))) for name in SURFACE_UNITS}
+        own = [name for name in SURFACE_UNITS if name != "owner"]
+        table = {name: get(surfaces, name, (total, *TAILS.get(name, ()))) for name in own}
+        table["owner"] = read_owner(surfaces, total)
         route = {name: get(paths, name, (lines, *TAILS.get(name, ()))) for name in PATH_UNITS}
         detected = get(surfaces, "detected", (total,), "b")
     all_surfaces, all_paths = SurfaceEstimate(**table), PathEstimate(**route)

@@ -99,20 +99,22 @@ def draw_cdf(own: Sequence[Batch]) -> Figure:
 
 
 def draw_mospa(own: Sequence[Batch]) -> Figure:
-    """MOSPA of the surfaces over time with its bound, and how many are found (paper 002, Fig. 6a)."""
-    figure = _figure(8, 6.5)
-    distance, count = figure.subplots(2, 1, sharex=True)
+    """MOSPA of surfaces and virtual anchors, and how many surfaces there are (paper 002, Figs. 6a, 4b)."""
+    figure = _figure(8, 8.5)
+    distance, image, count = figure.subplots(3, 1, sharex=True)
     for number, batch in enumerate(own):
         color, style = _look(number)
-        low, high = np.maximum(batch.quantiles("surface_ospa_m"), LEAST_M)
-        distance.fill_between(np.arange(len(low)), low, high, color=color, alpha=0.18, lw=0)
-        distance.plot(batch.mean("surface_ospa_m"), color=color, ls=style, lw=1.3, label=_label(batch, own))
+        for axes, name in ((distance, "surface_ospa_m"), (image, "image_ospa_m")):
+            low, high = np.maximum(batch.quantiles(name), LEAST_M)
+            axes.fill_between(np.arange(len(low)), low, high, color=color, alpha=0.18, lw=0)
+            axes.plot(batch.mean(name), color=color, ls=style, lw=1.3, label=_label(batch, own))
         count.plot(batch.mean("surfaces"), color=color, ls=style, lw=1.3)
     _bound(distance, [batch.benchmark.mospa_m for batch in own], "mapping error bound", "--")
     _bound(count, [batch.benchmark.surfaces for batch in own], "true", "--")
     distance.set(yscale="log", ylabel="MOSPA of the surfaces (m)")
+    image.set(yscale="log", ylabel="MOSPA of the virtual anchors (m)")
     count.set(xlabel="step", ylabel="surfaces found (dashed: true)")
-    for axes in (distance, count):
+    for axes in (distance, image, count):
         axes.grid(alpha=0.3)
     _legend(figure, distance)
     return figure

@@ -15,14 +15,14 @@ from gridslam.kernels import CELL_SLABS
 from gridslam.kernels.paths import draw_path
 
 SLABS = CELL_SLABS
-NEAR = 4
+NEAR = 3
 """Steps of a walk within which it may touch the cells met at its ends."""
 
 
 @ti.func
-def cell_of(x, origin, cell):
+def cell_of(x, origin, per_metre):
     """Index of the cell that holds a coordinate."""
-    return ti.cast(ti.floor((x - origin) / cell), ti.i32)
+    return ti.cast(ti.floor((x - origin) * per_metre), ti.i32)
 
 
 @ti.func
@@ -63,7 +63,7 @@ def cast(
     for slab in range(SLABS):
         ny, nx = occupied.shape[1], occupied.shape[2]
         paths, rays = path.shape[0], state.shape[1]
-        side, outside, clip = frame[2], frame[3], frame[4]
+        side, per_metre, outside, clip = frame[2], 1 / frame[2], frame[3], frame[4]
         row = slab
         while row < paths:
             count, a = path[row, 0], factor[row, 0]
@@ -81,8 +81,8 @@ def cast(
                     inside = 0
                     for n in range(3):
                         off = (n - 1) * side
-                        ix = cell_of(drawn[k, 2 * b + 2] + off * drawn[k, 8 + 2 * b], frame[0], side)
-                        iy = cell_of(drawn[k, 2 * b + 3] + off * drawn[k, 9 + 2 * b], frame[1], side)
+                        ix = cell_of(drawn[k, 2 * b + 2] + off * drawn[k, 8 + 2 * b], frame[0], per_metre)
+                        iy = cell_of(drawn[k, 2 * b + 3] + off * drawn[k, 9 + 2 * b], frame[1], per_metre)
                         if ix >= 0 and iy >= 0 and ix < nx and iy < ny:
                             fresh = 1
                             for other in range(n):
@@ -101,12 +101,10 @@ def cast(
                     if walk == 0 or (send and v_m > 0):
                         add = ti.cast(v_m, ti.f32)
                         for leg in range(count + 1):  # Amanatides and Woo
-                            x0, y0 = (
-                                (drawn[k, 2 * leg] - frame[0]) / side,
-                                (drawn[k, 2 * leg + 1] - frame[1]) / side,
-                            )
-                            x1 = (drawn[k, 2 * leg + 2] - frame[0]) / side
-                            y1 = (drawn[k, 2 * leg + 3] - frame[1]) / side
+                            x0 = (drawn[k, 2 * leg] - frame[0]) * per_metre
+                            y0 = (drawn[k, 2 * leg + 1] - frame[1]) * per_metre
+                            x1 = (drawn[k, 2 * leg + 2] - frame[0]) * per_metre
+                            y1 = (drawn[k, 2 * leg + 3] - frame[1]) * per_metre
                             ix, iy = ti.cast(ti.floor(x0), ti.i32), ti.cast(ti.floor(y0), ti.i32)
                             jx, jy = ti.cast(ti.floor(x1), ti.i32), ti.cast(ti.floor(y1), ti.i32)
                             dx, dy = x1 - x0, y1 - y0
@@ -128,8 +126,8 @@ def cast(
                                 if b != leg and b != leg - 1:
                                     if hx[n] >= lx and hx[n] <= ux and hy[n] >= ly and hy[n] <= uy:
                                         careful = True
-                            head = steps if careful else ti.min(steps, NEAR)
-                            tail = ti.min(steps - head, NEAR)
+                            head = steps if careful else (ti.min(steps, NEAR) if leg > 0 else 0)
+                            tail = ti.min(steps - head, NEAR) if leg < count else 0
                             for part in ti.static(range(3)):
                                 left = head if part == 0 else (tail if part == 2 else steps - head - tail)
                                 while left > 0:

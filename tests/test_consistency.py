@@ -1,16 +1,16 @@
 """NEES against its distribution and by hand; a run step by step against its final score."""
 
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.stats import binom, kstest
 
 import gridslam as gs
-from gridslam.consistency import assigned_error, follow, nees, nees_band, surfaces_heard, true_rays
+from gridslam.consistency import follow, nees, nees_band, true_rays, virtual_anchors
 from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
-from gridslam.geometry import line_of_sfv
-from gridslam.metrics import surface_scores, true_surfaces
+from gridslam.geometry import line_of_sfv, mirror
+from gridslam.surface_truth import HeardSurfaces, surface_scores
 
 
 def test_nees_of_the_right_covariance_is_chi_square_and_of_a_bold_one_is_not():
@@ -50,9 +50,9 @@ def alcove():
 def perfect(scene, truth, off):
     """Estimates that are `off` (m) in x, with all surfaces found so far in place and no path but the true."""
     estimates = []
-    feature, since = surfaces_heard(truth)
+    heard = HeardSurfaces.of(truth)
     for step in range(len(truth.trajectory)):
-        line = line_of_sfv(feature[since <= step])
+        line = line_of_sfv(heard.feature[heard.first <= step])
         one = np.ones(len(line))
         surfaces = SurfaceEstimate.from_lines(line, np.zeros((len(line), 2, 2)), one, one, one)
         at = truth.paths.at(step)
@@ -92,14 +92,13 @@ def test_steps_of_a_run_that_knows_all_but_its_place(alcove):
     np.testing.assert_allclose(steps.position_nees, 4)
     np.testing.assert_allclose(steps.heading_nees, 1, rtol=1e-6)
     assert (steps.surface_ospa_m < 1e-9).all()
-    assert steps.surfaces[-1] == len(true_surfaces(truth.segments, truth.paths))
+    assert steps.surfaces[-1] == 5
     few = truth.paths.bounces < 2
     expected = np.zeros_like(steps.rays)
     np.add.at(expected, (truth.paths.anchor[few], truth.paths.step[few]), 1)
     np.testing.assert_array_equal(steps.rays, expected)
     np.testing.assert_allclose(steps.ray_belief, 0.9 * expected)
-    _, since = surfaces_heard(truth)
-    there = since[:, None] <= np.arange(steps.surface_error_m.shape[1])
+    there = HeardSurfaces.of(truth).first[:, None] <= np.arange(steps.surface_error_m.shape[1])
     assert (np.isfinite(steps.surface_error_m) == there).all()
     assert (steps.surface_error_m[there] < 1e-9).all()
 
@@ -110,30 +109,52 @@ def test_ospa_over_time_ends_at_the_score_of_the_run(alcove):
     line = estimates[-1].surfaces.line[:3] + np.array([0.01, 0.05])
     one = np.ones(3)
     last = SurfaceEstimate.from_lines(line, np.zeros((3, 2, 2)), one, one, one)
-    estimates[-1] = SimpleNamespace(**{**vars(estimates[-1]), "surfaces": last, "detected": one > 0})
-    score = surface_scores(last, truth.segments, truth.paths)["surface_ospa_m"]
+    estimates[-1] = replace(estimates[-1], surfaces=last, detected=one > 0)
+    score = surface_scores(last, truth)["surface_ospa_m"]
     assert follow(estimates, scene, truth).surface_ospa_m[-1] == pytest.approx(score)
 
 
-def test_each_true_point_gets_one_estimate_or_none_within_the_cutoff():
-    truth = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 20.0]])
-    found = np.array([[10.0, 1.0], [0.5, 0.0], [0.0, 26.0], [0.1, 0.0]])
-    np.testing.assert_allclose(assigned_error(found, truth), [0.1, 1.0, np.nan])
-    np.testing.assert_allclose(assigned_error(found[:0], truth), [np.nan] * 3)
-    np.testing.assert_allclose(assigned_error(found[:1], truth), [np.nan, 1.0, np.nan])
+def test_virtual_anchors_of_true_paths_are_mirror_images_of_the_anchors(alcove):
+    scene, truth = alcove
+    at = truth.paths.at(200)
+    where, whose = virtual_anchors(
+        at, truth.trajectory.position_m[200], float(truth.trajectory.heading_rad[200])
+    )
+    bent = np.flatnonzero(at.bounces > 0)
+    assert set(at.bounces[bent]) == {1, 2}
+    np.testing.assert_array_equal(whose, at.anchor[bent])
+    for row, image in zip(bent, where, strict=True):
+        expected = scene.anchor_positions[at.anchor[row]]
+        for piece in at.segment[row][: at.bounces[row]]:
+            expected = mirror(truth.segments.line[piece], expected)
+        np.testing.assert_allclose(image, expected, atol=1e-9)
 
 
-def test_surfaces_that_an_earlier_agent_heard_are_there_from_the_start():
-    scene = gs.Scene.load("hall")
-    truth = gs.ground_truth(scene, "agent1")
-    feature, since = surfaces_heard(truth)
-    np.testing.assert_allclose(feature, true_surfaces(truth.segments, truth.paths))
-    later = gs.Truth(truth.trajectory, truth.paths.at(0), truth.segments)
-    own, _ = surfaces_heard(later)
-    both, from_start = surfaces_heard(later, [truth])
-    assert len(own) < len(both) == len(feature)
-    assert (from_start == 0).all()
-    assert since.max() > 0
+def test_virtual_anchors_are_judged_anchor_by_anchor(alcove):
+    scene, truth = alcove
+    step = 200
+    sure = perfect(scene, truth, 0.0)[step]
+    at = truth.paths.at(step)
+    whole = replace(sure, heading_rad=float(truth.trajectory.heading_rad[step]))
+
+    def score(estimate, rows):
+        certain = replace(estimate.paths, existence=np.where(rows, 0.9, 0.4))
+        estimates = [replace(whole, paths=PathEstimate.empty())] * step + [replace(estimate, paths=certain)]
+        return follow(estimates, scene, truth).image_ospa_m[-1]
+
+    every = at.bounces >= 0
+    counts = np.bincount(at.anchor[at.bounces > 0])
+    assert (counts > 1).all()
+    assert score(whole, every) == pytest.approx(0, abs=1e-9)
+    assert score(whole, at.bounces > 0) == pytest.approx(0, abs=1e-9)  # line of sight has no virtual anchor
+    missed = every.copy()
+    missed[np.flatnonzero((at.bounces > 0) & (at.anchor == 0))[0]] = False
+    assert score(whole, missed) == pytest.approx(5 / counts[0] / 2)
+    shifted = replace(whole, position_m=whole.position_m + np.array([0.03, 0.04]))
+    assert score(shifted, every) == pytest.approx(0.05)
+    turned = replace(whole, heading_rad=whole.heading_rad + 0.01)
+    apart = [at.distance_m[(at.anchor == anchor) & (at.bounces > 0)].mean() for anchor in (0, 1)]
+    assert score(turned, every) == pytest.approx(2 * np.sin(0.005) * np.mean(apart))
 
 
 def test_paths_are_counted_from_a_detection_probability_on(alcove):

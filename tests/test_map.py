@@ -138,7 +138,7 @@ def test_map_of_other_software_with_the_contract_alone_is_understood(tmp_path):
     with h5py.File(tmp_path / "map.h5", "a") as file:
         for name in ("grid/evidence", "grid/coefficient", "grid/coefficient_cell", "provenance"):
             del file[name]
-        for name in ("line", "line_cov", "identity", "reflection_posterior"):
+        for name in ("line", "line_cov", "identity", "owner", "reflection_posterior"):
             del file[f"surfaces/{name}"]
     again = Map.load(tmp_path / "map.h5")
     np.testing.assert_allclose(again.occupancy, grid.occupancy, rtol=0, atol=2e-6)

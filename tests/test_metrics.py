@@ -8,13 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from wall_samples import paths, walls
 
 from gridslam import metrics
 from gridslam.errors import InputError
-from gridslam.estimates import SurfaceEstimate
 from gridslam.geometry import Segments
 from gridslam.map import Map
-from gridslam.simulate import TruePaths
 from gridslam.trajectory import Trajectory
 
 micrometres = st.integers(-8_000_000, 8_000_000).map(
@@ -27,29 +26,6 @@ def track(time, position, heading=None):
     position = np.asarray(position, float)
     heading = np.zeros(len(position)) if heading is None else np.asarray(heading, float)
     return Trajectory(np.asarray(time, float), position, np.zeros_like(position), heading)
-
-
-def walls(*pieces):
-    """Wall pieces (start, end, reflection, surface)."""
-    start, end, reflection, surface = (np.array(column) for column in zip(*pieces, strict=True))
-    return Segments(start.astype(float), end.astype(float), reflection.astype(float), surface, surface)
-
-
-def paths(*routes, repeat=1):
-    """Paths (points, segments): points from anchor to agent."""
-    rows = []
-    segments = []
-    for corners, segment in routes * repeat:
-        row = np.full((4, 2), np.nan)
-        row[0], row[3] = corners[0], corners[-1]
-        row[1 : len(corners) - 1] = np.reshape(corners[1:-1], (-1, 2))
-        rows.append(row)
-        segments.append(segment)
-    count = len(rows)
-    none = np.zeros(count)
-    bounces = np.array([(np.array(s) >= 0).sum() for s in segments])
-    index = np.arange(count)
-    return TruePaths(index, index * 0, none, none, none, none, bounces, np.array(segments), np.array(rows))
 
 
 def brute_ospa(a, b, cutoff, order):
@@ -118,24 +94,6 @@ def test_divergence_counts_only_after_step_ten_and_above_half_a_metre():
 def test_p95_is_taken_over_lengths():
     error = np.stack([np.arange(101.0) * 0.6, np.arange(101.0) * -0.8], -1)
     assert metrics.p95(error) == pytest.approx(95)
-
-
-def test_surface_seen_by_no_path_is_not_demanded_and_a_window_is_no_second_wall():
-    segments = walls(
-        ([0, 2], [1, 2], 0.7, 0), ([1, 2], [2, 2], 0.3, 0), ([5, 0], [5, 1], 0.7, 1), ([9, 0], [9, 1], 0.7, 2)
-    )
-    seen = paths(
-        ([[0, 0], [0.5, 2], [1, 0]], [0, -1]),
-        ([[0, 0], [1.5, 2], [3, 0]], [1, -1]),
-        ([[0, 0], [0.5, 2], [5, 0.5], [1, 0]], [0, 2]),
-    )
-    truth = metrics.true_surfaces(segments, seen)
-    np.testing.assert_allclose(truth, [[0, 4], [10, 0]], atol=1e-12)
-    one = np.array([1.0])
-    found = SurfaceEstimate.from_lines([[np.pi / 2, 2.0]], np.eye(2)[None], one, one, one)
-    scores = metrics.surface_scores(found, segments, seen)
-    assert scores["surfaces_true"] == 2
-    assert scores["surface_ospa_m"] == pytest.approx(2.5)
 
 
 @given(
@@ -227,14 +185,14 @@ def test_auc_ranks_unobserved_cells_at_the_prior():
 
 def test_scores_of_a_world_without_walls_are_null_not_an_error():
     grid, _, _ = room()
-    none = Segments(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0, int), np.zeros(0, int))
+    whole = np.zeros(0, int)
+    none = Segments(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), whole, whole, whole)
     sight = paths(([[2.5, 2.5], [6.5, 2.5]], [-1, -1]))
     scores = metrics.map_scores(marked(grid, free=[(2, 4)]), none, sight)
     assert scores["occupied_recall"] is None
     assert scores["free_precision"] == 1
     assert scores["free_recall"] == pytest.approx(1 / 5)
     assert metrics.reflection_mae(grid, none) is None
-    assert len(metrics.true_surfaces(none, sight)) == 0
 
 
 def test_reflection_is_compared_with_the_nearest_piece_of_wall():

@@ -58,7 +58,10 @@ def scene():
 def some_estimate(step, surfaces, paths):
     draw = np.random.default_rng([step, surfaces, paths])
     table = SurfaceEstimate.from_lines(
-        draw.normal(size=(surfaces, 2)), np.tile(np.eye(2), (surfaces, 1, 1)), *draw.random((3, surfaces))
+        draw.normal(size=(surfaces, 2)),
+        np.tile(np.eye(2), (surfaces, 1, 1)),
+        *draw.random((3, surfaces)),
+        owner=draw.integers(-1, 3, surfaces),
     )
     rows = PathEstimate(
         draw.integers(0, 3, paths),
@@ -177,6 +180,16 @@ def test_steps_read_back_equal_with_and_without_rows(tmp_path):
                 )
     write_steps(tmp_path / "none.h5", [])
     assert read_steps(tmp_path / "none.h5") == []
+
+
+def test_steps_of_a_file_without_owners_serve_all_anchors(tmp_path):
+    written = [some_estimate(0, 3, 1)]
+    assert (written[0].surfaces.owner >= 0).any()
+    write_steps(tmp_path / "steps.h5", written)
+    with h5py.File(tmp_path / "steps.h5", "a") as file:
+        del file["surfaces/owner"]
+    (again,) = read_steps(tmp_path / "steps.h5")
+    assert again.surfaces.owner.tolist() == [-1, -1, -1]
 
 
 @pytest.mark.parametrize(

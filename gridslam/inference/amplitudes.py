@@ -86,16 +86,16 @@ class RayAmplitudes:
         responsible : (L, M)
             Probability that the path caused the measurement.
         """
-        prior = belief.probability
-        silent = prior * (1 - table(self.nodes))
+        prior = belief.probability + SURPRISE * self._gap
+        silent = prior * np.maximum(1 - table(self.nodes), SURPRISE)
         missed = np.maximum(1 - responsible.sum(1, keepdims=True), 0.0)
-        after = missed * silent / np.maximum(silent.sum(1, keepdims=True), 1e-12)
+        after = missed * silent / silent.sum(1, keepdims=True)
         loud = ~np.isnan(heard.amplitude)
         density = np.zeros((len(heard), len(self.nodes)))
         density[loud] = self.signal.log_rician(heard.amplitude[loud, None], self.nodes)
         density = np.exp(density - density.max(1, keepdims=True))
         for m in np.flatnonzero(responsible.sum(0) > 1e-3):
-            said = (prior + SURPRISE * self._gap) * density[m]
+            said = prior * density[m]
             after += responsible[:, m, None] * said / said.sum(1, keepdims=True)
         after /= np.maximum(after.sum(1, keepdims=True), 1e-12)
         for row, key in enumerate(self._keys(rays, identity)):

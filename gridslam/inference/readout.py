@@ -26,7 +26,9 @@ def surface_estimate(belief: Belief, bank: Bank) -> SurfaceEstimate:
     variance = bank.reflection @ REFLECTION_BINS**2 - mean**2
     flip = belief.lines[:, 1] < 0  # the tangent turns with the normal
     extent = np.where(flip[:, None], -bank.extent[:, ::-1], bank.extent)
-    return SurfaceEstimate.from_lines(line, covariance, mean, variance, bank.existence, extent, bank.identity)
+    return SurfaceEstimate.from_lines(
+        line, covariance, mean, variance, bank.existence, extent, bank.identity, bank.owner
+    )
 
 
 def path_estimate(

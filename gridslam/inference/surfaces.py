@@ -170,7 +170,7 @@ def prune(bank: Bank, belief: Belief, threshold: float) -> tuple[Bank, Belief]:
     Without confirmation a false birth hides: once its rays are believed blocked, no miss counts against it.
     """
     floor = np.where((bank.age >= 3) & (bank.seen < 3), max(threshold, 0.3), threshold)
-    confirmed = bank.seen >= np.select([bank.age >= 60, bank.age >= 25, bank.age >= 5], [15, 6, 2], 0)
+    confirmed = bank.seen >= np.select([bank.age >= 60, bank.age >= 25, bank.age >= 5], [8, 6, 2], 0)
     good = (bank.existence >= floor) & confirmed
     if good.sum() > MOST_SURFACES:
         order = np.argsort(-bank.existence * good, kind="stable")
