@@ -31,7 +31,7 @@ QUIET = np.log(20.0)
 """Squared amplitude above the squared threshold that one in twenty clutter measurements exceeds."""
 GAIN_STD, LEAST_GAIN, MOST_GAIN = 0.3, 0.5, 2.0
 """Prior of the ratio of true to told amplitude, and its bounds."""
-TURN_STD, KEEP_TURN, BEYOND_DOUBT = 0.02, 0.99, 4.0
+TURN_STD, KEEP_TURN, BEYOND_DOUBT = 0.02, 0.995, 3.5
 """Prior of an anchor's orientation (rad), share kept per step, deviations from which on it is believed."""
 SURE = 0.9
 """Probability from which an association counts as sure."""
@@ -184,14 +184,14 @@ class Watch:
         solved = np.linalg.solve(spread, np.nan_to_num(gap)[..., None])[..., 0]
         self.misfit += np.minimum((np.nan_to_num(gap) * solved).sum(1), WORST).sum()
         self.freedom += known.sum()
-        departures = np.flatnonzero(known[:, 1])
+        self._effective = min(self._effective, float(effective_sample_size(blocks[sure]).min()))
+        direct = rays.bounces[path] == 0
+        # the line of sight says how an anchor faces: distances tell where the agent is, no wall takes part
+        departures = np.flatnonzero(direct & known[:, 1])
         precision = 1 / spread[departures, 1, 1]
-        # a path's departure says how the anchor faces, where distances say by themselves where the agent is
         self.turn[heard.anchor] += precision @ (self._turned[heard.anchor] - gap[departures, 1])
         self.turn_weight[heard.anchor] += precision.sum()
-        self._effective = min(self._effective, float(effective_sample_size(blocks[sure]).min()))
-        direct = (rays.bounces[path] == 0) & ~np.isnan(heard.amplitude[measurement])
-        direct &= known[:, 0]
+        direct &= known[:, 0] & ~np.isnan(heard.amplitude[measurement])
         if direct.any():
             level = told.amplitude(heard.value[measurement[direct], 0])
             scale = told.amplitude_std(level)
