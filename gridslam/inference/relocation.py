@@ -65,15 +65,18 @@ class Sources:
     chance: Array
 
 
-def sources_of(rays: Rays, belief: Belief, place: Array, coefficient: Array) -> Sources:
-    """Line of sight and single bounces of an anchor; `coefficient` (S,) of the surfaces."""
-    rows = np.flatnonzero((rays.bounces == 0) | ((rays.bounces == 1) & (rays.surfaces > 0.5)))
-    lines = np.concatenate([belief.lines, np.zeros((1, 2))])[rays.last[rows]]
-    straight = rays.bounces[rows] == 0
-    image = np.where(straight[:, None], place, mirror(lines, place))
-    level = np.where(straight, 1.0, np.append(coefficient, 1.0)[rays.last[rows]])
-    chance = np.clip(rays.existence[rows] * rays.surfaces[rows], 0.2, 0.95)
-    return Sources(image, lines, level, chance)
+def sources(rays: Rays, belief: Belief, places: Array, coefficient: Array) -> list[Sources]:
+    """Lines of sight and single bounces of anchors at `places` (J, 2), by surfaces' coefficients (S,)."""
+    every = np.concatenate([belief.lines, np.zeros((1, 2))])
+    found = []
+    for anchor, place in enumerate(places):
+        own = (rays.anchor == anchor) & (rays.bounces < 2) & (rays.surfaces > 0.5)
+        straight, last = rays.bounces[own] == 0, rays.last[own]
+        image = np.where(straight[:, None], place, mirror(every[last], place))
+        level = np.where(straight, 1.0, np.append(coefficient, 1.0)[last])
+        chance = np.clip(rays.existence[own] * rays.surfaces[own], 0.2, 0.95)
+        found.append(Sources(image, every[last], level, chance))
+    return found
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,16 @@ class Fix:
     covariance: Array
     gain: float
     lead: float
+
+    @property
+    def clear(self) -> bool:
+        """Whether no other mode comes near."""
+        return self.lead > CLEAR
+
+    @property
+    def better(self) -> bool:
+        """Whether it explains the scan far better than what was believed."""
+        return self.gain > WORTH
 
 
 def near_paths(scans: Sequence[Heard], rays: Rays, predicted: Prediction, signal: SignalModel) -> int:
@@ -168,7 +181,7 @@ def moved(belief: Belief, fix: Fix, velocity: float) -> Belief:
 
 
 def find_pose(
-    belief: Belief, expected: Belief, sources: Sequence[Sources], scan: Sequence[Heard],
+    belief: Belief, expected: Belief, images: Sequence[Sources], scan: Sequence[Heard],
     table: DetectionTable, signal: SignalModel, stream: list[int],
 ) -> Fix | None:  # fmt: skip
     """The pose that explains a scan best, or None if no measurement proposes any.
@@ -181,7 +194,7 @@ def find_pose(
         What is believed unless something better is found.
     """
     draw = np.random.default_rng(stream)
-    asked = _proposals(sources, scan, signal, draw)
+    asked = _proposals(images, scan, signal, draw)
     if not len(asked):
         return None
     mean, wide = belief.mean[POSE], belief.covariance[np.ix_(POSE, POSE)]
@@ -194,7 +207,7 @@ def find_pose(
         gap[:, 2] = wrap(gap[:, 2])
         far = np.einsum("ni,ij,nj->n", gap, bound, gap)
         log = -3.0 * np.log1p(far / 6)  # heavy tails: what was believed may be wrong altogether
-        for own, heard in zip(sources, scan, strict=True):
+        for own, heard in zip(images, scan, strict=True):
             log += _log_likelihood(poses, own, heard, table, signal)
         return np.asarray(log)
 
@@ -218,11 +231,11 @@ def find_pose(
 
 
 def _proposals(
-    sources: Sequence[Sources], scan: Sequence[Heard], signal: SignalModel, draw: np.random.Generator
+    images: Sequence[Sources], scan: Sequence[Heard], signal: SignalModel, draw: np.random.Generator
 ) -> Array:
     """Poses (N, 3) that the loud measurements stand for, over each surface they could have come by."""
     poses = [np.zeros((0, 3))]
-    for own, heard in zip(sources, scan, strict=True):
+    for own, heard in zip(images, scan, strict=True):
         rows = np.flatnonzero(~np.isnan(heard.value).any(1) & loud(heard, signal))
         if not len(rows):
             continue

@@ -13,7 +13,7 @@ from gridslam import runtime
 from gridslam.estimates import Estimate, SurfaceEstimate
 from gridslam.frames import fitted, stamped
 from gridslam.geometry import unit, wrap
-from gridslam.inference import surfaces
+from gridslam.inference import relocation, surfaces
 from gridslam.inference.association import associate
 from gridslam.inference.belief import AGENT, Belief, append, predict
 from gridslam.inference.births import Births, bear, birth_reflection, propose
@@ -25,17 +25,6 @@ from gridslam.inference.particles import Particles
 from gridslam.inference.prediction import Prediction, predict_paths
 from gridslam.inference.rays import Rays, remember, short_rays
 from gridslam.inference.readout import path_estimate, surface_estimate
-from gridslam.inference.relocation import (
-    CLEAR,
-    WORTH,
-    find_pose,
-    freed,
-    is_vague,
-    loud,
-    moved,
-    near_paths,
-    sources_of,
-)
 from gridslam.inference.surfaces import Bank
 from gridslam.inference.watch import ENOUGH, Watch
 from gridslam.map import Map
@@ -197,27 +186,25 @@ class SurfaceSlam:
 
     def _find_again(self, scans: list[Heard]) -> None:
         """Where the belief can't be followed from the last step on, find the agent by the map."""
-        count = sum(int(loud(heard, self.told).sum()) for heard in scans)
-        vague = is_vague(self.belief)
+        count = sum(int(relocation.loud(heard, self.told).sum()) for heard in scans)
+        vague = relocation.is_vague(self.belief)
         if count < ENOUGH and not vague:
             return
         rays = short_rays(self.bank, self.sight)
-        near = near_paths(scans, rays, predict_paths(rays, self.belief, self.anchors), self.told)
-        lost = self.watch.lost(count, near)
+        predicted = predict_paths(rays, self.belief, self.anchors)
+        lost = self.watch.lost(count, relocation.near_paths(scans, rays, predicted, self.told))
         if not (lost or vague):
             return
-        coefficient = self.bank.reflection @ REFLECTION_BINS
-        sources = [
-            sources_of(rays.take(np.flatnonzero(rays.anchor == h.anchor)), self.belief, h.place, coefficient)
-            for h in scans
-        ]
-        belief = freed(self.belief, self.elapsed, self.settings.acceleration_mps2) if lost else self.belief
-        fix = find_pose(
+        sources = relocation.sources(rays, self.belief, self.places, self.bank.reflection @ REFLECTION_BINS)
+        belief = self.belief
+        if lost:
+            belief = relocation.freed(belief, self.elapsed, self.settings.acceleration_mps2)
+        fix = relocation.find_pose(
             belief, self.belief, sources, scans, self.detected, self.watch.tuned(self.told, 0),
             self._stream(len(scans), 2),
         )  # fmt: skip
-        if fix is not None and fix.lead > CLEAR and (fix.gain > WORTH or not lost):
-            self.belief = moved(belief, fix, self.start_velocity)
+        if fix is not None and fix.clear and (fix.better or not lost):
+            self.belief = relocation.moved(belief, fix, self.start_velocity)
             self.watch.found(lost)
 
     def _hear(self, scan: Scan) -> list[Heard]:
