@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from gridslam.geometry import sfv_covariance, trace, unit
 from gridslam.scene import Scene
 from gridslam.simulate import TruePaths, true_paths
+from gridslam.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 AGENT = 5
@@ -67,7 +68,9 @@ class MapBound(Bound):
     information: Array
 
 
-def known_map_bound(scene: Scene, agent: str, paths: TruePaths | None = None) -> Bound:
+def known_map_bound(
+    scene: Scene, agent: str, paths: TruePaths | None = None, track: Trajectory | None = None
+) -> Bound:
     """Bound of an agent that knows the walls.
 
     Parameters
@@ -76,13 +79,17 @@ def known_map_bound(scene: Scene, agent: str, paths: TruePaths | None = None) ->
     agent : str
     paths : TruePaths, optional
         What ``true_paths(scene, agent)`` gives, if it is at hand.
+    track : Trajectory, optional
+        Another way than the scene's, to which `paths` belong.
     """
-    paths = true_paths(scene, agent) if paths is None else paths
-    rows = _information(scene, agent, paths, whitened_jacobian(scene, agent, paths, _hit(scene, paths)))
+    track = scene.track(agent) if track is None else track
+    paths = true_paths(scene, agent, track) if paths is None else paths
+    jacobian = whitened_jacobian(scene, agent, paths, _hit(scene, paths), track)
+    rows = _information(scene, agent, paths, jacobian, len(track))
     information, bounds = agent_prior(scene, agent), []
     for step in range(len(rows)):
         if step:
-            information = predict_information(information, *_motion(scene, agent, step, 0))
+            information = predict_information(information, *_motion(scene, track.time_s, step, 0))
         information = information + rows[step, :AGENT, :AGENT]
         bounds.append(_agent_bound(estimable_covariance(information)))
     position, heading = np.transpose(bounds)
@@ -116,7 +123,8 @@ def unknown_map_bound(
     if before is not None:
         surface = np.union1d(surface, before.surface)
     line, rows = surface_lines(scene)[surface], whitened_jacobian(scene, agent, paths, surface)
-    gained = _information(scene, agent, paths, rows)
+    times = scene.track(agent).time_s
+    gained = _information(scene, agent, paths, rows, len(times))
     information = np.zeros((AGENT + 2 * len(surface),) * 2)
     information[:AGENT, :AGENT] = agent_prior(scene, agent)
     if before is not None:
@@ -127,7 +135,7 @@ def unknown_map_bound(
     surface_m = np.full((len(gained), len(surface)), np.inf)
     for step in range(len(gained)):
         if step:
-            motion = _motion(scene, agent, step, len(surface), jitter, feet)
+            motion = _motion(scene, times, step, len(surface), jitter, feet)
             information = predict_information(information, *motion)
         information = information + gained[step]
         covariance = estimable_covariance(information)
@@ -201,19 +209,23 @@ def surface_lines(scene: Scene) -> Array:
     return walls.line[np.unique(walls.surface, return_index=True)[1]]
 
 
-def whitened_jacobian(scene: Scene, agent: str, paths: TruePaths, surface: NDArray[np.intp]) -> Array:
+def whitened_jacobian(
+    scene: Scene, agent: str, paths: TruePaths, surface: NDArray[np.intp], track: Trajectory | None = None
+) -> Array:
     """Derivative of (distance, AoD, AoA) of each path by the joint state, over its standard deviations.
 
     Parameters
     ----------
     surface : (S,) int, rising
         The surfaces in the state; they hold every one that the paths hit.
+    track : Trajectory, optional
+        Another way than the scene's.
 
     Returns
     -------
     (L, 3, 5 + 2 S)
     """
-    signal, track = scene.signal_model(agent), scene.track(agent)
+    signal, track = scene.signal_model(agent), scene.track(agent) if track is None else track
     hit = np.append(scene.segments().surface, -1)[paths.segment]
     double = paths.bounces == 2
     last = np.where(double, hit[:, 1], hit[:, 0])
@@ -242,20 +254,20 @@ def whitened_jacobian(scene: Scene, agent: str, paths: TruePaths, surface: NDArr
     return jacobian / np.where(measured, np.stack(std, -1), np.inf)[:, :, None]
 
 
-def _information(scene: Scene, agent: str, paths: TruePaths, rows: Array) -> Array:
+def _information(scene: Scene, agent: str, paths: TruePaths, rows: Array, steps: int) -> Array:
     """Information that each step's paths give, (N, state, state)."""
     chance = scene.signal_model(agent).detection_probability(paths.amplitude)
-    gained = np.zeros((len(scene.track(agent)), rows.shape[2], rows.shape[2]))
+    gained = np.zeros((steps, rows.shape[2], rows.shape[2]))
     for row, step, weight in zip(rows, paths.step, chance, strict=True):
         gained[step] += weight * row.T @ row
     return gained
 
 
 def _motion(
-    scene: Scene, agent: str, step: int, surfaces: int, jitter: float = 0.0, feet: Array | None = None
+    scene: Scene, times: Array, step: int, surfaces: int, jitter: float = 0.0, feet: Array | None = None
 ) -> tuple[Array, Array, Array]:
     """Inverse transition, noise inputs and their variances from the step before (see predict_information)."""
-    times, size = scene.track(agent).time_s, AGENT + 2 * surfaces
+    size = AGENT + 2 * surfaces
     dt = times[step] - times[step - 1]
     backward = np.eye(size)
     backward[0, 2] = backward[1, 3] = -dt

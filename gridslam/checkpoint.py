@@ -10,6 +10,7 @@ from dataclasses import fields
 from gridslam.files import get, get_attributes, put, put_attributes, reading_h5, subgroup, writing_h5
 from gridslam.inference.belief import Belief
 from gridslam.inference.surfaces import Bank
+from gridslam.inference.watch import Watch
 from gridslam.scene import Scene
 from gridslam.systems.grid import GridSlam
 
@@ -44,6 +45,9 @@ def save(slam: GridSlam, path: str | os.PathLike[str]) -> None:
         put(file["state"], "sight", slam.sight, "1")
         for name in ("evidence", "observed", "coefficient"):
             put(file["state"], name, getattr(slam.cells, name), "1")
+        watch = file.create_group("watch")
+        for field in fields(Watch):
+            put(watch, field.name, getattr(slam.watch, field.name), "1")
         bank = file.create_group("bank")
         for field in fields(Bank):
             put(bank, field.name, getattr(slam.bank, field.name), "1")
@@ -72,6 +76,8 @@ def resume(path: str | os.PathLike[str]) -> GridSlam:
         rows = {f.name: get(bank, f.name, (None,) * BANK_DIMENSIONS.get(f.name, 1)) for f in fields(Bank)}
         slam.bank = Bank(**rows)
         slam.steps, slam.next_identity = int(str(kept["steps"])), int(str(kept["next_identity"]))
+        watch = subgroup(file, "watch")
+        slam.watch = Watch(**{f.name: get(watch, f.name, (None,)) for f in fields(Watch)})
         last = float(str(kept["last_time_s"]))
         slam.last_time = None if math.isnan(last) else last
         slam.provenance = json.loads(str(kept["provenance"]))

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gridslam import cli_bench, cli_files, cli_scene
+from gridslam.cli_robustness import robustness
 from gridslam.cli_study import study
 from gridslam.errors import InputError
 
@@ -27,6 +28,7 @@ MAIN_SCENE = "canyon"
 WIDEST_TABLE = 160
 """Columns up to which the table is printed whole, whatever the terminal."""
 app.command()(study)
+app.command()(robustness)
 
 
 @app.command()
@@ -252,6 +254,10 @@ def _finish(
 
     write_run(folder, world, runs, heards, scores, {}, overwrite, draw)
     out.print(_table(runs, scores), width=max(out.width, WIDEST_TABLE), crop=False)
+    for done, score in zip(runs, scores, strict=True):
+        for why, steps in score["health"]["why"].items():
+            line = f"note: {done.agent} at {steps} of {len(done.estimates)} steps: {why}"
+            out.print(line, highlight=False, markup=False, soft_wrap=True)
     out.print(f"wrote {folder}", highlight=False, markup=False, soft_wrap=True)
     return whole
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -56,6 +58,14 @@ def nees_band(runs: int, dimension: int, share: float = 0.95) -> tuple[float, fl
     """
     low, high = chi2.ppf([0.5 - share / 2, 0.5 + share / 2], runs * dimension) / runs
     return float(low), float(high)
+
+
+def complaints(estimates: Sequence[Estimate]) -> dict[str, int]:
+    """What filters said was amiss, and at how many steps, most frequent first; "#" stands for numbers."""
+    said = Counter(
+        re.sub(r"[\d.]+", "#", reason) for e in estimates for reason in e.health.why.split("; ") if reason
+    )
+    return dict(said.most_common())
 
 
 @dataclass(frozen=True, eq=False)

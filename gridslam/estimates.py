@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Self
 
 import numpy as np
@@ -160,6 +160,46 @@ class PathEstimate(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
+class Health:
+    """Whether what is heard fits what is believed: a filter's own word, without the truth. Never NaN.
+
+    Attributes
+    ----------
+    ok : bool
+    why : str
+        What is amiss, in words; empty if nothing is.
+    effective_sample_size : float
+        Least effective number of particles behind a sure association of this step; all if there is none.
+    innovation : float
+        Normalised innovation squared per degree of freedom of sure associations, over some ten steps; 1 is
+        what a consistent filter has.
+    innovation_band : (float, float)
+        Where it lies in 998 of 1000 cases, if associations are independent (chi-square).
+    explained : float
+        Share of the measurements too loud for clutter that known paths explain, over some ten steps.
+    clutter : (J,)
+        Clutter heard per anchor and step, as estimated.
+    amplitude : float
+        Ratio of the lines of sight's amplitude to what the scene's SNR implies, as estimated.
+    turned_rad : (J,) rad
+        How far each anchor is turned from the orientation in the scene, as estimated; 0 unless beyond doubt.
+    silent_steps : int
+        For how long nothing has been heard.
+    """
+
+    ok: bool = True
+    why: str = ""
+    effective_sample_size: float = 0.0
+    innovation: float = 1.0
+    innovation_band: tuple[float, float] = (0.0, 2.0)
+    explained: float = 1.0
+    clutter: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    amplitude: float = 1.0
+    turned_rad: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    silent_steps: int = 0
+
+
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """What the filter believes after one step.
 
@@ -185,6 +225,8 @@ class Estimate:
         Particles that carry the agent's weight.
     seconds : float, s
         Time that the step took (NaN where it wasn't kept).
+    health : Health
+        Whether the filter trusts itself (its defaults where it wasn't kept).
     """
 
     step: int
@@ -198,3 +240,4 @@ class Estimate:
     detected: np.ndarray
     effective_sample_size: float
     seconds: float
+    health: Health = field(default_factory=Health)

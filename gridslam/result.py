@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from gridslam.consistency import complaints
 from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
 from gridslam.map import Map
 from gridslam.metrics import diverged, map_scores, p95, reflection_mae, rmse, track_errors
@@ -103,6 +104,10 @@ class Run:
             "interrupted": self.interrupted,
             "surfaces_detected": len(found),
             "map": dict.fromkeys(MAP_KEYS),
+            "health": {
+                "unwell_steps": sum(not e.health.ok for e in self.estimates),
+                "why": complaints(self.estimates),
+            },
             "seconds_per_step": float(self.seconds_per_step),
             "peak_memory_mb": float(self.peak_memory_mb),
         }
@@ -147,6 +152,7 @@ AGENT_KEYS = (
     "surface_ospa_m",
     "reflection_mae",
     "map",
+    "health",
     "seconds_per_step",
     "peak_memory_mb",
 )

@@ -222,7 +222,13 @@ def simulate(scene: Scene, agent: str, seed: int = 0) -> Measurements:
 
 def simulate_labelled(scene: Scene, agent: str, seed: int = 0) -> tuple[Measurements, NDArray[np.intp]]:
     """As `simulate`, with the row in `true_paths` that caused each measurement, or -1 for clutter (K,)."""
-    paths, track = true_paths(scene, agent), scene.track(agent)
+    return heard_along(scene, agent, scene.track(agent), true_paths(scene, agent), seed)
+
+
+def heard_along(
+    scene: Scene, agent: str, track: Trajectory, paths: TruePaths, seed: int = 0
+) -> tuple[Measurements, NDArray[np.intp]]:
+    """As `simulate_labelled`, of any track and of paths that were traced (or made up) before."""
     columns, label = _received(paths, scene, agent, seed, len(track))
     measurements = Measurements(
         anchors=scene.anchor_names,

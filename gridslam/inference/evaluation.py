@@ -83,14 +83,15 @@ def gate(
 
 def evaluate(
     rays: Rays, cloud: Cloud, pairs: Pairs, predicted: Prediction, heard: Heard
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, NDArray[np.float32]]:
     """Mean over the particles of ratio and possibility, for all paths in one launch.
 
     Returns
     -------
-    (ratio, possible)
+    (ratio, possible, blocks)
         ratio (L, M): p_d f(z | path) / (mu_fa f_fa(z)), 0 where the path is impossible; possible (L,): share
-        of the particles at which the path is possible.
+        of the particles at which the path is possible; blocks (K, P / PATH_BLOCK): sums of each
+        pair's weights over blocks of particles.
     """
     runtime.start()
     from gridslam.kernels.paths import evaluate as launch
@@ -122,4 +123,15 @@ def evaluate(
     ratio = np.zeros((count, len(heard)))
     scale = np.sqrt(np.linalg.det(2 * np.pi * total))
     ratio[pairs.path, pairs.measurement] = pairs.density * mean[count:] / scale
-    return ratio, mean[:count]
+    return ratio, mean[:count], out[count:]
+
+
+def effective_sample_size(blocks: NDArray[np.float32]) -> Array:
+    """Effective number of the particles behind each pair (K,), from sums of weights over blocks of them.
+
+    Blocks are sums of independent weights, so their spread tells that of the weights.
+    """
+    particles = blocks.shape[1] * PATH_BLOCK
+    sums = blocks.astype(np.float64)
+    spread = PATH_BLOCK * sums.var(1) / np.maximum(sums.mean(1), 1e-100) ** 2
+    return np.asarray(np.maximum(particles / (1 + np.minimum(spread, 1e12)), 1.0))

@@ -93,6 +93,17 @@ def rays_of(bank: Bank, sight: Array, anchor: int, most_bounces: int, now: bool 
     )
 
 
+def short_rays(bank: Bank, sight: Array) -> Rays:
+    """Lines of sight and single bounces of all anchors, as they are now."""
+    anchors, count = bank.single.shape
+    anchor, surface = np.repeat(np.arange(anchors), count + 1), np.tile(np.arange(-1, count), anchors)
+    chance = np.concatenate([[1.0], bank.existence])[surface + 1]
+    owner = np.concatenate([[-1], bank.owner])[surface + 1]
+    existence = np.concatenate([sight[:, None], bank.single], 1).ravel()
+    own = (owner == -1) | (owner == anchor)
+    return Rays(anchor, (surface >= 0).astype(np.intp), surface, surface, existence, chance * own)
+
+
 def remember(bank: Bank, sight: Array, rays: Rays, anchor: int, worth: Array, validity: Array) -> None:
     """Update the rays' existence by what their measurements said (model.md, section 2.6 (a)).
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from gridslam import runtime
 from gridslam.estimates import Estimate, SurfaceEstimate
 from gridslam.frames import fitted, stamped
 from gridslam.geometry import unit, wrap
-from gridslam.inference import surfaces
+from gridslam.inference import relocation, surfaces
 from gridslam.inference.association import associate
 from gridslam.inference.belief import AGENT, Belief, append, predict
 from gridslam.inference.births import Births, bear, birth_reflection, propose
@@ -22,10 +22,11 @@ from gridslam.inference.evaluation import evaluate, gate
 from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import AmplitudeBelief, DetectionTable, detection, strengths
 from gridslam.inference.particles import Particles
-from gridslam.inference.prediction import Prediction
-from gridslam.inference.rays import Rays, remember
+from gridslam.inference.prediction import Prediction, predict_paths
+from gridslam.inference.rays import Rays, remember, short_rays
 from gridslam.inference.readout import path_estimate, surface_estimate
 from gridslam.inference.surfaces import Bank
+from gridslam.inference.watch import ENOUGH, Watch
 from gridslam.map import Map
 from gridslam.measurements import Scan
 from gridslam.scene import Scene
@@ -82,9 +83,11 @@ class SurfaceSlam:
         self.scene, self.seed = scene, seed
         body = scene.agent(agent) if agent else scene.agents[0]
         self.agent, self.settings = body.name, scene.filter
-        self.signal = scene.signal_model(body.name)
+        self.signal = self.told = scene.signal_model(body.name)
+        self.watch = Watch.start(len(scene.anchors))
         self.places, self.facings = scene.anchor_positions, scene.anchor_orientations
         self.anchors = np.column_stack([self.places, self.facings])
+        self.told_facings = self.facings
         half = np.array(
             [body.prior.position_m] * 2 + [body.prior.velocity_mps] * 2 + [np.radians(body.prior.heading_deg)]
         )
@@ -102,6 +105,7 @@ class SurfaceSlam:
         self.most_bounces = scene.radio.max_bounces
         self.detected = DetectionTable(self.signal)
         self.last_time: float | None = None
+        self.elapsed, self.start_velocity = 0.0, float(variance[2])
         self.next_identity, self.steps = 0, 0
         self.provenance: dict[str, list] = {"agents": [], "seeds": [], "steps": []}
 
@@ -110,7 +114,12 @@ class SurfaceSlam:
         began = time.perf_counter()
         with runtime.one_blas_thread():
             self._move(scan.time_s)
-            for heard in self._hear(scan):
+            self.watch.begin(len(scan))
+            self._face(self.watch.turned)
+            scans = self._hear(scan)
+            self._find_again(scans)
+            for heard in scans:
+                self.signal = self.watch.tuned(self.told, heard.anchor)
                 self._take_in(heard)
             self._tidy()
             return self._estimate(scan, time.perf_counter() - began)
@@ -156,9 +165,10 @@ class SurfaceSlam:
     def _move(self, now: float) -> None:
         """Motion of the agent, jitter of the surfaces, survival (paper 003, section III-C)."""
         if self.last_time is not None:
+            self.elapsed = now - self.last_time
             self.belief = predict(
                 self.belief,
-                now - self.last_time,
+                self.elapsed,
                 self.settings.acceleration_mps2,
                 np.radians(self.settings.heading_deg),
                 JITTER * self.settings.surface_m,
@@ -166,6 +176,36 @@ class SurfaceSlam:
             )
             surfaces.evolve(self.bank, self.settings.survival, self.settings.reflection)
         self.last_time = now
+
+    def _face(self, turned: Array) -> None:
+        """Turn the anchors by (J,) rad from what the scene says."""
+        facings = wrap(self.told_facings + turned)
+        if (facings != self.facings).any():
+            self.facings = facings
+            self.anchors = np.column_stack([self.places, facings])
+
+    def _find_again(self, scans: list[Heard]) -> None:
+        """Where the belief can't be followed from the last step on, find the agent by the map."""
+        count = sum(int(relocation.loud(heard, self.told).sum()) for heard in scans)
+        vague = relocation.is_vague(self.belief)
+        if count < ENOUGH and not vague:
+            return
+        rays = short_rays(self.bank, self.sight)
+        predicted = predict_paths(rays, self.belief, self.anchors)
+        lost = self.watch.lost(count, relocation.near_paths(scans, rays, predicted, self.told))
+        if not (lost or vague):
+            return
+        sources = relocation.sources(rays, self.belief, self.places, self.bank.reflection @ REFLECTION_BINS)
+        belief = self.belief
+        if lost:
+            belief = relocation.freed(belief, self.elapsed, self.settings.acceleration_mps2)
+        fix = relocation.find_pose(
+            belief, self.belief, sources, scans, self.detected, self.watch.tuned(self.told, 0),
+            self._stream(len(scans), 2),
+        )  # fmt: skip
+        if fix is not None and fix.clear and (fix.better or not lost):
+            self.belief = relocation.moved(belief, fix, self.start_velocity)
+            self.watch.found(lost)
 
     def _hear(self, scan: Scan) -> list[Heard]:
         """The scan, anchor by anchor."""
@@ -201,8 +241,14 @@ class SurfaceSlam:
         detected = detection(amplitudes, distance, self.detected)
         strength = strengths(amplitudes, heard, distance, self.detected, signal)
         pairs = gate(predicted, heard, strength, rays.existence * rays.surfaces * validity, signal)
+        # clutter level, by what no path can have caused
+        near = np.bincount(pairs.measurement, minlength=len(heard)) > 0
+        level = self.watch.listen(heard, near, self.told)
+        if level != signal.false_alarms:
+            pairs = replace(pairs, density=pairs.density * signal.false_alarms / level)
+            signal = replace(signal, false_alarms=level)
         cloud = self.particles.cloud(self.belief)
-        ratio, possible = evaluate(rays, cloud, pairs, predicted, heard)
+        ratio, possible, blocks = evaluate(rays, cloud, pairs, predicted, heard)
         ratio, validity = ratio / np.maximum(possible, 1e-3)[:, None], validity * possible
         chance = rays.existence * validity
         beta = (rays.surfaces * chance)[:, None] * ratio
@@ -221,6 +267,7 @@ class SurfaceSlam:
         self.belief, responsible = correct(
             self.belief, rays, rays.surfaces * chance, detected, beta, nu, pairs, heard
         )
+        self.watch.judge(heard, rays, predicted, pairs, responsible, blocks, self.told)
         remember(self.bank, self.sight, rays, heard.anchor, worth, validity)
         surfaces.exist(self.bank, rays, chance, worth)
         return Messages(chance, worth, responsible, births, claimed)
@@ -295,11 +342,13 @@ class SurfaceSlam:
     def _estimate(self, scan: Scan, seconds: float) -> Estimate:
         """MMSE estimates of agent and surfaces, and the paths believed in."""
         table, mean = surface_estimate(self.belief, self.bank), self.belief.mean
+        variance = float(self.belief.covariance[0, 0] + self.belief.covariance[1, 1])
+        health = self.watch.health(self.told, np.sqrt(variance), self.particles.count)
         paths = path_estimate(
             self.belief, self.bank, self.sight, self.anchors, self.most_bounces, self._strength,
         )  # fmt: skip
         return Estimate(
             scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[4])),
             self.belief.covariance[:AGENT, :AGENT].copy(), table, paths,
-            table.existence > self.settings.detect_above, float(self.particles.count), seconds,
+            table.existence > self.settings.detect_above, health.effective_sample_size, seconds, health,
         )  # fmt: skip

@@ -1,0 +1,271 @@
+"""What a filter learns of its radio and of itself: clutter level, SNR, and whether what is heard fits.
+
+Sums with forgetting over some ten steps stand for a window. Nothing here needs the truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.estimates import Health
+from gridslam.inference.evaluation import Pairs, effective_sample_size
+from gridslam.inference.heard import Heard
+from gridslam.inference.prediction import Prediction
+from gridslam.inference.rays import Rays
+from gridslam.inference.relocation import loud
+from gridslam.signal import SignalModel
+
+Array = NDArray[np.float64]
+KEEP, KEEP_GAIN, SLOW = 0.9, 0.99, 0.03
+"""Shares of what was learned that are kept per step; share of news that enters what is usual."""
+TRUST = 1.0
+"""Steps of listening that the scene's own clutter level is worth."""
+LEAST_CLUTTER, MOST_CLUTTER = 0.2, 20.0
+"""Bounds of the clutter level, as shares of the scene's."""
+SURPRISE, DOUBTED = 4.0, 3.0
+"""Standard deviations by which clutter breaks with its past, and with what was told."""
+QUIET = np.log(20.0)
+"""Squared amplitude above the squared threshold that one in twenty clutter measurements exceeds."""
+GAIN_STD, LEAST_GAIN, MOST_GAIN = 0.3, 0.5, 2.0
+"""Prior of the ratio of true to told amplitude, and its bounds."""
+TURN_STD, KEEP_TURN, BEYOND_DOUBT = 0.02, 0.995, 3.5
+"""Prior of an anchor's orientation (rad), share kept per step, deviations from which on it is believed."""
+SURE = 0.9
+"""Probability from which an association counts as sure."""
+WORST = 30.0
+"""Normalised innovation squared at which one path's is cut off."""
+SILENT, LOST, MISFIT, LOUD_CLUTTER, FEW, VAGUE_M = 5, 0.5, 1.7, 3.0, 3.0, 1.0
+"""When something is amiss: steps of silence; share of the usual explained; ratio of innovations to what is
+expected; of clutter; effective particles; position's standard deviation."""
+AFRESH, ENOUGH = 5, 4
+"""Steps for which a new start is told of; loud measurements that are needed to call it for."""
+
+
+@dataclass
+class Watch:
+    """State of what is watched, as arrays, so that it can be kept in a checkpoint.
+
+    Attributes
+    ----------
+    clutter, listened : (J,)
+        Clutter heard, and steps listened to, with forgetting.
+    misfit, freedom : (1,)
+        Normalised innovations squared of sure associations, and their degrees of freedom.
+    explained, loud : (1,)
+        Measurements too loud for clutter that known paths explain, and all such.
+    usual, near : (1,)
+        Share of them that is explained, and that lies where a line of sight or a single bounce is predicted,
+        in the long run.
+    pull, weight : (1,)
+        Sums from which the ratio of true to told amplitude follows.
+    turn, turn_weight : (J,)
+        Sums from which the anchors' true orientations follow, relative to the told ones.
+    silent, since : (1,)
+        Steps of silence so far; steps since the agent was found again.
+    """
+
+    clutter: Array
+    listened: Array
+    misfit: Array
+    freedom: Array
+    explained: Array
+    loud: Array
+    usual: Array
+    near: Array
+    pull: Array
+    weight: Array
+    turn: Array
+    turn_weight: Array
+    silent: Array
+    since: Array
+
+    @classmethod
+    def start(cls, anchors: int) -> Watch:
+        """Nothing heard yet."""
+        own = ("clutter", "listened", "turn", "turn_weight")
+        state = {f.name: np.zeros(anchors if f.name in own else 1) for f in fields(cls)}
+        state["turn_weight"] += TURN_STD**-2
+        state["pull"] += GAIN_STD**-2
+        state["weight"] += GAIN_STD**-2
+        state["since"] += 1e6
+        return cls(**state)
+
+    def begin(self, scan_size: int) -> None:
+        """A new step, at which `scan_size` measurements were heard."""
+        for name in ("misfit", "freedom", "explained", "loud"):
+            getattr(self, name)[:] *= KEEP
+        prior = GAIN_STD**-2
+        self.pull[:] = prior + KEEP_GAIN * (self.pull - prior)
+        self.weight[:] = prior + KEEP_GAIN * (self.weight - prior)
+        prior = TURN_STD**-2
+        self.turn *= KEEP_TURN
+        self.turn_weight[:] = prior + KEEP_TURN * (self.turn_weight - prior)
+        self.silent[:] = 0 if scan_size else self.silent + 1
+        self.since += 1
+        self._effective = np.inf
+        self._turned = self.turned
+
+    @property
+    def gain(self) -> float:
+        """Ratio of true to told amplitude; 1 unless it differs beyond doubt."""
+        ratio, doubt = self.pull[0] / self.weight[0], 1 / np.sqrt(self.weight[0])
+        sure = abs(ratio - 1) > BEYOND_DOUBT * doubt
+        return float(np.clip(ratio, LEAST_GAIN, MOST_GAIN)) if sure else 1.0
+
+    @property
+    def turned(self) -> Array:
+        """How far each anchor is turned from what was told, (J,) rad; 0 unless that is beyond doubt."""
+        estimate, doubt = self.turn / self.turn_weight, 1 / np.sqrt(self.turn_weight)
+        return np.where(np.abs(estimate) > BEYOND_DOUBT * doubt, estimate, 0.0)
+
+    def estimate(self, anchor: int, told: float) -> float:
+        """Mean clutter per step of an anchor: a Gamma-Poisson estimate about the level that was told."""
+        mean = (TRUST * told + self.clutter[anchor]) / (TRUST + self.listened[anchor])
+        return float(np.clip(mean, LEAST_CLUTTER * told, MOST_CLUTTER * told))
+
+    def level(self, anchor: int, told: float) -> float:
+        """The estimate if it differs from what was told beyond doubt, else what was told."""
+        mean = self.estimate(anchor, told)
+        doubt = np.sqrt(told / (TRUST + self.listened[anchor]))
+        return mean if abs(mean - told) > DOUBTED * doubt else told
+
+    def tuned(self, told: SignalModel, anchor: int) -> SignalModel:
+        """The radio's numbers as they seem to be."""
+        gain, level = self.gain, self.level(anchor, told.false_alarms)
+        if gain == 1 and level == told.false_alarms:
+            return told
+        return replace(told, amplitude_at_1m=told.amplitude_at_1m * gain, false_alarms=level)
+
+    def listen(self, heard: Heard, near: NDArray[np.bool_], told: SignalModel) -> float:
+        """Count the clutter of an anchor's scan before its association; return the level.
+
+        Parameters
+        ----------
+        near : (M,)
+            Measurements that some path could have caused.
+        """
+        quiet = _quiet(heard, told) & ~near
+        share = np.where(np.isnan(heard.amplitude), 1.0, 1 / (1 - np.exp(-QUIET)))
+        count, anchor = float(share[quiet].sum()), heard.anchor
+        usual = self.estimate(anchor, told.false_alarms)
+        # a level that jumps is learned afresh, or a burst would be over before it is believed
+        keep = KEEP if abs(count - usual) < SURPRISE * np.sqrt(usual + 1) else 0.3 * KEEP
+        self.clutter[anchor] = keep * self.clutter[anchor] + count
+        self.listened[anchor] = keep * self.listened[anchor] + 1
+        return self.level(anchor, told.false_alarms)
+
+    def judge(
+        self, heard: Heard, rays: Rays, predicted: Prediction, pairs: Pairs, responsible: Array,
+        blocks: NDArray[np.float32], told: SignalModel,
+    ) -> None:  # fmt: skip
+        """Take in how an anchor's measurements fitted.
+
+        Parameters
+        ----------
+        responsible : (L, M)
+            Probability that the path caused the measurement.
+        blocks : (K, P / PATH_BLOCK)
+            Sums of each pair's weights over blocks of particles.
+        """
+        strong = loud(heard, told)
+        self.loud += strong.sum()
+        self.explained += np.minimum(responsible.sum(0), 1.0)[strong].sum()
+        sure = np.flatnonzero(responsible[pairs.path, pairs.measurement] > SURE)
+        if not len(sure):
+            return
+        path, measurement = pairs.path[sure], pairs.measurement[sure]
+        gap = heard.value[measurement] - predicted.value[path]
+        gap[:, 1:] = np.remainder(gap[:, 1:] + np.pi, 2 * np.pi) - np.pi
+        known = ~np.isnan(gap)
+        spread = predicted.spread[path] + pairs.variance[sure, :, None] * np.eye(3)
+        solved = np.linalg.solve(spread, np.nan_to_num(gap)[..., None])[..., 0]
+        self.misfit += np.minimum((np.nan_to_num(gap) * solved).sum(1), WORST).sum()
+        self.freedom += known.sum()
+        self._effective = min(self._effective, float(effective_sample_size(blocks[sure]).min()))
+        direct = rays.bounces[path] == 0
+        # the line of sight says how an anchor faces: distances tell where the agent is, no wall takes part
+        departures = np.flatnonzero(direct & known[:, 1])
+        precision = 1 / spread[departures, 1, 1]
+        self.turn[heard.anchor] += precision @ (self._turned[heard.anchor] - gap[departures, 1])
+        self.turn_weight[heard.anchor] += precision.sum()
+        direct &= known[:, 0] & ~np.isnan(heard.amplitude[measurement])
+        if direct.any():
+            level = told.amplitude(heard.value[measurement[direct], 0])
+            scale = told.amplitude_std(level)
+            measured = np.sqrt(np.maximum(heard.amplitude[measurement[direct]] ** 2 - scale**2, 0.0))
+            clear = measured > 2 * told.threshold  # fainter ones are biased by the threshold
+            self.pull += (level * measured / scale**2)[clear].sum()
+            self.weight += np.square(level / scale)[clear].sum()
+
+    def lost(self, count: int, near: int) -> bool:
+        """Whether, of `count` loud measurements, far fewer than usual lie where a path is predicted."""
+        if count < ENOUGH:
+            return False
+        lost = bool(near < LOST * self.near[0] * count)
+        if not lost:
+            self.near += SLOW * (near / count - self.near)
+        return lost
+
+    def found(self, was_lost: bool) -> None:
+        """The agent was found by other means than following it."""
+        if was_lost:
+            self.since[:] = 0
+
+    def health(self, told: SignalModel, spread_m: float, particles: int) -> Health:
+        """Say how things are.
+
+        Parameters
+        ----------
+        spread_m : float
+            Standard deviation of the position.
+        particles : int
+            How many there are.
+        """
+        share = float((self.explained[0] + 1) / (self.loud[0] + 1))
+        freedom = float(self.freedom[0])
+        ratio = float(self.misfit[0]) / freedom if freedom > 0 else 1.0
+        low, high = innovation_band(freedom)
+        effective = float(min(self._effective, particles))
+        heard = np.array([self.estimate(j, told.false_alarms) for j in range(len(self.clutter))])
+        reasons = []
+        if self.silent[0] >= SILENT:
+            reasons.append(f"nothing heard for {int(self.silent[0])} steps")
+        if spread_m > VAGUE_M:
+            reasons.append(f"position known to {spread_m:.1f} m alone")
+        if self.since[0] < AFRESH:
+            reasons.append(f"agent found again {int(self.since[0])} steps ago")
+        if self.usual[0] > 0 and share < LOST * self.usual[0]:
+            reasons.append(f"{share:.0%} of the loud measurements explained, usually {self.usual[0]:.0%}")
+        if ratio > max(high, MISFIT):
+            reasons.append(f"innovations {ratio:.1f} times as large as they should be")
+        clutter = float(heard.max() / told.false_alarms)
+        if clutter > LOUD_CLUTTER:
+            reasons.append(f"clutter {clutter:.1f} times what the scene says")
+        if self._turned.any():
+            worst = int(np.abs(self._turned).argmax())
+            turn = np.degrees(self._turned[worst])
+            reasons.append(f"anchor number {worst + 1} seems turned by {turn:.1f} degrees")
+        if effective < FEW:
+            reasons.append(f"{effective:.0f} particles carry the weight")
+        if not self.silent[0]:
+            self.usual += (SLOW if self.usual[0] > 0 else 1.0) * (share - self.usual)
+        return Health(
+            not reasons, "; ".join(reasons), effective, ratio, (low, high), share, heard,
+            self.gain, self.turned, int(self.silent[0]),
+        )  # fmt: skip
+
+
+def innovation_band(freedom: float) -> tuple[float, float]:
+    """Band of the mean normalised innovation squared with 0.998 probability (Wilson and Hilferty)."""
+    part = 2 / (9 * max(freedom, 1.0))
+    low, high = (float(max(1 - part + side * 3.09 * np.sqrt(part), 0.0) ** 3) for side in (-1, 1))
+    return low, high
+
+
+def _quiet(heard: Heard, signal: SignalModel) -> NDArray[np.bool_]:
+    """Measurements (M,) as quiet as all but one in twenty of clutter."""
+    excess = np.nan_to_num(heard.amplitude, nan=signal.threshold) ** 2 - signal.threshold**2
+    return np.asarray(excess < QUIET)

@@ -1,0 +1,251 @@
+"""What a filter says of itself, what it learns of its radio, and finding the agent again."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import chi2
+
+import gridslam as gs
+from gridslam import disturbances, robustness
+from gridslam.bounds import known_map_bound
+from gridslam.estimates import Health
+from gridslam.geometry import wrap
+from gridslam.inference import relocation
+from gridslam.inference.belief import Belief, append
+from gridslam.inference.evaluation import effective_sample_size
+from gridslam.inference.heard import Heard
+from gridslam.inference.likelihood import DetectionTable
+from gridslam.inference.watch import LEAST_CLUTTER, MOST_CLUTTER, Watch, innovation_band
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+
+def scan_of(case, step):
+    scan, world = case.heard.scan(step), case.believed
+    places = zip(world.anchor_positions, world.anchor_orientations, strict=True)
+    return [Heard.of(scan, number, place, facing) for number, (place, facing) in enumerate(places)]
+
+
+def quiet(count, anchor=0):
+    """Clutter alone: faint, anywhere."""
+    return Heard(
+        anchor, np.zeros(2), 0.0, np.full((count, 3), 1.0), np.full((count, 3), np.nan), np.full(count, 2.1)
+    )
+
+
+@pytest.fixture(scope="module")
+def room():
+    return disturbances.undisturbed(gs.Scene.load("room"), seed=1)
+
+
+@pytest.fixture(scope="module")
+def signal(room):
+    return room.scene.signal_model(room.agent)
+
+
+@pytest.fixture(scope="module")
+def followed(room):
+    """Estimates of forty steps, ten of them silent from step 20 on."""
+    slam, heard = gs.GridSlam(room.believed, seed=1), disturbances.silence(room, 20, 10).heard
+    return [slam.step(heard.scan(step)) for step in range(40)]
+
+
+def numbers(health):
+    return np.concatenate(
+        [
+            [health.effective_sample_size, health.innovation, health.explained, health.amplitude],
+            health.innovation_band, health.clutter, health.turned_rad,
+        ]
+    )  # fmt: skip
+
+
+def test_health_is_good_and_finite_where_nothing_is_amiss(followed):
+    assert all(e.health.ok and not e.health.why for e in followed[:20])
+    assert all(np.isfinite(numbers(e.health)).all() for e in followed)
+    assert all(1 <= e.effective_sample_size <= 10_048 for e in followed)
+
+
+def test_silence_is_told_of_and_forgotten_when_it_ends(followed):
+    assert ["nothing heard" in e.health.why for e in followed[20:30]] == [False] * 4 + [True] * 6
+    assert all(e.health.ok for e in followed[31:])
+    assert [e.health.silent_steps for e in followed[18:32]] == [0, 0, *range(1, 11), 0, 0]
+
+
+def test_a_filter_that_never_hears_anything_says_so_and_gives_no_nan(room):
+    slam = gs.GridSlam(room.believed, seed=1)
+    none = np.zeros(0)
+    for step in range(12):
+        estimate = slam.step(gs.Scan(step, float(step), np.zeros(0, np.intp), none, none, none, none))
+        assert np.isfinite(numbers(estimate.health)).all()
+        assert np.isfinite(estimate.covariance).all()
+    assert not estimate.health.ok
+    assert "nothing heard for 12 steps" in estimate.health.why
+
+
+def test_health_of_a_file_is_the_default():
+    assert Health().ok
+    assert Health().why == ""
+    assert np.isfinite(numbers(Health())).all()
+
+
+def test_effective_sample_size_is_all_of_equal_weights_and_follows_their_spread():
+    draw = np.random.default_rng(1)
+    assert effective_sample_size(np.full((1, 20), 64.0, np.float32)) == pytest.approx(20 * 64)
+    assert effective_sample_size(np.zeros((1, 20), np.float32)) == 20 * 64
+    # exponential weights: E[w]^2 / E[w^2] = 1 / 2; 4000 blocks tell their variance to 1 / sqrt(2000)
+    blocks = draw.exponential(1.0, (1, 4000, 64)).sum(2).astype(np.float32)
+    assert effective_sample_size(blocks)[0] / (4000 * 64) == pytest.approx(0.5, abs=0.5 * 4 / np.sqrt(2000))
+
+
+@pytest.mark.parametrize("freedom", [3, 30, 300])
+def test_the_band_of_innovations_is_that_of_chi_square(freedom):
+    expected = chi2.ppf([0.001, 0.999], freedom) / freedom
+    np.testing.assert_allclose(innovation_band(freedom), expected, rtol=0.05, atol=0.01)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.integers(0, 400), max_size=30), st.floats(0.1, 10, allow_subnormal=False))
+def test_the_clutter_level_is_bounded_whatever_is_heard(counts, told):
+    signal = gs.Scene.load("room").signal_model()
+    signal = type(signal)(**{**vars(signal), "false_alarms": told})
+    watch = Watch.start(1)
+    for count in counts:
+        watch.begin(count)
+        level = watch.listen(quiet(count), np.zeros(count, dtype=bool), signal)
+        assert LEAST_CLUTTER * told <= level <= MOST_CLUTTER * told
+
+
+def test_the_clutter_level_follows_a_burst_within_three_steps_and_back(signal):
+    watch, levels = Watch.start(1), []
+    for count in [2] * 20 + [20] * 5 + [2] * 15:
+        watch.begin(count)
+        levels.append(watch.listen(quiet(count), np.zeros(count, dtype=bool), signal))
+    assert levels[19] == 2
+    assert levels[22] > 10
+    assert levels[-1] < 4
+
+
+def test_a_wrong_clutter_level_and_snr_are_learned(room, signal):
+    told = disturbances.told_snr(disturbances.told_clutter(room, 0.5), 2.0)
+    slam = gs.GridSlam(told.believed, seed=1)
+    for step in range(40):
+        estimate = slam.step(told.heard.scan(step))
+    assert estimate.health.amplitude == pytest.approx(np.sqrt(0.5), abs=0.05)
+    # Poisson of mean 2 over some ten steps, pulled by three steps at 1, and what no known path explains
+    assert (estimate.health.clutter > 1.1).all()
+
+
+def test_a_turned_anchor_is_noticed(room):
+    case = disturbances.told_orientation(room, 4.0)
+    slam = gs.GridSlam(case.believed, seed=1)
+    for step in range(40):
+        estimate = slam.step(case.heard.scan(step))
+    assert estimate.health.turned_rad[1] == 0
+    assert -5.0 < np.degrees(estimate.health.turned_rad[0]) < -1.5
+    assert "anchor number 1" in estimate.health.why
+
+
+def mapped(room, pose, std):
+    """Belief at a wrong pose, with the true walls."""
+    mean = np.array([pose[0], pose[1], 0.0, 0.0, pose[2]])
+    belief = Belief(mean, np.diag([std[0] ** 2, std[0] ** 2, 0.01, 0.01, std[1] ** 2]))
+    for line in room.scene.segments().line:
+        belief = append(belief, line, np.diag([1e-6, 1e-4]))
+    return belief
+
+
+@pytest.mark.parametrize("off", [(1.5, -0.8, 0.4), (-1.0, 2.0, 3.0)])
+def test_the_agent_is_found_wherever_it_was_believed(room, signal, off):
+    step = 70
+    truth = np.array([*room.track.position_m[step], room.track.heading_rad[step]])
+    belief = mapped(room, truth + off, (2.0, 1.5))
+    lines = belief.lines
+    sources = [
+        relocation.Sources(
+            np.concatenate([heard.place[None], gs.geometry.mirror(lines, heard.place)]),
+            np.concatenate([np.zeros((1, 2)), lines]), np.array([1, 0.7, 0.7, 0.7, 0.7]), np.full(5, 0.9),
+        )
+        for heard in scan_of(room, step)
+    ]  # fmt: skip
+    fix = relocation.find_pose(
+        belief, belief, sources, scan_of(room, step), DetectionTable(signal), signal, [1, 2]
+    )
+    assert np.linalg.norm(fix.pose[:2] - truth[:2]) < 0.15
+    assert abs(wrap(fix.pose[2] - truth[2])) < 0.1
+    assert fix.lead > relocation.CLEAR
+    assert fix.gain > relocation.WORTH
+    after = relocation.moved(relocation.freed(belief, 1.0, 0.03), fix, 0.01)
+    assert np.linalg.norm(after.mean[:2] - truth[:2]) < 0.3
+    assert np.linalg.eigvalsh(after.covariance).min() > -1e-12
+
+
+def test_no_measurement_gives_no_fix(room, signal):
+    belief = mapped(room, (0.0, 0.0, 0.0), (1.0, 1.0))
+    assert relocation.find_pose(belief, belief, [], [], DetectionTable(signal), signal, [1]) is None
+
+
+def test_a_jump_cuts_the_agent_from_the_map_and_keeps_the_map(room):
+    belief = mapped(room, (0.0, 0.0, 0.0), (0.01, 0.01))
+    fix = relocation.Fix(np.array([2.0, 1.0, 1.0]), np.diag([1e-3, 1e-3, 1e-3]), 50.0, 50.0)
+    after = relocation.moved(belief, fix, 0.04)
+    np.testing.assert_allclose(after.mean[[0, 1, 4]], fix.pose)
+    np.testing.assert_array_equal(after.mean[5:], belief.mean[5:])
+    np.testing.assert_array_equal(after.covariance[5:, 5:], belief.covariance[5:, 5:])
+    assert not after.covariance[:5, 5:].any()
+
+
+@pytest.mark.parametrize("kind", ["strides", "start"])
+def test_what_used_to_diverge_recovers(room, kind):
+    case = {
+        "strides": lambda: disturbances.strides(room, steps=40),
+        "start": lambda: disturbances.vague_start(room),
+    }[kind]()
+    slam = gs.GridSlam(case.believed, seed=1)
+    error = [
+        np.linalg.norm(slam.step(case.heard.scan(n)).position_m - case.track.position_m[n]) for n in range(40)
+    ]
+    bound = known_map_bound(case.scene, case.agent, case.paths, case.track).position_m[10:40]
+    assert np.sqrt(np.square(error[10:]).mean()) < 2 * np.sqrt((bound**2).mean())
+
+
+def test_a_result_is_good_if_the_filter_recovers_or_says_that_it_has_not(room, followed):
+    case = disturbances.silence(room, 20, 10)
+    result = robustness.judged(
+        disturbances.Case(
+            case.scene, case.believed, case.agent, 1, short(case.track),
+            case.paths.take(case.paths.step < 40), case.heard, 20, 30,
+        ),
+        "silence", followed,
+    )  # fmt: skip
+    assert result.recovered_after == 0
+    assert result.unwell_during == 0.6
+    assert result.why.startswith("nothing heard for #")
+    assert result.finite
+    lost = robustness.Result(**{**vars(result), "after": 9.0, "unwell_after": 0.0})
+    assert not lost.good
+    assert robustness.Result(**{**vars(lost), "unwell_after": 0.7}).good
+    lines = robustness.table([result, lost]).decode().splitlines()
+    assert len(lines) == 3
+    assert lines[0].startswith("scene,case,agent,seed")
+
+
+def short(track):
+    return gs.Trajectory(
+        *(getattr(track, n)[:40] for n in ("time_s", "position_m", "velocity_mps", "heading_rad"))
+    )
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--case", "flood"],
+        ["--scene", "hall"],
+        ["--method", "none"],
+        ["--scene", "canyon", "--case", "burst"],
+    ],
+)
+def test_bad_words_to_robustness_are_one_line(say, words):
+    said = say("robustness", *words)
+    assert said.code == 2
+    assert len(said.complaints) == 1
