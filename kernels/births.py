@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from gridslam.kernels import SPREAD
 from gridslam.kernels.functions import TURN, angle_of, double_bounce, exp_of, mirrored, single_bounce, wrapped
 
 ROOT_TURN = 2.5066282746310002
@@ -20,41 +21,44 @@ def propose(
 
     An infinite deviation of the AoD stands for "not measured": its density is then 1 / (2 pi).
     """
-    ti.loop_config(block_dim=1)
-    for m in range(heard.shape[0]):
-        hypotheses, samples = known.shape[0], state.shape[1]
-        for h in range(hypotheses):
-            weight[m, h] = 0.0
-        for k in range(samples):
-            distance = heard[m, 0] + heard[m, 3] * noise[0, k]
-            bearing = heard[m, 2] + heard[m, 5] * noise[1, k] + state[2, k]
-            px, py, ax, ay = state[0, k], state[1, k], place[0], place[1]
-            end_x, end_y = px + distance * ti.cos(bearing), py + distance * ti.sin(bearing)
+    for item in range(heard.shape[0] * SPREAD):
+        if item % SPREAD == 0:
+            m = item // SPREAD
+            hypotheses, samples = known.shape[0], state.shape[1]
             for h in range(hypotheses):
-                last, first = known[h, 0], known[h, 1]
-                s, r = 3 + 3 * last, 3 + 3 * first
-                vx, vy, sx, sy = end_x, end_y, ax, ay
-                if last >= 0:
-                    vx, vy = mirrored(vx, vy, state[s, k], state[s + 1, k], state[s + 2, k])
-                if first >= 0:
-                    sx, sy = mirrored(sx, sy, state[r, k], state[r + 1, k], state[r + 2, k])
-                span = ti.sqrt((vx - sx) ** 2 + (vy - sy) ** 2)
-                if span > 1e-2 and distance > 0:
-                    nx, ny = (vx - sx) / span, (vy - sy) / span
-                    c = 0.5 * (nx * (vx + sx) + ny * (vy + sy))
-                    wx, wy, ok = 0.0 * px, 0.0 * px, 0.0 * px
-                    if last < 0 and first < 0:
-                        _, _, wx, wy, ok = single_bounce(px, py, ax, ay, nx, ny, c)
-                    elif last >= 0:
-                        ex, ey, e = state[s, k], state[s + 1, k], state[s + 2, k]
-                        _, _, wx, wy, ok = double_bounce(px, py, ax, ay, ex, ey, e, nx, ny, c)
-                    else:
-                        ex, ey, e = state[r, k], state[r + 1, k], state[r + 2, k]
-                        _, _, wx, wy, ok = double_bounce(px, py, ax, ay, nx, ny, c, ex, ey, e)
-                    if ok > 0.5:
-                        density = ti.cast(1 / TURN, ti.f32)
-                        if heard[m, 4] < 1e6:
-                            toward = angle_of(ti.cast(wx, ti.f32), ti.cast(wy, ti.f32))
-                            gap = wrapped(heard[m, 1] + place[2] - toward) / heard[m, 4]
-                            density = exp_of(ti.cast(-0.5 * gap * gap, ti.f32)) / (heard[m, 4] * ROOT_TURN)
-                        weight[m, h] += density / (span * samples)
+                weight[m, h] = 0.0
+            for k in range(samples):
+                distance = heard[m, 0] + heard[m, 3] * noise[0, k]
+                bearing = heard[m, 2] + heard[m, 5] * noise[1, k] + state[2, k]
+                px, py, ax, ay = state[0, k], state[1, k], place[0], place[1]
+                end_x, end_y = px + distance * ti.cos(bearing), py + distance * ti.sin(bearing)
+                for h in range(hypotheses):
+                    last, first = known[h, 0], known[h, 1]
+                    s, r = 3 + 3 * last, 3 + 3 * first
+                    vx, vy, sx, sy = end_x, end_y, ax, ay
+                    if last >= 0:
+                        vx, vy = mirrored(vx, vy, state[s, k], state[s + 1, k], state[s + 2, k])
+                    if first >= 0:
+                        sx, sy = mirrored(sx, sy, state[r, k], state[r + 1, k], state[r + 2, k])
+                    span = ti.sqrt((vx - sx) ** 2 + (vy - sy) ** 2)
+                    if span > 1e-2 and distance > 0:
+                        nx, ny = (vx - sx) / span, (vy - sy) / span
+                        c = 0.5 * (nx * (vx + sx) + ny * (vy + sy))
+                        wx, wy, ok = 0.0 * px, 0.0 * px, 0.0 * px
+                        if last < 0 and first < 0:
+                            _, _, wx, wy, ok = single_bounce(px, py, ax, ay, nx, ny, c)
+                        elif last >= 0:
+                            ex, ey, e = state[s, k], state[s + 1, k], state[s + 2, k]
+                            _, _, wx, wy, ok = double_bounce(px, py, ax, ay, ex, ey, e, nx, ny, c)
+                        else:
+                            ex, ey, e = state[r, k], state[r + 1, k], state[r + 2, k]
+                            _, _, wx, wy, ok = double_bounce(px, py, ax, ay, nx, ny, c, ex, ey, e)
+                        if ok > 0.5:
+                            density = ti.cast(1 / TURN, ti.f32)
+                            if heard[m, 4] < 1e6:
+                                toward = angle_of(ti.cast(wx, ti.f32), ti.cast(wy, ti.f32))
+                                gap = wrapped(heard[m, 1] + place[2] - toward) / heard[m, 4]
+                                density = exp_of(ti.cast(-0.5 * gap * gap, ti.f32)) / (
+                                    heard[m, 4] * ROOT_TURN
+                                )
+                            weight[m, h] += density / (span * samples)

@@ -11,7 +11,7 @@ own states above that. So a ray is walked twice at most: for V, and to add V to 
 
 import taichi as ti
 
-from gridslam.kernels import CELL_SLABS
+from gridslam.kernels import CELL_SLABS, SPREAD
 from gridslam.kernels.paths import draw_path
 
 SLABS = CELL_SLABS
@@ -59,121 +59,127 @@ def cast(
     ti.loop_config(serialize=True)  # too little work to wake other threads for
     for row, k in ti.ndrange(path.shape[0], state.shape[1]):
         draw_path(state, path, places, row, k, drawn)
-    ti.loop_config(block_dim=1)
-    for slab in range(SLABS):
-        ny, nx = occupied.shape[1], occupied.shape[2]
-        paths, rays = path.shape[0], state.shape[1]
-        side, per_metre, outside, clip = frame[2], 1 / frame[2], frame[3], frame[4]
-        row = slab
-        while row < paths:
-            count, a = path[row, 0], factor[row, 0]
-            total, known = ti.cast(0.0, ti.f64), 0
-            possible = ti.cast(0.0, ti.f64)
-            for ray in range(rays):
-                possible += drawn[row * rays + ray, 12]
-            send = factor[row, 1] > 0.5 and possible > frame[5] * rays
-            for ray in range(rays):
-                k = row * rays + ray
-                hx, hy = ti.Vector([-9, -9, -9, -9, -9, -9]), ti.Vector([-9, -9, -9, -9, -9, -9])
-                met_v, met_m = ti.Vector([1.0, 1.0], dt=ti.f64), ti.Vector([1.0, 1.0], dt=ti.f64)
-                for b in range(count):
-                    clear_v, clear_m = ti.cast(1.0, ti.f64), ti.cast(1.0, ti.f64)
-                    inside = 0
-                    for n in range(3):
-                        off = (n - 1) * side
-                        ix = cell_of(drawn[k, 2 * b + 2] + off * drawn[k, 8 + 2 * b], frame[0], per_metre)
-                        iy = cell_of(drawn[k, 2 * b + 3] + off * drawn[k, 9 + 2 * b], frame[1], per_metre)
-                        if ix >= 0 and iy >= 0 and ix < nx and iy < ny:
-                            fresh = 1
-                            for other in range(n):
-                                if hx[3 * b + other] == ix and hy[3 * b + other] == iy:
-                                    fresh = 0
-                            if fresh == 1:
-                                hx[3 * b + n], hy[3 * b + n] = ix, iy
-                                clear_v *= 1 - occupied[1, iy, ix]
-                                clear_m *= 1 - occupied[0, iy, ix]
-                                inside = 1
-                    met_v[b] = 1 - clear_v if inside == 1 else outside
-                    met_m[b] = 1 - clear_m if inside == 1 else outside
-                through = ti.cast(1.0, ti.f64)
-                v_m = ti.cast(0.0, ti.f64)
-                for walk in ti.static(range(2)):  # 0: V; 1: add it to the cells
-                    if walk == 0 or (send and v_m > 0):
-                        add = ti.cast(v_m, ti.f32)
-                        for leg in range(count + 1):  # Amanatides and Woo
-                            x0 = (drawn[k, 2 * leg] - frame[0]) * per_metre
-                            y0 = (drawn[k, 2 * leg + 1] - frame[1]) * per_metre
-                            x1 = (drawn[k, 2 * leg + 2] - frame[0]) * per_metre
-                            y1 = (drawn[k, 2 * leg + 3] - frame[1]) * per_metre
-                            ix, iy = ti.cast(ti.floor(x0), ti.i32), ti.cast(ti.floor(y0), ti.i32)
-                            jx, jy = ti.cast(ti.floor(x1), ti.i32), ti.cast(ti.floor(y1), ti.i32)
-                            dx, dy = x1 - x0, y1 - y0
-                            sx, sy = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
-                            far = ti.cast(1e30, ti.f64)
-                            tx, ty, ax, ay = far, far, far, far
-                            if ti.abs(dx) > 1e-12:
-                                ax = ti.abs(1 / dx)
-                                tx = (ix + 1 - x0 if dx > 0 else x0 - ix) * ax
-                            if ti.abs(dy) > 1e-12:
-                                ay = ti.abs(1 / dy)
-                                ty = (iy + 1 - y0 if dy > 0 else y0 - iy) * ay
-                            steps = ti.abs(jx - ix) + ti.abs(jy - iy) + 1
-                            # met cells lie at the leg's ends, unless another bounce's stand in its way
-                            lx, ly, ux, uy = ti.min(ix, jx), ti.min(iy, jy), ti.max(ix, jx), ti.max(iy, jy)
-                            careful = lx < 0 or ly < 0 or ux >= nx or uy >= ny
-                            for n in range(3 * count):
-                                b = n // 3
-                                if b != leg and b != leg - 1:
-                                    if hx[n] >= lx and hx[n] <= ux and hy[n] >= ly and hy[n] <= uy:
-                                        careful = True
-                            head = steps if careful else (ti.min(steps, NEAR) if leg > 0 else 0)
-                            tail = ti.min(steps - head, NEAR) if leg < count else 0
-                            for part in ti.static(range(3)):
-                                left = head if part == 0 else (tail if part == 2 else steps - head - tail)
-                                while left > 0:
-                                    left -= 1
-                                    good = True
-                                    if ti.static(part != 1):
-                                        good = ix >= 0 and iy >= 0 and ix < nx and iy < ny
-                                        for n in range(3 * count):
-                                            if hx[n] == ix and hy[n] == iy:
-                                                good = False
-                                    if good:
-                                        if ti.static(walk == 0):
-                                            through *= 1 - occupied[0, iy, ix]
-                                        else:
-                                            before = scratch[slab, 0, iy, ix]
-                                            if before == 0.0:
-                                                known = listed(slab, ix, iy, scratch, touched, known)
-                                            scratch[slab, 0, iy, ix] = before + add
-                                    if tx < ty:
-                                        tx += ax
-                                        ix += sx
-                                    else:
-                                        ty += ay
-                                        iy += sy
-                    if ti.static(walk == 0):
-                        drawn[k, 13] = through * met_v[0] * met_v[1]
-                        v_m = through * met_m[0] * met_m[1]
-                        total += v_m * a + 1 - v_m
-                if send and v_m > 0:
+    for item in range(SLABS * SPREAD):
+        if item % SPREAD == 0:
+            slab = item // SPREAD
+            ny, nx = occupied.shape[1], occupied.shape[2]
+            paths, rays = path.shape[0], state.shape[1]
+            side, per_metre, outside, clip = frame[2], 1 / frame[2], frame[3], frame[4]
+            row = slab
+            while row < paths:
+                count, a = path[row, 0], factor[row, 0]
+                total, known = ti.cast(0.0, ti.f64), 0
+                possible = ti.cast(0.0, ti.f64)
+                for ray in range(rays):
+                    possible += drawn[row * rays + ray, 12]
+                send = factor[row, 1] > 0.5 and possible > frame[5] * rays
+                for ray in range(rays):
+                    k = row * rays + ray
+                    hx, hy = ti.Vector([-9, -9, -9, -9, -9, -9]), ti.Vector([-9, -9, -9, -9, -9, -9])
+                    met_v, met_m = ti.Vector([1.0, 1.0], dt=ti.f64), ti.Vector([1.0, 1.0], dt=ti.f64)
                     for b in range(count):
-                        v1 = v_m / ti.max(met_m[b], 1e-12)
-                        for n in range(3 * b, 3 * b + 3):
-                            ix, iy = hx[n], hy[n]
-                            if ix >= 0:
-                                v0 = v1 * (1 - (1 - met_m[b]) / (1 - occupied[0, iy, ix]))
-                                known = listed(slab, ix, iy, scratch, touched, known)
-                                scratch[slab, 1, iy, ix] += ti.cast((v0 - v_m) * (a - 1), ti.f32)
-                                scratch[slab, 2, iy, ix] += ti.cast((v1 - v_m) * (a - 1), ti.f32)
-            for n in range(known):
-                ix, iy = touched[slab, n, 0], touched[slab, n, 1]
-                o, lift = ti.cast(occupied[0, iy, ix], ti.f64), (a - 1) * scratch[slab, 0, iy, ix]
-                low = ti.max(total + lift * o / (1 - o) + scratch[slab, 1, iy, ix], 1e-12)
-                high = ti.max(total - lift + scratch[slab, 2, iy, ix], 1e-12)
-                ratio = ti.log(high) - ti.log(low)
-                message[slab, iy, ix] += ti.max(-clip, ti.min(clip, ratio))
-                scratch[slab, 0, iy, ix] = 0.0
-                scratch[slab, 1, iy, ix] = 0.0
-                scratch[slab, 2, iy, ix] = 0.0
-            row += SLABS
+                        clear_v, clear_m = ti.cast(1.0, ti.f64), ti.cast(1.0, ti.f64)
+                        inside = 0
+                        for n in range(3):
+                            off = (n - 1) * side
+                            ix = cell_of(drawn[k, 2 * b + 2] + off * drawn[k, 8 + 2 * b], frame[0], per_metre)
+                            iy = cell_of(drawn[k, 2 * b + 3] + off * drawn[k, 9 + 2 * b], frame[1], per_metre)
+                            if ix >= 0 and iy >= 0 and ix < nx and iy < ny:
+                                fresh = 1
+                                for other in range(n):
+                                    if hx[3 * b + other] == ix and hy[3 * b + other] == iy:
+                                        fresh = 0
+                                if fresh == 1:
+                                    hx[3 * b + n], hy[3 * b + n] = ix, iy
+                                    clear_v *= 1 - occupied[1, iy, ix]
+                                    clear_m *= 1 - occupied[0, iy, ix]
+                                    inside = 1
+                        met_v[b] = 1 - clear_v if inside == 1 else outside
+                        met_m[b] = 1 - clear_m if inside == 1 else outside
+                    through = ti.cast(1.0, ti.f64)
+                    v_m = ti.cast(0.0, ti.f64)
+                    for walk in ti.static(range(2)):  # 0: V; 1: add it to the cells
+                        if walk == 0 or (send and v_m > 0):
+                            add = ti.cast(v_m, ti.f32)
+                            for leg in range(count + 1):  # Amanatides and Woo
+                                x0 = (drawn[k, 2 * leg] - frame[0]) * per_metre
+                                y0 = (drawn[k, 2 * leg + 1] - frame[1]) * per_metre
+                                x1 = (drawn[k, 2 * leg + 2] - frame[0]) * per_metre
+                                y1 = (drawn[k, 2 * leg + 3] - frame[1]) * per_metre
+                                ix, iy = ti.cast(ti.floor(x0), ti.i32), ti.cast(ti.floor(y0), ti.i32)
+                                jx, jy = ti.cast(ti.floor(x1), ti.i32), ti.cast(ti.floor(y1), ti.i32)
+                                dx, dy = x1 - x0, y1 - y0
+                                sx, sy = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+                                far = ti.cast(1e30, ti.f64)
+                                tx, ty, ax, ay = far, far, far, far
+                                if ti.abs(dx) > 1e-12:
+                                    ax = ti.abs(1 / dx)
+                                    tx = (ix + 1 - x0 if dx > 0 else x0 - ix) * ax
+                                if ti.abs(dy) > 1e-12:
+                                    ay = ti.abs(1 / dy)
+                                    ty = (iy + 1 - y0 if dy > 0 else y0 - iy) * ay
+                                steps = ti.abs(jx - ix) + ti.abs(jy - iy) + 1
+                                # met cells lie at the leg's ends, unless another bounce's stand in its way
+                                lx, ly, ux, uy = (
+                                    ti.min(ix, jx),
+                                    ti.min(iy, jy),
+                                    ti.max(ix, jx),
+                                    ti.max(iy, jy),
+                                )
+                                careful = lx < 0 or ly < 0 or ux >= nx or uy >= ny
+                                for n in range(3 * count):
+                                    b = n // 3
+                                    if b != leg and b != leg - 1:
+                                        if hx[n] >= lx and hx[n] <= ux and hy[n] >= ly and hy[n] <= uy:
+                                            careful = True
+                                head = steps if careful else (ti.min(steps, NEAR) if leg > 0 else 0)
+                                tail = ti.min(steps - head, NEAR) if leg < count else 0
+                                for part in ti.static(range(3)):
+                                    left = head if part == 0 else (tail if part == 2 else steps - head - tail)
+                                    while left > 0:
+                                        left -= 1
+                                        good = True
+                                        if ti.static(part != 1):
+                                            good = ix >= 0 and iy >= 0 and ix < nx and iy < ny
+                                            for n in range(3 * count):
+                                                if hx[n] == ix and hy[n] == iy:
+                                                    good = False
+                                        if good:
+                                            if ti.static(walk == 0):
+                                                through *= 1 - occupied[0, iy, ix]
+                                            else:
+                                                before = scratch[slab, 0, iy, ix]
+                                                if before == 0.0:
+                                                    known = listed(slab, ix, iy, scratch, touched, known)
+                                                scratch[slab, 0, iy, ix] = before + add
+                                        if tx < ty:
+                                            tx += ax
+                                            ix += sx
+                                        else:
+                                            ty += ay
+                                            iy += sy
+                        if ti.static(walk == 0):
+                            drawn[k, 13] = through * met_v[0] * met_v[1]
+                            v_m = through * met_m[0] * met_m[1]
+                            total += v_m * a + 1 - v_m
+                    if send and v_m > 0:
+                        for b in range(count):
+                            v1 = v_m / ti.max(met_m[b], 1e-12)
+                            for n in range(3 * b, 3 * b + 3):
+                                ix, iy = hx[n], hy[n]
+                                if ix >= 0:
+                                    v0 = v1 * (1 - (1 - met_m[b]) / (1 - occupied[0, iy, ix]))
+                                    known = listed(slab, ix, iy, scratch, touched, known)
+                                    scratch[slab, 1, iy, ix] += ti.cast((v0 - v_m) * (a - 1), ti.f32)
+                                    scratch[slab, 2, iy, ix] += ti.cast((v1 - v_m) * (a - 1), ti.f32)
+                for n in range(known):
+                    ix, iy = touched[slab, n, 0], touched[slab, n, 1]
+                    o, lift = ti.cast(occupied[0, iy, ix], ti.f64), (a - 1) * scratch[slab, 0, iy, ix]
+                    low = ti.max(total + lift * o / (1 - o) + scratch[slab, 1, iy, ix], 1e-12)
+                    high = ti.max(total - lift + scratch[slab, 2, iy, ix], 1e-12)
+                    ratio = ti.log(high) - ti.log(low)
+                    message[slab, iy, ix] += ti.max(-clip, ti.min(clip, ratio))
+                    scratch[slab, 0, iy, ix] = 0.0
+                    scratch[slab, 1, iy, ix] = 0.0
+                    scratch[slab, 2, iy, ix] = 0.0
+                row += SLABS

@@ -6,7 +6,7 @@ vectorise; angles are worked out only in blocks where a gated measurement's dist
 
 import taichi as ti
 
-from gridslam.kernels import PATH_BLOCK
+from gridslam.kernels import PATH_BLOCK, SPREAD
 from gridslam.kernels.functions import angle_of, double_bounce, exp_of, single_bounce, wrapped
 
 BLOCK = PATH_BLOCK
@@ -22,66 +22,67 @@ def evaluate(
     out: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L + K, P / BLOCK] out: valid particles; sums of densities
 ):
     """Sum, over each block of particles, the density of every gated pair where the path is possible."""
-    ti.loop_config(block_dim=1)
-    for block in range(state.shape[1] // BLOCK):
-        base, paths = block * BLOCK, path.shape[0]
-        ax, ay, facing = place[0], place[1], place[2]
-        for row in range(paths):
-            tx, ty = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
-            wx, wy = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
-            good, far = ti.Vector([1.0] * BLOCK), ti.Vector([0.0] * BLOCK)
-            bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
-            if bounces == 0:
+    for item in range(state.shape[1] // BLOCK * SPREAD):
+        if item % SPREAD == 0:
+            block = item // SPREAD
+            base, paths = block * BLOCK, path.shape[0]
+            ax, ay, facing = place[0], place[1], place[2]
+            for row in range(paths):
+                tx, ty = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+                wx, wy = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+                good, far = ti.Vector([1.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+                bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
+                if bounces == 0:
+                    for i in range(BLOCK):
+                        x, y = ax - state[0, base + i], ay - state[1, base + i]
+                        tx[i], ty[i], wx[i], wy[i] = x, y, -x, -y
+                elif bounces == 1:
+                    for i in range(BLOCK):
+                        k = base + i
+                        a, b, c, d, ok = single_bounce(
+                            state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k]
+                        )
+                        tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
+                else:
+                    for i in range(BLOCK):
+                        k = base + i
+                        a, b, c, d, ok = double_bounce(
+                            state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k],
+                            state[r, k], state[r + 1, k], state[r + 2, k],
+                        )  # fmt: skip
+                        tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
+                low, high = 1 << 30, 0  # range interval in fixed point: integer extrema vectorise
+                count = 0.0
                 for i in range(BLOCK):
-                    x, y = ax - state[0, base + i], ay - state[1, base + i]
-                    tx[i], ty[i], wx[i], wy[i] = x, y, -x, -y
-            elif bounces == 1:
+                    far[i] = ti.sqrt(tx[i] * tx[i] + ty[i] * ty[i])
                 for i in range(BLOCK):
-                    k = base + i
-                    a, b, c, d, ok = single_bounce(
-                        state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k]
-                    )
-                    tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
-            else:
+                    fixed = ti.cast(far[i] * FINE, ti.i32)
+                    low, high = ti.min(low, fixed), ti.max(high, fixed)
                 for i in range(BLOCK):
-                    k = base + i
-                    a, b, c, d, ok = double_bounce(
-                        state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k],
-                        state[r, k], state[r + 1, k], state[r + 2, k],
-                    )  # fmt: skip
-                    tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
-            low, high = 1 << 30, 0  # range interval in fixed point: integer extrema vectorise
-            count = 0.0
-            for i in range(BLOCK):
-                far[i] = ti.sqrt(tx[i] * tx[i] + ty[i] * ty[i])
-            for i in range(BLOCK):
-                fixed = ti.cast(far[i] * FINE, ti.i32)
-                low, high = ti.min(low, fixed), ti.max(high, fixed)
-            for i in range(BLOCK):
-                count += good[i]
-            out[row, block] = count
-            wanted = 0
-            for n in range(path[row, 3], path[row, 4]):
-                near = count > 0.0 and pair[n, 9] * FINE <= high and pair[n, 10] * FINE >= low
-                out[paths + n, block] = 1.0 if near else 0.0
-                wanted += 1 if near else 0
-            if wanted > 0:
-                for i in range(BLOCK):
-                    arrival = angle_of(tx[i], ty[i]) - state[2, base + i]
-                    departure = angle_of(wx[i], wy[i]) - facing
-                    tx[i], wx[i] = arrival, departure
+                    count += good[i]
+                out[row, block] = count
+                wanted = 0
                 for n in range(path[row, 3], path[row, 4]):
-                    if out[paths + n, block] > 0.0:
-                        z0, z1, z2 = pair[n, 0], pair[n, 1], pair[n, 2]
-                        i00, i11, i22 = pair[n, 3], pair[n, 4], pair[n, 5]
-                        i01, i02, i12 = pair[n, 6], pair[n, 7], pair[n, 8]
-                        total = 0.0
-                        for i in range(BLOCK):
-                            e0, e1, e2 = z0 - far[i], wrapped(z1 - wx[i]), wrapped(z2 - tx[i])
-                            q = i00 * e0 * e0 + i11 * e1 * e1 + i22 * e2 * e2
-                            q += 2 * (i01 * e0 * e1 + i02 * e0 * e2 + i12 * e1 * e2)
-                            total += good[i] * exp_of(-0.5 * q)
-                        out[paths + n, block] = total
+                    near = count > 0.0 and pair[n, 9] * FINE <= high and pair[n, 10] * FINE >= low
+                    out[paths + n, block] = 1.0 if near else 0.0
+                    wanted += 1 if near else 0
+                if wanted > 0:
+                    for i in range(BLOCK):
+                        arrival = angle_of(tx[i], ty[i]) - state[2, base + i]
+                        departure = angle_of(wx[i], wy[i]) - facing
+                        tx[i], wx[i] = arrival, departure
+                    for n in range(path[row, 3], path[row, 4]):
+                        if out[paths + n, block] > 0.0:
+                            z0, z1, z2 = pair[n, 0], pair[n, 1], pair[n, 2]
+                            i00, i11, i22 = pair[n, 3], pair[n, 4], pair[n, 5]
+                            i01, i02, i12 = pair[n, 6], pair[n, 7], pair[n, 8]
+                            total = 0.0
+                            for i in range(BLOCK):
+                                e0, e1, e2 = z0 - far[i], wrapped(z1 - wx[i]), wrapped(z2 - tx[i])
+                                q = i00 * e0 * e0 + i11 * e1 * e1 + i22 * e2 * e2
+                                q += 2 * (i01 * e0 * e1 + i02 * e0 * e2 + i12 * e1 * e2)
+                                total += good[i] * exp_of(-0.5 * q)
+                            out[paths + n, block] = total
 
 
 @ti.func
