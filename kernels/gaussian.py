@@ -91,6 +91,19 @@ def spread_of(slope, entry, covariance: ti.template()):
     return total
 
 
+@ti.func
+def innovation_of(pair: ti.template(), k, value, core):
+    """Measured minus predicted, 0 where nothing was measured, and its covariance."""
+    gap, noisy = ti.Vector.zero(ti.f64, 3), core
+    for i in ti.static(range(3)):
+        noisy[i, i] += pair[k, 3 + i]
+        if pair[k, 3 + i] < MEASURED:
+            gap[i] = pair[k, i] - value[i]
+            if ti.static(i > 0):
+                gap[i] = wrapped(gap[i])
+    return gap, noisy
+
+
 @ti.kernel
 def predict(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]
@@ -139,13 +152,7 @@ def correct(
         core = spread_of(slope, entry, covariance)
         total = prior[row, 1]
         for k in range(path[row, 3], path[row, 4]):
-            gap, noisy = ti.Vector.zero(ti.f64, 3), core
-            for i in ti.static(range(3)):
-                noisy[i, i] += pair[k, 3 + i]
-                if pair[k, 3 + i] < MEASURED:
-                    gap[i] = pair[k, i] - value[i]
-                    if ti.static(i > 0):
-                        gap[i] = wrapped(gap[i])
+            gap, noisy = innovation_of(pair, k, value, core)
             inverse = noisy.inverse()
             scale = ti.sqrt((2 * PI) ** 3 * noisy.determinant())
             density = pair[k, 6] * ti.exp(-0.5 * gap.dot(inverse @ gap)) / scale
@@ -156,13 +163,7 @@ def correct(
         for k in range(path[row, 3], path[row, 4]):
             share[k] /= total
             if share[k] > least:
-                gap, noisy = ti.Vector.zero(ti.f64, 3), core
-                for i in ti.static(range(3)):
-                    noisy[i, i] += pair[k, 3 + i]
-                    if pair[k, 3 + i] < MEASURED:
-                        gap[i] = pair[k, i] - value[i]
-                        if ti.static(i > 0):
-                            gap[i] = wrapped(gap[i])
+                gap, noisy = innovation_of(pair, k, value, core)
                 inverse = noisy.inverse()
                 g = inverse @ gap
                 shift += share[k] * g

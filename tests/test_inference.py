@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from enumeration import enumerate_marginals
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -68,23 +69,6 @@ def test_path_length_equals_the_drawn_polyline_and_the_law_of_reflection_holds()
     np.add.at(length, owner, np.linalg.norm(end - start, axis=1))
     np.testing.assert_allclose(length, paths.distance_m, rtol=1e-9)
     assert set(paths.bounces) == {0, 1, 2}
-
-
-def enumerate_marginals(beta, missed, new):
-    """Exact P(path l caused m), by summing over all valid assignments."""
-    paths, heard = beta.shape
-    marginal, total = np.zeros((paths, heard)), 0.0
-    for choice in itertools.product(range(-1, heard), repeat=paths):
-        taken = [c for c in choice if c >= 0]
-        if len(set(taken)) < len(taken):
-            continue
-        weight = np.prod([missed[p] if c < 0 else beta[p, c] for p, c in enumerate(choice)])
-        weight *= np.prod([new[m] for m in range(heard) if m not in taken])
-        total += weight
-        for path, cause in enumerate(choice):
-            if cause >= 0:
-                marginal[path, cause] += weight
-    return marginal / total
 
 
 @given(st.integers(0, 10_000))

@@ -1,9 +1,8 @@
 """Distances alone: exact association, rings of hypotheses, and the radio that measures nothing else."""
 
-import itertools
-
 import numpy as np
 import pytest
+from enumeration import enumerate_marginals
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scene_samples import shortened
@@ -28,22 +27,6 @@ def scene():
     return gs.Scene.load("seminar")
 
 
-def enumerated(beta, missed, new):
-    """Exact P(path l caused m), by summing over all valid assignments."""
-    paths, heard = beta.shape
-    marginal, total = np.zeros((paths, heard)), 0.0
-    for choice in itertools.product(range(-1, heard), repeat=paths):
-        taken = [c for c in choice if c >= 0]
-        if len(set(taken)) == len(taken):
-            weight = np.prod([missed[p] if c < 0 else beta[p, c] for p, c in enumerate(choice)])
-            weight *= np.prod([new[m] for m in range(heard) if m not in taken])
-            total += weight
-            for path, cause in enumerate(choice):
-                if cause >= 0:
-                    marginal[path, cause] += weight
-    return marginal / total
-
-
 @given(st.integers(0, 10_000))
 @settings(max_examples=40, deadline=None)
 def test_exact_association_equals_enumeration(seed):
@@ -52,7 +35,7 @@ def test_exact_association_equals_enumeration(seed):
     beta = draw.exponential(2.0, (paths, heard)) * (draw.random((paths, heard)) < 0.7)
     missed, new = draw.uniform(0.1, 1, paths), draw.uniform(1, 3, heard)
     nu, claimed = associate_exactly(beta, missed, new)
-    expected = enumerated(beta, missed, new)
+    expected = enumerate_marginals(beta, missed, new)
     weight = beta * nu
     found = weight / (missed[:, None] + weight.sum(1, keepdims=True))
     np.testing.assert_allclose(found, expected, atol=1e-6)

@@ -1,0 +1,241 @@
+"""Bad input on the command line: one clear line, exit code 2, nothing left behind."""
+
+import os
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from scene_samples import shortened
+
+import gridslam as gs
+from gridslam.systems.grid import GridSlam
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+HEADER = "step,time_s,anchor,distance_m,aod_rad,aoa_rad,amplitude\n"
+ROWS = HEADER + "0,0.0,A,3.1,0.1,0.2,9.0\n1,1.0,B,3.2,0.1,0.2,9.0\n"
+
+
+@pytest.fixture(scope="module")
+def mapped():
+    scene = shortened(gs.Scene.load("room"), 4)
+    return scene, gs.map_scene(scene, gs.simulate(scene, "agent1", 1), seed=1)
+
+
+def listing(folder):
+    return sorted(str(path.relative_to(folder)) for path in Path(folder).rglob("*"))
+
+
+def refused(said, tmp_path, before, *words):
+    assert said.code == 2, said
+    assert len(said.complaints) == 1, said.err
+    assert said.complaints[0].startswith("error: ")
+    assert "Traceback" not in said.err + said.out
+    for word in words:
+        assert word in said.err
+    assert listing(tmp_path) == before
+
+
+def change(text, old, new):
+    assert old in text
+    return text.replace(old, new, 1)
+
+
+SCENE_FAULTS = {
+    "unknown key": ("[radio]", "[radio]\ncolour = 3", "radio.colour"),
+    "misspelt key": ("bandwidth_hz", "bandwith_hz", "bandwidth_hz (nearest known)"),
+    "misspelt key of an anchor": ("position_m = [-3.1", "positon_m = [-3.1", "anchors[0].positon_m"),
+    "zero-length wall": ("[4.0, -3.0]", "[-4.0, -3.0]", "zero length"),
+    "unknown material": ('material = "concrete"', 'material = "concret"', "concrete (nearest known)"),
+    "coefficient above one": ("concrete = 0.7", "concrete = 1.7", "materials.concrete"),
+    "coefficient zero": ("concrete = 0.7", "concrete = 0.0", "materials.concrete"),
+    "agent in a wall": ("start_m = [\n    -2.0,", "start_m = [\n    -4.0,", "agents[0].start_m"),
+    "agent outside": ("start_m = [\n    -2.0,", "start_m = [\n    -9.0,", "outside the grid"),
+    "anchor outside": ("-3.1", "-31.0", "anchors[0].position_m"),
+    "NaN": ("-3.1", "nan", "anchors[0].position_m"),
+    "infinity": ("cell_m = 0.1", "cell_m = inf", "grid.cell_m"),
+    "text for a number": ("cell_m = 0.1", 'cell_m = "small"', "grid.cell_m"),
+    "broken TOML": ("[grid]", "[grid", "broken TOML"),
+}
+
+
+@pytest.mark.parametrize("fault", SCENE_FAULTS)
+@pytest.mark.parametrize("command", [("run", "-o", "out"), ("check",), ("simulate", "-o", "heard.csv")])
+def test_faulty_scene(say, tmp_path, fault, command):
+    text = shortened(gs.Scene.load("room"), 4).to_toml().replace("[\n    -3.1,", "[-3.1,")
+    text = text.replace("[\n            4.0,\n            -3.0,\n        ]", "[4.0, -3.0]")
+    old, new, said = SCENE_FAULTS[fault]
+    if fault == "zero-length wall":
+        start = text.index("points_m")
+        text = text[:start] + "points_m = [[-4.0, -3.0], [4.0, -3.0]]\n" + text[text.index("closed") :]
+    (tmp_path / "bad.toml").write_text(change(text, old, new))
+    refused(say(command[0], "bad.toml", *command[1:]), tmp_path, ["bad.toml"], "bad.toml", said)
+
+
+@pytest.mark.parametrize(
+    ("content", "word"),
+    [(b"", "grid"), (b"[grid]\nx_m=[0.0,1.0]\ny_m=[0.0,1.0]\n", "anchors"), (b"\xff\xfe", "UTF-8")],
+)
+def test_empty_scene(say, tmp_path, content, word):
+    (tmp_path / "bad.toml").write_bytes(content)
+    refused(say("run", "bad.toml"), tmp_path, ["bad.toml"], word)
+
+
+CSV_FAULTS = {
+    "empty": ("", "empty file"),
+    "no rows": (HEADER, "no rows"),
+    "missing column": (ROWS.replace("time_s,", ""), "no column 'time_s'"),
+    "unknown column": (ROWS.replace("distance_m", "distance"), "distance_m (nearest known)"),
+    "steps out of order": (HEADER + "1,1.0,A,3,0,0,9\n0,0.0,A,3,0,0,9\n", "line 3"),
+    "times that stand still": (HEADER + "0,1.0,A,3,0,0,9\n1,1.0,A,3,0,0,9\n", "time_s"),
+    "unknown anchor": (ROWS.replace("B", "Z"), "'Z'"),
+    "NaN": (ROWS.replace("3.2", "nan"), "line 3: distance_m"),
+    "infinity": (ROWS.replace("3.2", "inf"), "line 3: distance_m"),
+    "text": (ROWS.replace("3.2", "far"), "'far'"),
+    "short row": (ROWS + "2,2.0,A\n", "line 4"),
+    "negative distance": (ROWS.replace("3.2", "-3.2"), "distance_m"),
+}
+
+
+@pytest.mark.parametrize("fault", CSV_FAULTS)
+def test_faulty_csv(say, tmp_path, fault):
+    content, word = CSV_FAULTS[fault]
+    (tmp_path / "bad.csv").write_text(content)
+    said = say("run", "room", "--measurements", "bad.csv", "-o", "out")
+    refused(said, tmp_path, ["bad.csv"], "bad.csv", word)
+
+
+def damaged(folder, mapped):
+    """Files that aren't what they should be, by name."""
+    scene, run = mapped
+    heard = gs.simulate(scene, "agent1", 1)
+    heard.to_h5(folder / "heard.h5")
+    run.map.save(folder / "map.h5")
+    for name in ("heard", "map"):
+        whole = (folder / f"{name}.h5").read_bytes()
+        (folder / f"{name}-cut.h5").write_bytes(whole[: len(whole) // 2])
+    with h5py.File(folder / "foreign.h5", "w") as file:
+        file["x"] = np.arange(3)
+    (folder / "text.h5").write_text("not HDF5")
+    (folder / "empty.h5").write_text("")
+    moved = scene.model_dump(exclude_none=True)
+    moved["anchors"][1]["position_m"] = (2.0, -2.0)
+    other = gs.Scene.checked(moved, "moved")
+    gs.simulate(other, "agent1", 1).to_h5(folder / "moved.h5")
+    (folder / "track.tum").write_text("0 0 0 0 0 0 0 1\n1 0.1 0 0 0 0 0 1\n")
+    (folder / "broken.tum").write_text("0 0 0 0\n")
+
+
+FILE_FAULTS = [
+    (("run", "room", "--measurements", "heard-cut.h5"), "heard-cut.h5"),
+    (("run", "room", "--measurements", "foreign.h5"), "foreign.h5: format"),
+    (("run", "room", "--measurements", "text.h5"), "text.h5"),
+    (("run", "room", "--measurements", "empty.h5"), "empty.h5"),
+    (("run", "room", "--measurements", "map.h5"), "gridslam-measurements"),
+    (("run", "room", "--measurements", "missing.csv"), "missing.csv"),
+    (("run", "room", "--measurements", "moved.h5"), "anchor 'B' at [2.0, -2.0] m"),
+    (("run", "canyon", "--measurements", "heard.h5"), "A, B, C"),
+    (("run", "room", "--measurements", "heard.h5", "--truth", "track.tum"), "0 to 3 s"),
+    (("run", "room", "--measurements", "heard.h5", "--truth", "broken.tum"), "line 1"),
+    (("run", "room", "--measurements", "heard.h5", "--truth", "missing.tum"), "missing.tum"),
+    (("run", "room", "--truth", "track.tum"), "--measurements"),
+    (("run", "canyon", "--agent", "agent1", "--agent", "agent2", "--measurements", "heard.h5"), "one agent"),
+    (("run", "room", "--map", "map-cut.h5"), "map-cut.h5"),
+    (("run", "room", "--map", "foreign.h5"), "foreign.h5: format"),
+    (("run", "room", "--map", "empty.h5"), "empty.h5"),
+    (("run", "room", "--map", "heard.h5"), "gridslam-map"),
+    (("run", "room", "--map", "missing.h5"), "missing.h5"),
+    (("run", "canyon", "--map", "map.h5"), "map.h5: frame: found anchor 'A' at (-3.1, 2.2) m"),
+    (("export", "map-cut.h5", "-o", "out"), "map-cut.h5"),
+    (("export", "missing.h5", "-o", "out"), "missing.h5"),
+    (("export", "map.h5", "-o", "text.h5"), "text.h5"),
+    (("check", "foreign.h5"), "foreign.h5"),
+    (("check", "text.h5"), "text.h5"),
+    (("check", "heard-cut.h5"), "heard-cut.h5"),
+    (("check", "missing.h5"), "missing.h5"),
+    (("check", "."), "run.json"),
+    (("plot", "."), "run.json"),
+    (("simulate", "room", "-o", "heard.mat"), "heard.mat"),
+    (("simulate", "room", "-o", "no/such/heard.csv"), "heard.csv"),
+]
+
+
+@pytest.mark.parametrize(
+    ("words", "word"), FILE_FAULTS, ids=lambda w: w if isinstance(w, str) else " ".join(w)
+)
+def test_faulty_file(say, tmp_path, mapped, words, word):
+    damaged(tmp_path, mapped)
+    refused(say(*words), tmp_path, listing(tmp_path), word)
+
+
+@pytest.mark.parametrize(
+    ("origin", "cell", "shape", "word"),
+    [
+        ((-4.8, -3.8), 0.07, (109, 138), "bad.h5: cell_m"),
+        ((-4.83, -3.8), 0.1, (76, 96), "bad.h5: origin_m"),
+        ((100.2, 100.2), 0.1, (10, 10), "bad.h5: extent"),
+    ],
+)
+def test_map_that_fits_no_cell_of_the_scene(say, tmp_path, origin, cell, shape, word):
+    gs.Map.blank(origin, cell, shape, 0.01).save(tmp_path / "bad.h5")
+    refused(say("run", "room", "--map", "bad.h5"), tmp_path, ["bad.h5"], word)
+
+
+OPTION_FAULTS = [
+    (("run", "nowhere"), "canyon"),
+    (("run", "missing.toml"), "missing.toml"),
+    (("run", "room", "--agent", "nobody"), "agent1"),
+    (("run", "room", "--agent", "agent1", "--agent", "agent1"), "each agent once"),
+    (("run", "room", "--method", "magic"), "grid"),
+    (("run", "room", "--particles", "0"), "filter.particles"),
+    (("run", "room", "--particles", "many"), "--particles"),
+    (("run", "room", "--seed", "-1"), "--seed"),
+    (("run", "room", "--threads", "0"), "--threads"),
+    (("run", "room", "--device", "abacus"), "abacus"),
+    (("run", "room", "--particle", "3"), "--particle"),
+    (("run", "room", "extra"), "extra"),
+    (("simulate", "room"), "--output"),
+    (("simulate", "room", "--agent", "nobody", "-o", "a.csv"), "agent1"),
+    (("fly",), "fly"),
+]
+
+
+@pytest.mark.parametrize(
+    ("words", "word"), OPTION_FAULTS, ids=lambda w: w if isinstance(w, str) else " ".join(w)
+)
+def test_faulty_option(say, tmp_path, words, word):
+    refused(say(*words), tmp_path, [], word)
+
+
+def test_scene_without_agents(say, tmp_path):
+    data = gs.Scene.load("room").model_dump(exclude_none=True)
+    data["agents"] = []
+    (tmp_path / "none.toml").write_text(gs.Scene.checked(data, "none").to_toml())
+    for words in (("run", "none.toml"), ("simulate", "none.toml", "-o", "a.csv")):
+        refused(say(*words), tmp_path, ["none.toml"], "agents")
+
+
+def test_output_that_cannot_be_written_is_refused_before_the_run(say, short_room, tmp_path, monkeypatch):
+    Path("file").write_text("x")
+    Path("thesis").mkdir()
+    Path("thesis/main.tex").write_text("x")
+    monkeypatch.setattr(GridSlam, "step", None)  # it would be a TypeError, not one line
+    for words in (("file/out",), ("file",), ("thesis",), ("thesis", "--overwrite"), ("file", "--overwrite")):
+        refused(say("run", short_room, "-o", *words), tmp_path, listing(tmp_path), words[0])
+    if sys.platform == "linux":
+        refused(say("run", short_room, "-o", "/proc/out"), tmp_path, listing(tmp_path), "/proc/out")
+    if hasattr(os, "geteuid") and os.geteuid() != 0:
+        Path("locked").mkdir(mode=0o500)
+        refused(say("run", short_room, "-o", "locked/out"), tmp_path, listing(tmp_path), "Permission denied")
+
+
+def test_no_command_shows_the_help(say):
+    said = say()
+    assert "simulate" in said.out
+    assert said.err == ""
+
+
+def test_line_break_in_a_name_makes_no_second_line(say, tmp_path):
+    refused(say("check", "two\nlines.toml"), tmp_path, [], "two lines.toml")
