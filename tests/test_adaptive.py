@@ -37,7 +37,7 @@ def followed(amplitudes, existence=0.9, distance=3.0):
         belief = states.predict(rays, NOBODY, np.array([distance]))
         said = heard() if amplitude is None else heard(amplitude)
         responsible = np.ones((1, len(said)))
-        states.correct(rays, NOBODY, belief, said, responsible, TABLE)
+        states.correct(rays, NOBODY, belief, np.array([distance]), said, responsible, TABLE)
     return states, states.predict(rays, NOBODY, np.array([distance]))
 
 
@@ -67,6 +67,22 @@ def test_amplitude_converges_to_what_is_heard(true):
     assert spread < 2 * scale
 
 
+@pytest.mark.parametrize("factor", [0.5, 0.9, 1.0, 1.7])
+def test_amplitude_follows_the_length_of_the_path(factor):
+    states, belief = followed([9.0] * 20, 0.99, 2.0)
+    near = states.predict(one_ray(0.99), NOBODY, np.array([2.0 / factor]))
+    np.testing.assert_allclose(near.probability.sum(), 1, atol=1e-9)
+    means = [b.probability[0] @ b.nodes for b in (belief, near)]
+    assert means[1] / means[0] == pytest.approx(factor, rel=0.01)
+
+
+def test_an_agent_at_an_anchor_is_loud_but_heard():
+    loud = float(SIGNAL.amplitude(0.05))
+    states, belief = followed([loud] * 3, 0.99, 0.05)
+    assert belief.probability[0, -1] > 0.5
+    assert np.isfinite(states.mean(one_ray(), NOBODY, np.array([0.05]))).all()
+
+
 def test_silence_makes_a_ray_fainter_but_not_for_good():
     _, before = followed([6.0, 6.0, 6.0])
     _, after = followed([6.0, 6.0, 6.0] + [None] * 6)
@@ -86,9 +102,9 @@ def test_a_ray_that_appears_may_have_any_amplitude_of_free_space():
 
 def test_amplitudes_of_dropped_surfaces_are_forgotten():
     states = RayAmplitudes(SIGNAL)
-    states.start(0, 7, 7, 5.0)
-    states.start(0, 8, 7, 5.0)
-    states.start(0, 8, 8, 5.0)
+    states.start((0, 7, 7), 3.0, 5.0)
+    states.start((0, 8, 7), 3.0, 5.0)
+    states.start((0, 8, 8), 3.0, 5.0)
     states.forget([8])
     assert set(states._kept) == {(0, 8, 8)}
 

@@ -24,6 +24,8 @@ SURPRISE = 1e-9
 """Weight of any amplitude at all, should the one that was measured be out of all expectation."""
 FINE, RATIO = 11.7, 0.03
 """Nodes ``FINE sinh(RATIO k)``: 0.35 apart where faint, 3 % apart where strong."""
+NEAREST_M = 0.2
+"""Distance of free space whose amplitude is the last node; anything louder counts as that."""
 
 
 @dataclass(frozen=True)
@@ -49,40 +51,42 @@ class RayAmplitudes:
 
     def __init__(self, signal: SignalModel) -> None:
         self.signal = signal
-        count = int(np.ceil(np.arcsinh(2 * signal.amplitude_at_1m / FINE) / RATIO))
+        count = int(np.ceil(np.arcsinh(float(signal.amplitude(NEAREST_M)) / FINE) / RATIO))
         self.nodes: Array = FINE * np.sinh(RATIO * (np.arange(count) + 1))
         gap = np.gradient(self.nodes)
         rate = 0.5 * np.square(WALK * self.nodes / gap)
         walk = np.diag(1 - 2 * rate) + np.diag(rate[:-1], 1) + np.diag(rate[1:], -1)
         self._walk = walk / walk.sum(1, keepdims=True)
         self._gap = gap / gap.sum()
-        self._kept: dict[tuple[int, int, int], Array] = {}
+        self._kept: dict[tuple[int, int, int], tuple[Array, float]] = {}
+        """Belief of every ray, and the length (m) of its path then."""
 
     def predict(self, rays: Rays, identity: NDArray[np.int64], distance: Array) -> Histogram:
         """Beliefs one step ahead, given that the ray exists.
 
-        A ray that was there walks on, eq. (13); one that appears now may have any amplitude up to that of
-        free space at its `distance` (L,).
+        A ray that was there walks on, eq. (13), about what free space makes of its new length: near an anchor
+        an amplitude doubles within a few steps. One that appears now may have any amplitude up to that of free
+        space at its `distance` (L,).
         """
         reach = np.minimum(self.signal.amplitude(distance), self.nodes[-1])[:, None]
         fresh = self._gap * (self.nodes <= np.maximum(reach, 2 * self.nodes[0]))
         fresh = fresh / fresh.sum(1, keepdims=True)
+        rows, kept = self._recall(rays, identity, distance)
         stayed = fresh.copy()
-        for row, key in enumerate(self._keys(rays, identity)):
-            if key in self._kept:
-                stayed[row] = self._kept[key] @ self._walk
+        stayed[rows] = kept @ self._walk
         before = np.clip((rays.existence - P_APPEAR) / (P_STAY - P_APPEAR), 0.0, 1.0)
         share = (P_APPEAR * (1 - before) / np.maximum(rays.existence, 1e-12))[:, None]
         return Histogram((1 - share) * stayed + share * fresh, self.nodes)
 
     def correct(
-        self, rays: Rays, identity: NDArray[np.int64], belief: Histogram, heard: Heard,
+        self, rays: Rays, identity: NDArray[np.int64], belief: Histogram, distance: Array, heard: Heard,
         responsible: Array, table: DetectionTable,
     ) -> None:  # fmt: skip
         """Multiply in what was heard, softly by association, eq. (26).
 
         Parameters
         ----------
+        distance : (L,) m
         responsible : (L, M)
             Probability that the path caused the measurement.
         """
@@ -92,7 +96,8 @@ class RayAmplitudes:
         after = missed * silent / silent.sum(1, keepdims=True)
         loud = ~np.isnan(heard.amplitude)
         density = np.zeros((len(heard), len(self.nodes)))
-        density[loud] = self.signal.log_rician(heard.amplitude[loud, None], self.nodes)
+        audible = np.minimum(heard.amplitude[loud, None], self.nodes[-1])
+        density[loud] = self.signal.log_rician(audible, self.nodes)
         density = np.exp(density - density.max(1, keepdims=True))
         for m in np.flatnonzero(responsible.sum(0) > 1e-3):
             said = prior * density[m]
@@ -100,22 +105,44 @@ class RayAmplitudes:
         after /= np.maximum(after.sum(1, keepdims=True), 1e-12)
         for row, key in enumerate(self._keys(rays, identity)):
             if rays.existence[row] * rays.surfaces[row] > 0.01:
-                self._kept[key] = after[row]
+                self._kept[key] = after[row], float(distance[row])
 
-    def start(self, anchor: int, last: int, first: int, amplitude: float) -> None:
-        """First belief of the ray that bore a surface, from the measurement alone."""
-        if np.isfinite(amplitude):
-            log = self.signal.log_rician(np.asarray(amplitude), self.nodes)
+    def start(self, ray: tuple[int, int, int], distance: float, amplitude: float) -> None:
+        """First belief of the `ray` (anchor, last, first) that bore a surface, from the measurement alone."""
+        if np.isfinite(amplitude) and np.isfinite(distance):
+            log = self.signal.log_rician(np.minimum(amplitude, self.nodes[-1]), self.nodes)
             density = self._gap * np.exp(log - log.max())
-            self._kept[anchor, last, first] = density / density.sum()
+            self._kept[ray] = density / density.sum(), distance
 
     def mean(self, rays: Rays, identity: NDArray[np.int64], distance: Array) -> Array:
         """Estimated amplitude of every ray, eq. (18), (L,)."""
-        usual = 0.5 * self.signal.amplitude(distance)
+        amplitude = 0.5 * self.signal.amplitude(distance)
+        rows, kept = self._recall(rays, identity, distance)
+        amplitude[rows] = kept @ self.nodes
+        return np.asarray(amplitude)
+
+    def _recall(
+        self, rays: Rays, identity: NDArray[np.int64], distance: Array
+    ) -> tuple[NDArray[np.intp], Array]:
+        """Rays that a belief is kept of, and the beliefs at the lengths that their paths have now."""
         keys = self._keys(rays, identity)
-        return np.array(
-            [self._kept[k] @ self.nodes if k in self._kept else u for k, u in zip(keys, usual, strict=True)]
-        )
+        rows = np.array([row for row, key in enumerate(keys) if key in self._kept], dtype=np.intp)
+        if not len(rows):
+            return rows, np.zeros((0, len(self.nodes)))
+        beliefs, then = zip(*(self._kept[keys[row]] for row in rows), strict=True)
+        return rows, self._rescaled(np.stack(beliefs), np.array(then) / np.maximum(distance[rows], 1e-3))
+
+    def _rescaled(self, belief: Array, factor: Array) -> Array:
+        """Beliefs (n, K) about amplitudes that are now `factor` (n,) times what they were."""
+        count = len(self.nodes)
+        place = np.arcsinh(np.outer(factor, self.nodes / FINE)) / RATIO - 1
+        place = np.clip(place, 0.0, count - 1.0)
+        below = np.minimum(place.astype(np.intp), count - 2)
+        above = belief * (place - below)
+        cell = below + count * np.arange(len(belief))[:, None]
+        total = np.bincount(cell.ravel(), (belief - above).ravel(), belief.size)
+        total += np.bincount(cell.ravel() + 1, above.ravel(), belief.size)
+        return total.reshape(belief.shape)
 
     def forget(self, alive: Iterable[int]) -> None:
         """Drop the rays of surfaces that are no more."""

@@ -55,7 +55,9 @@ class AdaptiveSlam(SurfaceSlam):
         # measurement evaluation, births, data association, updates of agent, surfaces and rays
         said = self._exchange(heard, rays, predicted, amplitudes, np.ones(len(rays)))
         # amplitudes, eq. (26); what was seen; new surfaces
-        self.amplitudes.correct(rays, self.bank.identity, amplitudes, heard, said.responsible, self.detected)
+        self.amplitudes.correct(
+            rays, self.bank.identity, amplitudes, distance, heard, said.responsible, self.detected
+        )
         drawn = draw_paths(rays, at_mean(self.belief), self.anchors)
         surfaces.mark(self.bank, self.belief, rays, drawn, said.responsible.sum(1) * drawn.valid[:, 0])
         self._learn_from_births(heard, said)
@@ -68,7 +70,8 @@ class AdaptiveSlam(SurfaceSlam):
     def _learn_from_births(self, heard: Heard, said: Messages) -> None:
         """Add new surfaces; the ray that bore each starts with the amplitude that was measured."""
         for measurement, last, first in self._bear(heard, said.births, said.claimed):
-            self.amplitudes.start(heard.anchor, last, first, float(heard.amplitude[measurement]))
+            length = float(heard.value[measurement, 0])
+            self.amplitudes.start((heard.anchor, last, first), length, float(heard.amplitude[measurement]))
 
     def _strength(self, rays: Rays, distance: Array) -> Array:
         """Amplitudes of the rays' own states, eq. (18)."""
