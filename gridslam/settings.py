@@ -215,3 +215,4 @@ class FilterSettings(Strict):
     prune_below: Probability = 0.1
     detect_above: Probability = 0.5
     mean_free_path_m: Positive = 10.0
+    correlated: bool = True  # false: separate beliefs of agent and surfaces, as published

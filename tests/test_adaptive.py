@@ -140,3 +140,15 @@ def test_a_run_repeats_bit_for_bit(method):
     one, two = (first_steps(method, "room", 6, 3)[1][-1] for _ in range(2))
     np.testing.assert_array_equal(one.covariance, two.covariance)
     np.testing.assert_array_equal(one.position_m, two.position_m)
+
+
+def test_separate_beliefs_are_a_setting():
+    scene = gs.Scene.load("room").with_filter(particles=1000)
+    heard = list(itertools.islice(gs.simulate(scene, "agent1", 1), 12))
+    for correlated in (True, False):
+        slam = gs.GridSlam(scene.with_filter(correlated=correlated), seed=1)
+        for scan in heard:
+            slam.step(scan)
+        cross = slam.belief.covariance[:5, 5:]
+        assert cross.size
+        assert cross.any() == correlated

@@ -12,7 +12,7 @@ import gridslam as gs
 from gridslam.bounds import known_map_bound
 from gridslam.geometry import line_between, line_of_sfv, mirror, sfv, trace, wrap
 from gridslam.inference.association import associate
-from gridslam.inference.belief import Belief, update
+from gridslam.inference.belief import AGENT, Belief, separated, update
 from gridslam.inference.cells import Cells
 from gridslam.inference.particles import Cloud
 from gridslam.inference.rays import Rays
@@ -169,3 +169,20 @@ def test_the_bound_is_positive_and_below_the_prior():
     bound = known_map_bound(scene, "agent1")
     assert (bound.position_m > 0).all()
     assert bound.position_m.max() < 0.1
+
+
+@given(st.integers(0, 4), st.integers(0, 2**32 - 1))
+@settings(max_examples=30, deadline=None)
+def test_separated_beliefs_keep_their_marginals_and_nothing_between(surfaces, seed):
+    draw = np.random.default_rng(seed)
+    size = AGENT + 2 * surfaces
+    root = draw.normal(size=(size, size))
+    joint = Belief(draw.normal(size=size), root @ root.T)
+    apart = separated(joint)
+    blocks = [slice(0, AGENT)] + [slice(AGENT + 2 * n, AGENT + 2 * n + 2) for n in range(surfaces)]
+    left = apart.covariance.copy()
+    for block in blocks:
+        np.testing.assert_array_equal(left[block, block], joint.covariance[block, block])
+        left[block, block] = 0
+    assert not left.any()
+    np.testing.assert_array_equal(apart.mean, joint.mean)

@@ -64,9 +64,9 @@ class RayAmplitudes:
     def predict(self, rays: Rays, identity: NDArray[np.int64], distance: Array) -> Histogram:
         """Beliefs one step ahead, given that the ray exists.
 
-        A ray that was there walks on, eq. (13), about what free space makes of its new length: near an anchor
-        an amplitude doubles within a few steps. One that appears now may have any amplitude up to that of free
-        space at its `distance` (L,).
+        A ray that was there walks on, eq. (13), about what free space makes of its new length: near an
+        anchor an amplitude doubles within a few steps. One that appears now may have any amplitude up to that
+        of free space at its `distance` (L,).
         """
         reach = np.minimum(self.signal.amplitude(distance), self.nodes[-1])[:, None]
         fresh = self._gap * (self.nodes <= np.maximum(reach, 2 * self.nodes[0]))
@@ -142,7 +142,7 @@ class RayAmplitudes:
         cell = below + count * np.arange(len(belief))[:, None]
         total = np.bincount(cell.ravel(), (belief - above).ravel(), belief.size)
         total += np.bincount(cell.ravel() + 1, above.ravel(), belief.size)
-        return total.reshape(belief.shape)
+        return np.asarray(total, np.float64).reshape(belief.shape)
 
     def forget(self, alive: Iterable[int]) -> None:
         """Drop the rays of surfaces that are no more."""

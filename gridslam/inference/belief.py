@@ -152,3 +152,12 @@ def keep(belief: Belief, surfaces: NDArray[np.bool_]) -> Belief:
     """Marginalise out the surfaces that aren't kept."""
     rows = np.concatenate([np.ones(AGENT, dtype=bool), np.repeat(surfaces, 2)])
     return Belief(belief.mean[rows], belief.covariance[np.ix_(rows, rows)])
+
+
+def separated(belief: Belief) -> Belief:
+    """The belief without its correlations: agent and surfaces apart, as the papers keep them.
+
+    Every belief keeps its marginal, and forgets whose errors it was built from.
+    """
+    owner = np.concatenate([np.zeros(AGENT, np.intp), 1 + np.repeat(np.arange(len(belief.lines)), 2)])
+    return Belief(belief.mean, belief.covariance * (owner[:, None] == owner))

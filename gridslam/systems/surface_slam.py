@@ -15,7 +15,7 @@ from gridslam.frames import fitted, stamped
 from gridslam.geometry import unit, wrap
 from gridslam.inference import relocation, surfaces
 from gridslam.inference.association import associate
-from gridslam.inference.belief import AGENT, Belief, append, predict
+from gridslam.inference.belief import AGENT, Belief, append, predict, separated
 from gridslam.inference.births import Births, bear, birth_reflection, propose
 from gridslam.inference.correction import correct
 from gridslam.inference.evaluation import evaluate, gate
@@ -121,6 +121,8 @@ class SurfaceSlam:
             for heard in scans:
                 self.signal = self.watch.tuned(self.told, heard.anchor)
                 self._take_in(heard)
+                if not self.settings.correlated:
+                    self.belief = separated(self.belief)
             self._tidy()
             return self._estimate(scan, time.perf_counter() - began)
 
