@@ -4,10 +4,12 @@ import taichi as ti
 
 from gridslam.kernels import SPREAD
 from gridslam.kernels.functions import TURN, angle_of, double_bounce, exp_of, mirrored, single_bounce, wrapped
+from gridslam.kernels.launching import quick
 
 ROOT_TURN = 2.5066282746310002
 
 
+@quick
 @ti.kernel
 def propose(
     state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, B] x, y, heading; per line normal x, y, offset

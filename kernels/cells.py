@@ -12,6 +12,7 @@ own states above that. So a ray is walked twice at most: for V, and to add V to 
 import taichi as ti
 
 from gridslam.kernels import CELL_SLABS, SPREAD
+from gridslam.kernels.launching import quick
 from gridslam.kernels.paths import draw_path
 
 SLABS = CELL_SLABS
@@ -39,6 +40,7 @@ def listed(slab, ix, iy, scratch: ti.template(), touched: ti.template(), count):
     return n
 
 
+@quick
 @ti.kernel
 def cast(
     state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, R] x, y, heading; per line normal x, y, offset

@@ -6,6 +6,7 @@ State: [x, y, vx, vy, heading, angle_1, offset_1, ...]. A path depends on seven 
 import taichi as ti
 
 from gridslam.kernels.functions import PI, wrapped
+from gridslam.kernels.launching import quick
 
 MEASURED = 1e11
 """A variance from here on stands for "not measured"."""
@@ -104,6 +105,7 @@ def innovation_of(pair: ti.template(), k, value, core):
     return gap, noisy
 
 
+@quick
 @ti.kernel
 def predict(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]
@@ -125,6 +127,7 @@ def predict(
                 out[row, 3 + 3 * i + j] = spread[i, j]
 
 
+@quick
 @ti.kernel
 def correct(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] in/out

@@ -8,11 +8,13 @@ import taichi as ti
 
 from gridslam.kernels import PATH_BLOCK, SPREAD
 from gridslam.kernels.functions import angle_of, double_bounce, exp_of, single_bounce, wrapped
+from gridslam.kernels.launching import quick
 
 BLOCK = PATH_BLOCK
 FINE = 4096.0
 
 
+@quick
 @ti.kernel
 def evaluate(
     state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S, P] x, y, heading; per line normal x, y, offset
@@ -130,6 +132,7 @@ def draw_path(state: ti.template(), path: ti.template(), places: ti.template(), 
     drawn[at, 12] = ok
 
 
+@quick
 @ti.kernel
 def polylines(
     state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, R] as above

@@ -276,3 +276,22 @@ def test_no_paths_cast_nothing():
     )
     assert len(validity) == 0
     assert not message.any()
+
+
+def test_a_quick_launch_is_the_same_and_refuses_what_it_was_not_compiled_for():
+    from gridslam.kernels.paths import polylines
+
+    draw = np.random.default_rng(3)
+    state, places = draw.normal(size=(9, 5)), np.zeros((1, 3))
+    path = np.array([[0, -1, -1, 0], [1, 0, 0, 0], [2, 0, 1, 0]], np.int32)
+    slow, fast = np.zeros((15, 13)), np.zeros((15, 13))
+    polylines.__wrapped__(state, path, places, slow)
+    polylines(state, path, places, fast)
+    assert slow.any()
+    np.testing.assert_array_equal(slow, fast)
+    polylines(state[:, :0], path, places, fast[:0])
+    for wrong in (state.astype(np.float32), state[:, ::2], state[0], state.tolist()):
+        with pytest.raises(Exception, match=r"state|contiguous|float|list|ndarray"):
+            polylines(wrong, path, places, fast)
+    with pytest.raises(Exception, match="missing"):
+        polylines(state, path, places)
