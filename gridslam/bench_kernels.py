@@ -145,6 +145,7 @@ CONTESTS = {
         size=lambda case: int((case["factor"][:, 1] > 0.5).sum()),  # those that send messages
     ),
     "correct": Contest("path", twins.correct, _paths, changes=("mean", "covariance")),
+    "draw": Contest("particle", twins.draw, lambda case: case["points"].shape[1], "root"),
     "polylines": Contest("path-ray", twins.polylines, _path_particles),
     "predict": Contest("path", twins.predict, _paths),
     "propose": Contest("sample", twins.propose, _samples, "heard"),

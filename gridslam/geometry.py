@@ -31,7 +31,9 @@ def direction(start: Array, end: Array) -> Array:
 
 def unit(angle: Array | float) -> Array:
     """Unit vector of an angle, shape ``(..., 2)``."""
-    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    vector = np.empty((*np.shape(angle), 2))
+    vector[..., 0], vector[..., 1] = np.cos(angle), np.sin(angle)
+    return vector
 
 
 def mirror(line: Array, point: Array) -> Array:

@@ -48,6 +48,14 @@ def evaluate(state: Array, path: Whole, pair: Array, place: Array, block: int) -
     return weight, valid
 
 
+def draw(root: Array, base: Array, points: Array) -> Array:
+    """Twin of `kernels.particles.draw`: states (3 + 3 S, P) of ``base + root points``."""
+    states = base[:, :1].astype(np.float64) + root.astype(np.float64) @ points
+    lines = states[5:].reshape(-1, 2, states.shape[1])
+    bent = np.stack([np.cos(lines[:, 0]), np.sin(lines[:, 0]), lines[:, 1]], 1)
+    return np.concatenate([states[[0, 1, 4]], bent.reshape(-1, states.shape[1])])
+
+
 def polylines(state: Array, path: Whole, places: Array) -> tuple[Array, Array]:
     """Twin of `kernels.paths.polylines`: corners (L, R, 4, 2) of possible paths, and which are, (L, R)."""
     agent, states = state[:2], state.shape[1]

@@ -295,3 +295,18 @@ def test_a_quick_launch_is_the_same_and_refuses_what_it_was_not_compiled_for():
             polylines(wrong, path, places, fast)
     with pytest.raises(Exception, match="missing"):
         polylines(state, path, places)
+
+
+@pytest.mark.parametrize("surfaces", [0, 1, 7])
+@pytest.mark.parametrize("spread", [0.01, 3.0])
+def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
+    from gridslam.kernels.particles import draw
+
+    random, size = np.random.default_rng(5), 5 + 2 * surfaces
+    root = (spread * random.normal(size=(size, size)) / np.sqrt(size)).astype(np.float32)
+    mean = random.normal(size=size) * 3
+    base = np.stack([mean, np.cos(mean), np.sin(mean)], -1, dtype=np.float32)
+    points = random.normal(size=(size, 3 * PATH_BLOCK)).astype(np.float32)
+    state = np.full((3 + 3 * surfaces, points.shape[1]), np.nan, np.float32)
+    draw(root, base, points, state)
+    np.testing.assert_allclose(state, twins.draw(root, base, points), atol=1e-5)

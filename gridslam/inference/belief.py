@@ -7,6 +7,7 @@ correlated: the state is [x, y, vx, vy, heading, angle_1, offset_1, angle_2, ...
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +36,12 @@ class Belief:
     def lines(self) -> Array:
         """Mean lines of the surfaces, (S, 2): normal angle (rad) and offset (m)."""
         return self.mean[AGENT:].reshape(-1, 2)
+
+    @cached_property
+    def root(self) -> Array:
+        """Matrix whose square is the covariance, which may be singular, (5 + 2 S, 5 + 2 S)."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        return np.asarray(vectors * np.sqrt(np.maximum(values, 0)))
 
 
 def slots(surfaces: ArrayLike) -> NDArray[np.intp]:

@@ -126,18 +126,21 @@ class Cells:
 
     def weigh_coefficient(self, points: Array, log_likelihood: Array) -> None:
         """Multiply log-likelihoods (L, BINS) over the coefficient into the cells at `points` (L, R, 2) m."""
-        index, inside = self._index(points)
+        cell, inside = self._index(points)
         share = np.broadcast_to(log_likelihood[:, None] / points.shape[1], (*inside.shape, BINS))
-        np.add.at(self.coefficient, (index[inside][:, 1], index[inside][:, 0]), share[inside])
+        np.add.at(self.coefficient, divmod(cell[inside], self.shape[1]), share[inside])
 
     def coefficient_at(self, points: Array) -> Array:
         """Mean log-likelihood over the coefficient of the cells at `points` (L, R, 2) m, (L, BINS)."""
-        index, inside = self._index(points)
-        index = np.where(inside[..., None], index, 0)
-        held = self.coefficient[index[..., 1], index[..., 0]] * inside[..., None]
-        return held.sum(1) / np.maximum(inside.sum(1), 1)[:, None]
+        cell, inside = self._index(points)
+        held = self.coefficient.reshape(-1, BINS).take(cell, axis=0)
+        count = np.maximum(inside.sum(1), 1)
+        return np.matmul((inside / count[:, None])[:, None], held)[:, 0]
 
     def _index(self, points: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-        """Cells (ix, iy) that hold the points, and whether they lie in the grid."""
-        index = np.floor((points - self.origin) / self.cell).astype(np.intp)
-        return index, ((index >= 0) & (index < self.shape[::-1])).all(-1)
+        """Numbers of the cells that hold the points, row by row, and whether they lie in the grid."""
+        place = np.floor((points - self.origin) / self.cell)
+        x, y = place[..., 0], place[..., 1]
+        rows, columns = self.shape
+        inside = (x >= 0) & (y >= 0) & (x < columns) & (y < rows)
+        return np.where(inside, y * columns + x, 0).astype(np.intp), inside

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam import runtime
 from gridslam.inference.belief import AGENT, Belief
 from gridslam.kernels import PATH_BLOCK
 
@@ -46,32 +47,25 @@ class Cloud:
         return np.ascontiguousarray(self.state[:, :count], np.float64)
 
 
-def root_of(covariance: Array) -> Array:
-    """Matrix whose square is the covariance, which may be singular, (N, N)."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0)))
-
-
-def cloud_of(belief: Belief, deviation: NDArray[np.floating], kept: float) -> Cloud:
-    """States ``mean + deviation`` (N, P) as a cloud of the deviations' precision."""
-    kind = deviation.dtype
-    states = deviation + belief.mean.astype(kind)[:, None]
-    state = np.empty((3 + 3 * len(belief.lines), states.shape[1]), kind)
+def cloud_of(belief: Belief, deviation: Array) -> Cloud:
+    """States ``mean + deviation`` (N, P) in double precision, nothing kept."""
+    states = deviation + belief.mean[:, None]
+    state = np.empty((3 + 3 * len(belief.lines), states.shape[1]))
     state[:2], state[2] = states[:2], states[4]
     angle = states[AGENT::2]
     state[3::3], state[4::3], state[5::3] = np.cos(angle), np.sin(angle), states[AGENT + 1 :: 2]
-    return Cloud(state, kept)
+    return Cloud(state, 0.0)
 
 
 def at_mean(belief: Belief) -> Cloud:
     """The belief's mean as a single sample."""
-    return cloud_of(belief, np.zeros((len(belief.mean), 1)), 0.0)
+    return cloud_of(belief, np.zeros((len(belief.mean), 1)))
 
 
 def sample(belief: Belief, count: int, stream: list[int]) -> Cloud:
     """Draw exact samples (nothing kept) from the random stream `stream`."""
-    draw = np.random.default_rng(stream)
-    return cloud_of(belief, root_of(belief.covariance) @ draw.standard_normal((len(belief.mean), count)), 0.0)
+    points = np.random.default_rng(stream).standard_normal((len(belief.mean), count))
+    return cloud_of(belief, belief.root @ points)
 
 
 class Particles:
@@ -96,8 +90,14 @@ class Particles:
         if size > len(self._points):
             fresh = [self._column(n) for n in range(len(self._points), size)]
             self._points = np.concatenate([self._points, np.stack(fresh)])
-        root = (np.sqrt(1 - self.kept) * root_of(belief.covariance)).astype(np.float32)
-        return cloud_of(belief, root @ self._points[:size], self.kept)
+        runtime.start()
+        from gridslam.kernels.particles import draw
+
+        root = (np.sqrt(1 - self.kept) * belief.root).astype(np.float32)
+        base = np.stack([belief.mean, np.cos(belief.mean), np.sin(belief.mean)], -1, dtype=np.float32)
+        state = np.empty((3 + 3 * len(belief.lines), self.count), np.float32)
+        draw(root, base, self._points[:size], state)
+        return Cloud(state, self.kept)
 
     def _column(self, number: int) -> Single:
         values = np.random.default_rng([self._seed, PURPOSE, number]).standard_normal(self.count)

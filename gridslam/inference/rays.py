@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,7 @@ class Rays:
     def __len__(self) -> int:
         return len(self.bounces)
 
-    @property
+    @cached_property
     def table(self) -> NDArray[np.int32]:
         """Bounces, last and first surface, and anchor of every ray, as kernels take them, (L, 4)."""
         table = np.empty((len(self), 4), np.int32)
@@ -50,10 +51,16 @@ class Rays:
 
     def check(self, surfaces: int, anchors: int) -> None:
         """Refuse rays of a surface or anchor that isn't there: a kernel would read past its arrays."""
-        if max(self.last.max(initial=-1), self.first.max(initial=-1)) >= surfaces:
+        if self._highest[0] >= surfaces:
             raise ValueError("a ray names a surface that doesn't exist")
-        if self.anchor.max(initial=0) >= anchors:
+        if self._highest[1] >= anchors:
             raise ValueError("a ray names an anchor that doesn't exist")
+
+    @cached_property
+    def _highest(self) -> tuple[int, int]:
+        """Largest number of a surface and of an anchor."""
+        surface = max(self.last.max(initial=-1), self.first.max(initial=-1))
+        return int(surface), int(self.anchor.max(initial=0))
 
     @classmethod
     def stack(cls, tables: Sequence[Rays]) -> Rays:
