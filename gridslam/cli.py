@@ -258,7 +258,9 @@ def _finish(
         for why, steps in score["health"]["why"].items():
             line = f"note: {done.agent} at {steps} of {len(done.estimates)} steps: {why}"
             out.print(line, highlight=False, markup=False, soft_wrap=True)
-    out.print(f"wrote {folder}", highlight=False, markup=False, soft_wrap=True)
+    out.print(
+        f"wrote {folder}, computed on the {runs[-1].device}", highlight=False, markup=False, soft_wrap=True
+    )
     return whole
 
 

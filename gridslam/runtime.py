@@ -5,19 +5,28 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import warnings
 from collections.abc import Iterator
 from functools import cache
 from types import ModuleType
+from typing import Any
 
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
 from threadpoolctl import ThreadpoolController
 
 from gridslam.errors import InputError
+
+Resident = Any
+"""An array where the device has it: NumPy's on the CPU, Taichi's on a GPU."""
 
 _started: str | None = None
 
 
 def start(device: str = "auto", threads: int | None = None) -> str:
     """Start Taichi if it isn't running and return the device in use ("cpu" or "gpu").
+
+    What isn't said is the CPU: two cores of it are as fast as the radio, and results repeat bit for bit.
 
     Raises
     ------
@@ -31,16 +40,44 @@ def start(device: str = "auto", threads: int | None = None) -> str:
         os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
         import taichi as ti
 
-        if device == "gpu":
-            raise InputError("device", "gpu", "cpu or auto; no kernel runs on a GPU yet")
-        if not _running(ti):
+        reused = _running(ti)
+        if not reused:
             options = {"cpu_max_num_threads": threads} if threads else {}
-            with contextlib.redirect_stdout(io.StringIO()):  # it announces itself whatever it is told
-                ti.init(arch=ti.cpu, log_level=ti.ERROR, verbose=False, offline_cache=True, **options)
-        _started = "cpu"
-    elif device not in ("auto", _started):
+            arch = [ti.cuda, ti.vulkan] if device == "gpu" else ti.cpu
+            # it announces itself, and that it found no GPU, whatever it is told
+            with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                ti.init(arch=arch, log_level=ti.ERROR, verbose=False, offline_cache=True, **options)
+        _started = "cpu" if ti.lang.impl.current_cfg().arch in (ti.x64, ti.arm64) else "gpu"
+        if device == "gpu" and _started == "cpu" and not reused:
+            raise InputError("device", "gpu", "cpu or auto: Taichi finds no CUDA or Vulkan device")
+    if device not in ("auto", _started):
         raise InputError("device", repr(device), f"auto or {_started}, which is running already")
     return _started
+
+
+def resident(array: NDArray[Any]) -> Resident:
+    """The array where kernels find it without a copy: itself on the CPU, a copy of it on a GPU."""
+    if start() == "cpu":
+        return array
+    held = room(array.shape, array.dtype)
+    held.from_numpy(array)
+    return held
+
+
+def room(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> Resident:
+    """An array on the device in use that nothing was written to yet."""
+    if start() == "cpu":
+        return np.empty(shape, dtype)
+    import taichi as ti
+    from taichi.lang.util import to_taichi_type
+
+    return ti.ndarray(to_taichi_type(np.dtype(dtype)), shape)
+
+
+def on_host(held: Resident) -> NDArray[Any]:
+    """A resident array as one of NumPy's."""
+    return held if isinstance(held, np.ndarray) else held.to_numpy()
 
 
 @contextlib.contextmanager

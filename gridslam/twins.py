@@ -78,8 +78,9 @@ def polylines(state: Array, path: Whole, places: Array) -> tuple[Array, Array]:
 
 def propose(state: Array, noise: Array, heard: Array, known: Whole, place: Array) -> Array:
     """Twin of `kernels.births.propose`: mean of f(AoD) / span for measurements and hypotheses, (M, H)."""
-    agent, samples = state[:3], state.shape[1]
-    weight = np.zeros((len(heard), len(known)))
+    samples = min(state.shape[1], noise.shape[1])
+    state, noise = state[:, :samples], noise[:, :samples]
+    agent, weight = state[:3], np.zeros((len(heard), len(known)))
     surfaces, anchor = lines_of(state), np.broadcast_to(place[:2], (samples, 2))
     for m, (distance, departure, arrival, distance_std, departure_std, arrival_std) in enumerate(heard):
         reach = distance + distance_std * noise[0]

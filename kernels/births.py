@@ -2,8 +2,18 @@
 
 import taichi as ti
 
-from gridslam.kernels import SPREAD
-from gridslam.kernels.functions import TURN, angle_of, double_bounce, exp_of, mirrored, single_bounce, wrapped
+from gridslam.kernels.device import SPREAD
+from gridslam.kernels.functions import (
+    TURN,
+    angle_of,
+    cos_of,
+    double_bounce,
+    exp_of,
+    mirrored,
+    sin_of,
+    single_bounce,
+    wrapped,
+)
 from gridslam.kernels.launching import quick
 
 ROOT_TURN = 2.5066282746310002
@@ -12,8 +22,8 @@ ROOT_TURN = 2.5066282746310002
 @quick
 @ti.kernel
 def propose(
-    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, B] x, y, heading; per line normal x, y, offset
-    noise: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, B] standard normal
+    state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S, P] x, y, heading; per line normal x, y, offset
+    noise: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, B] standard normal, for as many states
     heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 6] distance, AoD, AoA and their deviations
     known: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [H, 2] known surface hit last, first; -1: the new one
     place: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [3] anchor x, y, orientation
@@ -26,14 +36,15 @@ def propose(
     for item in range(heard.shape[0] * SPREAD):
         if item % SPREAD == 0:
             m = item // SPREAD
-            hypotheses, samples = known.shape[0], state.shape[1]
+            hypotheses, samples = known.shape[0], ti.min(noise.shape[1], state.shape[1])
             for h in range(hypotheses):
                 weight[m, h] = 0.0
             for k in range(samples):
                 distance = heard[m, 0] + heard[m, 3] * noise[0, k]
                 bearing = heard[m, 2] + heard[m, 5] * noise[1, k] + state[2, k]
-                px, py, ax, ay = state[0, k], state[1, k], place[0], place[1]
-                end_x, end_y = px + distance * ti.cos(bearing), py + distance * ti.sin(bearing)
+                px, py = ti.cast(state[0, k], ti.f64), ti.cast(state[1, k], ti.f64)
+                ax, ay = place[0], place[1]
+                end_x, end_y = px + distance * cos_of(bearing), py + distance * sin_of(bearing)
                 for h in range(hypotheses):
                     last, first = known[h, 0], known[h, 1]
                     s, r = 3 + 3 * last, 3 + 3 * first

@@ -11,11 +11,11 @@ own states above that. So a ray is walked twice at most: for V, and to add V to 
 
 import taichi as ti
 
-from gridslam.kernels import CELL_SLABS, SPREAD
+from gridslam.kernels.device import ON_CPU, SPREAD
+from gridslam.kernels.functions import log_of
 from gridslam.kernels.launching import quick
 from gridslam.kernels.paths import draw_path
 
-SLABS = CELL_SLABS
 NEAR = 3
 """Steps of a walk within which it may touch the cells met at its ends."""
 
@@ -58,10 +58,10 @@ def cast(
 
     A path sends only if it is possible at more than the least share of its states.
     """
-    ti.loop_config(serialize=True)  # too little work to wake other threads for
+    ti.loop_config(serialize=ON_CPU)  # too little work to wake other threads for
     for row, k in ti.ndrange(path.shape[0], state.shape[1]):
         draw_path(state, path, places, row, k, drawn)
-    for item in range(SLABS * SPREAD):
+    for item in range(message.shape[0] * SPREAD):
         if item % SPREAD == 0:
             slab = item // SPREAD
             ny, nx = occupied.shape[1], occupied.shape[2]
@@ -172,16 +172,19 @@ def cast(
                                 if ix >= 0:
                                     v0 = v1 * (1 - (1 - met_m[b]) / (1 - occupied[0, iy, ix]))
                                     known = listed(slab, ix, iy, scratch, touched, known)
-                                    scratch[slab, 1, iy, ix] += ti.cast((v0 - v_m) * (a - 1), ti.f32)
-                                    scratch[slab, 2, iy, ix] += ti.cast((v1 - v_m) * (a - 1), ti.f32)
+                                    low, high = (v0 - v_m) * (a - 1), (v1 - v_m) * (a - 1)
+                                    before1, before2 = scratch[slab, 1, iy, ix], scratch[slab, 2, iy, ix]
+                                    scratch[slab, 1, iy, ix] = before1 + ti.cast(low, ti.f32)
+                                    scratch[slab, 2, iy, ix] = before2 + ti.cast(high, ti.f32)
                 for n in range(known):
                     ix, iy = touched[slab, n, 0], touched[slab, n, 1]
                     o, lift = ti.cast(occupied[0, iy, ix], ti.f64), (a - 1) * scratch[slab, 0, iy, ix]
                     low = ti.max(total + lift * o / (1 - o) + scratch[slab, 1, iy, ix], 1e-12)
                     high = ti.max(total - lift + scratch[slab, 2, iy, ix], 1e-12)
-                    ratio = ti.log(high) - ti.log(low)
-                    message[slab, iy, ix] += ti.max(-clip, ti.min(clip, ratio))
+                    ratio = log_of(ti.max(1e-30, ti.min(high / low, 1e30)))
+                    before = message[slab, iy, ix]  # a slab has one thread, so nothing need be atomic
+                    message[slab, iy, ix] = before + ti.max(-clip, ti.min(clip, ratio))
                     scratch[slab, 0, iy, ix] = 0.0
                     scratch[slab, 1, iy, ix] = 0.0
                     scratch[slab, 2, iy, ix] = 0.0
-                row += SLABS
+                row += message.shape[0]

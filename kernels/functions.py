@@ -2,6 +2,8 @@
 
 import taichi as ti
 
+from gridslam.kernels.device import WIDE
+
 PI, TURN = 3.141592653589793, 6.283185307179586
 
 
@@ -32,6 +34,37 @@ def angle_of(x, y):
     r = ti.select(ay > ax, 0.5 * PI - r, r)
     r = ti.select(x < 0, PI - r, r)
     return ti.select(y < 0, -r, r)
+
+
+@ti.func
+def cos_of(x):
+    """Cosine of a number in double precision, as precise as the device has it."""
+    return ti.cos(x) if ti.static(WIDE) else ti.cast(ti.cos(ti.cast(x, ti.f32)), ti.f64)
+
+
+@ti.func
+def sin_of(x):
+    """Sine, likewise."""
+    return ti.sin(x) if ti.static(WIDE) else ti.cast(ti.sin(ti.cast(x, ti.f32)), ti.f64)
+
+
+@ti.func
+def log_of(x):
+    """Logarithm, likewise."""
+    return ti.log(x) if ti.static(WIDE) else ti.cast(ti.log(ti.cast(x, ti.f32)), ti.f64)
+
+
+@ti.func
+def decay_of(x):
+    """exp(x), likewise."""
+    return ti.exp(x) if ti.static(WIDE) else ti.cast(ti.exp(ti.cast(x, ti.f32)), ti.f64)
+
+
+@ti.func
+def bearing_of(x, y):
+    """atan2(y, x), likewise."""
+    narrow = ti.cast(ti.atan2(ti.cast(y, ti.f32), ti.cast(x, ti.f32)), ti.f64)
+    return ti.atan2(y, x) if ti.static(WIDE) else narrow
 
 
 @ti.func

@@ -5,7 +5,7 @@ State: [x, y, vx, vy, heading, angle_1, offset_1, ...]. A path depends on seven 
 
 import taichi as ti
 
-from gridslam.kernels.functions import PI, wrapped
+from gridslam.kernels.functions import PI, bearing_of, cos_of, decay_of, sin_of, wrapped
 from gridslam.kernels.launching import quick
 
 MEASURED = 1e11
@@ -15,7 +15,7 @@ MEASURED = 1e11
 @ti.func
 def mirror_of(x, y, angle, offset):
     """Mirror image of a point at a line, and its derivatives by the line's angle and offset."""
-    nx, ny = ti.cos(angle), ti.sin(angle)
+    nx, ny = cos_of(angle), sin_of(angle)
     gap = nx * x + ny * y - offset
     along = -ny * x + nx * y
     return (
@@ -39,7 +39,7 @@ def path_of(mean: ti.template(), place, bounces, last, first):
         angle = mean[5 + 2 * last]
         image, by_last, by_c = mirror_of(image[0], image[1], angle, mean[6 + 2 * last])
         if bounces == 2:
-            n = ti.Vector([ti.cos(angle), ti.sin(angle)], dt=ti.f64)
+            n = ti.Vector([cos_of(angle), sin_of(angle)], dt=ti.f64)
             by_first = by_first - 2 * n.dot(by_first) * n
             by_d = by_d - 2 * n.dot(by_d) * n
         else:
@@ -48,7 +48,7 @@ def path_of(mean: ti.template(), place, bounces, last, first):
     distance = ti.max(toward.norm(), 1e-9)
     toward /= distance
     across = ti.Vector([-toward[1], toward[0]], dt=ti.f64) / distance
-    arrival = ti.atan2(toward[1], toward[0])
+    arrival = bearing_of(toward[0], toward[1])
     # a single bounce turns the direction over, others keep it
     sense = ti.cast(-1.0 if bounces == 1 else 1.0, ti.f64)
     departure = sense * arrival + (0.0 if bounces == 1 else PI)
@@ -158,7 +158,7 @@ def correct(
             gap, noisy = innovation_of(pair, k, value, core)
             inverse = noisy.inverse()
             scale = ti.sqrt((2 * PI) ** 3 * noisy.determinant())
-            density = pair[k, 6] * ti.exp(-0.5 * gap.dot(inverse @ gap)) / scale
+            density = pair[k, 6] * decay_of(-0.5 * gap.dot(inverse @ gap)) / scale
             share[k] = prior[row, 0] * pair[k, 7] * density
             total += share[k]
         change, shift = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)

@@ -32,6 +32,8 @@ def quick(kernel):
         for place, value in enumerate(arguments):
             if kinds[place] is None:
                 context.set_arg_float((place,), value)
+            elif type(value) is not np.ndarray:
+                context.set_arg_ndarray((place,), value.arr)
             else:
                 address = value.__array_interface__["data"][0]
                 context.set_arg_external_array_with_shape((place,), address, value.nbytes, value.shape, 0)
@@ -56,11 +58,13 @@ def _fit(arguments, kinds):
         if kind is None:
             if type(value) is not float:
                 return False
+        elif type(value) is np.ndarray:
+            if not (value.dtype == kind[0] and value.ndim == kind[1] and value.flags.c_contiguous):
+                return False
         elif not (
-            type(value) is np.ndarray
-            and value.dtype == kind[0]
-            and value.ndim == kind[1]
-            and value.flags.c_contiguous
+            isinstance(value, ti.Ndarray)
+            and to_numpy_type(value.dtype) == kind[0]
+            and len(value.shape) == kind[1]
         ):
             return False
     return True

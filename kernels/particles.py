@@ -2,7 +2,8 @@
 
 import taichi as ti
 
-from gridslam.kernels import PATH_BLOCK, SPREAD
+from gridslam.kernels import PATH_BLOCK
+from gridslam.kernels.device import SPREAD
 from gridslam.kernels.functions import turn_of, wrapped
 from gridslam.kernels.launching import quick
 
@@ -20,7 +21,7 @@ def draw(
     state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S, P] out: x, y, heading; normals and offsets
 ):
     """State ``base + root points`` of every particle, lines by their normals."""
-    for item in range(points.shape[1] // BLOCK * SPREAD):
+    for item in range(ti.cast(points.shape[1] / BLOCK, ti.i32) * SPREAD):  # SPIR-V can't bound by a //
         if item % SPREAD == 0:
             at = item // SPREAD * BLOCK
             size = root.shape[0]

@@ -6,7 +6,8 @@ vectorise; angles are worked out only in blocks where a gated measurement's dist
 
 import taichi as ti
 
-from gridslam.kernels import PATH_BLOCK, SPREAD
+from gridslam.kernels import PATH_BLOCK
+from gridslam.kernels.device import ON_CPU, SPREAD
 from gridslam.kernels.functions import angle_of, double_bounce, exp_of, single_bounce, wrapped
 from gridslam.kernels.launching import quick
 
@@ -24,7 +25,7 @@ def evaluate(
     out: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L + K, P / BLOCK] out: valid particles; sums of densities
 ):
     """Sum, over each block of particles, the density of every gated pair where the path is possible."""
-    for item in range(state.shape[1] // BLOCK * SPREAD):
+    for item in range(out.shape[1] * SPREAD):
         if item % SPREAD == 0:
             block = item // SPREAD
             base, paths = block * BLOCK, path.shape[0]
@@ -141,6 +142,6 @@ def polylines(
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 13] out
 ):
     """Draw every path at every sampled state."""
-    ti.loop_config(serialize=True)  # too little work to wake other threads for
+    ti.loop_config(serialize=ON_CPU)  # too little work to wake other threads for
     for row, k in ti.ndrange(path.shape[0], state.shape[1]):
         draw_path(state, path, places, row, k, drawn)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from gridslam import runtime, twins
 from gridslam.geometry import wrap
 from gridslam.inference.births import SAMPLES
-from gridslam.kernels import PATH_BLOCK
+from gridslam.kernels import CELL_SLABS, PATH_BLOCK
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 seeds = st.integers(0, 2**32 - 1)
@@ -108,13 +108,14 @@ def test_drawn_polylines_equal_their_twin(seed):
     np.testing.assert_allclose(np.hypot(drawn[..., [8, 10]], drawn[..., [9, 11]]), 1, atol=1e-9)
 
 
-@given(seeds, st.booleans())
+@given(seeds, st.booleans(), st.sampled_from([SAMPLES // 2, SAMPLES, 2 * SAMPLES]))
 @settings(max_examples=15, deadline=None)
-def test_birth_proposals_equal_their_twin(seed, with_departure):
+def test_birth_proposals_equal_their_twin(seed, with_departure, particles):
     from gridslam.kernels.births import propose
 
     draw = np.random.default_rng(seed)
-    state, _, place = random_world(draw, SAMPLES, np.float64, surfaces=2)
+    state, _, place = random_world(draw, particles, np.float32, surfaces=2)
+    place = place.astype(np.float64)
     heard = np.array([[draw.uniform(1, 15), *draw.uniform(-3, 3, 2), 0.05, 0.3, 0.1] for _ in range(3)])
     heard[:, 4] = 0.3 if with_departure else 1e9
     known = np.array([[-1, -1], [-1, 0], [0, -1], [1, -1], [-1, 1]], np.int32)
@@ -163,7 +164,7 @@ def test_correction_equals_its_twin(seed, surfaces):
     value, _, spread = twins.predict(mean, covariance, np.pad(path, ((0, 0), (0, 1))), place[None])
     path, value, spread = path[value[:, 0] > 0.5], value[value[:, 0] > 0.5], spread[value[:, 0] > 0.5]
     end = np.cumsum(draw.integers(0, 3, len(path)))
-    table = np.column_stack([path, np.append(0, end[:-1]), end]).astype(np.int32)[: len(path)]
+    table = np.column_stack([path, np.append(0, end)[:-1], end]).astype(np.int32)[: len(path)]
     pair = np.zeros((int(end[-1]) if len(end) else 0, 8))
     for row, *_, low, high in np.column_stack([np.arange(len(path)), table]):
         for k in range(low, high):
@@ -182,13 +183,14 @@ def test_correction_equals_its_twin(seed, surfaces):
 
 def launch_cast(state, path, place, worth, traversed, hit, frame):
     """Rays as drawn (K, 13), their V (K,) and the messages to the cells (ny, nx)."""
-    from gridslam.kernels.cells import SLABS, cast
+    from gridslam.kernels.cells import cast
 
+    slabs = CELL_SLABS["cpu"]
     shape, rays = traversed.shape, state.shape[1]
-    drawn, message = np.zeros((len(path) * rays, 14)), np.zeros((SLABS, *shape))
+    drawn, message = np.zeros((len(path) * rays, 14)), np.zeros((slabs, *shape))
     scratch, touched = (
-        np.zeros((SLABS, 3, *shape), np.float32),
-        np.zeros((SLABS, traversed.size + 1, 2), np.int32),
+        np.zeros((slabs, 3, *shape), np.float32),
+        np.zeros((slabs, traversed.size + 1, 2), np.int32),
     )
     occupied = np.stack([traversed, hit]).astype(np.float32)
     factor = np.stack([worth, np.ones(len(worth))], -1)

@@ -39,9 +39,13 @@ class Belief:
 
     @cached_property
     def root(self) -> Array:
-        """Matrix whose square is the covariance, which may be singular, (5 + 2 S, 5 + 2 S)."""
+        """Symmetric root of the covariance, which may be singular, (5 + 2 S, 5 + 2 S).
+
+        Unlike eigenvectors or their signs it is a continuous function of the covariance: particles of two
+        computers whose rounding differs stay next to each other.
+        """
         values, vectors = np.linalg.eigh(self.covariance)
-        return np.asarray(vectors * np.sqrt(np.maximum(values, 0)))
+        return np.asarray((vectors * np.sqrt(np.maximum(values, 0))) @ vectors.T)
 
 
 def slots(surfaces: ArrayLike) -> NDArray[np.intp]:

@@ -111,7 +111,7 @@ def propose(
         value = np.concatenate([np.nan_to_num(heard.value[rows]), np.minimum(std, 1e9)], 1)
         noise = np.random.default_rng(len(known)).standard_normal((2, SAMPLES))
         launch(
-            cloud.first(SAMPLES),
+            cloud.state,
             noise,
             np.ascontiguousarray(value),
             known.astype(np.int32),

@@ -38,7 +38,7 @@ class Cells:
     ) -> None:
         self.origin, self.cell, self.shape = np.asarray(origin, float), cell, shape
         self._evidence = np.zeros(shape)
-        self._occupied: NDArray[np.float32] | None = None
+        self._occupied: runtime.Resident | None = None
         self.observed = np.zeros(shape, dtype=bool)
         self.coefficient = np.zeros((*shape, BINS))
         self.prior = 1 - np.exp(-cell / free_path)
@@ -46,9 +46,10 @@ class Cells:
         centre = self.origin + cell * (np.stack([x, y], -1) + 0.5)
         gap = np.linalg.norm(centre[:, :, None] - anchors, axis=-1).min(-1)
         self._clear = gap < CLEAR_ANCHOR_M
-        self._scratch = np.zeros((CELL_SLABS, 3, *shape), np.float32)
-        self._touched = np.zeros((CELL_SLABS, shape[0] * shape[1] + 1, 2), np.int32)
-        self._message = np.zeros((CELL_SLABS, *shape))
+        slabs = CELL_SLABS[runtime.start()]
+        self._scratch = runtime.resident(np.zeros((slabs, 3, *shape), np.float32))
+        self._touched = runtime.resident(np.zeros((slabs, shape[0] * shape[1] + 1, 2), np.int32))
+        self._message = runtime.resident(np.zeros((slabs, *shape)))
         self._frame = np.array([*self.origin, cell, OUTSIDE, EVIDENCE_CLIP])
 
     @property
@@ -60,10 +61,11 @@ class Cells:
     def evidence(self, value: Array) -> None:
         self._evidence, self._occupied = value, None
 
-    def occupied(self) -> NDArray[np.float32]:
+    def occupied(self) -> runtime.Resident:
         """Occupancy in both roles, crossed and met, kept until the evidence changes, (2, ny, nx)."""
         if self._occupied is None:
-            self._occupied = np.stack([self.traversed(), self.hit()]).astype(np.float32)
+            both = np.stack([self.traversed(), self.hit()], dtype=np.float32)
+            self._occupied = runtime.resident(both)
         return self._occupied
 
     def traversed(self) -> Array:
@@ -100,7 +102,7 @@ class Cells:
         from gridslam.kernels.cells import cast
 
         rays.check(cloud.surfaces, len(anchors))
-        state = cloud.first(cloud.state.shape[1])
+        state = cloud.state
         drawn = np.zeros((len(rays), state.shape[1], 14))
         if len(rays):
             cast(
@@ -119,10 +121,10 @@ class Cells:
 
     def absorb(self) -> None:
         """Fold the messages of all paths and anchors into the beliefs, eq. (46)."""
-        total = self._message.sum(0)
+        total = runtime.on_host(self._message).sum(0)
         self.observed |= np.abs(total) > TOUCHED
         self.evidence = np.clip(self.evidence + total, -EVIDENCE_CLIP, EVIDENCE_CLIP)
-        self._message[:] = 0
+        self._message.fill(0)
 
     def weigh_coefficient(self, points: Array, log_likelihood: Array) -> None:
         """Multiply log-likelihoods (L, BINS) over the coefficient into the cells at `points` (L, R, 2) m."""

@@ -97,8 +97,8 @@ def evaluate(
     from gridslam.kernels.paths import evaluate as launch
 
     count, (rows, particles) = len(rays), cloud.state.shape
-    if particles % PATH_BLOCK or cloud.state.dtype != np.float32:
-        raise ValueError(f"cloud of {particles} {cloud.state.dtype}: whole blocks of float32 are needed")
+    if particles % PATH_BLOCK:
+        raise ValueError(f"cloud of {particles}: whole blocks of {PATH_BLOCK} are needed")
     rays.check(rows // 3 - 1, heard.anchor + 1)
     total = cloud.kept * predicted.spread[pairs.path] + pairs.variance[:, None, :] * np.eye(3)
     inverse = np.linalg.inv(total)

@@ -29,22 +29,19 @@ class Cloud:
     Attributes
     ----------
     state : (3 + 3 S, P) float32 or float64
-        x, y (m) and heading (rad); then unit normal and offset (m) of every surface.
+        x, y (m) and heading (rad); then unit normal and offset (m) of every surface. Particles stay on the
+        device that computes.
     kept : float
         h^2, share of the covariance that each particle keeps to itself.
     """
 
-    state: NDArray[np.floating]
+    state: runtime.Resident
     kept: float
 
     @property
     def surfaces(self) -> int:
         """Number of surfaces S."""
-        return len(self.state) // 3 - 1
-
-    def first(self, count: int) -> Array:
-        """The first states in double precision, (3 + 3 S, count)."""
-        return np.ascontiguousarray(self.state[:, :count], np.float64)
+        return self.state.shape[0] // 3 - 1
 
 
 def cloud_of(belief: Belief, deviation: Array) -> Cloud:
@@ -83,6 +80,7 @@ class Particles:
         self.kept = float(self.count ** (-2 / 7))  # Silverman's rule for a path's three parameters
         self._seed = seed
         self._points = np.zeros((0, self.count), np.float32)
+        self._held: runtime.Resident = self._points
 
     def cloud(self, belief: Belief) -> Cloud:
         """Particles of a belief."""
@@ -90,13 +88,14 @@ class Particles:
         if size > len(self._points):
             fresh = [self._column(n) for n in range(len(self._points), size)]
             self._points = np.concatenate([self._points, np.stack(fresh)])
+            self._held = runtime.resident(self._points)
         runtime.start()
         from gridslam.kernels.particles import draw
 
         root = (np.sqrt(1 - self.kept) * belief.root).astype(np.float32)
         base = np.stack([belief.mean, np.cos(belief.mean), np.sin(belief.mean)], -1, dtype=np.float32)
-        state = np.empty((3 + 3 * len(belief.lines), self.count), np.float32)
-        draw(root, base, self._points[:size], state)
+        state = runtime.room((3 + 3 * len(belief.lines), self.count))
+        draw(root, base, self._held, state)
         return Cloud(state, self.kept)
 
     def _column(self, number: int) -> Single:

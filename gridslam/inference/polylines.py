@@ -61,7 +61,7 @@ def draw_paths(rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:
     from gridslam.kernels.paths import polylines
 
     rays.check(cloud.surfaces, len(anchors))
-    state = cloud.first(cloud.state.shape[1])
+    state = cloud.state
     drawn = np.zeros((len(rays), state.shape[1], 13))
     if len(rays):
         polylines(state, rays.table, anchors, drawn.reshape(-1, 13))

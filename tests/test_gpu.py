@@ -1,0 +1,81 @@
+"""Arrays that stay on the device, and a GPU's results against the CPU's where there is one."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from tiny import TINY
+
+import gridslam as gs
+from gridslam import runtime
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+FOLLOW = """
+import json, sys
+import numpy as np
+import gridslam as gs
+from gridslam import runtime
+from gridslam.errors import InputError
+try:
+    device = runtime.start(sys.argv[1])
+except InputError as error:
+    print(json.dumps({"error": str(error)}))
+    sys.exit()
+scene = gs.Scene.from_toml(sys.stdin.read())
+slam = gs.GridSlam(scene, seed=1)
+for scan in gs.simulate(scene, "agent1", 1):
+    seen = slam.step(scan)
+print(json.dumps({
+    "device": device, "position": seen.position_m.tolist(), "heading": float(seen.heading_rad),
+    "existence": seen.surfaces.existence.tolist(), "evidence": slam.cells.evidence.tolist(),
+}))
+"""
+
+
+def follow(device, **environment):
+    """What a filter in a process of its own believes in the end."""
+    said = subprocess.run(
+        [sys.executable, "-c", FOLLOW, device], input=TINY, capture_output=True, text=True, check=True,
+        env={**os.environ, **environment},
+    )  # fmt: skip
+    return json.loads(said.stdout.splitlines()[-1])
+
+
+def test_a_gpu_agrees_with_the_cpu():
+    on_gpu = follow("gpu")
+    if "error" in on_gpu:
+        pytest.skip("no CUDA or Vulkan device")
+    on_cpu = follow("cpu")
+    assert (on_gpu["device"], on_cpu["device"]) == ("gpu", "cpu")
+    np.testing.assert_allclose(on_gpu["position"], on_cpu["position"], atol=1e-3)
+    assert on_gpu["heading"] == pytest.approx(on_cpu["heading"], abs=1e-3)
+    np.testing.assert_allclose(on_gpu["existence"], on_cpu["existence"], atol=1e-3)
+    gap = np.abs(np.subtract(on_gpu["evidence"], on_cpu["evidence"]))
+    assert np.mean(gap > 0.05) < 0.01
+
+
+def test_a_gpu_that_cannot_be_had_is_an_error():
+    said = follow("gpu", CUDA_VISIBLE_DEVICES="", VK_DRIVER_FILES="/none", VK_ICD_FILENAMES="/none")
+    assert "device" in said["error"]
+    assert "gpu" in said["error"]
+
+
+def test_resident_arrays_change_nothing(monkeypatch):
+    scene, beliefs = gs.Scene.from_toml(TINY), []
+    for device in ("cpu", "gpu"):
+        runtime.start()
+        with monkeypatch.context() as patch:
+            # the kernels stay those of the CPU, the arrays are kept as for a GPU
+            patch.setattr(runtime, "_started", device)
+            slam = gs.GridSlam(scene, seed=1)
+            for scan in gs.simulate(scene, "agent1", 1):
+                slam.step(scan)
+            assert isinstance(slam.cells._message, np.ndarray) == (device == "cpu")
+        beliefs.append((slam.belief.mean, slam.belief.covariance, slam.cells.evidence))
+    for near, far in zip(*beliefs, strict=True):
+        np.testing.assert_allclose(near, far, rtol=1e-9, atol=1e-9)
+    assert beliefs[0][2].any()
