@@ -153,10 +153,8 @@ class RunView:
         self._points(f"{here}/place", [now.position_m], 5, BLUE)
         self._labels(f"{here}/place", [now.position_m], [self.agent])
         self._arrows(f"{here}/heading", [now.position_m], np.array([now.heading_rad]), BLUE)
-        variance, axes = np.linalg.eigh(now.covariance[:2, :2])
-        circle = unit(np.linspace(0, 2 * np.pi, CIRCLE + 1))
-        ellipse = now.position_m + SIGMAS * (circle * np.sqrt(np.maximum(variance, 0))) @ axes.T
-        self._lines(f"{here}/ellipse", [ellipse], AGENT, 1.0, BLUE)
+        around = ellipse(now.position_m, now.covariance[:2, :2])
+        self._lines(f"{here}/ellipse", [around], AGENT, 1.0, BLUE)
         self._walk("track", now.position_m, 1.5, BLUE)
 
     def _walk(self, name: str, place: Array, width: float, color: ArrayLike) -> None:
@@ -288,3 +286,10 @@ class RunView:
             rrb.SelectionPanel(state="collapsed"),
             rrb.BlueprintPanel(state="collapsed"),
         )
+
+
+def ellipse(place: Array, covariance: Array) -> Array:
+    """Closed polyline, (CIRCLE + 1, 2), m, of the points `SIGMAS` standard deviations from a place."""
+    variance, axes = np.linalg.eigh(covariance)
+    circle = unit(np.linspace(0, 2 * np.pi, CIRCLE + 1))
+    return place + SIGMAS * (circle * np.sqrt(np.maximum(variance, 0))) @ axes.T

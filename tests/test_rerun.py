@@ -8,10 +8,13 @@ from shutil import which
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scene_samples import shortened
 
 import gridslam as gs
 from gridslam.rerun_target import open_stream
+from gridslam.rerun_view import ellipse
 from gridslam.runfiles import read_run
 
 STEPS, AGENTS = 12, 2
@@ -95,6 +98,16 @@ def test_recording_of_what_failed_is_not_kept(rerun, tmp_path):
     with pytest.raises(RuntimeError, match="boom"), open_stream(str(tmp_path / "a.rrd")):
         raise RuntimeError("boom")
     assert list(tmp_path.iterdir()) == []
+
+
+@given(st.floats(-3, 3, allow_subnormal=False), st.floats(0.1, 3), st.floats(0.1, 3))
+def test_ellipse_is_as_far_from_the_middle_as_the_covariance_says(turn, long, short):
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    covariance = rotation @ np.diag([long**2, short**2]) @ rotation.T
+    around = ellipse(np.array([1.0, -2.0]), covariance) - [1.0, -2.0]
+    distance = np.einsum("ni,ij,nj->n", around, np.linalg.inv(covariance), around)
+    np.testing.assert_allclose(distance, 9, rtol=1e-6)
+    np.testing.assert_allclose(around[0], around[-1], atol=1e-9)
 
 
 class Recorded:
