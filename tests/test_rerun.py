@@ -1,4 +1,4 @@
-"""A run in the Rerun viewer: what is recorded is what was estimated; no package or viewer is one clear line."""
+"""A run in the Rerun viewer: what was estimated is recorded; no package or no viewer is one clear line."""
 
 import builtins
 import socket
