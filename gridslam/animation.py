@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shutil
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,12 +21,14 @@ from gridslam.errors import InputError
 from gridslam.estimates import Estimate
 from gridslam.files import cannot_write
 from gridslam.geometry import unit
+from gridslam.plots import STRENGTH
 from gridslam.runfiles import AgentFiles
 from gridslam.scene import Scene
 
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
 FRAMES, FRAMES_PER_SECOND, DPI = 60, 10, 80
 SIGMAS = 3.0
+GIF_INSTEAD = "a name that ends in .gif, or pip install 'gridslam[video]'"
 
 
 def animate(
@@ -33,8 +37,8 @@ def animate(
     path: str | os.PathLike[str],
     frames: int = FRAMES,
     progress: Callable[[int, int], None] | None = None,
-) -> None:
-    """Write the run of one agent as a GIF, or as MP4 where ffmpeg is installed.
+) -> tuple[int, int]:
+    """Write the run of one agent as a GIF, or as MP4 where there is an ffmpeg.
 
     Parameters
     ----------
@@ -48,10 +52,15 @@ def animate(
     progress : callable, optional
         Called after every frame with (frames done, frames in all).
 
+    Returns
+    -------
+    (int, int)
+        Width and height, pixels.
+
     Raises
     ------
     InputError
-        Another ending, no ffmpeg for ``.mp4``, no steps, or the file can't be written.
+        Another ending, no ffmpeg for ``.mp4`` or one that fails, no steps, or the file can't be written.
     """
     path = Path(path)
     writer = _writer(path)
@@ -72,8 +81,30 @@ def animate(
         os.replace(part, path)
     except OSError as error:
         raise cannot_write(path, error) from error
+    except subprocess.CalledProcessError as error:
+        raise InputError(str(path), f"ffmpeg gave up (exit code {error.returncode})", GIF_INSTEAD) from error
     finally:
         part.unlink(missing_ok=True)
+    width, height = figure.canvas.get_width_height()
+    return width, height
+
+
+def film_ending() -> str:
+    """``.mp4`` where it can be written here (a quarter of the size, and can be stopped), else ``.gif``."""
+    return ".mp4" if _ffmpeg() else ".gif"
+
+
+def _ffmpeg() -> str | None:
+    """The program: on the PATH, or brought along by imageio-ffmpeg (extra ``video``)."""
+    found = shutil.which(FFMpegWriter.bin_path())
+    if found is None:
+        try:
+            import imageio_ffmpeg
+
+            found = imageio_ffmpeg.get_ffmpeg_exe()
+        except (ImportError, RuntimeError):  # a package without a program for this machine
+            return None
+    return found
 
 
 def _writer(path: Path) -> AbstractMovieWriter:
@@ -82,9 +113,17 @@ def _writer(path: Path) -> AbstractMovieWriter:
         return PillowWriter(fps=FRAMES_PER_SECOND)
     if kind != ".mp4":
         raise InputError(str(path), f"a name that ends in {kind!r}", "a name that ends in .gif or .mp4")
-    if not FFMpegWriter.isAvailable():
-        raise InputError(str(path), "no ffmpeg to write it", "a name that ends in .gif")
-    return FFMpegWriter(fps=FRAMES_PER_SECOND, extra_args=["-pix_fmt", "yuv420p"])
+    program = _ffmpeg()
+    if program is None:
+        raise InputError(str(path), "no ffmpeg to write it", GIF_INSTEAD)
+
+    class Writer(FFMpegWriter):
+        @classmethod
+        def bin_path(cls) -> str:
+            return str(program)
+
+    everywhere = ["-pix_fmt", "yuv420p", "-movflags", "+faststart"]  # browsers play no other colours
+    return Writer(fps=FRAMES_PER_SECOND, codec="h264", extra_args=everywhere)
 
 
 def _figure(scene: Scene) -> tuple[Figure, Axes]:
@@ -105,7 +144,7 @@ def _draw(axes: Axes, scene: Scene, found: AgentFiles, now: Estimate, step: int)
     rays = [row[~np.isnan(row[:, 0])] for row in now.paths.points]
     level = 20 * np.log10(np.maximum(now.paths.amplitude, 1e-3))
     axes.add_collection(
-        LineCollection(rays, array=level, cmap="plasma", norm=Normalize(6, 40), lw=0.7, alpha=0.7)
+        LineCollection(rays, array=level, cmap=STRENGTH, norm=Normalize(6, 40), lw=0.7, alpha=0.7)
     )
     ends = now.surfaces.take(now.detected).ends_m
     ends = ends[np.isfinite(ends).all((1, 2))]

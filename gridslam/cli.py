@@ -19,6 +19,7 @@ from gridslam.errors import InputError
 if TYPE_CHECKING:
     from gridslam.map import Map
     from gridslam.measurements import Measurements
+    from gridslam.rerun_view import RunView
     from gridslam.result import Run
     from gridslam.scene import Scene
 
@@ -47,6 +48,10 @@ def run(
     threads: Annotated[int | None, typer.Option(min=1)] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="new folder")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier run's folder")] = False,
+    rerun: Annotated[bool, typer.Option("--rerun", help="show it in the Rerun viewer meanwhile")] = False,
+    rerun_to: Annotated[
+        str | None, typer.Option(help="FILE.rrd to record to instead, or HOST:PORT of a viewer")
+    ] = None,
 ) -> None:
     """Map a scene with its agents, each starting from the map that the one before it left."""
     from gridslam import runtime
@@ -67,17 +72,18 @@ def run(
     if recorded is not None:
         check_anchors(world, recorded)
     given, note = fitted(Map.load(map_file), world, str(map_file)) if map_file else (None, None)
-    runtime.start(device, threads)
-    if note:
-        err.print(f"note: {note}", highlight=False, markup=False, soft_wrap=True)
-    runs, heards = _explore(world, names, method, seed, recorded, given)
-    stopped = len(runs) < len(names) or runs[-1].interrupted
-    try:
-        with _busy("scoring"):
-            scores = _scores(world, runs, heards, given)
-    except KeyboardInterrupt:
-        scores, stopped = [done.score() for done in runs], True
-    stopped = not _finish(folder, world, runs, heards, scores, overwrite) or stopped
+    with _view(world, names, rerun_to, overwrite) if rerun or rerun_to else nullcontext() as view:
+        runtime.start(device, threads)
+        if note:
+            err.print(f"note: {note}", highlight=False, markup=False, soft_wrap=True)
+        runs, heards = _explore(world, names, method, seed, recorded, given, view)
+        stopped = len(runs) < len(names) or runs[-1].interrupted
+        try:
+            with _busy("scoring"):
+                scores = _scores(world, runs, heards, given)
+        except KeyboardInterrupt:
+            scores, stopped = [done.score() for done in runs], True
+        stopped = not _finish(folder, world, runs, heards, scores, overwrite) or stopped
     if stopped:
         done = f"{len(runs[-1].estimates)} of {len(heards[-1])} steps of {runs[-1].agent}"
         line = f"interrupted after {done}: {folder} holds what was done"
@@ -187,8 +193,22 @@ def _recorded(world: Scene, file: Path | None, truth: Path | None) -> Measuremen
     return with_truth(heard, Trajectory.from_tum(truth), str(truth))
 
 
+def _view(
+    world: Scene, names: list[str], where: str | None, overwrite: bool
+) -> AbstractContextManager[RunView]:
+    from gridslam.rerun_view import open_view
+
+    return open_view(world, names, where, overwrite)
+
+
 def _explore(
-    world: Scene, names: list[str], method: str, seed: int, recorded: Measurements | None, given: Map | None
+    world: Scene,
+    names: list[str],
+    method: str,
+    seed: int,
+    recorded: Measurements | None,
+    given: Map | None,
+    view: RunView | None = None,
 ) -> tuple[list[Run], list[Measurements]]:
     """Run the agents one after the other; Ctrl-C ends the list early, and raises only if it is empty."""
     from gridslam.mapping import map_scene
@@ -201,8 +221,12 @@ def _explore(
         for name in names:
             with _busy(f"simulating {name}"):
                 heard = hear(world, name, seed) if recorded is None else recorded
+            watch = view.follow(name, heard.truth) if view else None
             with progress_bar(name, heard.truth, err) as tell:
-                done = map_scene(world, heard, method, name, seed, runs[-1].map if runs else given, tell)
+                before = runs[-1].map if runs else given
+                done = map_scene(world, heard, method, name, seed, before, tell, watch=watch)
+            if view:
+                view.show_map(done.map)
             heards.append(heard)
             runs.append(done)
             if done.interrupted:

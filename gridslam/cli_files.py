@@ -75,8 +75,18 @@ def export(
     _say(f"wrote {', '.join(names)} to {output}")
 
 
-def plot(directory: Annotated[Path, typer.Argument(help="a run's folder")]) -> None:
+def plot(
+    directory: Annotated[Path, typer.Argument(help="a run's folder")],
+    rerun: Annotated[bool, typer.Option("--rerun", help="show it in the Rerun viewer instead")] = False,
+    rerun_to: Annotated[str | None, typer.Option(help="as that of run")] = None,
+) -> None:
     """Draw a finished run's figures again."""
+    if rerun or rerun_to:
+        from gridslam.rerun_view import replay
+        from gridslam.runfiles import read_run
+
+        replay(read_run(directory), rerun_to)
+        return
     from gridslam.plots import draw_all
 
     for path in draw_all(directory):

@@ -38,6 +38,7 @@ def map_scene(
     prior_map: Map | None = None,
     progress: bool | Callable[[Estimate, int, int], None] = False,
     particles: int | None = None,
+    watch: Callable[[Estimate, Callable[[], Map]], None] | None = None,
 ) -> Run:
     """Run a method over all measurements of one agent.
 
@@ -57,6 +58,8 @@ def map_scene(
         True shows a bar on a terminal; a callable gets (estimate, steps done, steps in all) after every step.
     particles : int, optional
         Instead of ``scene.filter.particles``.
+    watch : callable, optional
+        Gets, after every step, the estimate and a function that returns the map as it stands.
 
     Returns
     -------
@@ -88,6 +91,8 @@ def map_scene(
             try:
                 if tell is not None:
                     tell(estimates[-1], len(estimates), len(measurements))
+                if watch is not None:
+                    watch(estimates[-1], slam.map)
             except KeyboardInterrupt:
                 stopped.set()
             if stopped.is_set():

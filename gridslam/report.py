@@ -7,25 +7,26 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from html import escape
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from gridslam.animation import animate
+from gridslam.animation import animate, film_ending
 from gridslam.files import write_bytes
 from gridslam.plots import draw_all
 from gridslam.runfiles import AgentFiles, RunFiles, read_run
 
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem;
-       color: #1b1b1b; background: #fff }
+       color: #1b1b1b; background: #fff; text-size-adjust: 100%; -webkit-text-size-adjust: 100% }
 h1 { font-size: 1.5rem } h2 { font-size: 1.15rem; margin-top: 2.2rem; border-bottom: 1px solid #ccc }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .6rem 0 }
 th, td { padding: .2rem .8rem .2rem 0; text-align: right; border-bottom: 1px solid #eee }
-th:first-child, td:first-child { text-align: left }
-figure { margin: 1rem 0 } img { max-width: 100%; height: auto } figcaption { color: #555; font-size: .9rem }
-details { margin: .6rem 0 } .wide { overflow-x: auto }
+th:first-child, td:first-child { text-align: left } th:last-child, td:last-child { padding-right: 0 }
+figure { margin: 1rem 0 } figcaption { color: #555; font-size: .9rem }
+img, video { max-width: 100%; height: auto }
+details { margin: .6rem 0 } .wide { overflow-x: auto } details td { white-space: nowrap }
+@media (max-width: 40rem) { body { margin: 1rem auto } table { font-size: .8rem } }
 """
 SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
     "steps": ("steps", "{:.0f}".format),
@@ -44,6 +45,7 @@ SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
     "seconds_per_step": ("time per step", lambda v: f"{1000 * v:.0f} ms"),
     "peak_memory_mb": ("memory", "{:.0f} MB".format),
 }
+MIME = {".png": "image/png", ".gif": "image/gif", ".mp4": "video/mp4"}
 CAPTIONS = {
     "map": "Map: cells, track and surfaces found.",
     "reflection": "Reflection coefficients of the occupied cells.",
@@ -64,7 +66,7 @@ def write_report(
     directory : path
         A run's folder; if it has no figures, they are drawn.
     moving : bool
-        With a moving picture of each agent.
+        With a moving picture of each agent, also written as ``figures/NAME-run.mp4`` (or ``.gif``).
     progress : callable, optional
         Called after every frame of the moving pictures with (done, in all).
 
@@ -80,7 +82,8 @@ def write_report(
     for place, (name, found) in enumerate(run.agents.items()):
         parts.append(f"<h2>{escape(name)}</h2>")
         if moving:
-            parts.append(_movie(run, name, found, _share(progress, place, len(run.agents))))
+            film = folder / "figures" / f"{name}-run{film_ending()}"
+            parts.append(_film(run, name, found, film, _share(progress, place, len(run.agents))))
         own = {p.stem.removeprefix(f"{name}-"): p for p in figures if p.stem.startswith(f"{name}-")}
         titles = [title for title in CAPTIONS if title in own] + [t for t in own if t not in CAPTIONS]
         parts += [_figure(own[title], title) for title in titles]
@@ -101,7 +104,7 @@ def _share(
 
 def _page(title: str, body: str) -> str:
     # nothing outside the page is loaded, and nothing in it can run, whatever a name in a file says
-    rule = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+    rule = "default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'"
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{rule}">\n'
@@ -136,25 +139,27 @@ def _scores(agents: Mapping[str, Any]) -> str:
     return _table(["", *flat], rows) + note
 
 
-def _movie(run: RunFiles, name: str, found: AgentFiles, progress: Callable[[int, int], None] | None) -> str:
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "run.gif"
-        animate(run.scene, found, path, progress=progress)
-        what = (
-            f"{name}: blue the track and where the agent may be, orange surfaces found, thin lines the paths"
-        )
-        return _image(path, "image/gif", what)
+def _film(
+    run: RunFiles, name: str, found: AgentFiles, path: Path, progress: Callable[[int, int], None] | None
+) -> str:
+    width, height = animate(run.scene, found, path, progress=progress)
+    what = f"{name}: blue the track and where the agent may be, orange surfaces found, thin lines the paths"
+    if path.suffix == ".gif":
+        return _figure(path, what)
+    text = escape(what, quote=True)
+    size = f'width="{width}" height="{height}"'  # known before it is loaded: nothing jumps
+    tag = f'<video controls loop muted autoplay playsinline {size} aria-label="{text}" src="{_data(path)}">'
+    return f"<figure>{tag}</video><figcaption>{text}</figcaption></figure>"
 
 
 def _figure(path: Path, title: str) -> str:
-    return _image(path, "image/png", CAPTIONS.get(title, title))
+    text = escape(CAPTIONS.get(title, title), quote=True)
+    return f'<figure><img alt="{text}" src="{_data(path)}"><figcaption>{text}</figcaption></figure>'
 
 
-def _image(path: Path, kind: str, caption: str) -> str:
+def _data(path: Path) -> str:
     code = base64.b64encode(path.read_bytes()).decode("ascii")
-    text = escape(caption, quote=True)
-    source = f"data:{kind};base64,{code}"
-    return f'<figure><img alt="{text}" src="{source}"><figcaption>{text}</figcaption></figure>'
+    return f"data:{MIME[path.suffix]};base64,{code}"
 
 
 def _surfaces(found: AgentFiles) -> str:
@@ -169,31 +174,46 @@ def _surfaces(found: AgentFiles) -> str:
         rows.append(
             [
                 str(int(table.identity[number])),
-                f"({ax:.2f}, {ay:.2f}) to ({bx:.2f}, {by:.2f})" if seen else "never hit",
+                f"{ax:.2f}, {ay:.2f}" if seen else "never hit",
+                f"{bx:.2f}, {by:.2f}" if seen else "-",
                 f"{np.ptp(reach):.2f} m" if seen else "-",
                 f"{table.reflection[number]:.2f} ± {np.sqrt(max(table.reflection_var[number], 0)):.2f}",
                 f"{table.existence[number]:.3f}",
             ]
         )
-    titles = ["surface", "from, to (m)", "length", "reflection", "existence"]
+    titles = ["surface", "from (m)", "to (m)", "length", "reflection", "existence"]
     return f"<details open><summary>{len(rows)} surfaces</summary>{_table(titles, rows)}</details>"
 
 
 def _settings(run: RunFiles) -> str:
     whole = run.scene.model_dump(exclude_none=True)
     rows = [
-        [f"{part}.{key}", str(value)]
+        [name, _plain(value)]
         for part in ("radio", "grid", "filter")
-        for key, value in whole[part].items()
+        for name, value in _flat(part, whole[part])
     ]
     rows += [[f"material {name}", f"{value:g}"] for name, value in whole["materials"].items()]
     rows += [
-        [f"anchor {item.name}", f"{item.position_m}, {item.orientation_deg:g} deg"]
+        [f"anchor {item.name}", f"{_plain(item.position_m)} m, {item.orientation_deg:g} deg"]
         for item in run.scene.anchors
     ]
     versions = run.summary.get("versions")
     rows += [[name, str(value)] for name, value in versions.items()] if isinstance(versions, dict) else []
     return f"<h2>Settings</h2>\n{_table(['', 'value'], rows)}"
+
+
+def _flat(name: str, value: Any) -> Iterable[tuple[str, Any]]:
+    """Names and values of a table and of the tables in it."""
+    if not isinstance(value, Mapping):
+        return [(name, value)]
+    return [pair for key, item in value.items() for pair in _flat(f"{name}.{key}", item)]
+
+
+def _plain(value: Any) -> str:
+    """A value as people write it."""
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_plain, value))
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
 def _table(titles: Iterable[str], rows: Iterable[Iterable[str]]) -> str:

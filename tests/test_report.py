@@ -1,16 +1,19 @@
 """Report and moving picture of a run: whole, offline, harmless, and without walls too."""
 
+import base64
 import json
 import re
+import subprocess
 from html.parser import HTMLParser
 from itertools import pairwise
+from shutil import which
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import gridslam as gs
-from gridslam.animation import animate
+from gridslam.animation import animate, film_ending
 from gridslam.cli import main
 from gridslam.errors import InputError
 from gridslam.geojson import write_surfaces
@@ -75,8 +78,12 @@ def test_page_holds_all_and_loads_nothing(run_folder):
     page.feed(path.read_text(encoding="utf-8"))
     page.close()
     assert page.open == []
-    assert all(re.match(r"data:image/(png|gif);base64,[\w+/]+=*$", load) for load in page.loads)
-    assert len(page.loads) == 5
+    kinds = [re.match(r"data:(\w+)/(png|gif|mp4);base64,[\w+/]+=*$", load)[1] for load in page.loads]
+    assert len(kinds) == 5
+    policy = {"image": "img-src data:", "video": "media-src data:"}  # else browsers don't show them
+    assert all(policy[kind] in path.read_text(encoding="utf-8") for kind in kinds)
+    (film,) = (run_folder / "figures").glob("agent1-run.*")
+    assert any(base64.b64encode(film.read_bytes()).decode() in load for load in page.loads)
     assert "script" not in page.seen
     assert NASTY in page.text
     summary = json.loads((run_folder / "run.json").read_text())["agents"]["agent1"]
@@ -84,6 +91,7 @@ def test_page_holds_all_and_loads_nothing(run_folder):
     assert ("position, RMSE" in page.text) == known
     assert ("walls not known" in page.text) == (not known)
     assert "filter.births" in page.text
+    assert "{" not in page.text.split("Settings")[-1]  # values as people write them
     assert f"{summary['surfaces_detected']} surfaces" in page.text
 
 
@@ -105,11 +113,49 @@ def test_every_frame_differs_and_the_last_step_is_shown(run_folder, tmp_path):
 
 def test_films_that_cannot_be_written_leave_nothing(run_folder, tmp_path, monkeypatch):
     run = read_run(run_folder)
-    monkeypatch.setattr("gridslam.animation.FFMpegWriter.isAvailable", lambda: False)
+    monkeypatch.setattr("gridslam.animation._ffmpeg", lambda: None)
+    assert film_ending() == ".gif"
     for name in ("a.mp4", "a.avi", "none/a.gif"):
         with pytest.raises(InputError):
             animate(run.scene, run.agents["agent1"], tmp_path / name, 2)
+    monkeypatch.setattr("gridslam.animation._ffmpeg", lambda: which("false"))
+    for name in ("a.mp4", "none/a.mp4"):
+        with pytest.raises(InputError):
+            animate(run.scene, run.agents["agent1"], tmp_path / name, 2)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_mp4_shows_the_frames_of_the_gif(run_folder, tmp_path):
+    program = pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg isn't installed").get_ffmpeg_exe()
+    run = read_run(run_folder)
+    assert film_ending() == ".mp4"
+    for name in ("a.mp4", "a.gif"):
+        width, height = animate(run.scene, run.agents["agent1"], tmp_path / name)
+    assert width % 2 == height % 2 == 0
+    command = [
+        program,
+        "-loglevel",
+        "error",
+        "-i",
+        tmp_path / "a.mp4",
+        "-f",
+        "rawvideo",
+        "-pix_fmt",
+        "gray",
+        "-",
+    ]
+    raw = subprocess.run(command, capture_output=True, check=True).stdout
+    frames = np.frombuffer(raw, np.uint8).reshape(-1, height, width).astype(int)
+    with Image.open(tmp_path / "a.gif") as film:
+        assert (film.size, film.n_frames) == ((width, height), len(frames)) == ((width, height), STEPS)
+        drawn = []
+        for number in range(STEPS):
+            film.seek(number)
+            drawn.append(np.asarray(film.convert("L"), dtype=int))
+    apart = [[np.abs(one - other).mean() for other in drawn] for one in frames]
+    assert (np.argmin(apart, axis=1) == np.arange(STEPS)).all()
+    assert np.diagonal(apart).max() < 3
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.gif", "a.mp4"]
 
 
 def test_command_refuses_what_is_no_run(tmp_path, capsys, monkeypatch):
