@@ -29,8 +29,8 @@ class KernelSpeed:
 
     Attributes
     ----------
-    name, unit : str
-        What is counted: "path-particle", "cell visit", "path-ray", "path", "sample".
+    name, scene, unit : str
+        The scene in which the case was taken, and what is counted: "path-particle", "cell visit", "path-ray", "path", "sample".
     units : int
         How many of them the case has.
     kernel_s, twin_s : float
@@ -46,6 +46,7 @@ class KernelSpeed:
     """
 
     name: str
+    scene: str
     unit: str
     units: int
     kernel_s: float
@@ -70,14 +71,16 @@ def _bounces(case: Case) -> Array:
 
 
 def _visits(case: Case) -> int:
-    """Cells that the rays of sending paths cross, and those that they meet."""
+    """Cells that the rays of possible paths cross, and those that they meet, each counted once.
+
+    The kernel casts them all for V, and walks those of sending paths again for their messages.
+    """
     rays, total = case["state"].shape[1], 0
-    for row, count in zip(_senders(case), np.repeat(_bounces(case), rays), strict=True):
-        corners, normals = row[:8].reshape(4, 2), row[8:12].reshape(2, 2)
-        crossed, met = twins.cells_of(
-            corners[: count + 2], normals[:count], case["frame"], case["occupied"].shape[1:]
-        )
-        total += len(crossed) + sum(len(cells) for cells in met)
+    for row, count in zip(case["drawn"], np.repeat(case["path"][:, 0], rays), strict=True):
+        if row[12] > 0.5:
+            corners, normals = row[:8].reshape(4, 2)[: count + 2], row[8:12].reshape(2, 2)[:count]
+            crossed, met = twins.cells_of(corners, normals, case["frame"], case["occupied"].shape[1:])
+            total += len(crossed) + sum(len(cells) for cells in met)
     return total
 
 
@@ -189,11 +192,13 @@ def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Ca
     return {name: case for name, (_, case) in best.items()}
 
 
-def compete(name: str, case: Case, seconds: float) -> KernelSpeed:
+def compete(name: str, scene: str, case: Case, seconds: float) -> KernelSpeed:
     """Time a kernel and its twin on one case.
 
     Parameters
     ----------
+    name, scene : str
+        Of the kernel, and where its case was taken.
     seconds : float
         At least so long for the kernel, and for the twin; each runs three times or more, the twin once.
     """
@@ -221,7 +226,7 @@ def compete(name: str, case: Case, seconds: float) -> KernelSpeed:
     twin = float(np.median(repeated(lambda: contest.twin(**wanted), seconds, 1)))
     median, units = float(np.median(took)), contest.units(case)
     return KernelSpeed(
-        name, contest.unit, units, median, min(took), twin, twin / median, 1e9 * median / max(units, 1),
+        name, scene, contest.unit, units, median, min(took), twin, twin / median, 1e9 * median / max(units, 1),
         1e6 * float(np.median(nothing)),
     )  # fmt: skip
 

@@ -108,12 +108,12 @@ def _table(*titles: str, left: int = 1) -> Table:
 
 def _kernels(kernels: tuple[KernelSpeed, ...]) -> Table:
     table = _table(
-        "kernel", "unit", "units", "ms\nmedian", "ms\nbest", "ns/unit\nmedian", "NumPy\nms", "ratio",
-        "launch\nus", left=2,
+        "kernel", "scene", "unit", "units", "ms\nmedian", "ms\nbest", "ns/unit\nmedian", "NumPy\nms", "ratio",
+        "launch\nus", left=3,
     )  # fmt: skip
     for k in kernels:
         table.add_row(
-            k.name, k.unit, str(k.units), f"{1e3 * k.kernel_s:.2f}", f"{1e3 * k.kernel_best_s:.2f}",
+            k.name, k.scene, k.unit, str(k.units), f"{1e3 * k.kernel_s:.2f}", f"{1e3 * k.kernel_best_s:.2f}",
             f"{k.ns_per_unit:.1f}", f"{1e3 * k.twin_s:.0f}", f"{k.ratio:.0f}", f"{k.launch_us:.0f}",
         )  # fmt: skip
     return table

@@ -21,6 +21,20 @@ def exp_of(x):
 
 
 @ti.func
+def log_of(x):
+    """log(x) of a positive normal number in single precision, error below 1e-6."""
+    bits = ti.bit_cast(ti.cast(x, ti.f32), ti.i32)
+    power = (bits >> 23) - 127
+    m = ti.bit_cast((bits & 0x7FFFFF) | 0x3F800000, ti.f32)  # in [1, 2)
+    high = m > 1.4142135
+    m = ti.select(high, 0.5 * m, m)
+    t = (m - 1) / (m + 1)
+    s = t * t
+    series = 2 * t * (1 + s * (1 / 3 + s * (0.2 + s * (1 / 7 + s / 9))))
+    return ti.cast(power + ti.select(high, 1, 0), ti.f32) * 0.69314718 + series
+
+
+@ti.func
 def angle_of(x, y):
     """atan2(y, x) in single precision, error below 1e-5 rad."""
     ax, ay = ti.abs(x), ti.abs(y)
@@ -46,12 +60,6 @@ def cos_of(x):
 def sin_of(x):
     """Sine, likewise."""
     return ti.sin(x) if ti.static(WIDE) else ti.cast(ti.sin(ti.cast(x, ti.f32)), ti.f64)
-
-
-@ti.func
-def log_of(x):
-    """Logarithm, likewise."""
-    return ti.log(x) if ti.static(WIDE) else ti.cast(ti.log(ti.cast(x, ti.f32)), ti.f64)
 
 
 @ti.func
