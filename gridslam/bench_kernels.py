@@ -30,7 +30,8 @@ class KernelSpeed:
     Attributes
     ----------
     name, scene, unit : str
-        The scene in which the case was taken, and what is counted: "path-particle", "cell visit", "path-ray", "path", "sample".
+        The scene in which the case was taken, and what is counted: "path-particle", "cell visit", "path-ray",
+        "path", "particle", "sample".
     units : int
         How many of them the case has.
     kernel_s, twin_s : float
@@ -226,8 +227,8 @@ def compete(name: str, scene: str, case: Case, seconds: float) -> KernelSpeed:
     twin = float(np.median(repeated(lambda: contest.twin(**wanted), seconds, 1)))
     median, units = float(np.median(took)), contest.units(case)
     return KernelSpeed(
-        name, scene, contest.unit, units, median, min(took), twin, twin / median, 1e9 * median / max(units, 1),
-        1e6 * float(np.median(nothing)),
+        name, scene, contest.unit, units, median, min(took), twin, twin / median,
+        1e9 * median / max(units, 1), 1e6 * float(np.median(nothing)),
     )  # fmt: skip
 
 
