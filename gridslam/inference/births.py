@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,10 +110,9 @@ def propose(
     weight = np.zeros((len(rows), len(known)))
     if weight.size:
         value = np.concatenate([np.nan_to_num(heard.value[rows]), np.minimum(std, 1e9)], 1)
-        noise = np.random.default_rng(len(known)).standard_normal((2, SAMPLES))
         launch(
             cloud.state,
-            noise,
+            _noise(len(known)),
             np.ascontiguousarray(value),
             known.astype(np.int32),
             np.array([*heard.place, heard.facing]),
@@ -125,6 +125,12 @@ def propose(
     return Births(
         measurement, last, first, _lines(heard, belief, measurement, last, first), ratio[row, hypothesis]
     )
+
+
+@cache
+def _noise(seed: int) -> Array:
+    """Standard normal noise of distance and AoA, (2, SAMPLES)."""
+    return np.random.default_rng(seed).standard_normal((2, SAMPLES))
 
 
 def _amplitude_factor(

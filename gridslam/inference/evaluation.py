@@ -101,13 +101,12 @@ def evaluate(
         raise ValueError(f"cloud of {particles}: whole blocks of {PATH_BLOCK} are needed")
     rays.check(rows // 3 - 1, heard.anchor + 1)
     total = cloud.kept * predicted.spread[pairs.path] + pairs.variance[:, None, :] * np.eye(3)
-    inverse = np.linalg.inv(total)
+    determinant, inverse = _inverted(total)
     value = np.nan_to_num(heard.value[pairs.measurement])
     table = np.zeros((max(len(pairs), 1), 11), np.float32)
     some = table[: len(pairs)]
     some[:, :3] = value
-    some[:, 3:6] = np.diagonal(inverse, axis1=1, axis2=2)
-    some[:, 6], some[:, 7], some[:, 8] = inverse[:, 0, 1], inverse[:, 0, 2], inverse[:, 1, 2]
+    some[:, 3:9] = inverse
     reach = np.minimum(GATE * np.sqrt(total[:, 0, 0]), 1e5)
     some[:, 9], some[:, 10] = np.maximum(value[:, 0] - reach, -1e5), value[:, 0] + reach
     start = np.searchsorted(pairs.path, np.arange(count + 1))
@@ -121,9 +120,20 @@ def evaluate(
     )
     mean = out.sum(1, dtype=np.float64) / particles
     ratio = np.zeros((count, len(heard)))
-    scale = np.sqrt(np.linalg.det(2 * np.pi * total))
+    scale = np.sqrt((2 * np.pi) ** 3 * determinant)
     ratio[pairs.path, pairs.measurement] = pairs.density * mean[count:] / scale
     return ratio, mean[:count], out[count:]
+
+
+def _inverted(matrix: Array) -> tuple[Array, Array]:
+    """Determinants (K,) of symmetric matrices (K, 3, 3), and their inverses (K, 6): 00 11 22 01 02 12."""
+    a, b, c = matrix[:, 0, 0], matrix[:, 1, 1], matrix[:, 2, 2]
+    d, e, f = matrix[:, 0, 1], matrix[:, 0, 2], matrix[:, 1, 2]
+    adjugate = np.empty((len(matrix), 6))
+    adjugate[:, 0], adjugate[:, 1], adjugate[:, 2] = b * c - f * f, a * c - e * e, a * b - d * d
+    adjugate[:, 3], adjugate[:, 4], adjugate[:, 5] = e * f - c * d, d * f - b * e, d * e - a * f
+    determinant = a * adjugate[:, 0] + d * adjugate[:, 3] + e * adjugate[:, 4]
+    return determinant, adjugate / determinant[:, None]
 
 
 def effective_sample_size(blocks: NDArray[np.float32]) -> Array:

@@ -206,21 +206,19 @@ def merge(bank: Bank, belief: Belief, middle: Array) -> tuple[Bank, Belief]:
 
 def _duplicate(bank: Bank, belief: Belief, middle: Array) -> tuple[int, int, Array, Array] | None:
     lines = belief.lines
+    turns = wrap(lines[None, :, 0] - lines[:, None, 0])
+    flips = np.where(np.abs(turns) > np.pi / 2, -1.0, 1.0)  # the same line written with the opposite normal
+    turns = wrap(turns + np.where(flips < 0, np.pi, 0.0))
+    normals = unit(lines[:, 0])
+    tangents = np.stack([-normals[:, 1], normals[:, 0]], -1)
+    places = lines[:, 1:] * normals + bank.foot[:, None] * tangents
+    gaps = flips * (places @ normals.T - lines[:, 1])
+    near = (np.abs(turns) <= 0.5) & (np.abs(gaps) <= 0.5) & (bank.owner[:, None] == bank.owner)
     for younger in range(len(bank) - 1, 0, -1):
-        normal = unit(lines[younger, 0])
-        tangent = np.array([-normal[1], normal[0]])
-        place = lines[younger, 1] * normal + bank.foot[younger] * tangent
-        for older in np.flatnonzero(bank.owner[:younger] == bank.owner[younger]).tolist():
-            turn = wrap(lines[older, 0] - lines[younger, 0])
-            flip = 1.0
-            if abs(turn) > np.pi / 2:  # the same line written with the opposite normal
-                turn, flip = wrap(turn + np.pi), -1.0
-            if abs(turn) > 0.5:
-                continue
-            other = unit(lines[older, 0])
-            gap = flip * (place @ other - lines[older, 1])
-            if abs(gap) > 0.5:
-                continue
+        normal, tangent, place = normals[younger], tangents[younger], places[younger]
+        for older in np.flatnonzero(near[younger, :younger]).tolist():
+            turn, flip, gap = turns[younger, older], flips[younger, older], gaps[younger, older]
+            other = normals[older]
             # derivative of (gap at the place, turn); the place itself moves with the younger line
             jacobian = np.zeros((2, len(belief.mean)))
             o, y = slots(older), slots(younger)
