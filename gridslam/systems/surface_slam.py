@@ -13,7 +13,7 @@ from gridslam import runtime
 from gridslam.estimates import Estimate, SurfaceEstimate
 from gridslam.frames import fitted, stamped
 from gridslam.geometry import unit, wrap
-from gridslam.inference import relocation, surfaces
+from gridslam.inference import ghosts, relocation, surfaces
 from gridslam.inference.association import associate
 from gridslam.inference.belief import AGENT, Belief, append, predict, separated
 from gridslam.inference.births import Births, bear, birth_reflection, propose
@@ -312,8 +312,10 @@ class SurfaceSlam:
         return bearers
 
     def _tidy(self) -> None:
-        """Merge duplicates, drop the unlikely."""
+        """Merge duplicates, drop ghosts and the unlikely."""
         self.bank, self.belief = surfaces.merge(self.bank, self.belief, self.middle)
+        if self.most_bounces > 1:
+            self.bank, self.belief = ghosts.lay(self.bank, self.belief, self.places)
         self.bank, self.belief = surfaces.prune(self.bank, self.belief, self.settings.prune_below)
         self.steps += 1
 

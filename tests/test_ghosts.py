@@ -1,0 +1,77 @@
+"""Ghosts of double bounces yield to the walls that made them; walls don't."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gridslam.geometry import line_between, mirror
+from gridslam.inference import ghosts
+from gridslam.inference.belief import Belief, append
+from gridslam.inference.surfaces import Bank
+from gridslam.signal import REFLECTION_BINS
+
+BINS = np.full(len(REFLECTION_BINS), 1 / len(REFLECTION_BINS))
+WALLS = np.array([[np.pi, 2.0], [0.5 * np.pi, 3.0]])  # x = -2 and y = 3, which meet at (-2, 3)
+PLACES = np.array([[0.8, 0.1], [1.2, -2.2]])
+
+
+def world(line, existence=0.7, std=0.01, elsewhere=0.05):
+    """Two sure walls and a third line that anchor 0 has heard, and the other anchor `elsewhere`."""
+    belief, bank = Belief(np.zeros(5), 0.01 * np.eye(5)), Bank.empty(len(PLACES))
+    for number, (other, chance) in enumerate([*((w, 0.999) for w in WALLS), (line, existence)]):
+        belief = append(belief, np.asarray(other), np.square(std) * np.eye(2))
+        bank = bank.add(number, chance, BINS, 0.0, (0, -1, -1), -1)
+    bank.seen[:] = 40
+    bank.single[:] = [[1.0, 1.0, 0.1], [1.0, 1.0, elsewhere]]
+    return bank, belief
+
+
+def image_of_corner(place):
+    """Line whose single bounce has the virtual anchor of the double bounce in the corner."""
+    return line_between(place, mirror(WALLS[0], mirror(WALLS[1], place)))
+
+
+def test_a_ghost_goes_and_takes_nothing_along():
+    bank, belief = world(image_of_corner(PLACES[0]))
+    left, rest = ghosts.lay(bank, belief, PLACES)
+    assert left.identity.tolist() == [0, 1]
+    np.testing.assert_array_equal(rest.mean, belief.mean[:-2])
+    np.testing.assert_array_equal(rest.covariance, belief.covariance[:-2, :-2])
+
+
+@pytest.mark.parametrize(
+    "unlike",
+    [
+        {"elsewhere": 0.9},  # another anchor hears it, where no double bounce explains it
+        {"existence": 0.9999},  # surer than the walls
+        {"std": 0.4},  # nobody knows yet where it is
+    ],
+)
+def test_what_may_be_a_wall_stays(unlike):
+    bank, belief = world(image_of_corner(PLACES[0]), **unlike)
+    left, rest = ghosts.lay(bank, belief, PLACES)
+    assert (left, rest) == (bank, belief)
+
+
+def test_walls_that_were_hardly_seen_take_nobodys_place():
+    bank, belief = world(image_of_corner(PLACES[0]))
+    bank.seen[1] = 3
+    assert len(ghosts.lay(bank, belief, PLACES)[0]) == 3
+
+
+@given(st.floats(-3, 3), st.floats(0.5, 6))
+@settings(max_examples=60, deadline=None)
+def test_a_line_elsewhere_is_no_ghost(angle, offset):
+    line = np.array([angle, offset])
+    doubles = [mirror(WALLS[a], mirror(WALLS[1 - a], p)) for a in (0, 1) for p in PLACES]
+    gaps = [np.linalg.norm(mirror(line, p) - d) for p in PLACES for d in doubles]
+    bank, belief = world(line)
+    kept = len(ghosts.lay(bank, belief, PLACES)[0])
+    if min(gaps) > ghosts.NEAR_M:
+        assert kept == 3
+
+
+def test_no_surfaces_no_ghosts():
+    bank, belief = Bank.empty(2), Belief(np.zeros(5), np.eye(5))
+    assert ghosts.lay(bank, belief, PLACES) == (bank, belief)
