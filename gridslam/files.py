@@ -153,8 +153,8 @@ def get(group: h5py.Group, name: str, shape: tuple[int | None, ...], kind: str =
 
 
 def claims_too_much(data: h5py.Dataset) -> bool:
-    """Whether a dataset claims more than `LARGEST_BYTES` or than its file can hold even packed, or lies elsewhere."""
-    if data.external or data.is_virtual:
+    """Whether a dataset claims more than `LARGEST_BYTES`, or than its file can hold even packed."""
+    if data.external or data.is_virtual:  # held by another file
         return True
     claimed = max(data.size, math.prod(data.chunks or (0,))) * data.dtype.itemsize
     held = min(data.id.get_storage_size(), data.file.id.get_filesize())

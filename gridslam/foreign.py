@@ -1,9 +1,9 @@
 """HDF5 files that aren't known to be whole, tried in a process of their own before this one opens them.
 
 A single wrong bit in an HDF5 file can keep the HDF5 library in an endless loop, make it take all memory or
-crash it, which no exception handler survives. Files that this package writes end with a checksum over the rest
-(HDF5 ignores what follows its own end); files of other programs are read by another process first. This guards
-against damage; whoever forges a checksum can still do harm.
+crash it, which no exception handler survives. Files that this package writes end with a checksum over the
+rest (HDF5 ignores what follows its own end); files of other programs are read by another process first. This
+guards against damage; whoever forges a checksum can still do harm.
 """
 
 from __future__ import annotations

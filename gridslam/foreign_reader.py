@@ -1,8 +1,8 @@
 """Reads an HDF5 file and keeps nothing: a program of its own, which `gridslam.foreign` starts.
 
 ``foreign_reader.py FILE LARGEST_DATASET MEMORY [NAME]...`` ends with 0 if all went well, with 1 and a line
-that says why if the HDF5 library refused something. It imports nothing of this package: that would take longer
-than the reading.
+that says why if the HDF5 library refused something. It imports nothing of this package: that would take
+longer than the reading.
 """
 
 import sys
@@ -11,7 +11,7 @@ import h5py
 
 
 def limit(memory: int) -> None:
-    """Bound what this process may take beyond the memory it has, bytes; elsewhere than on Linux, time must do."""
+    """Bound what this process may take beyond the memory that it has, bytes (on Linux)."""
     try:
         import resource
 
