@@ -1,8 +1,8 @@
 """Traces a scene with the real Sionna RT, in a process of its own.
 
 ``sionna_world.py SCENE STEP FILE.npz [BUILDING[+through]]``: LLVM ends the whole process where it is too old
-for Dr.Jit (DRJIT_LIBLLVM_PATH names another one), so the tests don't import this. In the building "plane" walls
-have no end and all devices one height.
+for Dr.Jit (DRJIT_LIBLLVM_PATH names another one), so the tests don't import this. In the building "plane"
+walls have no end and all devices one height.
 """
 
 import sys
