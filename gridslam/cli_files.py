@@ -141,9 +141,13 @@ def _kind(file: Path) -> str:
     """Format that an HDF5 file says it has."""
     import h5py
 
+    from gridslam.files import most_claimed
+    from gridslam.foreign import prove
+
     if not file.is_file():
         raise InputError(str(file), "no file", KINDS)
     try:
+        prove(file, most_claimed(file), ["/"])
         with h5py.File(file) as content:
             name = content.attrs.get("format", "")
     except (OSError, KeyError, RuntimeError) as error:

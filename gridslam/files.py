@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 
 from gridslam.errors import InputError
+from gridslam.foreign import prove, seal
 
 LARGEST_BYTES = 2**31
 """A dataset that claims to be larger is refused before memory is asked for."""
@@ -73,7 +74,7 @@ def writing_h5(path: str | os.PathLike[str], kind: str, version: int = 1) -> Ite
         yield file
         file.flush()
         image = file.id.get_file_image()
-    write_bytes(path, image)
+    write_bytes(path, image + seal(image))
 
 
 def put(group: h5py.Group, name: str, values: np.ndarray, unit: str) -> None:
@@ -95,6 +96,7 @@ def reading_h5(path: str | os.PathLike[str], kind: str, version: int = 1) -> Ite
     if not Path(path).is_file():
         raise InputError(str(path), "no file", f"a {kind} file")
     try:
+        prove(path, most_claimed(path))
         with h5py.File(path, "r") as file:
             found = _text(file.attrs.get("format", "no format attribute"))
             if found != kind:
@@ -151,10 +153,17 @@ def get(group: h5py.Group, name: str, shape: tuple[int | None, ...], kind: str =
 
 
 def claims_too_much(data: h5py.Dataset) -> bool:
-    """Whether a dataset claims more than `LARGEST_BYTES`, or more than its file can hold even packed."""
+    """Whether a dataset claims more than `LARGEST_BYTES`, or than its file can hold even packed."""
+    if data.external or data.is_virtual:  # held by another file
+        return True
     claimed = max(data.size, math.prod(data.chunks or (0,))) * data.dtype.itemsize
     held = min(data.id.get_storage_size(), data.file.id.get_filesize())
     return claimed > LARGEST_BYTES or claimed > 2**20 + MOST_PACKED * held
+
+
+def most_claimed(path: str | os.PathLike[str]) -> int:
+    """Bytes of the largest dataset that `claims_too_much` could let pass."""
+    return min(LARGEST_BYTES, 2**20 + MOST_PACKED * os.path.getsize(path))
 
 
 def put_attributes(group: h5py.Group, values: Mapping[str, object]) -> None:

@@ -9,7 +9,7 @@ fields of one struct ``measurements``, as MATLAB writes it from a table::
 character vectors). The list itself is the cell array ``anchors``, where it is given.
 
 No object is built from such a file: variables of other names are never read, and numbers and text are all
-that is taken of those that are.
+that is taken of those that are. Version 7.3 is first tried in another process (`gridslam.foreign`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ import h5py
 import numpy as np
 
 from gridslam.errors import InputError
-from gridslam.files import claims_too_much
+from gridslam.files import claims_too_much, most_claimed
+from gridslam.foreign import prove
 from gridslam.formats import DEVIATIONS, KEYS, VALUES, Columns, check_columns
 from gridslam.matlab5 import Damaged, read_arrays
 
@@ -153,6 +154,8 @@ def _read_v5(path: Path) -> dict[str, Any]:
 
 def _read_h5(path: Path) -> dict[str, Any]:
     try:
+        places = [f"{folder}{name}" for folder in ("", f"{GROUP}/") for name in (*COLUMNS, "anchors")]
+        prove(path, most_claimed(path), places)
         with h5py.File(path, "r") as file:
             group = file.get(GROUP)
             tables: list[h5py.Group] = [group, file] if isinstance(group, h5py.Group) else [file]

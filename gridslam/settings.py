@@ -190,7 +190,7 @@ class Agent(Strict):
         gaps = np.linalg.norm(np.diff(self.way, axis=0), axis=1)
         if self.waypoints_m is not None and (len(gaps) < 1 or (gaps < SAME_PLACE_M).any()):
             raise fault("waypoints_m", "no way to go", "waypoints that differ from the one before")
-        if gaps.sum() / self.step_m > MOST_STEPS:
+        if gaps.sum() > MOST_STEPS * self.step_m:
             raise fault("step_m", str(self.step_m), f"steps so long that {MOST_STEPS} reach the end")
         return self
 

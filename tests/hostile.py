@@ -13,11 +13,12 @@ CASES = settings(
     max_examples=int(os.environ.get("GRIDSLAM_HOSTILE_CASES", "500")),
     deadline=None,
     database=None,
-    # the gate tries the same cases each time: a damaged HDF5 file of others can hang the HDF5 library itself
     derandomize="GRIDSLAM_HOSTILE_CASES" not in os.environ,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 FEWER = settings(CASES, max_examples=CASES.max_examples // 5)
+FEWEST = settings(CASES, max_examples=CASES.max_examples // 20)
+"""Where each case starts a process."""
 LARGEST_KB = 800_000
 NASTY = (
     *("", "0", "-1", "1", "nan", "-inf", "1e308", "-1e308", "1e-320", "1e400", "9" * 30, "9" * 5000, "0x1p9"),
