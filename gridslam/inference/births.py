@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.geometry import line_between, mirror, trace, unit, wrap
+from gridslam.geometry import PathGeometry, line_between, mirror, trace, unit, wrap
 from gridslam.inference.belief import Belief, birth_line, give_birth, slots, update
 from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import deviations
@@ -28,6 +28,8 @@ EXPLAINED = 1e-3
 FAINT = 1e-3
 """Ratio to clutter below which a hypothesis is dropped."""
 SAMPLES = 256
+ROUNDS, TURNED = 4, 0.02
+"""Linearisations of a new line at most; change of its path's direction (rad) that asks for another."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,11 @@ class Births:
     def weighed(self, validity: Array) -> Births:
         """The same with every hypothesis weighed by the validity (B,) of its path in the grid."""
         return replace(self, ratio=self.ratio * validity)
+
+    def likeliest(self, rows: NDArray[np.intp], share: float) -> list[int]:
+        """Of hypotheses `rows`, the likeliest, and the second if it has at least `share` of their sum."""
+        first, *rest = rows[np.argsort(-self.ratio[rows], kind="stable")].tolist()
+        return [first, *(r for r in rest[:1] if self.ratio[r] >= share * self.ratio[rows].sum())]
 
     def per_measurement(self, count: int) -> Array:
         """I_m, the sum over the hypotheses of each of `count` measurements."""
@@ -177,10 +184,17 @@ def draw_births(births: Births, belief: Belief, anchor: int) -> tuple[Rays, Clou
 
 
 def bear(births: Births, number: int, heard: Heard, belief: Belief, signal: SignalModel) -> Belief:
-    """Belief with one hypothesis' surface appended, correlated with the agent, and corrected by the AoD."""
+    """Belief with one hypothesis' surface appended, correlated with the agent, and corrected by the AoD.
+
+    A line bends much where its angle is known to some ten degrees: it is linearised anew at the length and
+    direction of the path to which the correction leads, while they go on changing (Gauss-Newton).
+    """
     row, last, first = int(births.measurement[number]), int(births.last[number]), int(births.first[number])
-    known = max(last, first)
-    value = heard.value[row]
+    known, new = max(last, first), len(belief.lines)
+    value, amplitude = heard.value[row], heard.amplitude[row]
+    strength = signal.amplitude(value[0], 0.5) if np.isnan(amplitude) else amplitude
+    angles = np.nan_to_num(value[None, 1:])
+    std = deviations(heard, np.array([row]), np.array([strength]), angles, signal)[0]
     known_line = belief.lines[known] if known >= 0 else np.zeros(2)
 
     def line_of(inputs: Array) -> Array:
@@ -188,33 +202,39 @@ def bear(births: Births, number: int, heard: Heard, belief: Belief, signal: Sign
         source = mirror(other, heard.place) if first >= 0 else heard.place
         return birth_line(inputs[:3], inputs[3], inputs[4], source, other if last >= 0 else None)
 
+    def path_over(line: Array) -> PathGeometry:
+        own, other = line[None], known_line[None]
+        ends = (other if last >= 0 else own), (other if first >= 0 else own)
+        return trace(belief.mean[None, :2], heard.place[None], *ends, np.array([1 if known < 0 else 2]))
+
     inputs = np.concatenate([belief.mean[[0, 1, 4]], value[[0, 2]], known_line])
-    line = line_of(inputs)
-    derivative = np.zeros((2, len(inputs)))
-    for column, step in enumerate(1e-5 * np.eye(len(inputs))):
-        change = line_of(inputs + step) - line_of(inputs - step)
-        derivative[:, column] = np.array([wrap(change[0]), change[1]]) / 2e-5
-    by_state = np.zeros((2, len(belief.mean)))
-    by_state[:, [0, 1, 4]] = derivative[:, :3]
-    if known >= 0:
-        by_state[:, slots(known)] = derivative[:, 5:]
-    amplitude = heard.amplitude[row]
-    strength = signal.amplitude(value[0], 0.5) if np.isnan(amplitude) else amplitude
-    angles = np.nan_to_num(value[None, 1:])
-    std = deviations(heard, np.array([row]), np.array([strength]), angles, signal)[0]
-    belief = give_birth(belief, line, by_state, derivative[:, 3:5], np.square(std[[0, 2]]))
-    if not np.isfinite(std[1]):
-        return belief
-    lines, new = belief.lines, len(belief.lines) - 1
-    last, first = (new if s < 0 else s for s in (last, first))
-    bounces = np.array([1 if last == first else 2])
-    path = trace(belief.mean[None, :2], heard.place[None], lines[last][None], lines[first][None], bounces)
-    jacobian = np.zeros((1, len(belief.mean)))
-    jacobian[0, :2] = path.jacobian[0, 1, :2]
-    jacobian[0, slots(last)] += path.jacobian[0, 1, 3:5]
-    jacobian[0, slots(first)] += path.jacobian[0, 1, 5:7]
-    gap = wrap(np.array([[value[1] - (path.departure[0] - heard.facing)]]))
-    return update(belief, jacobian, gap, np.array([[std[1] ** 2]]), np.ones(1))
+    at = inputs
+    for _ in range(ROUNDS):
+        line, derivative = line_of(at), np.zeros((2, len(at)))
+        for column, small in enumerate(1e-5 * np.eye(len(at))):
+            change = line_of(at + small) - line_of(at - small)
+            derivative[:, column] = np.array([wrap(change[0]), change[1]]) / 2e-5
+        by_state = np.zeros((2, len(belief.mean)))
+        by_state[:, [0, 1, 4]] = derivative[:, :3]
+        if known >= 0:
+            by_state[:, slots(known)] = derivative[:, 5:]
+        back = derivative[:, 3:5] @ np.array([inputs[3] - at[3], wrap(inputs[4] - at[4])])
+        fresh = give_birth(belief, line + back, by_state, derivative[:, 3:5], np.square(std[[0, 2]]))
+        if not np.isfinite(std[1]):
+            return fresh
+        path, jacobian = path_over(line), np.zeros((1, len(fresh.mean)))
+        jacobian[0, :2] = path.jacobian[0, 1, :2]
+        jacobian[0, slots(last if last >= 0 else new)] += path.jacobian[0, 1, 3:5]
+        jacobian[0, slots(first if first >= 0 else new)] += path.jacobian[0, 1, 5:7]
+        predicted = path.departure[0] - heard.facing + jacobian[0, slots(new)] @ back
+        gap = wrap(np.array([[value[1] - predicted]]))
+        fresh = update(fresh, jacobian, gap, np.array([[std[1] ** 2]]), np.ones(1))
+        led = path_over(fresh.lines[new])
+        arrival = float(wrap(led.arrival[0] - belief.mean[4]))
+        if abs(wrap(arrival - at[4])) < TURNED:
+            break
+        at = np.concatenate([inputs[:3], led.distance, [arrival], known_line])
+    return fresh
 
 
 def birth_reflection(births: Births, number: int, heard: Heard, signal: SignalModel) -> Array:

@@ -26,6 +26,8 @@ RAYS = 48
 """Sampled rays per path, from which validity and cell messages are averaged."""
 MOSTLY_POSSIBLE = 0.8
 """Share of a path's samples that must be possible before it tells the cells anything."""
+UNTOLD = 0.3
+"""V of a birth whose mean path is impossible: others of its samples aren't, or it wouldn't be one."""
 AUDIBLE = 0.05
 """Probability of having been heard below which a double bounce says nothing about coefficients."""
 
@@ -72,7 +74,8 @@ class GridSlam(SurfaceSlam):
     def _reachable(self, heard: Heard, births: Births) -> Births:
         """Births weighed by the validity of their paths in the grid."""
         rays, cloud = draw_births(births, self.belief, heard.anchor)
-        return births.weighed(self.cells.see(rays, cloud, self.anchors).validity)
+        drawn = self.cells.see(rays, cloud, self.anchors)
+        return births.weighed(np.where(drawn.valid[:, 0] > 0.5, drawn.validity, UNTOLD))
 
     def _tidy(self) -> None:
         """Fold the anchors' messages into the cells; then merge and drop surfaces."""

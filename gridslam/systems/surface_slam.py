@@ -36,6 +36,9 @@ Array = NDArray[np.float64]
 MOST_DOUBTFUL_M = 2.0
 """A birth whose offset is less certain than this is put off until the agent knows better where it is."""
 
+RIVAL = 0.2
+"""Share of a birth from which on a second explanation of the measurement is followed, too."""
+
 JITTER = 0.2
 """Share of the papers' surface jitter that is used: it keeps particles apart, a Gaussian needs less."""
 
@@ -289,26 +292,26 @@ class SurfaceSlam:
             if chance[row] < 0.5 * self.settings.prune_below:
                 break
             own = np.flatnonzero(births.measurement == row)
-            best = int(own[births.ratio[own].argmax()])
-            fresh = bear(births, best, heard, self.belief, self.signal)
-            if fresh.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not np.isfinite(fresh.mean).all():
-                continue
-            self.belief = fresh
-            foot = float(fresh.mean[:2] @ unit(fresh.lines[-1, 0] + 0.5 * np.pi))
-            self.bank = self.bank.add(
-                self.next_identity,
-                float(chance[row] * births.ratio[best] / born[row]),
-                birth_reflection(births, best, heard, self.signal),
-                foot,
-                (heard.anchor, int(births.last[best]), int(births.first[best])),
-                -1 if self.shared else heard.anchor,
-            )
-            named = [
-                int(self.bank.identity[s]) if s >= 0 else self.next_identity
-                for s in (births.last[best], births.first[best])
-            ]
-            bearers.append((int(row), named[0], named[1]))
-            self.next_identity += 1
+            for one in births.likeliest(own, RIVAL):
+                fresh = bear(births, one, heard, self.belief, self.signal)
+                if fresh.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not np.isfinite(fresh.mean).all():
+                    continue
+                self.belief = fresh
+                foot = float(fresh.mean[:2] @ unit(fresh.lines[-1, 0] + 0.5 * np.pi))
+                self.bank = self.bank.add(
+                    self.next_identity,
+                    float(chance[row] * births.ratio[one] / born[row]),
+                    birth_reflection(births, one, heard, self.signal),
+                    foot,
+                    (heard.anchor, int(births.last[one]), int(births.first[one])),
+                    -1 if self.shared else heard.anchor,
+                )
+                named = [
+                    int(self.bank.identity[s]) if s >= 0 else self.next_identity
+                    for s in (births.last[one], births.first[one])
+                ]
+                bearers.append((int(row), named[0], named[1]))
+                self.next_identity += 1
         return bearers
 
     def _tidy(self) -> None:
