@@ -22,7 +22,7 @@ def world(line, existence=0.7, std=0.01, elsewhere=0.05):
     for number, (other, chance) in enumerate([*((w, 0.999) for w in WALLS), (line, existence)]):
         belief = append(belief, np.asarray(other), np.square(std) * np.eye(2))
         bank = bank.add(number, chance, BINS, 0.0, (0, -1, -1), -1)
-    bank.seen[:] = 40
+    bank.seen[:] = [40, 40, 12]
     bank.single[:] = [[1.0, 1.0, 0.1], [1.0, 1.0, elsewhere]]
     return bank, belief
 
@@ -52,6 +52,12 @@ def test_what_may_be_a_wall_stays(unlike):
     bank, belief = world(image_of_corner(PLACES[0]), **unlike)
     left, rest = ghosts.lay(bank, belief, PLACES)
     assert (left, rest) == (bank, belief)
+
+
+def test_a_wall_seen_as_often_as_others_stays():
+    bank, belief = world(image_of_corner(PLACES[0]))
+    bank.seen[2] = 30
+    assert len(ghosts.lay(bank, belief, PLACES)[0]) == 3
 
 
 def test_walls_that_were_hardly_seen_take_nobodys_place():

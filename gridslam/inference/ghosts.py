@@ -17,6 +17,8 @@ from gridslam.inference.surfaces import Bank
 Array = NDArray[np.float64]
 SURE, OFTEN, SHARP_M = 0.9, 10, 0.1
 """Existence, detections and deviation of the offset from which on a surface may take another's place."""
+OFTENER = 2
+"""How many times as often as the ghost each of the two was seen: a ghost goes silent when they are found."""
 HEARD_ELSEWHERE = 0.3
 """Existence of another anchor's ray at which a surface isn't a ghost."""
 NEAR_M, SLACK_M, GATE = 0.5, 0.02, 9.0
@@ -39,6 +41,7 @@ def lay(bank: Bank, belief: Belief, places: Array) -> tuple[Bank, Belief]:
         return bank, belief
     lines, good = belief.lines, np.ones(len(bank), dtype=bool)
     surer = np.minimum(bank.existence[last], bank.existence[first]) > bank.existence[:, None]
+    surer &= np.minimum(bank.seen[last], bank.seen[first]) > OFTENER * bank.seen[:, None]
     for anchor, place in enumerate(places):
         double = mirror(lines[last], mirror(lines[first], place))
         gap = mirror(lines, place)[:, None] - double
