@@ -27,9 +27,11 @@ EXPLAINED = 1e-3
 """A birth this many times less likely than the measurement's known causes isn't looked at."""
 FAINT = 1e-3
 """Ratio to clutter below which a hypothesis is dropped."""
+RIVAL = 0.2
+"""Share of a measurement's births from which on the second likeliest is followed, too."""
 SAMPLES = 256
-ROUNDS, TURNED = 4, 0.02
-"""Linearisations of a new line at most; change of its path's direction (rad) that asks for another."""
+REACH, TRIALS = 4.0, 41
+"""Deviations and number of directions of arrival that are tried for a new line, coarse and then fine."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +61,34 @@ class Births:
         """The same with every hypothesis weighed by the validity (B,) of its path in the grid."""
         return replace(self, ratio=self.ratio * validity)
 
-    def likeliest(self, rows: NDArray[np.intp], share: float) -> list[int]:
-        """Of hypotheses `rows`, the likeliest, and the second if it has at least `share` of their sum."""
-        first, *rest = rows[np.argsort(-self.ratio[rows], kind="stable")].tolist()
-        return [first, *(r for r in rest[:1] if self.ratio[r] >= share * self.ratio[rows].sum())]
-
     def per_measurement(self, count: int) -> Array:
         """I_m, the sum over the hypotheses of each of `count` measurements."""
         return np.bincount(self.measurement, self.ratio, count).astype(np.float64)
+
+    def chosen(self, claimed: Array, least: float) -> list[tuple[int, float]]:
+        """Hypotheses to follow and the existence of each new surface, surest measurement first.
+
+        A measurement's likeliest hypothesis, and a rival that has a fair share of it: the steps to come tell
+        which of the two was right.
+
+        Parameters
+        ----------
+        claimed : (M,)
+            What the known paths send to each measurement.
+        least : float
+            Probability of being new below which a measurement bears nothing.
+        """
+        followed = []
+        born = self.per_measurement(len(claimed))
+        chance = born / (1 + born + claimed)
+        for row in np.argsort(-chance, kind="stable"):
+            if chance[row] < least:
+                break
+            own = np.flatnonzero(self.measurement == row)
+            first, *rest = own[np.argsort(-self.ratio[own], kind="stable")].tolist()
+            rival = [one for one in rest[:1] if self.ratio[one] >= RIVAL * born[row]]
+            followed += [(one, float(chance[row] * self.ratio[one] / born[row])) for one in (first, *rival)]
+        return followed
 
 
 def partners(bank: Bank, belief: Belief, most_bounces: int) -> NDArray[np.intp]:
@@ -186,8 +208,8 @@ def draw_births(births: Births, belief: Belief, anchor: int) -> tuple[Rays, Clou
 def bear(births: Births, number: int, heard: Heard, belief: Belief, signal: SignalModel) -> Belief:
     """Belief with one hypothesis' surface appended, correlated with the agent, and corrected by the AoD.
 
-    A line bends much where its angle is known to some ten degrees: it is linearised anew at the length and
-    direction of the path to which the correction leads, while they go on changing (Gauss-Newton).
+    The line bends much within what an AoA of some ten degrees allows, so it is linearised at the direction of
+    arrival that explains AoA and AoD best, not at the one that was measured.
     """
     row, last, first = int(births.measurement[number]), int(births.last[number]), int(births.first[number])
     known, new = max(last, first), len(belief.lines)
@@ -202,39 +224,42 @@ def bear(births: Births, number: int, heard: Heard, belief: Belief, signal: Sign
         source = mirror(other, heard.place) if first >= 0 else heard.place
         return birth_line(inputs[:3], inputs[3], inputs[4], source, other if last >= 0 else None)
 
-    def path_over(line: Array) -> PathGeometry:
-        own, other = line[None], known_line[None]
-        ends = (other if last >= 0 else own), (other if first >= 0 else own)
-        return trace(belief.mean[None, :2], heard.place[None], *ends, np.array([1 if known < 0 else 2]))
+    def paths_over(lines: Array) -> PathGeometry:
+        agents, places, others = (
+            np.broadcast_to(x, (len(lines), 2)) for x in (belief.mean[:2], heard.place, known_line)
+        )
+        bounces = np.full(len(lines), 1 if known < 0 else 2)
+        ends = (others if last >= 0 else lines), (others if first >= 0 else lines)
+        return trace(agents, places, *ends, bounces)
 
     inputs = np.concatenate([belief.mean[[0, 1, 4]], value[[0, 2]], known_line])
-    at = inputs
-    for _ in range(ROUNDS):
-        line, derivative = line_of(at), np.zeros((2, len(at)))
-        for column, small in enumerate(1e-5 * np.eye(len(at))):
-            change = line_of(at + small) - line_of(at - small)
-            derivative[:, column] = np.array([wrap(change[0]), change[1]]) / 2e-5
-        by_state = np.zeros((2, len(belief.mean)))
-        by_state[:, [0, 1, 4]] = derivative[:, :3]
-        if known >= 0:
-            by_state[:, slots(known)] = derivative[:, 5:]
-        back = derivative[:, 3:5] @ np.array([inputs[3] - at[3], wrap(inputs[4] - at[4])])
-        fresh = give_birth(belief, line + back, by_state, derivative[:, 3:5], np.square(std[[0, 2]]))
-        if not np.isfinite(std[1]):
-            return fresh
-        path, jacobian = path_over(line), np.zeros((1, len(fresh.mean)))
-        jacobian[0, :2] = path.jacobian[0, 1, :2]
-        jacobian[0, slots(last if last >= 0 else new)] += path.jacobian[0, 1, 3:5]
-        jacobian[0, slots(first if first >= 0 else new)] += path.jacobian[0, 1, 5:7]
-        predicted = path.departure[0] - heard.facing + jacobian[0, slots(new)] @ back
-        gap = wrap(np.array([[value[1] - predicted]]))
-        fresh = update(fresh, jacobian, gap, np.array([[std[1] ** 2]]), np.ones(1))
-        led = path_over(fresh.lines[new])
-        arrival = float(wrap(led.arrival[0] - belief.mean[4]))
-        if abs(wrap(arrival - at[4])) < TURNED:
-            break
-        at = np.concatenate([inputs[:3], led.distance, [arrival], known_line])
-    return fresh
+    at, heard_aod = inputs.copy(), np.isfinite(std[1])
+    wide = np.hypot(std[2], np.sqrt(belief.covariance[4, 4]))
+    for reach in (REACH, 2 * REACH / TRIALS) if heard_aod else ():
+        trials = at[4] + wide * np.linspace(-reach, reach, TRIALS)
+        path = paths_over(np.stack([line_of(np.r_[inputs[:4], t, known_line]) for t in trials]))
+        misfit = np.square(wrap(trials - value[2]) / wide) + 1e3 * ~path.valid
+        misfit += np.square(wrap(value[1] - path.departure + heard.facing) / std[1])
+        at[4] = trials[misfit.argmin()]
+    line, derivative = line_of(at), np.zeros((2, len(at)))
+    for column, small in enumerate(1e-5 * np.eye(len(at))):
+        change = line_of(at + small) - line_of(at - small)
+        derivative[:, column] = np.array([wrap(change[0]), change[1]]) / 2e-5
+    by_state = np.zeros((2, len(belief.mean)))
+    by_state[:, [0, 1, 4]] = derivative[:, :3]
+    if known >= 0:
+        by_state[:, slots(known)] = derivative[:, 5:]
+    back = derivative[:, 4] * wrap(inputs[4] - at[4])
+    fresh = give_birth(belief, line + back, by_state, derivative[:, 3:5], np.square(std[[0, 2]]))
+    if not heard_aod:
+        return fresh
+    path, jacobian = paths_over(line[None]), np.zeros((1, len(fresh.mean)))
+    jacobian[0, :2] = path.jacobian[0, 1, :2]
+    jacobian[0, slots(last if last >= 0 else new)] += path.jacobian[0, 1, 3:5]
+    jacobian[0, slots(first if first >= 0 else new)] += path.jacobian[0, 1, 5:7]
+    predicted = path.departure[0] - heard.facing + jacobian[0, slots(new)] @ back
+    gap = wrap(np.array([[value[1] - predicted]]))
+    return update(fresh, jacobian, gap, np.array([[std[1] ** 2]]), np.ones(1))
 
 
 def birth_reflection(births: Births, number: int, heard: Heard, signal: SignalModel) -> Array:

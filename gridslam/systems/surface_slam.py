@@ -36,9 +36,6 @@ Array = NDArray[np.float64]
 MOST_DOUBTFUL_M = 2.0
 """A birth whose offset is less certain than this is put off until the agent knows better where it is."""
 
-RIVAL = 0.2
-"""Share of a birth from which on a second explanation of the measurement is followed, too."""
-
 JITTER = 0.2
 """Share of the papers' surface jitter that is used: it keeps particles apart, a Gaussian needs less."""
 
@@ -278,7 +275,7 @@ class SurfaceSlam:
         return Messages(chance, worth, responsible, births, claimed)
 
     def _bear(self, heard: Heard, births: Births, claimed: Array) -> list[tuple[int, int, int]]:
-        """Add the new surfaces that are likely enough, each by its best hypothesis.
+        """Add the new surfaces that are likely enough.
 
         Returns
         -------
@@ -286,32 +283,23 @@ class SurfaceSlam:
             What bore each, and the identities of the surfaces along the ray that did.
         """
         bearers = []
-        born = births.per_measurement(len(heard))
-        chance = born / (1 + born + claimed)
-        for row in np.argsort(-chance, kind="stable"):
-            if chance[row] < 0.5 * self.settings.prune_below:
-                break
-            own = np.flatnonzero(births.measurement == row)
-            for one in births.likeliest(own, RIVAL):
-                fresh = bear(births, one, heard, self.belief, self.signal)
-                if fresh.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not np.isfinite(fresh.mean).all():
-                    continue
-                self.belief = fresh
-                foot = float(fresh.mean[:2] @ unit(fresh.lines[-1, 0] + 0.5 * np.pi))
-                self.bank = self.bank.add(
-                    self.next_identity,
-                    float(chance[row] * births.ratio[one] / born[row]),
-                    birth_reflection(births, one, heard, self.signal),
-                    foot,
-                    (heard.anchor, int(births.last[one]), int(births.first[one])),
-                    -1 if self.shared else heard.anchor,
-                )
-                named = [
-                    int(self.bank.identity[s]) if s >= 0 else self.next_identity
-                    for s in (births.last[one], births.first[one])
-                ]
-                bearers.append((int(row), named[0], named[1]))
-                self.next_identity += 1
+        for one, existence in births.chosen(claimed, 0.5 * self.settings.prune_below):
+            fresh = bear(births, one, heard, self.belief, self.signal)
+            if fresh.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not np.isfinite(fresh.mean).all():
+                continue
+            self.belief = fresh
+            ends = int(births.last[one]), int(births.first[one])
+            self.bank = self.bank.add(
+                self.next_identity,
+                existence,
+                birth_reflection(births, one, heard, self.signal),
+                float(fresh.mean[:2] @ unit(fresh.lines[-1, 0] + 0.5 * np.pi)),
+                (heard.anchor, *ends),
+                -1 if self.shared else heard.anchor,
+            )
+            last, first = (int(self.bank.identity[s]) for s in ends)  # -1 is the last, which is the new one
+            bearers.append((int(births.measurement[one]), last, first))
+            self.next_identity += 1
         return bearers
 
     def _tidy(self) -> None:

@@ -1,0 +1,82 @@
+"""Which births are followed, and where their lines come to lie."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import gridslam as gs
+from gridslam.geometry import trace, wrap
+from gridslam.inference.belief import Belief, append
+from gridslam.inference.births import Births, bear
+from gridslam.inference.heard import Heard
+
+SIGNAL = gs.Scene.load("alcove").signal_model("agent1")
+PLACE, AGENT, HEADING = np.array([-0.7, 4.2]), np.array([4.25, -3.2]), np.pi
+KNOWN, NEW = np.array([np.pi, 3.0]), np.array([0.5 * np.pi, 5.0])  # x = -3, y = 5
+
+
+def hypotheses(measurement, ratio):
+    count = len(ratio)
+    none = np.full(count, -1)
+    return Births(np.asarray(measurement), none, none, np.zeros((count, 2)), np.asarray(ratio, float))
+
+
+def test_a_fair_rival_is_followed_and_a_poor_one_is_not():
+    births = hypotheses([0, 0, 0, 1, 1, 2], [8.0, 1.0, 10.0, 0.1, 30.0, 1e-4])
+    chosen = births.chosen(np.zeros(3), 0.05)
+    assert [one for one, _ in chosen] == [4, 2, 0]
+    assert [chance for _, chance in chosen] == pytest.approx([30 / 31.1, 10 / 20, 8 / 20])
+
+
+@given(st.lists(st.floats(1e-3, 1e3), min_size=1, max_size=8), st.floats(0, 1e3))
+@settings(max_examples=60, deadline=None)
+def test_chances_of_rivals_stay_a_distribution(ratio, claimed):
+    births = hypotheses(np.zeros(len(ratio), int), ratio)
+    chosen = births.chosen(np.array([claimed]), 0.0)
+    assert 1 <= len(chosen) <= 2
+    assert 0 < sum(chance for _, chance in chosen) < 1
+    assert births.ratio[chosen[0][0]] == max(ratio)
+
+
+def born(off_deg, double):
+    """Belief after a birth whose AoA was measured so many degrees off, and the measured length."""
+    last, first = (KNOWN, NEW) if double else (NEW, NEW)
+    path = trace(AGENT[None], PLACE[None], last[None], first[None], np.array([2 if double else 1]))
+    value = np.array(
+        [[path.distance[0], wrap(path.departure[0]), wrap(path.arrival[0] - HEADING + np.radians(off_deg))]]
+    )
+    heard = Heard(0, PLACE, 0.0, value, np.full((1, 3), np.nan), np.array([4.0]))
+    spread = np.diag(np.square([0.02, 0.02, 0.05, 0.05, np.radians(0.5)]))
+    belief = append(Belief(np.array([*AGENT, 0, 0, HEADING]), spread), KNOWN, np.diag([1e-6, 1e-6]))
+    births = Births(np.zeros(1, int), np.array([0 if double else -1]), np.array([-1]), NEW[None], np.ones(1))
+    return bear(births, 0, heard, belief, SIGNAL), value[0, 0]
+
+
+def length(belief, double):
+    lines = belief.lines
+    last = lines[[0]] if double else lines[[1]]
+    return trace(belief.mean[None, :2], PLACE[None], last, lines[[1]], np.array([1 + double])).distance[0]
+
+
+@pytest.mark.parametrize("double", [True, False])
+@pytest.mark.parametrize("off_deg", [-15.0, -5.0, 0.0, 5.0, 15.0])
+def test_a_new_line_has_the_measured_length_however_wrong_the_angle(off_deg, double):
+    belief, measured = born(off_deg, double)
+    assert length(belief, double) == pytest.approx(measured, abs=0.01)
+    # AoA and AoD, 4.6 degrees each, meet where both are right: chi-square of two, and the AoA's own error
+    gap = np.array([wrap(belief.lines[1, 0] - NEW[0]), belief.lines[1, 1] - NEW[1]])
+    assert gap @ np.linalg.solve(belief.covariance[-2:, -2:], gap) < 14
+
+
+@pytest.mark.parametrize("double", [True, False])
+def test_a_new_line_is_consistent_with_its_covariance(double):
+    gaps = []
+    for off_deg in np.degrees(
+        SIGNAL.angle_std(np.array(4.0), np.array(0.7), SIGNAL.agent_aperture)
+    ) * np.array([-1.28, -0.84, -0.52, -0.25, 0.0, 0.25, 0.52, 0.84, 1.28]):
+        belief, _ = born(off_deg, double)
+        gap = np.array([wrap(belief.lines[1, 0] - NEW[0]), belief.lines[1, 1] - NEW[1]])
+        gaps.append(gap @ np.linalg.solve(belief.covariance[-2:, -2:], gap))
+    # the AoD is exact here, so the error is less than the covariance says; it must not be more
+    assert np.mean(gaps) < 2
