@@ -81,3 +81,14 @@ def test_a_line_elsewhere_is_no_ghost(angle, offset):
 def test_no_surfaces_no_ghosts():
     bank, belief = Bank.empty(2), Belief(np.zeros(5), np.eye(5))
     assert ghosts.lay(bank, belief, PLACES) == (bank, belief)
+
+
+@pytest.mark.parametrize(("heard", "left"), [(0.05, 2), (0.9, 3)])
+def test_a_silent_line_through_the_corner_goes(heard, left):
+    angle = image_of_corner(PLACES[0])[0] + np.radians(5)
+    line = np.array([angle, np.array([-2.0, 3.0]) @ [np.cos(angle), np.sin(angle)]])
+    gap = np.linalg.norm(mirror(line, PLACES[0]) - mirror(WALLS[0], mirror(WALLS[1], PLACES[0])))
+    assert ghosts.NEAR_M < gap < ghosts.AROUND_M
+    bank, belief = world(line)
+    bank.single[0, 2] = heard
+    assert len(ghosts.lay(bank, belief, PLACES)[0]) == left

@@ -23,6 +23,8 @@ HEARD_ELSEWHERE = 0.3
 """Existence of another anchor's ray at which a surface isn't a ghost."""
 NEAR_M, SLACK_M, GATE = 0.5, 0.02, 9.0
 """Gap of the virtual anchors that is looked at; what is always allowed; squared in deviations."""
+AROUND_M, THROUGH_M, CROSSING = 1.0, 0.15, 0.2
+"""A silent surface through a corner: gap of the virtual anchors, distance from the corner; sine of its angle."""
 
 
 def lay(bank: Bank, belief: Belief, places: Array) -> tuple[Bank, Belief]:
@@ -42,11 +44,16 @@ def lay(bank: Bank, belief: Belief, places: Array) -> tuple[Bank, Belief]:
     lines, good = belief.lines, np.ones(len(bank), dtype=bool)
     surer = np.minimum(bank.existence[last], bank.existence[first]) > bank.existence[:, None]
     surer &= np.minimum(bank.seen[last], bank.seen[first]) > OFTENER * bank.seen[:, None]
+    through = _through_corners(lines, last, first)
     for anchor, place in enumerate(places):
         double = mirror(lines[last], mirror(lines[first], place))
         gap = mirror(lines, place)[:, None] - double
         elsewhere = np.delete(bank.single, anchor, 0).max(0, initial=0.0)
-        near = surer & (np.hypot(gap[..., 0], gap[..., 1]) < NEAR_M)
+        far = np.hypot(gap[..., 0], gap[..., 1])
+        # heard loosely, it lies between what AoA and AoD of the double bounce would have it
+        silent = bank.single.max(0) < HEARD_ELSEWHERE
+        good &= ~(surer & (far < AROUND_M) & through & silent[:, None]).any(1)
+        near = surer & (far < NEAR_M)
         for ghost, pair in np.argwhere(near & (elsewhere < HEARD_ELSEWHERE)[:, None]).tolist():
             spread = _spread(belief, place, ghost, int(last[pair]), int(first[pair]))
             sharp = np.trace(spread) < NEAR_M**2
@@ -54,6 +61,17 @@ def lay(bank: Bank, belief: Belief, places: Array) -> tuple[Bank, Belief]:
             if sharp and here @ np.linalg.solve(spread + SLACK_M**2 * np.eye(2), here) < GATE:
                 good[ghost] = False
     return (bank, belief) if good.all() else (bank.take(good), keep(belief, good))
+
+
+def _through_corners(lines: Array, last: NDArray[np.intp], first: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Whether lines (S,) pass through the corners of pairs (H,) of other lines, (S, H)."""
+    normals = unit(lines[:, 0])
+    one, other = normals[last], normals[first]
+    sine = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
+    safe = np.where(np.abs(sine) > CROSSING, sine, np.inf)
+    a, b = lines[last, 1], lines[first, 1]
+    corner = np.stack([a * other[:, 1] - b * one[:, 1], b * one[:, 0] - a * other[:, 0]], -1) / safe[:, None]
+    return np.asarray((np.abs(normals @ corner.T - lines[:, 1:]) < THROUGH_M) & (np.abs(sine) > CROSSING))
 
 
 def _spread(belief: Belief, place: Array, single: int, last: int, first: int) -> Array:
