@@ -24,7 +24,7 @@ HEARD_ELSEWHERE = 0.3
 NEAR_M, SLACK_M, GATE = 0.5, 0.02, 9.0
 """Gap of the virtual anchors that is looked at; what is always allowed; squared in deviations."""
 AROUND_M, THROUGH_M, CROSSING = 1.0, 0.15, 0.2
-"""A silent surface through a corner: gap of the virtual anchors, distance from the corner; sine of its angle."""
+"""Silent surface through a corner: gap of virtual anchors, distance from it, sine of the corner's angle."""
 
 
 def lay(bank: Bank, belief: Belief, places: Array) -> tuple[Bank, Belief]:
