@@ -50,7 +50,7 @@ def evaluate(state: Array, path: Whole, pair: Array, place: Array, block: int) -
 
 def draw(root: Array, base: Array, points: Array) -> Array:
     """Twin of `kernels.particles.draw`: states (3 + 3 S, P) of ``base + root points``."""
-    states = base[:, :1].astype(np.float64) + root.astype(np.float64) @ points
+    states = base[:, :1].astype(np.float64) + root.astype(np.float64) @ points[: len(root)]
     lines = states[5:].reshape(-1, 2, states.shape[1])
     bent = np.stack([np.cos(lines[:, 0]), np.sin(lines[:, 0]), lines[:, 1]], 1)
     return np.concatenate([states[[0, 1, 4]], bent.reshape(-1, states.shape[1])])

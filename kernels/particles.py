@@ -17,7 +17,7 @@ AGENT = 5
 def draw(
     root: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, N] its square is the covariance
     base: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, 3] mean, and its cosine and sine
-    points: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, P] standard normal
+    points: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N or more, P] standard normal
     state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S, P] out: x, y, heading; normals and offsets
 ):
     """State ``base + root points`` of every particle, lines by their normals."""

@@ -308,7 +308,7 @@ def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
     root = (spread * random.normal(size=(size, size)) / np.sqrt(size)).astype(np.float32)
     mean = random.normal(size=size) * 3
     base = np.stack([mean, np.cos(mean), np.sin(mean)], -1, dtype=np.float32)
-    points = random.normal(size=(size, 3 * PATH_BLOCK)).astype(np.float32)
+    points = random.normal(size=(size + 2, 3 * PATH_BLOCK)).astype(np.float32)  # more than are needed
     state = np.full((3 + 3 * surfaces, points.shape[1]), np.nan, np.float32)
     draw(root, base, points, state)
     np.testing.assert_allclose(state, twins.draw(root, base, points), atol=1e-5)

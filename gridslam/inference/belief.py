@@ -116,8 +116,10 @@ def update(belief: Belief, jacobian: Array, residuals: Array, noises: Array, wei
     return Belief(mean, 0.5 * (covariance + covariance.T))
 
 
-def birth_line(agent: Array, distance: float, arrival: float, source: Array, after: Array | None) -> Array:
-    """Line of the new surface that explains a measurement, (2,).
+def birth_line(
+    agent: Array, distance: float, arrival: Array | float, source: Array, after: Array | None
+) -> Array:
+    """Line of the new surface that explains a measurement, (..., 2) for arrivals (...).
 
     Parameters
     ----------

@@ -219,10 +219,13 @@ def bear(births: Births, number: int, heard: Heard, belief: Belief, signal: Sign
     std = deviations(heard, np.array([row]), np.array([strength]), angles, signal)[0]
     known_line = belief.lines[known] if known >= 0 else np.zeros(2)
 
-    def line_of(inputs: Array) -> Array:
+    def lines_of(inputs: Array, arrival: Array) -> Array:
         other = inputs[5:]
         source = mirror(other, heard.place) if first >= 0 else heard.place
-        return birth_line(inputs[:3], inputs[3], inputs[4], source, other if last >= 0 else None)
+        return birth_line(inputs[:3], inputs[3], arrival, source, other if last >= 0 else None)
+
+    def line_of(inputs: Array) -> Array:
+        return lines_of(inputs, inputs[4])
 
     def paths_over(lines: Array) -> PathGeometry:
         agents, places, others = (
@@ -237,7 +240,7 @@ def bear(births: Births, number: int, heard: Heard, belief: Belief, signal: Sign
     wide = np.hypot(std[2], np.sqrt(belief.covariance[4, 4]))
     for reach in (REACH, 2 * REACH / TRIALS) if heard_aod else ():
         trials = at[4] + wide * np.linspace(-reach, reach, TRIALS)
-        path = paths_over(np.stack([line_of(np.r_[inputs[:4], t, known_line]) for t in trials]))
+        path = paths_over(lines_of(inputs, trials))
         misfit = np.square(wrap(trials - value[2]) / wide) + 1e3 * ~path.valid
         misfit += np.square(wrap(value[1] - path.departure + heard.facing) / std[1])
         at[4] = trials[misfit.argmin()]
