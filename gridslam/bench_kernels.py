@@ -135,8 +135,9 @@ def _cast_twin(case: Case) -> Case:
     traversed, hit = case["occupied"]
     return {
         "corners": rows[:, :8].reshape(-1, 4, 2), "normals": rows[:, 8:12].reshape(-1, 2, 2),
-        "bounces": bounces, "worth": case["factor"][send, 0], "traversed": traversed, "hit": hit,
-        "rays": case["state"].shape[1], "outside": case["frame"][3], "clip": case["frame"][4],
+        "possible": rows[:, 12], "bounces": bounces, "worth": case["factor"][send, 0],
+        "traversed": traversed, "hit": hit, "rays": case["state"].shape[1],
+        "outside": case["frame"][3], "clip": case["frame"][4],
     }  # fmt: skip
 
 

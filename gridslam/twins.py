@@ -149,8 +149,8 @@ def _inside(cells: Array, shape: tuple[int, int]) -> Array:
 
 
 def cast(
-    corners: Array, normals: Array, bounces: Whole, worth: Array, traversed: Array, hit: Array, frame: Array,
-    rays: int, outside: float, clip: float,
+    corners: Array, normals: Array, possible: Array, bounces: Whole, worth: Array, traversed: Array,
+    hit: Array, frame: Array, rays: int, outside: float, clip: float,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Twin of `kernels.cells.cast`: V of every ray (K,), and log ratios summed over the paths (ny, nx).
 
@@ -161,6 +161,9 @@ def cast(
     for path, count in enumerate(bounces):
         lift, total = np.zeros((2, *traversed.shape)), 0.0
         for k in range(path * rays, (path + 1) * rays):
+            if not possible[k]:
+                total += 1.0  # V is 0
+                continue
             walked, met = cells_of(corners[k, : count + 2], normals[k, :count], frame, traversed.shape)
             free = 1 - traversed[tuple(walked.T)]
             bounce_v = [1 - np.prod(1 - hit[tuple(c.T)]) if len(c) else outside for c in met]

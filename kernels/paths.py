@@ -97,39 +97,41 @@ def draw_path(state: ti.template(), path: ti.template(), places: ti.template(), 
     """
     at = row * state.shape[1] + k
     anchor = path[row, 3]
-    ax, ay, px, py = places[anchor, 0], places[anchor, 1], state[0, k], state[1, k]
+    ax, ay = places[anchor, 0], places[anchor, 1]
+    px, py = ti.cast(state[0, k], ti.f64), ti.cast(state[1, k], ti.f64)
     bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
-    for n in range(4):
-        drawn[at, 2 * n], drawn[at, 2 * n + 1] = px, py
-        drawn[at, 8 + n] = 1.0 - n % 2
-    drawn[at, 0], drawn[at, 1] = ax, ay
-    ok = ti.cast(1.0, ti.f64)
-    if bounces == 1:
+    x1, y1, x2, y2 = px, py, px, py
+    one, zero = ti.cast(1.0, ti.f64), ti.cast(0.0, ti.f64)
+    mx, my, nx, ny = one, zero, one, zero
+    ok = one
+    if bounces > 0:
         nx, ny, c = state[s, k], state[s + 1, k], state[s + 2, k]
-        vx, vy, _, _, good = single_bounce(px, py, ax, ay, nx, ny, c)
-        here, across = nx * px + ny * py - c, nx * vx + ny * vy
-        t = -here / ti.select(ti.abs(across) < 1e-12, 1e-12, across)
-        drawn[at, 2], drawn[at, 3] = px + t * vx, py + t * vy
-        drawn[at, 8], drawn[at, 9], drawn[at, 10], drawn[at, 11] = nx, ny, nx, ny
-        ok = good
-    if bounces == 2:
-        nx, ny, c = state[s, k], state[s + 1, k], state[s + 2, k]
-        mx, my, d = state[r, k], state[r + 1, k], state[r + 2, k]
-        vx, vy, ux, uy, good = double_bounce(px, py, ax, ay, nx, ny, c, mx, my, d)
-        here, across = nx * px + ny * py - c, nx * vx + ny * vy
-        t = -here / ti.select(ti.abs(across) < 1e-12, 1e-12, across)
-        there, over = mx * ax + my * ay - d, mx * ux + my * uy
-        f = -there / ti.select(ti.abs(over) < 1e-12, 1e-12, over)
-        drawn[at, 2], drawn[at, 3] = ax + f * ux, ay + f * uy
-        drawn[at, 4], drawn[at, 5] = px + t * vx, py + t * vy
-        drawn[at, 8], drawn[at, 9], drawn[at, 10], drawn[at, 11] = mx, my, nx, ny
-        ok = good
-    for n in range(8):
-        if not (ti.abs(drawn[at, n]) < 1e4):
-            ok = 0.0
+        here, across, there, over = zero, one, zero, one
+        ux, uy = zero, zero
+        if bounces == 1:
+            vx, vy, _, _, good = single_bounce(px, py, ax, ay, nx, ny, c)
+            mx, my = nx, ny
+            here, across = nx * px + ny * py - c, nx * vx + ny * vy
+            t = -here / ti.select(ti.abs(across) < 1e-12, 1e-12, across)
+            x1, y1 = px + t * vx, py + t * vy
+            ok = good
+        else:
+            mx, my, d = state[r, k], state[r + 1, k], state[r + 2, k]
+            vx, vy, ux, uy, good = double_bounce(px, py, ax, ay, nx, ny, c, mx, my, d)
+            here, across = nx * px + ny * py - c, nx * vx + ny * vy
+            t = -here / ti.select(ti.abs(across) < 1e-12, 1e-12, across)
+            there, over = mx * ax + my * ay - d, mx * ux + my * uy
+            f = -there / ti.select(ti.abs(over) < 1e-12, 1e-12, over)
+            x1, y1, x2, y2 = ax + f * ux, ay + f * uy, px + t * vx, py + t * vy
+            ok = good
+    largest = ti.max(ti.max(ti.abs(x1), ti.abs(y1)), ti.max(ti.abs(x2), ti.abs(y2)))
+    if not (ti.max(largest, ti.max(ti.abs(px), ti.abs(py))) < 1e4):
+        ok = zero
     if ok < 0.5:
-        for n in range(4):
-            drawn[at, 2 * n], drawn[at, 2 * n + 1] = ax, ay
+        x1, y1, x2, y2, px, py = ax, ay, ax, ay, ax, ay
+    drawn[at, 0], drawn[at, 1], drawn[at, 2], drawn[at, 3] = ax, ay, x1, y1
+    drawn[at, 4], drawn[at, 5], drawn[at, 6], drawn[at, 7] = x2, y2, px, py
+    drawn[at, 8], drawn[at, 9], drawn[at, 10], drawn[at, 11] = mx, my, nx, ny
     drawn[at, 12] = ok
 
 

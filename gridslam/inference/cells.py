@@ -47,7 +47,11 @@ class Cells:
         gap = np.linalg.norm(centre[:, :, None] - anchors, axis=-1).min(-1)
         self._clear = gap < CLEAR_ANCHOR_M
         slabs = CELL_SLABS[runtime.start()]
-        self._scratch = runtime.resident(np.zeros((slabs, 3, *shape), np.float32))
+        from gridslam.kernels.bundles import LANES, LINES, PLACES
+
+        self._line = runtime.room((slabs, LINES, LANES), np.float64)
+        self._place = runtime.room((slabs, PLACES, LANES), np.int32)
+        self._scratch = runtime.resident(np.zeros((slabs, *shape, 3), np.float32))
         self._touched = runtime.resident(np.zeros((slabs, shape[0] * shape[1] + 1, 2), np.int32))
         self._message = runtime.resident(np.zeros((slabs, *shape)))
         self._frame = np.array([*self.origin, cell, OUTSIDE, EVIDENCE_CLIP])
@@ -113,6 +117,8 @@ class Cells:
                 self.occupied(),
                 np.append(self._frame, least),
                 drawn.reshape(-1, 14),
+                self._line,
+                self._place,
                 self._scratch,
                 self._touched,
                 self._message,
