@@ -31,7 +31,7 @@ class KernelSpeed:
     ----------
     name, scene, unit : str
         The scene in which the case was taken, and what is counted: "path-particle", "cell visit", "path-ray",
-        "path", "particle", "sample".
+        "path", "pair", "particle", "sample".
     units : int
         How many of them the case has.
     kernel_s, twin_s : float
@@ -149,8 +149,13 @@ CONTESTS = {
         "cell visit", twins.cast, _visits, given=_cast_twin,
         size=lambda case: int((case["factor"][:, 1] > 0.5).sum()),  # those that send messages
     ),
-    "correct": Contest("path", twins.correct, _paths, changes=("mean", "covariance")),
+    "correct": Contest(
+        "path", twins.correct, lambda case: len(case["order"]), "order", changes=("mean", "covariance")
+    ),
     "draw": Contest("particle", twins.draw, lambda case: case["points"].shape[1], "root"),
+    "gate": Contest(
+        "pair", twins.gate, lambda case: len(case["predicted"]) * len(case["heard"]), "predicted"
+    ),
     "polylines": Contest("path-ray", twins.polylines, _path_particles),
     "predict": Contest("path", twins.predict, _paths),
     "propose": Contest("sample", twins.propose, _samples, "heard"),

@@ -23,22 +23,24 @@ def lines_of(state: Array) -> Array:
     return np.stack([np.arctan2(state[4::3], state[3::3]), state[5::3]], -1).astype(np.float64)
 
 
-def evaluate(state: Array, path: Whole, pair: Array, place: Array, block: int) -> tuple[Array, Array]:
+def evaluate(
+    state: Array, path: Whole, start: Whole, pair: Array, place: Array, block: int
+) -> tuple[Array, Array]:
     """Twin of `kernels.paths.evaluate`: sums of densities and counts of valid particles, by blocks."""
     particles = state.shape[1]
     blocks = particles // block
-    weight, valid = np.zeros((path[:, 4].max(initial=0), blocks)), np.zeros((len(path), blocks))
+    weight, valid = np.zeros((start[-1], blocks)), np.zeros((len(path), blocks))
     surfaces = lines_of(state)
     anchor = np.broadcast_to(np.asarray(place[:2], np.float64), (particles, 2))
     position = np.asarray(state[:2].T, np.float64)
-    for row, (bounces, last, first, low, high) in enumerate(path):
+    for row, (bounces, last, first) in enumerate(path[:, :3]):
         drawn = trace(
             position, anchor, surfaces[max(last, 0)], surfaces[max(first, 0)], np.full(particles, bounces)
         )
         possible = drawn.valid.astype(np.float64)
         valid[row] = possible.reshape(blocks, block).sum(1)
         seen = np.stack([drawn.distance, drawn.departure - place[2], drawn.arrival - state[2]], -1)
-        for n in range(low, high):
+        for n in range(start[row], start[row + 1]):
             gap = pair[n, :3] - seen
             gap[:, 1:] = wrap(gap[:, 1:])
             i00, i11, i22, i01, i02, i12 = pair[n, 3:9]
@@ -213,14 +215,16 @@ def predict(mean: Array, covariance: Array, path: Whole, places: Array) -> tuple
 
 
 def correct(
-    mean: Array, covariance: Array, path: Whole, prior: Array, pair: Array, place: Array, least: float
-) -> tuple[Array, Array, Array]:
+    mean: Array, covariance: Array, path: Whole, start: Whole, order: NDArray[np.intp], prior: Array,
+    pair: Array, place: Array, least: float,
+) -> tuple[Array, Array, Array]:  # fmt: skip
     """Twin of `kernels.gaussian.correct`: mean, covariance and the probabilities of the associations."""
     share = np.zeros(len(pair))
-    for row, (chance, missed) in zip(path, prior, strict=True):
-        alone = np.append(row[:3], 0)[None]
+    for row in order:
+        chance, missed = prior[:, row]
+        alone = np.append(path[row, :3], 0)[None]
         value, slope, core = (part[0] for part in predict(mean, covariance, alone, place[None]))
-        chosen = slice(row[3], row[4])
+        chosen = slice(start[row], start[row + 1])
         variance, density, message = pair[chosen, 3:6], pair[chosen, 6], pair[chosen, 7]
         gap = pair[chosen, :3] - value
         gap[:, 1:] = wrap(gap[:, 1:])
@@ -237,3 +241,37 @@ def correct(
         after = update(Belief(mean, covariance), slope, gap[kept], variance[kept], share[chosen][kept])
         mean, covariance = after.mean, after.covariance
     return mean, covariance, share
+
+
+def gate(
+    predicted: Array, worth: Array, heard: Array, strength: Array, radio: Array
+) -> tuple[Whole, Array, Array]:
+    """Twin of `kernels.gating.gate`: path and measurement of the pairs, what is measured, and its inverse."""
+    scale, given, *aperture, max_distance, kept, gates, margin, slack, unmeasured, faintest = radio
+    value, spread = predicted[:, None, :3], predicted[:, 3:].reshape(-1, 3, 3)
+    amplitude = np.maximum(strength[1], faintest)
+    std = np.empty((*amplitude.shape, 3))
+    std[..., 0] = given if given > 0 else scale / amplitude
+    for q in (1, 2):
+        across, along = aperture[2 * q - 2 : 2 * q]
+        square = np.sin(value[..., q]) ** 2 * across + np.cos(value[..., q]) ** 2 * along
+        with np.errstate(divide="ignore"):
+            std[..., q] = 1 / (np.sqrt(8) * np.pi * amplitude * np.sqrt(square))
+    std = np.where(heard[:, 3:] > 0, heard[:, 3:], std)
+    std[..., :] = np.where(heard[:, 3:] < 0, np.inf, std)
+    missing = np.square(std) >= unmeasured
+    gap = heard[:, :3] - value
+    gap[..., 1:] = wrap(gap[..., 1:])
+    gap = np.where(heard[:, 3:] < 0, 0.0, np.abs(gap))
+    reach = gates * np.sqrt(
+        np.diagonal(spread, axis1=1, axis2=2)[:, None] + np.where(missing, 0.0, std) ** 2
+    ) + np.array([margin, slack, slack])
+    chosen = (gap < reach).all(-1) & (worth > 1e-6)[:, None] & (strength[0] > 0)
+    path, measurement = np.nonzero(chosen)
+    std, missing = std[chosen], missing[chosen]
+    flat = np.array([max_distance, 2 * np.pi, 2 * np.pi])
+    density = strength[0][chosen] * np.where(missing, np.sqrt(2 * np.pi * unmeasured) / flat, 1.0).prod(1)
+    variance = np.where(missing, unmeasured, np.maximum(std, 1e-6) ** 2)
+    total = kept * spread[path] + variance[:, :, None] * np.eye(3)
+    pair = np.column_stack([heard[measurement, :3], variance, density, 0 * density, np.linalg.det(total)])
+    return np.stack([path, measurement], -1).astype(np.int32), pair, np.linalg.inv(total)

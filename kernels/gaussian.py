@@ -132,9 +132,11 @@ def predict(
 def correct(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] in/out
     covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N] in/out
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 5] bounces, last, first, its pairs from, to
-    prior: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 2] chance of being there, probability of a miss
-    pair: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [K, 8] z (3), variance (3), density, message nu
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
+    start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] where the pairs of each path begin
+    order: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [N] paths to correct by, one after the other
+    prior: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, L] chance of being there, probability of a miss
+    pair: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [K, 9] z (3), variance (3), density, message nu, unused
     place: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [3] anchor x, y, orientation
     least: ti.f64,
     scratch: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, 6]
@@ -147,23 +149,24 @@ def correct(
     """
     size = mean.shape[0]
     ti.loop_config(serialize=True)
-    for row in range(path.shape[0]):
+    for turn in range(order.shape[0]):
+        row = order[turn]
         bounces, last, first = path[row, 0], path[row, 1], path[row, 2]
         here = ti.Vector([place[0], place[1], place[2]], dt=ti.f64)
         value, slope = path_of(mean, here, bounces, last, first)
         entry = entry_of(bounces, last, first)
         core = spread_of(slope, entry, covariance)
-        total = prior[row, 1]
-        for k in range(path[row, 3], path[row, 4]):
+        total = prior[1, row]
+        for k in range(start[row], start[row + 1]):
             gap, noisy = innovation_of(pair, k, value, core)
             inverse = noisy.inverse()
             scale = ti.sqrt((2 * PI) ** 3 * noisy.determinant())
             density = pair[k, 6] * decay_of(-0.5 * gap.dot(inverse @ gap)) / scale
-            share[k] = prior[row, 0] * pair[k, 7] * density
+            share[k] = prior[0, row] * pair[k, 7] * density
             total += share[k]
         change, shift = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)
         moved = False
-        for k in range(path[row, 3], path[row, 4]):
+        for k in range(start[row], start[row + 1]):
             share[k] /= total
             if share[k] > least:
                 gap, noisy = innovation_of(pair, k, value, core)

@@ -19,7 +19,8 @@ FINE = 4096.0
 @ti.kernel
 def evaluate(
     state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S, P] x, y, heading; per line normal x, y, offset
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 5] bounces, last, first; its pairs from, to
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
+    start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] where the pairs of each path begin
     pair: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [K, 11] z (3), inverse covariance (6), nearest, farthest
     place: ti.types.ndarray(dtype=ti.f32, ndim=1),  # [3] anchor x, y, orientation
     out: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L + K, P / BLOCK] out: valid particles; sums of densities
@@ -65,7 +66,7 @@ def evaluate(
                     count += good[i]
                 out[row, block] = count
                 wanted = 0
-                for n in range(path[row, 3], path[row, 4]):
+                for n in range(start[row], start[row + 1]):
                     near = count > 0.0 and pair[n, 9] * FINE <= high and pair[n, 10] * FINE >= low
                     out[paths + n, block] = 1.0 if near else 0.0
                     wanted += 1 if near else 0
@@ -74,7 +75,7 @@ def evaluate(
                         arrival = angle_of(tx[i], ty[i]) - state[2, base + i]
                         departure = angle_of(wx[i], wy[i]) - facing
                         tx[i], wx[i] = arrival, departure
-                    for n in range(path[row, 3], path[row, 4]):
+                    for n in range(start[row], start[row + 1]):
                         if out[paths + n, block] > 0.0:
                             z0, z1, z2 = pair[n, 0], pair[n, 1], pair[n, 2]
                             i00, i11, i22 = pair[n, 3], pair[n, 4], pair[n, 5]

@@ -28,12 +28,12 @@ def random_world(draw, particles, kind, spread=0.05, surfaces=4):
     return state, np.array(path, np.int32), place
 
 
-def launch_evaluate(state, path, pair, place):
+def launch_evaluate(state, path, start, pair, place):
     from gridslam.kernels.paths import evaluate
 
-    count = path[:, 4].max(initial=0)
-    out = np.full((len(path) + count, state.shape[1] // PATH_BLOCK), np.nan, np.float32)
-    evaluate(state, path, pair if len(pair) else np.zeros((1, 11), np.float32), place, out)
+    out = np.full((len(path) + start[-1], state.shape[1] // PATH_BLOCK), np.nan, np.float32)
+    path = np.ascontiguousarray(np.pad(path, ((0, 0), (0, 1))))
+    evaluate(state, path, start, pair if len(pair) else np.zeros((1, 11), np.float32), place, out)
     return out[len(path) :], out[: len(path)]
 
 
@@ -61,9 +61,8 @@ def test_path_evaluation_equals_its_twin(seed):
             pair[n, 6:9] = inverse[0, 1], inverse[0, 2], inverse[1, 2]
             reach = 8 * np.sqrt((root @ root.T)[0, 0])
             pair[n, 9:] = pair[n, 0] - reach, pair[n, 0] + reach
-    path = np.column_stack([path, start[:-1], start[1:]]).astype(np.int32)
-    weight, valid = launch_evaluate(state, path, pair, place)
-    expected, possible = twins.evaluate(state, path, pair, place, PATH_BLOCK)
+    weight, valid = launch_evaluate(state, path, start, pair, place)
+    expected, possible = twins.evaluate(state, path, start, pair, place, PATH_BLOCK)
     # a particle on the edge of what is possible may fall on either side in single precision
     assert np.abs(valid - possible).max() <= 2
     sure = np.repeat(valid == possible, per_path, axis=0)
@@ -74,19 +73,19 @@ def test_path_evaluation_equals_its_twin(seed):
 def test_path_evaluation_without_any_measurement_still_tells_what_is_possible(surfaces):
     draw = np.random.default_rng(5)
     state, path, place = random_world(draw, PATH_BLOCK, np.float32, surfaces=surfaces)
-    path = np.pad(path, ((0, 0), (0, 2)))
-    weight, valid = launch_evaluate(state, path, np.zeros((0, 11), np.float32), place)
+    start = np.zeros(len(path) + 1, np.int32)
+    weight, valid = launch_evaluate(state, path, start, np.zeros((0, 11), np.float32), place)
     assert weight.shape[0] == 0
-    _, possible = twins.evaluate(state, path, np.zeros((0, 11)), place, PATH_BLOCK)
+    _, possible = twins.evaluate(state, path, start, np.zeros((0, 11)), place, PATH_BLOCK)
     np.testing.assert_allclose(valid, possible, atol=1)
 
 
 def test_a_wall_that_the_path_runs_along_or_stands_on_gives_no_reflection():
     # agent and anchor on either side of the first, and on the second: parallel and grazing rays
     state = np.tile(np.array([[2, 1, 0, 0, 1, 0, 0, 1, 1]], np.float32).T, PATH_BLOCK)
-    path = np.array([[1, 0, 0, 0, 0], [1, 1, 1, 0, 0]], np.int32)
+    path = np.array([[1, 0, 0], [1, 1, 1]], np.int32)
     place = np.array([0, -1, 0], np.float32)
-    _, valid = launch_evaluate(state, path, np.zeros((0, 11), np.float32), place)
+    _, valid = launch_evaluate(state, path, np.zeros(3, np.int32), np.zeros((0, 11), np.float32), place)
     assert (valid == 0).all()
 
 
@@ -163,22 +162,61 @@ def test_correction_equals_its_twin(seed, surfaces):
     place = np.array([*draw.uniform(-5, 5, 2), draw.uniform(-3, 3)])
     value, _, spread = twins.predict(mean, covariance, np.pad(path, ((0, 0), (0, 1))), place[None])
     path, value, spread = path[value[:, 0] > 0.5], value[value[:, 0] > 0.5], spread[value[:, 0] > 0.5]
-    end = np.cumsum(draw.integers(0, 3, len(path)))
-    table = np.column_stack([path, np.append(0, end)[:-1], end]).astype(np.int32)[: len(path)]
-    pair = np.zeros((int(end[-1]) if len(end) else 0, 8))
-    for row, *_, low, high in np.column_stack([np.arange(len(path)), table]):
-        for k in range(low, high):
+    start = np.append(0, np.cumsum(draw.integers(0, 3, len(path)))).astype(np.int32)
+    path = np.pad(path, ((0, 0), (0, 1)))
+    pair = np.zeros((int(start[-1]), 9))
+    for row in range(len(path)):
+        for k in range(start[row], start[row + 1]):
             std = np.array([0.1, 0.1, 0.1])
             pair[k, :3] = value[row] + draw.normal(size=3) * std
             pair[k, 3:6] = np.where(draw.random(3) < 0.2, 1e12, std**2)
-            pair[k, 6:] = draw.exponential(0.01), draw.uniform(0.2, 1)
-    prior = draw.uniform(0.1, 0.9, (len(path), 2))
-    expected = twins.correct(mean, covariance, table, prior, pair, place, 1e-6)
+            pair[k, 6:8] = draw.exponential(0.01), draw.uniform(0.2, 1)
+    prior, order = (
+        draw.uniform(0.1, 0.9, (2, len(path))),
+        draw.permutation(len(path))[: len(path) - 1].astype(np.int32),
+    )
+    expected = twins.correct(mean, covariance, path, start, order, prior, pair, place, 1e-6)
     share, scratch = np.zeros(len(pair)), np.zeros((len(mean), 6))
-    correct(mean, covariance, table, prior, pair, place, 1e-6, scratch, share)
+    correct(mean, covariance, path, start, order, prior, pair, place, 1e-6, scratch, share)
     for found, wanted in zip((mean, covariance, share), expected, strict=True):
         np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-7)
     assert np.linalg.eigvalsh(covariance).min() > -1e-9
+
+
+@given(seeds, st.booleans(), st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_gated_pairs_equal_their_twin(seed, given_std, flat_array):
+    from gridslam.kernels.gating import gate
+
+    draw = np.random.default_rng(seed)
+    paths, count = draw.integers(0, 7), draw.integers(0, 9)
+    value = draw.uniform([1, -3, -3], [9, 3, 3], (paths, 3))
+    root = 0.1 * draw.normal(size=(paths, 3, 3))
+    predicted = np.concatenate([value, (root @ root.transpose(0, 2, 1)).reshape(-1, 9)], 1)
+    heard = np.concatenate([draw.uniform([1, -3, -3], [9, 3, 3], (count, 3)), np.zeros((count, 3))], 1)
+    if paths and count:  # some next to a path, across the wrap of an angle, too
+        heard[::2, :3] = value[draw.integers(0, paths, len(heard[::2]))] + [0.05, 0.1, 2 * np.pi - 0.1]
+    heard[:, 3:] = draw.choice([0.0, -1.0, 0.05], (count, 3))
+    strength = draw.exponential(1.0, (2, paths, count)) * draw.choice([0.0, 1.0], (2, paths, count))
+    aperture = [0.0, 0.0] if flat_array else [0.3, 0.1]
+    radio = np.array(
+        [0.5, 0.02 * given_std, 0.4, 0.2, *aperture, 30.0, 0.1, 6.0, 0.3, 0.3, 1e12, 0.3]
+    )  # fmt: skip
+    worth = draw.choice([0.0, 0.7], paths)
+    start, room = np.zeros(paths + 1, np.int32), max(paths * count, 1)
+    index, pair, table = np.zeros((room, 2), np.int32), np.zeros((room, 9)), np.zeros((room, 11), np.float32)
+    gate(predicted, worth, heard, strength, radio, start, index, pair, table)
+    chosen, expected, inverse = twins.gate(predicted, worth, heard, strength, radio)
+    found = start[-1]
+    np.testing.assert_array_equal(index[:found], chosen)
+    np.testing.assert_array_equal(start, np.searchsorted(chosen[:, 0], np.arange(paths + 1)))
+    np.testing.assert_allclose(pair[:found], expected, rtol=1e-6)
+    np.testing.assert_allclose(table[:found, :3], expected[:, :3], rtol=1e-6)
+    np.testing.assert_allclose(table[:found, 3:6], np.diagonal(inverse, axis1=1, axis2=2), rtol=1e-4)
+    off = inverse[:, [0, 0, 1], [1, 2, 2]]
+    np.testing.assert_allclose(table[:found, 6:9], off, rtol=1e-4, atol=1e-6 * np.abs(inverse).max(initial=1))
+    middle = table[:found, 9:].mean(1)
+    np.testing.assert_allclose(middle[expected[:, 3] < 1e9], expected[expected[:, 3] < 1e9, 0], rtol=1e-5)
 
 
 def launch_cast(state, path, place, worth, traversed, hit, frame):

@@ -138,12 +138,13 @@ class Cells:
         share = np.broadcast_to(log_likelihood[:, None] / points.shape[1], (*inside.shape, BINS))
         np.add.at(self.coefficient, divmod(cell[inside], self.shape[1]), share[inside])
 
-    def coefficient_at(self, points: Array) -> Array:
-        """Mean log-likelihood over the coefficient of the cells at `points` (L, R, 2) m, (L, BINS)."""
-        cell, inside = self._index(points)
+    def coefficient_along(self, drawn: Polylines) -> tuple[Array, Array]:
+        """Mean log-likelihoods over the coefficient where rays meet their last and first wall, (L, BINS)."""
+        cell, inside = self._index(drawn.corners[:, :, 1:3].swapaxes(1, 2))
         held = self.coefficient.reshape(-1, BINS).take(cell, axis=0)
-        count = np.maximum(inside.sum(1), 1)
-        return np.matmul((inside / count[:, None])[:, None], held)[:, 0]
+        count = np.maximum(inside.sum(2), 1)
+        mean = np.matmul((inside / count[..., None])[:, :, None], held)[:, :, 0]
+        return np.where(drawn.bounces[:, None] == 2, mean[:, 1], mean[:, 0]), mean[:, 0]
 
     def _index(self, points: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
         """Numbers of the cells that hold the points, row by row, and whether they lie in the grid."""

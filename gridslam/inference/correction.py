@@ -50,24 +50,20 @@ def correct(
     responsible = np.zeros_like(beta)
     if not len(order):
         return belief, responsible
-    mean, covariance = belief.mean.copy(), np.ascontiguousarray(belief.covariance).copy()
-    start = np.searchsorted(pairs.path, np.arange(len(rays) + 1))
-    table = np.column_stack([rays.table[:, :3], start[:-1], start[1:]])[order].astype(np.int32)
-    heard_of = np.zeros((len(pairs), 8))
-    heard_of[:, :3] = np.nan_to_num(heard.value[pairs.measurement])
-    heard_of[:, 3:6] = pairs.variance
-    heard_of[:, 6] = pairs.density
-    heard_of[:, 7] = nu[pairs.path, pairs.measurement]
+    mean, covariance = belief.mean.copy(), belief.covariance.copy()
+    pairs.pair[:, 7] = nu[pairs.path, pairs.measurement]
     share = np.zeros(len(pairs))
     launch(
         mean,
         covariance,
-        table,
-        np.stack([chance[order], missed[order]], -1),
-        heard_of,
+        rays.table,
+        pairs.start,
+        order.astype(np.int32),
+        np.stack([chance, missed]),
+        pairs.pair,
         np.array([*heard.place, heard.facing]),
         UNMOVED,
-        np.zeros((len(mean), 6)),
+        np.empty((len(mean), 6)),
         share,
     )
     responsible[pairs.path, pairs.measurement] = share

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import DetectionTable
 from gridslam.inference.rays import Rays
 from gridslam.inference.surfaces import Bank
+from gridslam.inference.told import Told
 from gridslam.signal import REFLECTION_BINS, SignalModel
 
 Array = NDArray[np.float64]
@@ -82,31 +82,27 @@ def _local(bank: Bank, surface: NDArray[np.intp], at_cell: Array) -> Array:
 
 
 def coefficient_factors(
-    heard: Heard, distance: Array, other: Array, responsible: Array, chance: Array, table: DetectionTable,
-    signal: SignalModel,
-) -> Array:  # fmt: skip
-    """Log-likelihood over one coefficient of each path, softly weighted by association, (L, BINS).
+    told: Told, rows: NDArray[np.intp], other: Array, table: DetectionTable, signal: SignalModel
+) -> Array:
+    """Log-likelihood over one coefficient of some paths, softly weighted by association, (n, BINS).
 
     Rician for detections, ``1 - p_d`` for misses: detections alone are biased by the threshold
     (model.md, section 2.5).
 
     Parameters
     ----------
-    distance : (L,) m
-    other : (L,)
+    rows : (n,)
+        Which of the paths; one may come up several times, with different others.
+    other : (n,)
         Product of the path's other coefficients.
-    responsible : (L, M)
-        Probability that the path caused the measurement.
-    chance : (L,)
-        Probability that the path is there to be heard.
     """
-    level = signal.amplitude(distance[:, None], REFLECTION_BINS * other[:, None])
-    missed = np.maximum(1 - responsible.sum(1), 0.0)[:, None]
-    factor = missed * np.log(1 - chance[:, None] * table(level) + 1e-9)
-    path, measurement = np.nonzero((responsible > 1e-3) & ~np.isnan(heard.amplitude))
-    if len(path):
-        said = signal.log_rician(heard.amplitude[measurement, None], level[path])
-        np.add.at(factor, path, responsible[path, measurement, None] * said)
+    level = signal.amplitude(told.distance[rows, None], REFLECTION_BINS * other[:, None])
+    missed = np.maximum(1 - told.share[rows], 0.0)[:, None]
+    factor = missed * np.log(1 - told.chance[rows, None] * table(level) + 1e-9)
+    row, pair = np.nonzero(rows[:, None] == told.path)
+    if len(row):
+        said = signal.log_rician(told.amplitude[pair, None], level[row])
+        np.add.at(factor, row, told.weight[pair, None] * said)
     return np.asarray(factor)
 
 

@@ -43,17 +43,6 @@ class Polylines:
         """V of every path, paper 003 eq. (1): mean over the states at which it is possible, (L,)."""
         return (self.drawn[..., 13] * self.valid).sum(1) / np.maximum(self.valid.sum(1), 1.0)
 
-    @property
-    def last_points(self) -> Array:
-        """Interaction points before the agent (the anchor's first leg end on a line of sight), (L, R, 2)."""
-        rows = np.arange(len(self.bounces))
-        return np.asarray(self.corners[rows, :, np.maximum(self.bounces, 1)])
-
-    @property
-    def first_points(self) -> Array:
-        """Interaction points after the anchor, (L, R, 2)."""
-        return self.corners[:, :, 1]
-
 
 def draw_paths(rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:
     """Draw rays from anchors (J, 3: x, y, orientation) to all states of a cloud."""

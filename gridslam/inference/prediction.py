@@ -20,14 +20,21 @@ class Prediction:
 
     Attributes
     ----------
-    value : (L, 3)
-        Distance (m), AoD and AoA relative to anchor and heading (rad).
-    spread : (L, 3, 3)
-        Covariance from the belief alone.
+    whole : (L, 12)
+        Both of the following, as the kernel leaves them.
     """
 
-    value: Array
-    spread: Array
+    whole: Array
+
+    @property
+    def value(self) -> Array:
+        """Distance (m), AoD and AoA relative to anchor and heading (rad), (L, 3)."""
+        return self.whole[:, :3]
+
+    @property
+    def spread(self) -> Array:
+        """Covariance from the belief alone, (L, 3, 3)."""
+        return self.whole[:, 3:].reshape(-1, 3, 3)
 
 
 def predict_paths(rays: Rays, belief: Belief, anchors: Array) -> Prediction:
@@ -41,4 +48,4 @@ def predict_paths(rays: Rays, belief: Belief, anchors: Array) -> Prediction:
         mean = np.ascontiguousarray(belief.mean)
         covariance = np.ascontiguousarray(belief.covariance)
         predict(mean, covariance, rays.table, anchors, out)
-    return Prediction(out[:, :3], out[:, 3:].reshape(-1, 3, 3))
+    return Prediction(out)

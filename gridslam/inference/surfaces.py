@@ -36,7 +36,7 @@ class Bank:
     reflection : (S, BINS) float64
         Belief over `REFLECTION_BINS`; rows sum to 1.
     age, seen : (S,) int
-        Steps since birth, steps with a detection.
+        Steps since birth; detections, one per step and anchor at most.
     single : (J, S) float64
         Existence of the single-bounce ray from each anchor.
     double : (J, S, S) float64
@@ -143,7 +143,7 @@ def exist(bank: Bank, rays: Rays, chance: Array, worth: Array) -> None:
 
 
 def mark(bank: Bank, belief: Belief, rays: Rays, lines: Polylines, share: Array) -> None:
-    """Remember which surfaces were seen in this step, and where they were hit.
+    """Remember which surfaces were seen by each anchor, and where they were hit.
 
     Parameters
     ----------
@@ -152,16 +152,21 @@ def mark(bank: Bank, belief: Belief, rays: Rays, lines: Polylines, share: Array)
     share : (L,)
         Probability that the path caused a measurement; above one half it counts.
     """
-    last, first = lines.last_points.mean(1), lines.first_points.mean(1)
-    seen = set()
-    for row in np.flatnonzero((share > 0.5) & (rays.bounces > 0)):
-        for surface, point in ((rays.last[row], last[row]), (rays.first[row], first[row])):
-            along = float(point @ unit(belief.lines[surface, 0] + 0.5 * np.pi))
-            bank.foot[surface] = along
-            low, high = bank.extent[surface]
-            bank.extent[surface] = [np.fmin(low, along), np.fmax(high, along)]
-            seen.add(int(surface))
-    bank.seen[list(seen)] += 1
+    rows = np.flatnonzero((share > 0.5) & (rays.bounces > 0))
+    if not len(rows):
+        return
+    surface = np.stack([rays.last[rows], rays.first[rows]], -1).ravel()
+    middle = lines.corners[rows].mean(1)
+    double = rays.bounces[rows, None] == 2
+    points = np.stack([np.where(double, middle[:, 2], middle[:, 1]), middle[:, 1]], 1).reshape(-1, 2)
+    along = (points * unit(belief.lines[surface, 0] + 0.5 * np.pi)).sum(1)
+    bank.foot[surface] = along
+    np.fmin.at(bank.extent[:, 0], surface, along)
+    np.fmax.at(bank.extent[:, 1], surface, along)
+    anchors = len(bank.single)
+    bank.seen += np.bincount(
+        np.unique(surface * anchors + np.repeat(rays.anchor[rows], 2)) // anchors, minlength=len(bank)
+    )
 
 
 def prune(bank: Bank, belief: Belief, threshold: float) -> tuple[Bank, Belief]:

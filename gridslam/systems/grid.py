@@ -15,11 +15,12 @@ from gridslam.inference.heard import Heard
 from gridslam.inference.materials import coefficient_factors, learn_reflection, reflected
 from gridslam.inference.particles import sample
 from gridslam.inference.prediction import predict_paths
-from gridslam.inference.rays import Rays, rays_of
+from gridslam.inference.rays import rays_of
+from gridslam.inference.told import Told
 from gridslam.map import Map
 from gridslam.scene import Scene
 from gridslam.signal import REFLECTION_BINS
-from gridslam.systems.surface_slam import Messages, SurfaceSlam
+from gridslam.systems.surface_slam import SurfaceSlam
 
 Array = NDArray[np.float64]
 RAYS = 48
@@ -52,6 +53,7 @@ class GridSlam(SurfaceSlam):
         super().__init__(scene, agent, seed)
         grid, free_path = scene.grid, self.settings.mean_free_path_m
         self.cells = Cells(np.array(grid.origin_m), grid.cell_m, grid.shape, free_path, self.places)
+        self._told: list[Told] = []
         if prior_map is not None:
             self._start_from(prior_map)
 
@@ -62,13 +64,12 @@ class GridSlam(SurfaceSlam):
         predicted = predict_paths(rays, self.belief, self.anchors)
         few = sample(self.belief, RAYS, self._stream(heard.anchor, 0))
         drawn = self.cells.see(rays, few, self.anchors)
-        at_last, at_first = (self.cells.coefficient_at(p) for p in (drawn.last_points, drawn.first_points))
-        amplitudes = reflected(rays, self.bank, at_last, at_first, self.signal)
+        amplitudes = reflected(rays, self.bank, *self.cells.coefficient_along(drawn), self.signal)
         # measurement evaluation, births, data association, updates of agent, surfaces and rays
         said = self._exchange(heard, rays, predicted, amplitudes, drawn.validity)
-        # coefficients, cells, new surfaces
-        self._learn_materials(heard, rays, predicted.value[:, 0], said)
-        self._tell_cells(heard, rays, predicted.value[:, 0], said)
+        # what cells and coefficients are to be told; new surfaces
+        distance = predicted.value[:, 0]
+        self._told.append(Told.of(heard, rays, distance, said.chance, said.worth, said.responsible))
         self._bear(heard, said.births, said.claimed)
 
     def _reachable(self, heard: Heard, births: Births) -> Births:
@@ -78,44 +79,36 @@ class GridSlam(SurfaceSlam):
         return births.weighed(np.where(drawn.valid[:, 0] > 0.5, drawn.validity, UNTOLD))
 
     def _tidy(self) -> None:
-        """Fold the anchors' messages into the cells; then merge and drop surfaces."""
+        """Messages of all anchors to coefficients and cells; then merge and drop surfaces."""
+        self._tell(Told.stack(self._told))
+        self._told.clear()
         self.cells.absorb()
         super()._tidy()
 
-    def _learn_materials(self, heard: Heard, rays: Rays, distance: Array, said: Messages) -> None:
-        """Coefficients of the surfaces, by what the amplitudes of their single bounces said."""
-        rows = np.flatnonzero((rays.bounces == 1) & (said.responsible.sum(1) > AUDIBLE))
-        factor = self._factors(heard, distance, np.ones(len(rays)), said, rows)
-        learn_reflection(self.bank, rays.last[rows], factor)
-
-    def _tell_cells(self, heard: Heard, rays: Rays, distance: Array, said: Messages) -> None:
+    def _tell(self, told: Told) -> None:
         """Messages to the cells that each path crosses or meets, eqs. (43) to (45), and to coefficients."""
-        belief, share = rays.surfaces * rays.existence, said.responsible.sum(1)
-        few = sample(self.belief, RAYS, self._stream(heard.anchor, 1))
-        worth, send = belief * said.worth + 1 - belief, belief > 0.1
+        rays, share = told.rays, told.share
+        belief = rays.surfaces * rays.existence
+        few = sample(self.belief, RAYS, self._stream(len(self.places), 1))
+        worth, send = belief * told.worth + 1 - belief, belief > 0.1
         drawn = self.cells.tell(rays, few, self.anchors, worth, send, MOSTLY_POSSIBLE)
         send &= drawn.valid.mean(1) > MOSTLY_POSSIBLE
         surfaces.mark(self.bank, self.belief, rays, drawn, share * send)
-        # a window isn't the wall around it (model.md, section 2.5)
+        # coefficients of surfaces, by single bounces; of cells, since a window isn't the wall around it
+        # (model.md, section 2.5), by both ends of double bounces, too
         usual = np.append(self.bank.reflection @ REFLECTION_BINS, 1.0)
         double = send & (rays.bounces == 2) & (share > AUDIBLE)
-        at_last = double | (send & (rays.bounces == 1))
-        beyond = np.where(double, usual[rays.first], 1.0)
-        for points, other, chosen in (
-            (drawn.last_points, beyond, at_last),
-            (drawn.first_points, usual[rays.last], double),
-        ):
-            rows = np.flatnonzero(chosen)
-            factor = self._factors(heard, distance, other, said, rows)
-            self.cells.weigh_coefficient(points[rows], rays.surfaces[rows, None] * factor)
-
-    def _factors(
-        self, heard: Heard, distance: Array, other: Array, said: Messages, rows: NDArray[np.intp]
-    ) -> Array:
-        return coefficient_factors(
-            heard, distance[rows], other[rows], said.responsible[rows], said.chance[rows], self.detected,
-            self.signal,
-        )  # fmt: skip
+        alone = np.flatnonzero((rays.bounces == 1) & (share > AUDIBLE))
+        at_last = np.flatnonzero(double | (send & (rays.bounces == 1)))
+        at_first = np.flatnonzero(double)
+        beyond = np.where(double, usual[rays.first], 1.0)[at_last]
+        rows = np.concatenate([alone, at_last, at_first])
+        other = np.concatenate([np.ones(len(alone)), beyond, usual[rays.last[at_first]]])
+        factor = coefficient_factors(told, rows, other, self.detected, self.signal)
+        learn_reflection(self.bank, rays.last[alone], factor[: len(alone)])
+        met, corner = rows[len(alone) :], np.where(rays.bounces[at_last] == 2, 2, 1)
+        points = drawn.corners[met, :, np.concatenate([corner, np.ones(len(at_first), np.intp)])]
+        self.cells.weigh_coefficient(points, rays.surfaces[met, None] * factor[len(alone) :])
 
     def map(self) -> Map:
         """The map as it stands: evidence, coefficients, detected surfaces."""

@@ -242,15 +242,16 @@ class SurfaceSlam:
         # measurement evaluation
         detected = detection(amplitudes, distance, self.detected)
         strength = strengths(amplitudes, heard, distance, self.detected, signal)
-        pairs = gate(predicted, heard, strength, rays.existence * rays.surfaces * validity, signal)
+        worth = rays.existence * rays.surfaces * validity
+        pairs = gate(predicted, heard, strength, worth, signal, self.particles.kept)
         # clutter level, by what no path can have caused
         near = np.bincount(pairs.measurement, minlength=len(heard)) > 0
         level = self.watch.listen(heard, near, self.told)
         if level != signal.false_alarms:
-            pairs = replace(pairs, density=pairs.density * signal.false_alarms / level)
+            pairs = pairs.against(level / signal.false_alarms)
             signal = replace(signal, false_alarms=level)
         cloud = self.particles.cloud(self.belief)
-        ratio, possible, blocks = evaluate(rays, cloud, pairs, predicted, heard)
+        ratio, possible, blocks = evaluate(rays, cloud, pairs, heard)
         ratio, validity = ratio / np.maximum(possible, 1e-3)[:, None], validity * possible
         chance = rays.existence * validity
         beta = (rays.surfaces * chance)[:, None] * ratio
