@@ -156,6 +156,8 @@ CONTESTS = {
     "gate": Contest(
         "pair", twins.gate, lambda case: len(case["predicted"]) * len(case["heard"]), "predicted"
     ),
+    "learn": Contest("path", twins.learn, lambda case: len(case["where"]), "where", changes=("held",)),
+    "recall": Contest("path", twins.recall, _paths),
     "polylines": Contest("path-ray", twins.polylines, _path_particles),
     "predict": Contest("path", twins.predict, _paths),
     "propose": Contest("sample", twins.propose, _samples, "heard"),

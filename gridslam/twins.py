@@ -275,3 +275,43 @@ def gate(
     total = kept * spread[path] + variance[:, :, None] * np.eye(3)
     pair = np.column_stack([heard[measurement, :3], variance, density, 0 * density, np.linalg.det(total)])
     return np.stack([path, measurement], -1).astype(np.int32), pair, np.linalg.inv(total)
+
+
+def recall(drawn: Array, path: Whole, held: Array, surface: Array, frame: Array) -> Array:
+    """Twin of `kernels.coefficients.recall`: beliefs over products of coefficients, (L, 2 BINS)."""
+    bins, rays = surface.shape[1], len(drawn) // max(len(path), 1)
+    centre = (np.arange(bins) + 0.5) / bins
+    belief = np.zeros((len(path), 2 * bins))
+    for row, (bounces, last, first) in enumerate(path[:, :3]):
+        corners = drawn[row * rays : (row + 1) * rays, :8].reshape(rays, 4, 2)
+        own = []
+        for corner, number in ((1, last if bounces == 1 else first), (2, last))[:bounces]:
+            cell = np.floor((corners[:, corner] - frame[:2]) / frame[2]).astype(int)
+            inside = ((cell >= 0) & (cell < held.shape[1::-1])).all(1)
+            log = held[cell[inside, 1], cell[inside, 0]].sum(0) / max(inside.sum(), 1)
+            local = surface[number] * np.exp(log - log.max())
+            local = local / local.sum() if local.sum() > 1e-12 else np.full(bins, 1 / bins)
+            own.append((1 - frame[3]) * local + frame[3] / bins)
+        if bounces == 0:
+            belief[row, -1] = 1.0
+        elif bounces == 1:
+            belief[row, ::2] = own[0]
+        else:
+            product, chance = np.outer(centre, centre).ravel(), np.outer(own[1], own[0]).ravel()
+            place = product * 2 * bins - 1
+            low = np.clip(np.floor(place).astype(int), 0, 2 * bins - 2)
+            part = np.clip(place - low, 0.0, 1.0)
+            belief[row] = np.bincount(low, (1 - part) * chance, 2 * bins)
+            belief[row] += np.bincount(low + 1, part * chance, 2 * bins)
+    return belief
+
+
+def learn(drawn: Array, path: Whole, where: Whole, factor: Array, frame: Array, held: Array) -> Array:
+    """Twin of `kernels.coefficients.learn`: the cells' log-likelihoods afterwards, (ny, nx, BINS)."""
+    after, rays = held.copy(), len(drawn) // max(len(path), 1)
+    for (row, corner), log in zip(where, factor, strict=True):
+        points = drawn[row * rays : (row + 1) * rays, 2 * corner : 2 * corner + 2]
+        cell = np.floor((points - frame[:2]) / frame[2]).astype(int)
+        cell = cell[((cell >= 0) & (cell < held.shape[1::-1])).all(1)]
+        np.add.at(after, (cell[:, 1], cell[:, 0]), log / rays)
+    return after

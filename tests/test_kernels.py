@@ -351,3 +351,28 @@ def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
     state = np.full((3 + 3 * surfaces, points.shape[1]), np.nan, np.float32)
     draw(root, base, points, state)
     np.testing.assert_allclose(state, twins.draw(root, base, points), atol=1e-5)
+
+
+@given(seeds, st.sampled_from([1, 5, 48]))
+@settings(max_examples=25, deadline=None)
+def test_coefficients_recalled_and_learned_equal_their_twins(seed, rays):
+    from gridslam.kernels.coefficients import learn, recall
+    from gridslam.kernels.paths import polylines
+
+    draw = np.random.default_rng(seed)
+    state, path, place = random_world(draw, rays, np.float64, surfaces=3)
+    path, drawn = np.pad(path, ((0, 0), (0, 1))), np.zeros((len(path) * rays, 13))
+    polylines(state, path, place[None], drawn)
+    drawn = np.pad(drawn, ((0, 0), (0, 1)))
+    held = draw.normal(0, draw.choice([0.1, 30.0]), (9, 11, 20))  # some so sure that all else is impossible
+    surface = draw.dirichlet(np.full(20, 0.2), 3)
+    frame = np.array([-3.0, -2.0, 0.7, 0.05])  # some hits are outside
+    belief = np.full((len(path), 40), np.nan)
+    recall(drawn, path, held, surface, frame, belief)
+    np.testing.assert_allclose(belief.sum(1), 1, rtol=1e-9)
+    np.testing.assert_allclose(belief, twins.recall(drawn, path, held, surface, frame), atol=1e-9)
+    where = np.array([[r, c] for r in range(len(path)) for c in range(1, path[r, 0] + 1)], np.int32)
+    factor = draw.normal(size=(len(where), 20))
+    expected = twins.learn(drawn, path, where, factor, frame, held)
+    learn(drawn, path, where, factor, frame, held)
+    np.testing.assert_allclose(held, expected, atol=1e-9)

@@ -29,8 +29,8 @@ class Cells:
     ----------
     origin, cell : (2,) m and m
         Lower-left corner and side of a cell.
-    coefficient : (ny, nx, BINS) float64
-        Log-likelihood over `REFLECTION_BINS`.
+    held : (ny, nx, BINS) float64
+        Log-likelihood over `REFLECTION_BINS`, where kernels find it.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class Cells:
         self._evidence = np.zeros(shape)
         self._occupied: runtime.Resident | None = None
         self.observed = np.zeros(shape, dtype=bool)
-        self.coefficient = np.zeros((*shape, BINS))
+        self.held = runtime.resident(np.zeros((*shape, BINS)))
         self.prior = 1 - np.exp(-cell / free_path)
         y, x = np.indices(shape)
         centre = self.origin + cell * (np.stack([x, y], -1) + 0.5)
@@ -64,6 +64,15 @@ class Cells:
     @evidence.setter
     def evidence(self, value: Array) -> None:
         self._evidence, self._occupied = value, None
+
+    @property
+    def coefficient(self) -> Array:
+        """Log-likelihood over `REFLECTION_BINS` of every cell, (ny, nx, BINS)."""
+        return runtime.on_host(self.held)
+
+    @coefficient.setter
+    def coefficient(self, value: Array) -> None:
+        self.held = runtime.resident(np.ascontiguousarray(value, dtype=np.float64))
 
     def occupied(self) -> runtime.Resident:
         """Occupancy in both roles, crossed and met, kept until the evidence changes, (2, ny, nx)."""
@@ -132,24 +141,16 @@ class Cells:
         self.evidence = np.clip(self.evidence + total, -EVIDENCE_CLIP, EVIDENCE_CLIP)
         self._message.fill(0)
 
-    def weigh_coefficient(self, points: Array, log_likelihood: Array) -> None:
-        """Multiply log-likelihoods (L, BINS) over the coefficient into the cells at `points` (L, R, 2) m."""
-        cell, inside = self._index(points)
-        share = np.broadcast_to(log_likelihood[:, None] / points.shape[1], (*inside.shape, BINS))
-        np.add.at(self.coefficient, divmod(cell[inside], self.shape[1]), share[inside])
+    def weigh_coefficient(self, rays: Rays, drawn: Polylines, where: NDArray[np.intp], factor: Array) -> None:
+        """Multiply log-likelihoods (n, BINS) over the coefficient into the cells that rays meet.
 
-    def coefficient_along(self, drawn: Polylines) -> tuple[Array, Array]:
-        """Mean log-likelihoods over the coefficient where rays meet their last and first wall, (L, BINS)."""
-        cell, inside = self._index(drawn.corners[:, :, 1:3].swapaxes(1, 2))
-        held = self.coefficient.reshape(-1, BINS).take(cell, axis=0)
-        count = np.maximum(inside.sum(2), 1)
-        mean = np.matmul((inside / count[..., None])[:, :, None], held)[:, :, 0]
-        return np.where(drawn.bounces[:, None] == 2, mean[:, 1], mean[:, 0]), mean[:, 0]
+        Parameters
+        ----------
+        where : (n, 2) int
+            Path and corner, counted from the anchor, that each is of.
+        """
+        from gridslam.kernels.coefficients import learn
 
-    def _index(self, points: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-        """Numbers of the cells that hold the points, row by row, and whether they lie in the grid."""
-        place = np.floor((points - self.origin) / self.cell)
-        x, y = place[..., 0], place[..., 1]
-        rows, columns = self.shape
-        inside = (x >= 0) & (y >= 0) & (x < columns) & (y < rows)
-        return np.where(inside, y * columns + x, 0).astype(np.intp), inside
+        if len(where):
+            frame = np.array([*self.origin, self.cell, 0.0])
+            learn(drawn.flat, rays.table, where.astype(np.int32), factor, frame, self.held)

@@ -1,4 +1,5 @@
-"""Reflection coefficients: beliefs about products of them along paths, and what amplitudes say of each."""
+"""Reflection coefficients: beliefs about products of them along paths, and what amplitudes say of each; owner
+of the kernel of the former."""
 
 from __future__ import annotations
 
@@ -7,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.inference.cells import Cells
 from gridslam.inference.likelihood import DetectionTable
+from gridslam.inference.polylines import Polylines
 from gridslam.inference.rays import Rays
 from gridslam.inference.surfaces import Bank
 from gridslam.inference.told import Told
@@ -19,21 +22,6 @@ PRODUCTS: Array = np.arange(1, 2 * BINS + 1) / (2 * BINS)
 """Nodes for products of coefficients; they hold every bin's centre, and 1 for the line of sight."""
 OTHER_MATERIAL = 0.05
 """Share of the belief that a wall is of another material where it is hit next."""
-
-
-def _split() -> Array:
-    """Weights (BINS, BINS, K) that share the product of two bins between its neighbouring nodes."""
-    place = np.outer(REFLECTION_BINS, REFLECTION_BINS) * len(PRODUCTS) - 1
-    low = np.clip(np.floor(place).astype(int), 0, len(PRODUCTS) - 2)
-    part = np.clip(place - low, 0.0, 1.0)
-    weights = np.zeros((BINS, BINS, len(PRODUCTS)))
-    i, j = np.indices((BINS, BINS))
-    weights[i, j, low] += 1 - part
-    weights[i, j, low + 1] += part
-    return weights
-
-
-SPLIT = _split()
 
 
 @dataclass(frozen=True)
@@ -54,31 +42,24 @@ class Reflected:
         return self.signal.amplitude(distance[:, None], PRODUCTS)
 
 
-def reflected(rays: Rays, bank: Bank, at_last: Array, at_first: Array, signal: SignalModel) -> Reflected:
+def reflected(rays: Rays, bank: Bank, drawn: Polylines, cells: Cells, signal: SignalModel) -> Reflected:
     """Belief over the product of the coefficients along every ray (paper 003, eq. (2)).
+
+    A hit's own is made up of what the surface and the cells there believe, and of room for a surprise.
 
     Parameters
     ----------
-    at_last, at_first : (L, BINS)
-        Log-likelihoods that the cells hold where the ray meets its last and first surface.
+    drawn : Polylines
+        The rays as cast at sampled states.
     """
-    probability = np.zeros((len(rays), len(PRODUCTS)))
-    probability[rays.bounces == 0, -1] = 1.0
-    single, double = np.flatnonzero(rays.bounces == 1), np.flatnonzero(rays.bounces == 2)
-    probability[single, ::2] = _local(bank, rays.last[single], at_last[single])
-    last = _local(bank, rays.last[double], at_last[double])
-    first = _local(bank, rays.first[double], at_first[double])
-    joint = (last[:, :, None] * first[:, None, :]).reshape(len(double), BINS * BINS)
-    probability[double] = joint @ SPLIT.reshape(BINS * BINS, -1)
-    return Reflected(probability, signal)
+    from gridslam.kernels.coefficients import recall
 
-
-def _local(bank: Bank, surface: NDArray[np.intp], at_cell: Array) -> Array:
-    """Belief over the coefficient at a hit: the surface's, the cell's own, and room for a surprise."""
-    local = bank.reflection[surface] * np.exp(at_cell - at_cell.max(1, keepdims=True, initial=-np.inf))
-    total = local.sum(1, keepdims=True)
-    local = np.where(total > 1e-12, local / np.maximum(total, 1e-12), 1 / BINS)
-    return (1 - OTHER_MATERIAL) * local + OTHER_MATERIAL / BINS
+    rays.check(len(bank), int(rays.anchor.max(initial=0)) + 1)
+    belief = np.empty((len(rays), len(PRODUCTS)))
+    if len(rays):
+        frame = np.array([*cells.origin, cells.cell, OTHER_MATERIAL])
+        recall(drawn.flat, rays.table, cells.held, bank.reflection, frame, belief)
+    return Reflected(belief, signal)
 
 
 def coefficient_factors(

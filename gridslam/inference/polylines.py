@@ -29,6 +29,11 @@ class Polylines:
     drawn: Array
 
     @property
+    def flat(self) -> Array:
+        """`drawn` as kernels take it, (L R, 13 or 14)."""
+        return self.drawn.reshape(-1, self.drawn.shape[2])
+
+    @property
     def corners(self) -> Array:
         """Anchor, interaction points, agent, which repeats where there are fewer bounces, (L, R, 4, 2) m."""
         return self.drawn[..., :8].reshape(*self.drawn.shape[:2], 4, 2)

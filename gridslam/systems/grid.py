@@ -64,7 +64,7 @@ class GridSlam(SurfaceSlam):
         predicted = predict_paths(rays, self.belief, self.anchors)
         few = sample(self.belief, RAYS, self._stream(heard.anchor, 0))
         drawn = self.cells.see(rays, few, self.anchors)
-        amplitudes = reflected(rays, self.bank, *self.cells.coefficient_along(drawn), self.signal)
+        amplitudes = reflected(rays, self.bank, drawn, self.cells, self.signal)
         # measurement evaluation, births, data association, updates of agent, surfaces and rays
         said = self._exchange(heard, rays, predicted, amplitudes, drawn.validity)
         # what cells and coefficients are to be told; new surfaces
@@ -106,9 +106,9 @@ class GridSlam(SurfaceSlam):
         other = np.concatenate([np.ones(len(alone)), beyond, usual[rays.last[at_first]]])
         factor = coefficient_factors(told, rows, other, self.detected, self.signal)
         learn_reflection(self.bank, rays.last[alone], factor[: len(alone)])
-        met, corner = rows[len(alone) :], np.where(rays.bounces[at_last] == 2, 2, 1)
-        points = drawn.corners[met, :, np.concatenate([corner, np.ones(len(at_first), np.intp)])]
-        self.cells.weigh_coefficient(points, rays.surfaces[met, None] * factor[len(alone) :])
+        corner = np.concatenate([np.where(double, 2, 1)[at_last], np.ones(len(at_first), np.intp)])
+        met, news = rows[len(alone) :], rays.surfaces[rows, None] * factor
+        self.cells.weigh_coefficient(rays, drawn, np.stack([met, corner], -1), news[len(alone) :])
 
     def map(self) -> Map:
         """The map as it stands: evidence, coefficients, detected surfaces."""
