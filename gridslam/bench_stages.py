@@ -26,6 +26,8 @@ STAGES = {
     "association": "association",
     "correction": "correction",
     "births": "births",
+    "proposals": "births",
+    "told": "cells",
     "cells": "cells",
     "polylines": "cells",
     "materials": "cells",

@@ -24,7 +24,8 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def scan_of(case, step):
     scan, world = case.heard.scan(step), case.believed
     places = zip(world.anchor_positions, world.anchor_orientations, strict=True)
-    return [Heard.of(scan, number, place, facing) for number, (place, facing) in enumerate(places)]
+    threshold = world.signal_model(case.agent).threshold
+    return [Heard.of(scan, number, place, facing, threshold) for number, (place, facing) in enumerate(places)]
 
 
 def quiet(count, anchor=0):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from gridslam import runtime, twins
 from gridslam.geometry import wrap
-from gridslam.inference.births import SAMPLES
+from gridslam.inference.proposals import SAMPLES
 from gridslam.kernels import CELL_SLABS, PATH_BLOCK
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())

@@ -1,35 +1,24 @@
-"""Births: the new surface that each measurement would need (paper 002, section V-B); owner of that kernel."""
+"""Births: the new surfaces that measurements need, and how they join the belief (paper 002, section V-B)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam import runtime
-from gridslam.geometry import PathGeometry, line_between, mirror, trace, unit, wrap
+from gridslam.geometry import PathGeometry, mirror, trace, wrap
 from gridslam.inference.belief import Belief, birth_line, give_birth, slots, update
 from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import deviations
 from gridslam.inference.particles import Cloud, at_mean
 from gridslam.inference.rays import Rays
-from gridslam.inference.surfaces import Bank
 from gridslam.signal import REFLECTION_BINS, SignalModel
 
 Array = NDArray[np.float64]
-CONVERGED_STD_M = 0.3
 USUAL_REFLECTION = 0.7
-DOUBLE_SHARE = 0.5
-"""Births by each kind of double bounce over births by single bounces."""
-EXPLAINED = 1e-3
-"""A birth this many times less likely than the measurement's known causes isn't looked at."""
-FAINT = 1e-3
-"""Ratio to clutter below which a hypothesis is dropped."""
 RIVAL = 0.2
 """Share of a measurement's births from which on the second likeliest is followed, too."""
-SAMPLES = 256
 REACH, TRIALS = 4.0, 41
 """Deviations and number of directions of arrival that are tried for a new line, coarse and then fine."""
 
@@ -89,105 +78,6 @@ class Births:
             rival = [one for one in rest[:1] if self.ratio[one] >= RIVAL * born[row]]
             followed += [(one, float(chance[row] * self.ratio[one] / born[row])) for one in (first, *rival)]
         return followed
-
-
-def partners(bank: Bank, belief: Belief, most_bounces: int) -> NDArray[np.intp]:
-    """Pairs (last, first) of known surfaces with which a new one may form a path, -1 for the new, (H, 2)."""
-    if most_bounces < 1:
-        return np.zeros((0, 2), np.intp)
-    index = slots(np.arange(len(bank)))
-    variance = belief.covariance[index[:, 1], index[:, 1]]
-    known = np.flatnonzero((bank.existence > 0.9) & (bank.seen >= 3) & (variance < CONVERGED_STD_M**2))
-    pairs: list[tuple[int, int]] = [(-1, -1)]
-    if most_bounces >= 2:
-        pairs += [pair for s in known.tolist() for pair in ((-1, s), (s, -1))]
-    return np.asarray(pairs, dtype=np.intp)
-
-
-def propose(
-    heard: Heard, belief: Belief, bank: Bank, cloud: Cloud, explained: Array, signal: SignalModel,
-    births: float, radius_m: float, most_bounces: int,
-) -> Births:  # fmt: skip
-    """All birth hypotheses worth a look, of the measurements that carry distance and AoA.
-
-    Surfaces are born uniformly over all lines that cross the region (angle and offset), at `births` per
-    anchor and step; that measure doesn't depend on the frame. The mean over agent, distance and AoA is
-    taken in a kernel; amplitude and clutter are the same for all samples.
-
-    Parameters
-    ----------
-    explained : (M,)
-        Ratio to clutter of the measurement's known causes.
-    radius_m : float
-        Of the region.
-    """
-    runtime.start()
-    from gridslam.kernels.births import propose as launch
-
-    known = partners(bank, belief, most_bounces)
-    rows = np.flatnonzero(~np.isnan(heard.value[:, [0, 2]]).any(1))
-    strength = np.where(
-        np.isnan(heard.amplitude[rows]), signal.amplitude(heard.value[rows, 0], 0.5), heard.amplitude[rows]
-    )
-    std = deviations(heard, rows, strength, np.nan_to_num(heard.value[rows, 1:]), signal)
-    # what a hypothesis could be worth at most: the AoD right on, the image next to the anchor
-    level = _amplitude_factor(heard, rows, known, signal)
-    common = births / (4 * np.pi * radius_m) * heard.value[rows, 0]
-    most = common * level.max(1, initial=0.0) / np.sqrt(2 * np.pi) / np.minimum(std[:, 1], 2.5)
-    keep = most > np.maximum(FAINT, EXPLAINED * explained[rows])
-    rows, std, level, common = rows[keep], std[keep], level[keep], common[keep]
-    weight = np.zeros((len(rows), len(known)))
-    if weight.size:
-        value = np.concatenate([np.nan_to_num(heard.value[rows]), np.minimum(std, 1e9)], 1)
-        launch(
-            cloud.state,
-            _noise(len(known)),
-            np.ascontiguousarray(value),
-            known.astype(np.int32),
-            np.array([*heard.place, heard.facing]),
-            weight,
-        )
-    share = np.where((known >= 0).any(1), DOUBLE_SHARE, 1.0)
-    ratio = common[:, None] * level * weight * share
-    row, hypothesis = np.nonzero(ratio > np.maximum(FAINT, EXPLAINED * explained[rows])[:, None])
-    measurement, last, first = rows[row], known[hypothesis, 0], known[hypothesis, 1]
-    return Births(
-        measurement, last, first, _lines(heard, belief, measurement, last, first), ratio[row, hypothesis]
-    )
-
-
-@cache
-def _noise(seed: int) -> Array:
-    """Standard normal noise of distance and AoA, (2, SAMPLES)."""
-    return np.random.default_rng(seed).standard_normal((2, SAMPLES))
-
-
-def _amplitude_factor(
-    heard: Heard, rows: NDArray[np.intp], known: NDArray[np.intp], signal: SignalModel
-) -> Array:
-    """Amplitude's density, averaged over the unknown coefficient, over that of clutter, (M, H)."""
-    factor = np.ones((len(rows), len(known)))
-    loud = ~np.isnan(heard.amplitude[rows])
-    for other in (1.0, USUAL_REFLECTION):
-        chosen = (known >= 0).any(1) == (other < 1)
-        level = signal.amplitude(heard.value[rows, :1], REFLECTION_BINS * other)
-        said = np.exp(signal.log_rician(np.nan_to_num(heard.amplitude[rows], nan=1.0)[:, None], level)).mean(
-            1
-        )
-        factor[:, chosen] = np.where(loud, said, 1.0)[:, None]
-    clutter = np.log(signal.false_alarms) + signal.log_clutter(heard.amplitude[rows])
-    return np.asarray(factor * np.exp(-clutter)[:, None])
-
-
-def _lines(
-    heard: Heard, belief: Belief, rows: NDArray[np.intp], last: NDArray[np.intp], first: NDArray[np.intp]
-) -> Array:
-    """Lines of the new surfaces that would explain measurements `rows`, (B, 2)."""
-    lines = np.concatenate([belief.lines, np.zeros((1, 2))])
-    source = np.where((first >= 0)[:, None], mirror(lines[first], heard.place), heard.place)
-    image = belief.mean[:2] + heard.value[rows, :1] * unit(belief.mean[4] + heard.value[rows, 2])
-    image = np.where((last >= 0)[:, None], mirror(lines[last], image), image)
-    return line_between(source, image)
 
 
 def draw_births(births: Births, belief: Belief, anchor: int) -> tuple[Rays, Cloud]:

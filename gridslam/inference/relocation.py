@@ -112,7 +112,7 @@ class Fix:
 
 def near_paths(scans: Sequence[Heard], rays: Rays, predicted: Prediction, signal: SignalModel) -> int:
     """How many of the loud measurements lie where some path of their anchor is predicted."""
-    rows = [np.flatnonzero(loud(heard, signal)) for heard in scans]
+    rows = [np.flatnonzero(heard.loud) for heard in scans]
     anchor = np.repeat([heard.anchor for heard in scans], [len(r) for r in rows])
     value, own = (
         np.concatenate([getattr(heard, name)[r] for heard, r in zip(scans, rows, strict=True)])
@@ -236,7 +236,7 @@ def _proposals(
     """Poses (N, 3) that the loud measurements stand for, over each surface they could have come by."""
     poses = [np.zeros((0, 3))]
     for own, heard in zip(images, scan, strict=True):
-        rows = np.flatnonzero(~np.isnan(heard.value).any(1) & loud(heard, signal))
+        rows = np.flatnonzero(~np.isnan(heard.value).any(1) & heard.loud)
         if not len(rows):
             continue
         strength = np.nan_to_num(heard.amplitude[rows], nan=signal.threshold)
@@ -251,12 +251,6 @@ def _proposals(
                 np.concatenate([place, wrap(back - value[None, :, 2])[..., None]], -1).reshape(-1, 3)
             )
     return np.concatenate(poses)
-
-
-def loud(heard: Heard, signal: SignalModel) -> NDArray[np.bool_]:
-    """Measurements (M,) that clutter is unlikely to be the cause of: one in a thousand is as loud."""
-    amplitude = np.nan_to_num(heard.amplitude, nan=np.inf)
-    return np.asarray(amplitude**2 - signal.threshold**2 > np.log(1000.0))
 
 
 def _log_likelihood(

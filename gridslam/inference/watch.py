@@ -15,7 +15,6 @@ from gridslam.inference.evaluation import Pairs, effective_sample_size
 from gridslam.inference.heard import Heard
 from gridslam.inference.prediction import Prediction
 from gridslam.inference.rays import Rays
-from gridslam.inference.relocation import loud
 from gridslam.signal import SignalModel
 
 Array = NDArray[np.float64]
@@ -170,9 +169,8 @@ class Watch:
         blocks : (K, P / PATH_BLOCK)
             Sums of each pair's weights over blocks of particles.
         """
-        strong = loud(heard, told)
-        self.loud += strong.sum()
-        self.explained += np.minimum(responsible.sum(0), 1.0)[strong].sum()
+        self.loud += heard.loud.sum()
+        self.explained += np.minimum(responsible.sum(0), 1.0)[heard.loud].sum()
         sure = np.flatnonzero(responsible[pairs.path, pairs.measurement] > SURE)
         if not len(sure):
             return

@@ -16,13 +16,14 @@ from gridslam.geometry import unit, wrap
 from gridslam.inference import ghosts, relocation, surfaces
 from gridslam.inference.association import associate
 from gridslam.inference.belief import AGENT, Belief, append, predict, separated
-from gridslam.inference.births import Births, bear, birth_reflection, propose
+from gridslam.inference.births import Births, bear, birth_reflection
 from gridslam.inference.correction import correct
 from gridslam.inference.evaluation import evaluate, gate
 from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import AmplitudeBelief, DetectionTable, detection, strengths
 from gridslam.inference.particles import Particles
 from gridslam.inference.prediction import Prediction, predict_paths
+from gridslam.inference.proposals import Prospects, propose, prospects
 from gridslam.inference.rays import Rays, remember, short_rays
 from gridslam.inference.readout import path_estimate, surface_estimate
 from gridslam.inference.surfaces import Bank
@@ -107,6 +108,7 @@ class SurfaceSlam:
         self.last_time: float | None = None
         self.elapsed, self.start_velocity = 0.0, float(variance[2])
         self.next_identity, self.steps = 0, 0
+        self._prospects: list[Prospects] = []
         self.provenance: dict[str, list] = {"agents": [], "seeds": [], "steps": []}
 
     def step(self, scan: Scan) -> Estimate:
@@ -118,6 +120,7 @@ class SurfaceSlam:
             self._face(self.watch.turned)
             scans = self._hear(scan)
             self._find_again(scans)
+            self._prospects = prospects(scans, self.watch.tuned(self.told, 0))
             for heard in scans:
                 self.signal = self.watch.tuned(self.told, heard.anchor)
                 self._take_in(heard)
@@ -188,7 +191,7 @@ class SurfaceSlam:
 
     def _find_again(self, scans: list[Heard]) -> None:
         """Where the belief can't be followed from the last step on, find the agent by the map."""
-        count = sum(int(relocation.loud(heard, self.told).sum()) for heard in scans)
+        count = sum(int(heard.loud.sum()) for heard in scans)
         vague = relocation.is_vague(self.belief)
         if count < ENOUGH and not vague:
             return
@@ -212,7 +215,7 @@ class SurfaceSlam:
     def _hear(self, scan: Scan) -> list[Heard]:
         """The scan, anchor by anchor."""
         return [
-            Heard.of(scan, anchor, place, facing)
+            Heard.of(scan, anchor, place, facing, self.told.threshold)
             for anchor, (place, facing) in enumerate(zip(self.places, self.facings, strict=True))
         ]
 
@@ -259,8 +262,8 @@ class SurfaceSlam:
         births = self._reachable(
             heard,
             propose(
-                heard, self.belief, self.bank, cloud, beta.sum(0), signal, self.settings.births,
-                self.radius_m, self.most_bounces,
+                heard, self._prospects[heard.anchor], self.belief, self.bank, cloud, beta.sum(0), signal,
+                self.settings.births, self.radius_m, self.most_bounces,
             ),
         )  # fmt: skip
         missed = np.maximum(1 - rays.surfaces * chance * detected, 1e-9)
