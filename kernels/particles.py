@@ -15,7 +15,7 @@ AGENT = 5
 @quick
 @ti.kernel
 def draw(
-    root: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, N] its square is the covariance
+    root: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, N] of the covariance, lower triangular
     base: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, 3] mean, and its cosine and sine
     points: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N or more, P] standard normal
     state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S, P] out: x, y, heading; normals and offsets
@@ -28,7 +28,7 @@ def draw(
             for row in range(size):
                 if row != 2 and row != 3:
                     gap = ti.Vector([0.0] * BLOCK)
-                    for quad in range(size // 4):  # four at a time: sums are stored a quarter as often
+                    for quad in range((row + 1) // 4):  # four at a time: sums are stored a quarter as often
                         n = 4 * quad
                         a, b, c, d = root[row, n], root[row, n + 1], root[row, n + 2], root[row, n + 3]
                         for i in range(BLOCK):
@@ -39,7 +39,7 @@ def draw(
                                 + c * points[n + 2, k]
                                 + d * points[n + 3, k]
                             )
-                    for n in range(size // 4 * 4, size):
+                    for n in range((row + 1) // 4 * 4, row + 1):
                         a = root[row, n]
                         for i in range(BLOCK):
                             gap[i] += a * points[n, at + i]

@@ -90,6 +90,16 @@ def test_association_survives_no_paths_and_no_measurements():
     assert associate(np.zeros((2, 0)), np.ones(2), np.zeros(0))[0].shape == (2, 0)
 
 
+@pytest.mark.parametrize("rank", [0, 3, 9])
+def test_the_root_of_a_covariance_is_triangular_and_gives_it_back_even_if_singular(rank):
+    draw = np.random.default_rng(rank)
+    part = np.zeros((9, 9))
+    part[:, :rank] = draw.normal(size=(9, rank))
+    belief = Belief(np.zeros(9), part @ part.T)
+    assert not np.triu(belief.root, 1).any()
+    np.testing.assert_allclose(belief.root @ belief.root.T, belief.covariance, atol=1e-9)
+
+
 def test_update_of_a_sure_association_is_the_kalman_update():
     draw = np.random.default_rng(1)
     root = draw.normal(size=(5, 5))

@@ -344,7 +344,7 @@ def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
     from gridslam.kernels.particles import draw
 
     random, size = np.random.default_rng(5), 5 + 2 * surfaces
-    root = (spread * random.normal(size=(size, size)) / np.sqrt(size)).astype(np.float32)
+    root = np.tril(spread * random.normal(size=(size, size)) / np.sqrt(size)).astype(np.float32)
     mean = random.normal(size=size) * 3
     base = np.stack([mean, np.cos(mean), np.sin(mean)], -1, dtype=np.float32)
     points = random.normal(size=(size + 2, 3 * PATH_BLOCK)).astype(np.float32)  # more than are needed

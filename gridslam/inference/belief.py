@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg.lapack import dpotrf
 
 from gridslam.geometry import line_between, mirror, unit, wrap
 
@@ -39,13 +40,17 @@ class Belief:
 
     @cached_property
     def root(self) -> Array:
-        """Symmetric root of the covariance, which may be singular, (5 + 2 S, 5 + 2 S).
+        """Lower triangular root of the covariance (Cholesky's), which may be singular, (5 + 2 S, 5 + 2 S).
 
         Unlike eigenvectors or their signs it is a continuous function of the covariance: particles of two
         computers whose rounding differs stay next to each other.
         """
-        values, vectors = np.linalg.eigh(self.covariance)
-        return np.asarray((vectors * np.sqrt(np.maximum(values, 0))) @ vectors.T)
+        root, failed = dpotrf(self.covariance, lower=1, clean=1)
+        if failed:
+            values, vectors = np.linalg.eigh(self.covariance)
+            _, upper = np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0))).T)
+            root = upper.T * np.where(np.diagonal(upper) < 0, -1.0, 1.0)
+        return np.asarray(root)
 
 
 def slots(surfaces: ArrayLike) -> NDArray[np.intp]:

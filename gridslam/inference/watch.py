@@ -106,6 +106,7 @@ class Watch:
         self.since += 1
         self._effective = np.inf
         self._turned = self.turned
+        self._noted: list[tuple[NDArray[np.generic], ...]] = []
 
     @property
     def gain(self) -> float:
@@ -156,11 +157,11 @@ class Watch:
         self.listened[anchor] = keep * self.listened[anchor] + 1
         return self.level(anchor, told.false_alarms)
 
-    def judge(
+    def note(
         self, heard: Heard, rays: Rays, predicted: Prediction, pairs: Pairs, responsible: Array,
-        blocks: NDArray[np.float32], told: SignalModel,
+        blocks: NDArray[np.float32],
     ) -> None:  # fmt: skip
-        """Take in how an anchor's measurements fitted.
+        """Keep how an anchor's measurements fitted, until the step is judged.
 
         Parameters
         ----------
@@ -172,28 +173,43 @@ class Watch:
         self.loud += heard.loud.sum()
         self.explained += np.minimum(responsible.sum(0), 1.0)[heard.loud].sum()
         sure = np.flatnonzero(responsible[pairs.path, pairs.measurement] > SURE)
-        if not len(sure):
-            return
         path, measurement = pairs.path[sure], pairs.measurement[sure]
-        gap = heard.value[measurement] - predicted.value[path]
+        self._noted.append(
+            (
+                np.full(len(sure), heard.anchor), rays.bounces[path], predicted.whole[path],
+                heard.value[measurement], pairs.variance[sure], heard.amplitude[measurement], blocks[sure],
+            )
+        )  # fmt: skip
+
+    def judge(self, told: SignalModel) -> None:
+        """Take in how the step's measurements fitted: sure associations of all anchors."""
+        noted, self._noted = self._noted, []
+        if not sum(len(part[0]) for part in noted):
+            return
+        anchor, bounces, predicted, value, variance, amplitude, blocks = (
+            np.concatenate(parts) for parts in zip(*noted, strict=True)
+        )
+        gap = value - predicted[:, :3]
         gap[:, 1:] = np.remainder(gap[:, 1:] + np.pi, 2 * np.pi) - np.pi
         known = ~np.isnan(gap)
-        spread = predicted.spread[path] + pairs.variance[sure, :, None] * np.eye(3)
-        solved = np.linalg.solve(spread, np.nan_to_num(gap)[..., None])[..., 0]
-        self.misfit += np.minimum((np.nan_to_num(gap) * solved).sum(1), WORST).sum()
+        spread = predicted[:, 3:].reshape(-1, 3, 3) + variance[:, :, None] * np.eye(3)
+        filled = np.where(known, gap, 0.0)
+        solved = np.linalg.solve(spread, filled[..., None])[..., 0]
+        self.misfit += np.minimum((filled * solved).sum(1), WORST).sum()
         self.freedom += known.sum()
-        self._effective = min(self._effective, float(effective_sample_size(blocks[sure]).min()))
-        direct = rays.bounces[path] == 0
+        self._effective = min(self._effective, float(effective_sample_size(blocks).min()))
         # the line of sight says how an anchor faces: distances tell where the agent is, no wall takes part
+        direct = bounces == 0
         departures = np.flatnonzero(direct & known[:, 1])
+        facing = anchor[departures]
         precision = 1 / spread[departures, 1, 1]
-        self.turn[heard.anchor] += precision @ (self._turned[heard.anchor] - gap[departures, 1])
-        self.turn_weight[heard.anchor] += precision.sum()
-        direct &= known[:, 0] & ~np.isnan(heard.amplitude[measurement])
+        np.add.at(self.turn, facing, precision * (self._turned[facing] - gap[departures, 1]))
+        np.add.at(self.turn_weight, facing, precision)
+        direct &= known[:, 0] & ~np.isnan(amplitude)
         if direct.any():
-            level = told.amplitude(heard.value[measurement[direct], 0])
+            level = told.amplitude(value[direct, 0])
             scale = told.amplitude_std(level)
-            measured = np.sqrt(np.maximum(heard.amplitude[measurement[direct]] ** 2 - scale**2, 0.0))
+            measured = np.sqrt(np.maximum(amplitude[direct] ** 2 - scale**2, 0.0))
             clear = measured > 2 * told.threshold  # fainter ones are biased by the threshold
             self.pull += (level * measured / scale**2)[clear].sum()
             self.weight += np.square(level / scale)[clear].sum()

@@ -126,6 +126,7 @@ class SurfaceSlam:
                 self._take_in(heard)
                 if not self.settings.correlated:
                     self.belief = separated(self.belief)
+            self.watch.judge(self.told)
             self._tidy()
             return self._estimate(scan, time.perf_counter() - began)
 
@@ -273,7 +274,7 @@ class SurfaceSlam:
         self.belief, responsible = correct(
             self.belief, rays, rays.surfaces * chance, detected, beta, nu, pairs, heard
         )
-        self.watch.judge(heard, rays, predicted, pairs, responsible, blocks, self.told)
+        self.watch.note(heard, rays, predicted, pairs, responsible, blocks)
         remember(self.bank, self.sight, rays, heard.anchor, worth, validity)
         surfaces.exist(self.bank, rays, chance, worth)
         return Messages(chance, worth, responsible, births, claimed)
