@@ -70,24 +70,21 @@ def predict(
     feet : (S,) m
         Tangential coordinate of the place where each surface is hit, about which it turns.
     """
-    size = len(belief.mean)
-    forward, noise = np.eye(size), np.zeros((size, size))
-    forward[0, 2] = forward[1, 3] = dt
-    push = np.array([0.5 * dt**2, dt])
+    mean, covariance = belief.mean.copy(), belief.covariance.copy()
+    mean[:2] += dt * mean[2:4]
+    covariance[:2] += dt * covariance[2:4]
+    covariance[:, :2] += dt * covariance[:, 2:4]
+    push = acceleration * np.array([0.5 * dt**2, dt])
     for axis in range(2):
-        entry = np.array([axis, axis + 2])
-        noise[np.ix_(entry, entry)] = acceleration**2 * np.outer(push, push)
-    noise[4, 4] = heading**2
-    for surface, foot in enumerate(feet):
-        angle, offset = slots(np.intp(surface))
-        turn = np.zeros((2, 2))
-        # a turn by w about the point at tangential coordinate t changes the offset by t w
-        lever = np.array([1.0, foot])
-        turn += (shift / 5.0) ** 2 * np.outer(lever, lever)
-        turn[1, 1] += shift**2
-        noise[np.ix_([angle, offset], [angle, offset])] = turn
-    mean = forward @ belief.mean
-    return Belief(mean, forward @ belief.covariance @ forward.T + noise)
+        covariance[axis : axis + 3 : 2, axis : axis + 3 : 2] += push[:, None] * push
+    covariance[4, 4] += heading**2
+    # a turn by w about the point at tangential coordinate t changes the offset by t w
+    angle, turn = np.arange(AGENT, len(mean), 2), (shift / 5.0) ** 2
+    covariance[angle, angle] += turn
+    covariance[angle, angle + 1] += turn * feet
+    covariance[angle + 1, angle] += turn * feet
+    covariance[angle + 1, angle + 1] += turn * feet**2 + shift**2
+    return Belief(mean, covariance)
 
 
 def update(belief: Belief, jacobian: Array, residuals: Array, noises: Array, weights: Array) -> Belief:

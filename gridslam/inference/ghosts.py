@@ -44,6 +44,8 @@ def lay(bank: Bank, belief: Belief, places: Array) -> tuple[Bank, Belief]:
     lines, good = belief.lines, np.ones(len(bank), dtype=bool)
     surer = np.minimum(bank.existence[last], bank.existence[first]) > bank.existence[:, None]
     surer &= np.minimum(bank.seen[last], bank.seen[first]) > OFTENER * bank.seen[:, None]
+    if not surer.any():
+        return bank, belief
     through = _through_corners(lines, last, first)
     for anchor, place in enumerate(places):
         double = mirror(lines[last], mirror(lines[first], place))

@@ -72,10 +72,13 @@ class Rays:
         return Rays(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
-def rays_of(bank: Bank, sight: Array, anchor: int, most_bounces: int, now: bool = False) -> Rays:
-    """All paths worth a look from `anchor`; `sight` (J,) is the existence of the line of sight.
+def rays_of(bank: Bank, sight: Array, anchor: int, most_bounces: int) -> Rays:
+    """All paths worth a look from `anchor`, with their existence predicted one step ahead.
 
-    Their existence is predicted one step ahead, unless asked for `now`.
+    Parameters
+    ----------
+    sight : (J,)
+        Existence of every anchor's line of sight.
     """
     own = np.flatnonzero((bank.owner == -1) | (bank.owner == anchor))
     strong = np.flatnonzero(bank.existence > 0.3)
@@ -86,9 +89,8 @@ def rays_of(bank: Bank, sight: Array, anchor: int, most_bounces: int, now: bool 
         last = first = last[:0]
     bounces = np.repeat([0, 1, 2], [1, len(own), len(last)])
     memory = np.concatenate([[sight[anchor]], bank.single[anchor, own], bank.double[anchor, last, first]])
-    if not now:
-        settled = P_APPEAR / (1 - P_STAY + P_APPEAR)
-        memory = settled + (memory - settled) * (P_STAY - P_APPEAR)
+    settled = P_APPEAR / (1 - P_STAY + P_APPEAR)
+    memory = settled + (memory - settled) * (P_STAY - P_APPEAR)
     product = np.concatenate([[1.0], bank.existence[own], bank.existence[last] * bank.existence[first]])
     return Rays(
         np.full(len(bounces), anchor),
@@ -98,6 +100,27 @@ def rays_of(bank: Bank, sight: Array, anchor: int, most_bounces: int, now: bool 
         memory,
         product,
     )
+
+
+def rays_now(bank: Bank, sight: Array, most_bounces: int) -> Rays:
+    """All paths worth a look from any anchor, anchor by anchor, with their existence as it is now."""
+    anchors = np.arange(len(sight))
+    anchor, own = np.nonzero((bank.owner == -1) | (bank.owner == anchors[:, None]))
+    strong = bank.existence > 0.3
+    pairs = strong[:, None] & strong & ~np.eye(len(bank), dtype=bool) & (most_bounces > 1)
+    among, last, first = np.nonzero(np.broadcast_to(pairs, bank.double.shape))
+    none = np.full(len(anchors), -1)
+    table = Rays(
+        np.concatenate([anchors, anchor, among]),
+        np.repeat([0, 1, 2], [len(anchors), len(own), len(last)]),
+        np.concatenate([none, own, last]),
+        np.concatenate([none, own, first]),
+        np.concatenate([sight, bank.single[anchor, own], bank.double[among, last, first]]),
+        np.concatenate(
+            [np.ones(len(anchors)), bank.existence[own], bank.existence[last] * bank.existence[first]]
+        ),
+    )
+    return table.take(np.argsort(table.anchor, kind="stable"))
 
 
 def short_rays(bank: Bank, sight: Array) -> Rays:

@@ -12,7 +12,7 @@ from gridslam.inference.belief import Belief
 from gridslam.inference.particles import at_mean
 from gridslam.inference.polylines import draw_paths
 from gridslam.inference.prediction import predict_paths
-from gridslam.inference.rays import Rays, rays_of
+from gridslam.inference.rays import Rays, rays_now
 from gridslam.inference.surfaces import Bank, canonical_lines
 from gridslam.signal import REFLECTION_BINS
 
@@ -42,7 +42,7 @@ def path_estimate(
     strength : callable
         Amplitudes (L,) of rays of given distances (L,).
     """
-    rays = Rays.stack([rays_of(bank, sight, j, most_bounces, now=True) for j in range(len(anchors))])
+    rays = rays_now(bank, sight, most_bounces)
     rays = rays.take(np.flatnonzero(rays.existence * rays.surfaces > 0.5))
     drawn = draw_paths(rays, at_mean(belief), anchors)
     good = np.flatnonzero(drawn.valid[:, 0])

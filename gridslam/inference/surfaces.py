@@ -115,8 +115,10 @@ def evolve(bank: Bank, survival: float, walk: float) -> None:
     """Surfaces survive, and their coefficients walk by `walk` per step (paper 003, section III-C)."""
     bank.existence = bank.existence * survival
     spread = (walk * BINS) ** 2 / 2
-    wide = np.pad(bank.reflection, ((0, 0), (1, 1)), mode="edge")
-    bank.reflection = bank.reflection + spread * (wide[:, 2:] - 2 * bank.reflection + wide[:, :-2])
+    step = spread * (bank.reflection[:, 1:] - bank.reflection[:, :-1])
+    bank.reflection = bank.reflection.copy()
+    bank.reflection[:, :-1] += step
+    bank.reflection[:, 1:] -= step
     bank.age = bank.age + 1
 
 
