@@ -145,6 +145,7 @@ CONTESTS = {
     "evaluate": Contest(
         "path-particle", twins.evaluate, _path_particles, given=lambda case: {"block": PATH_BLOCK}
     ),
+    "associate": Contest("pair", twins.associate, lambda case: case["beta"].size, "beta"),
     "cast": Contest(
         "cell visit", twins.cast, _visits, given=_cast_twin,
         size=lambda case: int((case["factor"][:, 1] > 0.5).sum()),  # those that send messages

@@ -315,3 +315,21 @@ def learn(drawn: Array, path: Whole, where: Whole, factor: Array, frame: Array, 
         cell = cell[((cell >= 0) & (cell < held.shape[1::-1])).all(1)]
         np.add.at(after, (cell[:, 1], cell[:, 0]), log / rays)
     return after
+
+
+def associate(beta: Array, missed: Array, new: Array, limit: Array) -> tuple[Array, Array]:
+    """Twin of `kernels.association.associate`: messages from paths and from measurements, (L, M) both."""
+    paths, heard = beta.shape
+    nu = np.broadcast_to(1 / new, (paths, heard)).copy()
+    claim = np.zeros_like(nu)
+    for _ in range(int(limit[0]) if paths and heard else 0):
+        weight = beta * nu
+        others = np.maximum(weight.sum(1, keepdims=True) - weight, 0.0)
+        claim = beta / (missed[:, None] + others)
+        rest = np.maximum(claim.sum(0, keepdims=True) - claim, 0.0)
+        fresh = 1 / (new + rest)
+        change = np.abs(fresh - nu).max()
+        nu = fresh
+        if change < limit[1]:
+            break
+    return claim, nu

@@ -376,3 +376,20 @@ def test_coefficients_recalled_and_learned_equal_their_twins(seed, rays):
     expected = twins.learn(drawn, path, where, factor, frame, held)
     learn(drawn, path, where, factor, frame, held)
     np.testing.assert_allclose(held, expected, atol=1e-9)
+
+
+@given(seeds, st.integers(0, 6), st.integers(0, 6))
+@settings(max_examples=40, deadline=None)
+def test_association_messages_equal_their_twin(seed, paths, count):
+    from gridslam.kernels.association import associate
+
+    draw = np.random.default_rng(seed)
+    beta = draw.exponential(10.0 ** draw.integers(-2, 4), (paths, count)) * (
+        draw.random((paths, count)) < 0.6
+    )
+    missed, new = draw.uniform(1e-6, 1, paths), 1 + draw.exponential(1.0, count)
+    limit = np.array([draw.choice([1, 7, 100]), 1e-6])
+    claim, nu = np.full((2, paths, count), np.nan)
+    associate(beta, missed, new, limit, claim, nu)
+    for found, wanted in zip((claim, nu), twins.associate(beta, missed, new, limit), strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-9)

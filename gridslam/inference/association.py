@@ -1,9 +1,14 @@
-"""Loopy belief propagation for data association (Williams and Lau 2014, with the new-feature column)."""
+"""Loopy belief propagation for data association (Williams and Lau 2014, with the new-feature column).
+
+Owner of that kernel.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
+from gridslam import runtime
 
 Array = NDArray[np.float64]
 
@@ -28,17 +33,10 @@ def associate(
         nu (L, M): message from measurement m to path l, scaled so that "no measurement" is 1;
         claimed (M,): sum of what the paths send to m, with which new existence is xi / (xi + claimed).
     """
-    paths, heard = beta.shape
-    nu = np.broadcast_to(1 / new, (paths, heard)).copy()
-    claim = np.zeros_like(nu)
-    for _ in range(rounds if paths and heard else 0):
-        weight = beta * nu
-        others = np.maximum(weight.sum(1, keepdims=True) - weight, 0.0)
-        claim = beta / (missed[:, None] + others)
-        rest = np.maximum(claim.sum(0, keepdims=True) - claim, 0.0)
-        fresh = 1 / (new + rest)
-        change = np.abs(fresh - nu).max()
-        nu = fresh
-        if change < tolerance:
-            break
+    runtime.start()
+    from gridslam.kernels.association import associate as launch
+
+    beta = np.ascontiguousarray(beta)
+    claim, nu = np.empty(beta.shape), np.empty(beta.shape)
+    launch(beta, missed, new, np.array([rounds, tolerance]), claim, nu)
     return nu, claim.sum(0)

@@ -116,7 +116,7 @@ class Cells:
 
         rays.check(cloud.surfaces, len(anchors))
         state = cloud.state
-        drawn = np.zeros((len(rays), state.shape[1], 14))
+        drawn = np.empty((len(rays), state.shape[1], 14))
         if len(rays):
             cast(
                 state,

@@ -47,21 +47,20 @@ def lay(bank: Bank, belief: Belief, places: Array) -> tuple[Bank, Belief]:
     if not surer.any():
         return bank, belief
     through = _through_corners(lines, last, first)
-    for anchor, place in enumerate(places):
-        double = mirror(lines[last], mirror(lines[first], place))
-        gap = mirror(lines, place)[:, None] - double
-        elsewhere = np.delete(bank.single, anchor, 0).max(0, initial=0.0)
-        far = np.hypot(gap[..., 0], gap[..., 1])
-        # heard loosely, it lies between what AoA and AoD of the double bounce would have it
-        silent = bank.single.max(0) < HEARD_ELSEWHERE
-        good &= ~(surer & (far < AROUND_M) & through & silent[:, None]).any(1)
-        near = surer & (far < NEAR_M)
-        for ghost, pair in np.argwhere(near & (elsewhere < HEARD_ELSEWHERE)[:, None]).tolist():
-            spread = _spread(belief, place, ghost, int(last[pair]), int(first[pair]))
-            sharp = np.trace(spread) < NEAR_M**2
-            here = gap[ghost, pair]
-            if sharp and here @ np.linalg.solve(spread + SLACK_M**2 * np.eye(2), here) < GATE:
-                good[ghost] = False
+    at = places[:, None]
+    gap = mirror(lines, at)[:, :, None] - mirror(lines[last], mirror(lines[first], at))[:, None]
+    far = np.hypot(gap[..., 0], gap[..., 1])  # (J, S, H)
+    # heard loosely, it lies between what AoA and AoD of the double bounce would have it
+    silent = bank.single.max(0) < HEARD_ELSEWHERE
+    good &= ~(surer & (far < AROUND_M) & through & silent[:, None]).any((0, 2))
+    for anchor, ghost, pair in np.argwhere(surer & (far < NEAR_M)).tolist():
+        if np.delete(bank.single[:, ghost], anchor).max(initial=0.0) >= HEARD_ELSEWHERE:
+            continue
+        spread = _spread(belief, places[anchor], ghost, int(last[pair]), int(first[pair]))
+        sharp = np.trace(spread) < NEAR_M**2
+        here = gap[anchor, ghost, pair]
+        if sharp and here @ np.linalg.solve(spread + SLACK_M**2 * np.eye(2), here) < GATE:
+            good[ghost] = False
     return (bank, belief) if good.all() else (bank.take(good), keep(belief, good))
 
 

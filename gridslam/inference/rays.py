@@ -59,8 +59,8 @@ class Rays:
     @cached_property
     def _highest(self) -> tuple[int, int]:
         """Largest number of a surface and of an anchor."""
-        surface = max(self.last.max(initial=-1), self.first.max(initial=-1))
-        return int(surface), int(self.anchor.max(initial=0))
+        most = self.table.max(0, initial=-1)
+        return int(max(most[1], most[2])), int(most[3])
 
     @classmethod
     def stack(cls, tables: Sequence[Rays]) -> Rays:
