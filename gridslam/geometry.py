@@ -143,7 +143,7 @@ def distance_to_segments(points: Array, start: Array, end: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class PathGeometry:
+class Course:
     """Paths from anchors over up to two lines to an agent (paper 002, section II).
 
     Attributes
@@ -155,9 +155,6 @@ class PathGeometry:
         Interaction points on the last and the first surface (equal for a single bounce, NaN for LOS).
     valid : (L,) bool
         The interaction points lie strictly inside their legs and in order.
-    jacobian : (L, 3, 7)
-        Derivative of (distance, AoD, AoA) by (agent x, y, heading, last line angle, offset, first line
-        angle, offset). The AoA is taken relative to the heading, so its derivative by it is -1.
     """
 
     distance: Array
@@ -166,11 +163,24 @@ class PathGeometry:
     last_point: Array
     first_point: Array
     valid: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class PathGeometry(Course):
+    """Paths and their derivatives.
+
+    Attributes
+    ----------
+    jacobian : (L, 3, 7)
+        Derivative of (distance, AoD, AoA) by (agent x, y, heading, last line angle, offset, first line
+        angle, offset). The AoA is taken relative to the heading, so its derivative by it is -1.
+    """
+
     jacobian: Array
 
 
-def trace(agent: Array, anchor: Array, last: Array, first: Array, bounces: NDArray[np.intp]) -> PathGeometry:
-    """Distance, directions, interaction points and derivatives of paths.
+def course(agent: Array, anchor: Array, last: Array, first: Array, bounces: NDArray[np.intp]) -> Course:
+    """Distance, directions and interaction points of paths.
 
     Parameters
     ----------
@@ -204,12 +214,20 @@ def trace(agent: Array, anchor: Array, last: Array, first: Array, bounces: NDArr
     valid = np.where(double, inside & inside_first, np.where(single, inside, True))
     last_point = np.where(reflected[:, None], last_point, np.nan)
     first_point = np.where(double[:, None], first_point, last_point)
+    return Course(distance, wrap(departure), arrival, last_point, first_point, valid)
 
-    by_last = mirror_derivative(last, image_first) * reflected[:, None, None]
+
+def trace(agent: Array, anchor: Array, last: Array, first: Array, bounces: NDArray[np.intp]) -> PathGeometry:
+    """As `course`, and derivatives."""
+    single, double = bounces == 1, bounces == 2
+    path = course(agent, anchor, last, first, bounces)
+    toward = unit(path.arrival)
+    image_first = np.where(double[:, None], mirror(first, anchor), anchor)
+    by_last = mirror_derivative(last, image_first) * (single | double)[:, None, None]
     normal = unit(last[:, 0])
     flip = np.eye(2) - 2 * normal[:, :, None] * normal[:, None, :]
     by_first = flip @ mirror_derivative(first, anchor) * double[:, None, None]
-    across = np.stack([-toward[:, 1], toward[:, 0]], axis=-1) / distance[:, None]
+    across = np.stack([-toward[:, 1], toward[:, 0]], axis=-1) / path.distance[:, None]
     jacobian = np.zeros((len(agent), 3, 7))
     for block, derivative in ((slice(3, 5), by_last), (slice(5, 7), by_first)):
         jacobian[:, 0, block] = np.einsum("li,lij->lj", toward, derivative)
@@ -220,4 +238,4 @@ def trace(agent: Array, anchor: Array, last: Array, first: Array, bounces: NDArr
     jacobian[:, 1, 3] += np.where(single, 2.0, np.where(double, -2.0, 0.0))
     jacobian[:, 1, 5] += np.where(double, 2.0, 0.0)
     jacobian[:, 2, 2] = -1.0
-    return PathGeometry(distance, wrap(departure), arrival, last_point, first_point, valid, jacobian)
+    return PathGeometry(**vars(path), jacobian=jacobian)

@@ -118,20 +118,19 @@ def update(belief: Belief, jacobian: Array, residuals: Array, noises: Array, wei
     return Belief(mean, 0.5 * (covariance + covariance.T))
 
 
-def birth_line(
-    agent: Array, distance: float, arrival: Array | float, source: Array, after: Array | None
-) -> Array:
-    """Line of the new surface that explains a measurement, (..., 2) for arrivals (...).
+def birth_line(agent: Array, distance: Array, arrival: Array, source: Array, after: Array | None) -> Array:
+    """Line of the new surface that explains a measurement, (..., 2).
 
     Parameters
     ----------
-    agent : (3,) x, y, heading
-    source : (2,) m
+    agent : (..., 3) x, y, heading
+    distance, arrival : (...)
+    source : (..., 2) m
         Point that the new surface mirrors: the anchor, or its image at a known first surface.
-    after : (2,) or None
+    after : (..., 2) or None
         Known last line; the image point seen by the agent is mirrored back at it first.
     """
-    image = agent[:2] + distance * unit(agent[2] + arrival)
+    image = agent[..., :2] + distance[..., None] * unit(agent[..., 2] + arrival)
     if after is not None:
         image = mirror(after, image)
     return line_between(source, image)

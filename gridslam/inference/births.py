@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.geometry import PathGeometry, mirror, trace, wrap
+from gridslam.geometry import course, mirror, trace, wrap
 from gridslam.inference.belief import Belief, birth_line, give_birth, slots, update
 from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import deviations
@@ -109,48 +109,47 @@ def bear(births: Births, number: int, heard: Heard, belief: Belief, signal: Sign
     std = deviations(heard, np.array([row]), np.array([strength]), angles, signal)[0]
     known_line = belief.lines[known] if known >= 0 else np.zeros(2)
 
-    def lines_of(inputs: Array, arrival: Array) -> Array:
-        other = inputs[5:]
-        source = mirror(other, heard.place) if first >= 0 else heard.place
-        return birth_line(inputs[:3], inputs[3], arrival, source, other if last >= 0 else None)
+    def lines_of(inputs: Array) -> Array:
+        """Lines (n, 2) by x, y, heading, distance, AoA, and the known line, (n, 7)."""
+        other = inputs[:, 5:]
+        source = mirror(other, heard.place) if first >= 0 else np.broadcast_to(heard.place, other.shape)
+        after = other if last >= 0 else None
+        return birth_line(inputs[:, :3], inputs[:, 3], inputs[:, 4], source, after)
 
-    def line_of(inputs: Array) -> Array:
-        return lines_of(inputs, inputs[4])
-
-    def paths_over(lines: Array) -> PathGeometry:
+    def ends_over(lines: Array) -> tuple[Array, Array, Array, Array, NDArray[np.intp]]:
         agents, places, others = (
             np.broadcast_to(x, (len(lines), 2)) for x in (belief.mean[:2], heard.place, known_line)
         )
         bounces = np.full(len(lines), 1 if known < 0 else 2)
-        ends = (others if last >= 0 else lines), (others if first >= 0 else lines)
-        return trace(agents, places, *ends, bounces)
+        return agents, places, (others if last >= 0 else lines), (others if first >= 0 else lines), bounces
 
     inputs = np.concatenate([belief.mean[[0, 1, 4]], value[[0, 2]], known_line])
     at, heard_aod = inputs.copy(), np.isfinite(std[1])
     wide = np.hypot(std[2], np.sqrt(belief.covariance[4, 4]))
     for reach in (REACH, 2 * REACH / TRIALS) if heard_aod else ():
-        trials = at[4] + wide * np.linspace(-reach, reach, TRIALS)
-        path = paths_over(lines_of(inputs, trials))
-        misfit = np.square(wrap(trials - value[2]) / wide) + 1e3 * ~path.valid
+        trials = np.tile(at, (TRIALS, 1))
+        trials[:, 4] += wide * np.linspace(-reach, reach, TRIALS)
+        path = course(*ends_over(lines_of(trials)))
+        misfit = np.square(wrap(trials[:, 4] - value[2]) / wide) + 1e3 * ~path.valid
         misfit += np.square(wrap(value[1] - path.departure + heard.facing) / std[1])
-        at[4] = trials[misfit.argmin()]
-    line, derivative = line_of(at), np.zeros((2, len(at)))
-    for column, small in enumerate(1e-5 * np.eye(len(at))):
-        change = line_of(at + small) - line_of(at - small)
-        derivative[:, column] = np.array([wrap(change[0]), change[1]]) / 2e-5
+        at[4] = trials[misfit.argmin(), 4]
+    small = 1e-5 * np.eye(len(at))
+    line, *around = np.split(lines_of(np.concatenate([at[None], at + small, at - small])), [1, 1 + len(at)])
+    change = around[0] - around[1]
+    derivative = np.stack([wrap(change[:, 0]), change[:, 1]]) / 2e-5
     by_state = np.zeros((2, len(belief.mean)))
     by_state[:, [0, 1, 4]] = derivative[:, :3]
     if known >= 0:
         by_state[:, slots(known)] = derivative[:, 5:]
     back = derivative[:, 4] * wrap(inputs[4] - at[4])
-    fresh = give_birth(belief, line + back, by_state, derivative[:, 3:5], np.square(std[[0, 2]]))
+    fresh = give_birth(belief, line[0] + back, by_state, derivative[:, 3:5], np.square(std[[0, 2]]))
     if not heard_aod:
         return fresh
-    path, jacobian = paths_over(line[None]), np.zeros((1, len(fresh.mean)))
-    jacobian[0, :2] = path.jacobian[0, 1, :2]
-    jacobian[0, slots(last if last >= 0 else new)] += path.jacobian[0, 1, 3:5]
-    jacobian[0, slots(first if first >= 0 else new)] += path.jacobian[0, 1, 5:7]
-    predicted = path.departure[0] - heard.facing + jacobian[0, slots(new)] @ back
+    traced, jacobian = trace(*ends_over(line)), np.zeros((1, len(fresh.mean)))
+    jacobian[0, :2] = traced.jacobian[0, 1, :2]
+    jacobian[0, slots(last if last >= 0 else new)] += traced.jacobian[0, 1, 3:5]
+    jacobian[0, slots(first if first >= 0 else new)] += traced.jacobian[0, 1, 5:7]
+    predicted = traced.departure[0] - heard.facing + jacobian[0, slots(new)] @ back
     gap = wrap(np.array([[value[1] - predicted]]))
     return update(fresh, jacobian, gap, np.array([[std[1] ** 2]]), np.ones(1))
 
