@@ -31,7 +31,7 @@ class KernelSpeed:
     ----------
     name, scene, unit : str
         The scene in which the case was taken, and what is counted: "path-particle", "cell visit", "path-ray",
-        "path", "pair", "particle", "sample".
+        "path", "pair", "sample".
     units : int
         How many of them the case has.
     kernel_s, twin_s : float
@@ -96,8 +96,8 @@ class Contest:
         Takes arguments of the kernel by name, and `given`.
     units : callable
         How many units a case has.
-    rows : str
-        Argument without whose rows there is nothing to do.
+    rows : tuple of str
+        Arguments without whose rows there is nothing to do.
     given : callable
         The twin's arguments that the kernel doesn't have.
     size : callable, optional
@@ -109,7 +109,7 @@ class Contest:
     unit: str
     twin: Function
     units: Callable[[Case], int]
-    rows: str = "path"
+    rows: tuple[str, ...] = ("path",)
     given: Callable[[Case], Case] = lambda case: {}
     size: Callable[[Case], int] | None = None
     changes: tuple[str, ...] = ()
@@ -143,25 +143,25 @@ def _cast_twin(case: Case) -> Case:
 
 CONTESTS = {
     "evaluate": Contest(
-        "path-particle", twins.evaluate, _path_particles, given=lambda case: {"block": PATH_BLOCK}
+        "path-particle", twins.evaluate, _path_particles, ("path", "root"),
+        given=lambda case: {"block": PATH_BLOCK},
     ),
-    "associate": Contest("pair", twins.associate, lambda case: case["beta"].size, "beta"),
+    "associate": Contest("pair", twins.associate, lambda case: case["beta"].size, ("beta",)),
     "cast": Contest(
         "cell visit", twins.cast, _visits, given=_cast_twin,
         size=lambda case: int((case["factor"][:, 1] > 0.5).sum()),  # those that send messages
     ),
     "correct": Contest(
-        "path", twins.correct, lambda case: len(case["order"]), "order", changes=("mean", "covariance")
+        "path", twins.correct, lambda case: len(case["order"]), ("order",), changes=("mean", "covariance")
     ),
-    "draw": Contest("particle", twins.draw, lambda case: case["points"].shape[1], "root"),
     "gate": Contest(
-        "pair", twins.gate, lambda case: len(case["predicted"]) * len(case["heard"]), "predicted"
+        "pair", twins.gate, lambda case: len(case["predicted"]) * len(case["heard"]), ("predicted",)
     ),
-    "learn": Contest("path", twins.learn, lambda case: len(case["where"]), "where", changes=("held",)),
+    "learn": Contest("path", twins.learn, lambda case: len(case["where"]), ("where",), changes=("held",)),
     "recall": Contest("path", twins.recall, _paths),
     "polylines": Contest("path-ray", twins.polylines, _path_particles),
     "predict": Contest("path", twins.predict, _paths),
-    "propose": Contest("sample", twins.propose, _samples, "heard"),
+    "propose": Contest("sample", twins.propose, _samples, ("heard",)),
 }  # fmt: skip
 
 
@@ -217,7 +217,7 @@ def compete(name: str, scene: str, case: Case, seconds: float) -> KernelSpeed:
     kernel, contest = kernels()[name], CONTESTS[name]
 
     used = case | {key: case[key].copy() for key in contest.changes}
-    idle = used | {contest.rows: case[contest.rows][:0]}
+    idle = used | {name: case[name][:0] for name in contest.rows}
 
     def launch(arguments: Case) -> None:
         kernel(*arguments.values())

@@ -24,9 +24,12 @@ def lines_of(state: Array) -> Array:
 
 
 def evaluate(
-    state: Array, path: Whole, start: Whole, pair: Array, place: Array, block: int
-) -> tuple[Array, Array]:
+    root: Array, base: Array, points: Array, state: Array, path: Whole, start: Whole, pair: Array,
+    place: Array, block: int,
+) -> tuple[Array, Array]:  # fmt: skip
     """Twin of `kernels.paths.evaluate`: sums of densities and counts of valid particles, by blocks."""
+    if len(root):
+        state = draw(root, base, points)
     particles = state.shape[1]
     blocks = particles // block
     weight, valid = np.zeros((start[-1], blocks)), np.zeros((len(path), blocks))
@@ -51,7 +54,7 @@ def evaluate(
 
 
 def draw(root: Array, base: Array, points: Array) -> Array:
-    """Twin of `kernels.particles.draw`: states (3 + 3 S, P) of ``base + root points``."""
+    """Twin of `kernels.particles.draw_block`: states (3 + 3 S, P) of ``base + root points``."""
     states = base[:, :1].astype(np.float64) + root.astype(np.float64) @ points[: len(root)]
     lines = states[5:].reshape(-1, 2, states.shape[1])
     bent = np.stack([np.cos(lines[:, 0]), np.sin(lines[:, 0]), lines[:, 1]], 1)

@@ -10,6 +10,7 @@ from gridslam.kernels import PATH_BLOCK
 from gridslam.kernels.device import ON_CPU, SPREAD
 from gridslam.kernels.functions import angle_of, double_bounce, exp_of, single_bounce, wrapped
 from gridslam.kernels.launching import quick
+from gridslam.kernels.particles import draw_block
 
 BLOCK = PATH_BLOCK
 FINE = 4096.0
@@ -18,6 +19,9 @@ FINE = 4096.0
 @quick
 @ti.kernel
 def evaluate(
+    root: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, N] of the covariance, lower triangular
+    base: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, 3] mean, and its cosine and sine
+    points: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N or more, P] standard normal
     state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S, P] x, y, heading; per line normal x, y, offset
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] where the pairs of each path begin
@@ -25,12 +29,17 @@ def evaluate(
     place: ti.types.ndarray(dtype=ti.f32, ndim=1),  # [3] anchor x, y, orientation
     out: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L + K, P / BLOCK] out: valid particles; sums of densities
 ):
-    """Sum, over each block of particles, the density of every gated pair where the path is possible."""
+    """Sum, over each block of particles, the density of every gated pair where the path is possible.
+
+    The states are drawn, unless `root` has no rows: then they are given.
+    """
     for item in range(out.shape[1] * SPREAD):
         if item % SPREAD == 0:
             block = item // SPREAD
-            base, paths = block * BLOCK, path.shape[0]
+            at, paths = block * BLOCK, path.shape[0]
             ax, ay, facing = place[0], place[1], place[2]
+            if root.shape[0] > 0:
+                draw_block(at, root, base, points, state)
             for row in range(paths):
                 tx, ty = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
                 wx, wy = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
@@ -38,18 +47,18 @@ def evaluate(
                 bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
                 if bounces == 0:
                     for i in range(BLOCK):
-                        x, y = ax - state[0, base + i], ay - state[1, base + i]
+                        x, y = ax - state[0, at + i], ay - state[1, at + i]
                         tx[i], ty[i], wx[i], wy[i] = x, y, -x, -y
                 elif bounces == 1:
                     for i in range(BLOCK):
-                        k = base + i
+                        k = at + i
                         a, b, c, d, ok = single_bounce(
                             state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k]
                         )
                         tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
                 else:
                     for i in range(BLOCK):
-                        k = base + i
+                        k = at + i
                         a, b, c, d, ok = double_bounce(
                             state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k],
                             state[r, k], state[r + 1, k], state[r + 2, k],
@@ -72,7 +81,7 @@ def evaluate(
                     wanted += 1 if near else 0
                 if wanted > 0:
                     for i in range(BLOCK):
-                        arrival = angle_of(tx[i], ty[i]) - state[2, base + i]
+                        arrival = angle_of(tx[i], ty[i]) - state[2, at + i]
                         departure = angle_of(wx[i], wy[i]) - facing
                         tx[i], wx[i] = arrival, departure
                     for n in range(start[row], start[row + 1]):

@@ -33,7 +33,10 @@ def launch_evaluate(state, path, start, pair, place):
 
     out = np.full((len(path) + start[-1], state.shape[1] // PATH_BLOCK), np.nan, np.float32)
     path = np.ascontiguousarray(np.pad(path, ((0, 0), (0, 1))))
-    evaluate(state, path, start, pair if len(pair) else np.zeros((1, 11), np.float32), place, out)
+    none = np.zeros((0, 3), np.float32)
+    evaluate(
+        none, none, none, state, path, start, pair if len(pair) else np.zeros((1, 11), np.float32), place, out
+    )
     return out[len(path) :], out[: len(path)]
 
 
@@ -62,7 +65,7 @@ def test_path_evaluation_equals_its_twin(seed):
             reach = 8 * np.sqrt((root @ root.T)[0, 0])
             pair[n, 9:] = pair[n, 0] - reach, pair[n, 0] + reach
     weight, valid = launch_evaluate(state, path, start, pair, place)
-    expected, possible = twins.evaluate(state, path, start, pair, place, PATH_BLOCK)
+    expected, possible = twins.evaluate([], [], [], state, path, start, pair, place, PATH_BLOCK)
     # a particle on the edge of what is possible may fall on either side in single precision
     assert np.abs(valid - possible).max() <= 2
     sure = np.repeat(valid == possible, per_path, axis=0)
@@ -76,7 +79,7 @@ def test_path_evaluation_without_any_measurement_still_tells_what_is_possible(su
     start = np.zeros(len(path) + 1, np.int32)
     weight, valid = launch_evaluate(state, path, start, np.zeros((0, 11), np.float32), place)
     assert weight.shape[0] == 0
-    _, possible = twins.evaluate(state, path, start, np.zeros((0, 11)), place, PATH_BLOCK)
+    _, possible = twins.evaluate([], [], [], state, path, start, np.zeros((0, 11)), place, PATH_BLOCK)
     np.testing.assert_allclose(valid, possible, atol=1)
 
 
@@ -341,7 +344,7 @@ def test_a_quick_launch_is_the_same_and_refuses_what_it_was_not_compiled_for():
 @pytest.mark.parametrize("surfaces", [0, 1, 7])
 @pytest.mark.parametrize("spread", [0.01, 3.0])
 def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
-    from gridslam.kernels.particles import draw
+    from gridslam.kernels.paths import evaluate
 
     random, size = np.random.default_rng(5), 5 + 2 * surfaces
     root = np.tril(spread * random.normal(size=(size, size)) / np.sqrt(size)).astype(np.float32)
@@ -349,7 +352,9 @@ def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
     base = np.stack([mean, np.cos(mean), np.sin(mean)], -1, dtype=np.float32)
     points = random.normal(size=(size + 2, 3 * PATH_BLOCK)).astype(np.float32)  # more than are needed
     state = np.full((3 + 3 * surfaces, points.shape[1]), np.nan, np.float32)
-    draw(root, base, points, state)
+    pair, out = np.zeros((1, 11), np.float32), np.zeros((0, 3), np.float32)
+    table, start, place = np.zeros((0, 4), np.int32), np.zeros(1, np.int32), np.zeros(3, np.float32)
+    evaluate(root, base, points, state, table, start, pair, place, out)
     np.testing.assert_allclose(state, twins.draw(root, base, points), atol=1e-5)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import FAINTEST, Strengths
-from gridslam.inference.particles import Cloud
+from gridslam.inference.particles import Cloud, Recipe
 from gridslam.inference.prediction import Prediction
 from gridslam.inference.rays import Rays
 from gridslam.kernels import PATH_BLOCK
@@ -104,32 +104,33 @@ def gate(
 
 
 def evaluate(
-    rays: Rays, cloud: Cloud, pairs: Pairs, heard: Heard
-) -> tuple[Array, Array, NDArray[np.float32]]:
-    """Mean over the particles of ratio and possibility, for all paths in one launch.
+    rays: Rays, recipe: Recipe, pairs: Pairs, heard: Heard
+) -> tuple[Cloud, Array, Array, NDArray[np.float32]]:
+    """Draw the particles, and take means over them of ratio and possibility, for all paths in one launch.
 
     Returns
     -------
-    (ratio, possible, blocks)
-        ratio (L, M): p_d f(z | path) / (mu_fa f_fa(z)), 0 where the path is impossible; possible (L,): share
-        of the particles at which the path is possible; blocks (K, P / PATH_BLOCK): sums of each
-        pair's weights over blocks of particles.
+    (cloud, ratio, possible, blocks)
+        cloud: the particles; ratio (L, M): p_d f(z | path) / (mu_fa f_fa(z)), 0 where the path is impossible;
+        possible (L,): share of the particles at which the path is possible; blocks (K, P / PATH_BLOCK): sums
+        of each pair's weights over blocks of particles.
     """
     runtime.start()
     from gridslam.kernels.paths import evaluate as launch
 
-    count, (rows, particles) = len(rays), cloud.state.shape
+    count, (rows, particles) = len(rays), recipe.room
     if particles % PATH_BLOCK:
-        raise ValueError(f"cloud of {particles}: whole blocks of {PATH_BLOCK} are needed")
+        raise ValueError(f"{particles} particles: whole blocks of {PATH_BLOCK} are needed")
     rays.check(rows // 3 - 1, heard.anchor + 1)
+    state = runtime.room((rows, particles))
     out = np.empty((count + len(pairs), particles // PATH_BLOCK), np.float32)
     place = np.array([*heard.place, heard.facing], np.float32)
-    launch(cloud.state, rays.table, pairs.start, pairs.table, place, out)
+    launch(recipe.root, recipe.base, recipe.points, state, rays.table, pairs.start, pairs.table, place, out)
     mean = out.sum(1, dtype=np.float64) / particles
     ratio = np.zeros((count, len(heard)))
     scale = np.sqrt((2 * np.pi) ** 3 * pairs.pair[:, 8])
     ratio[pairs.path, pairs.measurement] = pairs.pair[:, 6] * mean[count:] / scale
-    return ratio, mean[:count], out[count:]
+    return Cloud(state, recipe.kept), ratio, mean[:count], out[count:]
 
 
 def effective_sample_size(blocks: NDArray[np.float32]) -> Array:

@@ -44,6 +44,33 @@ class Cloud:
         return self.state.shape[0] // 3 - 1
 
 
+@dataclass(frozen=True)
+class Recipe:
+    """How to draw particles: states ``base + root points``.
+
+    Attributes
+    ----------
+    root : (N, N) float32
+        Root of the share of the covariance that is drawn.
+    base : (N, 3) float32
+        Mean, and its cosine and sine.
+    points : (N or more, P) float32
+        Standard normal; where the device has them.
+    kept : float
+        Share of the covariance that each particle keeps to itself.
+    """
+
+    root: Single
+    base: Single
+    points: runtime.Resident
+    kept: float
+
+    @property
+    def room(self) -> tuple[int, int]:
+        """Shape of the states."""
+        return 3 + 3 * ((len(self.root) - AGENT) // 2), self.points.shape[1]
+
+
 def cloud_of(belief: Belief, deviation: Array) -> Cloud:
     """States ``mean + deviation`` (N, P) in double precision, nothing kept."""
     states = deviation + belief.mean[:, None]
@@ -82,21 +109,16 @@ class Particles:
         self._points = np.zeros((0, self.count), np.float32)
         self._held: runtime.Resident = self._points
 
-    def cloud(self, belief: Belief) -> Cloud:
-        """Particles of a belief."""
+    def recipe(self, belief: Belief) -> Recipe:
+        """How to draw the particles of a belief."""
         size = len(belief.mean)
         if size > len(self._points):
             fresh = [self._column(n) for n in range(len(self._points), size)]
             self._points = np.concatenate([self._points, np.stack(fresh)])
             self._held = runtime.resident(self._points)
-        runtime.start()
-        from gridslam.kernels.particles import draw
-
         root = (np.sqrt(1 - self.kept) * belief.root).astype(np.float32)
         base = np.stack([belief.mean, np.cos(belief.mean), np.sin(belief.mean)], -1, dtype=np.float32)
-        state = runtime.room((3 + 3 * len(belief.lines), self.count))
-        draw(root, base, self._held, state)
-        return Cloud(state, self.kept)
+        return Recipe(root, base, self._held, self.kept)
 
     def _column(self, number: int) -> Single:
         values = np.random.default_rng([self._seed, PURPOSE, number]).standard_normal(self.count)

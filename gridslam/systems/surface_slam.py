@@ -254,8 +254,7 @@ class SurfaceSlam:
         if level != signal.false_alarms:
             pairs = pairs.against(level / signal.false_alarms)
             signal = replace(signal, false_alarms=level)
-        cloud = self.particles.cloud(self.belief)
-        ratio, possible, blocks = evaluate(rays, cloud, pairs, heard)
+        cloud, ratio, possible, blocks = evaluate(rays, self.particles.recipe(self.belief), pairs, heard)
         ratio, validity = ratio / np.maximum(possible, 1e-3)[:, None], validity * possible
         chance = rays.existence * validity
         beta = (rays.surfaces * chance)[:, None] * ratio
