@@ -215,4 +215,5 @@ class FilterSettings(Strict):
     prune_below: Probability = 0.1
     detect_above: Probability = 0.5
     mean_free_path_m: Positive = 10.0
+    adapt_particles: bool = False  # true: as few as the spread of the agent's pose asks for
     correlated: bool = True  # false: separate beliefs of agent and surfaces, as published

@@ -29,7 +29,7 @@ def evaluate(
 ) -> tuple[Array, Array]:  # fmt: skip
     """Twin of `kernels.paths.evaluate`: sums of densities and counts of valid particles, by blocks."""
     if len(root):
-        state = draw(root, base, points)
+        state = draw(root, base, points[:, : state.shape[1]])
     particles = state.shape[1]
     blocks = particles // block
     weight, valid = np.zeros((start[-1], blocks)), np.zeros((len(path), blocks))

@@ -21,7 +21,7 @@ FINE = 4096.0
 def evaluate(
     root: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, N] of the covariance, lower triangular
     base: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, 3] mean, and its cosine and sine
-    points: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N or more, P] standard normal
+    points: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N or more, P or more] standard normal
     state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S, P] x, y, heading; per line normal x, y, offset
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] where the pairs of each path begin

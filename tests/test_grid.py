@@ -148,3 +148,13 @@ def test_an_agent_that_knows_the_map_meets_the_known_map_bound():
     # some 4 x 14 independent stretches: the mean square is within 30 % of the bound's nine times out of ten
     assert 0.6 < squared.mean() / limit < 1.4
     assert 1.3 < np.mean(nees) < 2.7
+
+
+def test_an_adapted_number_of_particles_leads_to_the_same_place():
+    scene = shortened(gs.Scene.load("room"), 12)
+    scans, track = list(gs.simulate(scene, "agent1", 1)), []
+    for adapt in (False, True):
+        slam = gs.GridSlam(scene.with_filter(adapt_particles=adapt), seed=1)
+        track.append(np.array([slam.step(scan).position_m for scan in scans]))
+    assert slam.particles.recipe(slam.belief).count < slam.particles.count
+    np.testing.assert_allclose(*track, atol=0.005)

@@ -7,6 +7,7 @@ import pytest
 from enumeration import enumerate_marginals
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import norm
 
 import gridslam as gs
 from gridslam.bounds import known_map_bound
@@ -14,8 +15,9 @@ from gridslam.geometry import line_between, line_of_sfv, mirror, sfv, trace, wra
 from gridslam.inference.association import associate
 from gridslam.inference.belief import AGENT, Belief, separated, update
 from gridslam.inference.cells import Cells
-from gridslam.inference.particles import Cloud
+from gridslam.inference.particles import BIN_M, DIVERGENCE, FEWEST, Cloud, Particles, needed
 from gridslam.inference.rays import Rays
+from gridslam.kernels import PATH_BLOCK
 
 angles, offsets = st.floats(-3, 3), st.floats(0.5, 20)
 places = st.tuples(st.floats(-20, 20), st.floats(-20, 20)).map(np.array)
@@ -196,3 +198,35 @@ def test_separated_beliefs_keep_their_marginals_and_nothing_between(surfaces, se
         left[block, block] = 0
     assert not left.any()
     np.testing.assert_array_equal(apart.mean, joint.mean)
+
+
+def test_adapted_particles_grow_with_the_spread_of_the_pose_and_keep_within_bounds():
+    counts = []
+    for std in (1e-4, 0.02, 0.1, 0.2, 0.5, 5.0):
+        particles = Particles(20_000, seed=1, adapt=True)
+        belief = Belief(np.zeros(5), np.diag(np.square([std, std, 1, 1, 0.01])))
+        recipe = particles.recipe(belief)
+        counts.append(recipe.count)
+        assert recipe.count % PATH_BLOCK == 0
+        assert recipe.room == (3, recipe.count)
+        assert 0 < recipe.kept < 0.2
+    assert counts == sorted(counts)
+    assert counts[0] == FEWEST
+    assert FEWEST < counts[2] < counts[3] < particles.count
+    assert counts[-1] == particles.count
+    assert Particles(20_000, seed=1).recipe(belief).count == particles.count
+
+
+def test_divergence_of_binned_samples_keeps_below_what_their_number_is_for():
+    draw, over = np.random.default_rng(2), 0
+    std = np.array([0.12, 0.12, 0.01])
+    belief = Belief(np.zeros(5), np.diag([*std[:2] ** 2, 1, 1, std[2] ** 2]))
+    number = int(np.ceil(needed(belief)))
+    edges = [np.arange(-60.5, 61) * BIN_M] * 2
+    share = np.diff(norm.cdf(edges[0] / std[0]))
+    truth = np.outer(share, share)  # the heading lies within one bin
+    for _ in range(100):
+        counts, *_ = np.histogram2d(*(std[:2, None] * draw.normal(size=(2, number))), edges)
+        seen = counts / number
+        over += (seen[seen > 0] * np.log(seen[seen > 0] / truth[seen > 0])).sum() > DIVERGENCE
+    assert over <= 5  # one is expected

@@ -20,6 +20,10 @@ from gridslam.kernels import PATH_BLOCK
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 PURPOSE = 0x9A
+DIVERGENCE, SURE = 0.05, 2.33
+"""Kullback-Leibler divergence that an adapted number of particles keeps below, and how sure that is: 99 %."""
+BIN_M, BIN_RAD, FEWEST = 0.05, 0.03, 512
+"""Bins over which it is counted: about what one measurement tells; least number."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +58,10 @@ class Recipe:
         Root of the share of the covariance that is drawn.
     base : (N, 3) float32
         Mean, and its cosine and sine.
-    points : (N or more, P) float32
+    points : (N or more, P or more) float32
         Standard normal; where the device has them.
+    count : int
+        P.
     kept : float
         Share of the covariance that each particle keeps to itself.
     """
@@ -63,12 +69,13 @@ class Recipe:
     root: Single
     base: Single
     points: runtime.Resident
+    count: int
     kept: float
 
     @property
     def room(self) -> tuple[int, int]:
         """Shape of the states."""
-        return 3 + 3 * ((len(self.root) - AGENT) // 2), self.points.shape[1]
+        return 3 + 3 * ((len(self.root) - AGENT) // 2), self.count
 
 
 def cloud_of(belief: Belief, deviation: Array) -> Cloud:
@@ -92,6 +99,19 @@ def sample(belief: Belief, count: int, stream: list[int]) -> Cloud:
     return cloud_of(belief, belief.root @ points)
 
 
+def needed(belief: Belief) -> float:
+    """Number of particles by which a sampled pose comes within `DIVERGENCE` of its belief (KLD sampling).
+
+    As in Fox, "Adapting the sample size in particle filters through KLD-sampling" (2003), eq. (7), over the
+    bins within three deviations of the pose that is believed in.
+    """
+    spread = np.linalg.eigvalsh(belief.covariance[:2, :2])
+    spans = 6 * np.sqrt(np.maximum(np.append(spread / BIN_M**2, belief.covariance[4, 4] / BIN_RAD**2), 0))
+    free = max(float(np.ceil(spans).prod()) - 1, 1.0)
+    part = 2 / (9 * free)
+    return float(free / (2 * DIVERGENCE) * (1 - part + np.sqrt(part) * SURE) ** 3)
+
+
 class Particles:
     """A fixed set of standard normal points that becomes a cloud for any belief.
 
@@ -100,26 +120,34 @@ class Particles:
     count : int
         Rounded up to whole blocks of the evaluation kernel.
     seed : int
+    adapt : bool
+        Whether to take as few as the belief asks for, `count` at most.
     """
 
-    def __init__(self, count: int, seed: int) -> None:
-        self.count = -(-count // PATH_BLOCK) * PATH_BLOCK
-        self.kept = float(self.count ** (-2 / 7))  # Silverman's rule for a path's three parameters
+    def __init__(self, count: int, seed: int, adapt: bool = False) -> None:
+        self.count, self.adapt = _whole_blocks(count), adapt
         self._seed = seed
         self._points = np.zeros((0, self.count), np.float32)
         self._held: runtime.Resident = self._points
 
     def recipe(self, belief: Belief) -> Recipe:
         """How to draw the particles of a belief."""
-        size = len(belief.mean)
+        size, count = len(belief.mean), self.count
         if size > len(self._points):
             fresh = [self._column(n) for n in range(len(self._points), size)]
             self._points = np.concatenate([self._points, np.stack(fresh)])
             self._held = runtime.resident(self._points)
-        root = (np.sqrt(1 - self.kept) * belief.root).astype(np.float32)
+        if self.adapt:
+            count = min(count, _whole_blocks(max(FEWEST, needed(belief))))
+        kept = float(count ** (-2 / 7))  # Silverman's rule for a path's three parameters
+        root = (np.sqrt(1 - kept) * belief.root).astype(np.float32)
         base = np.stack([belief.mean, np.cos(belief.mean), np.sin(belief.mean)], -1, dtype=np.float32)
-        return Recipe(root, base, self._held, self.kept)
+        return Recipe(root, base, self._held, count, kept)
 
     def _column(self, number: int) -> Single:
         values = np.random.default_rng([self._seed, PURPOSE, number]).standard_normal(self.count)
         return np.asarray((values - values.mean()) / values.std(), np.float32)
+
+
+def _whole_blocks(count: float) -> int:
+    return -int(-count // PATH_BLOCK) * PATH_BLOCK

@@ -173,11 +173,13 @@ class Watch:
         self.loud += heard.loud.sum()
         self.explained += np.minimum(responsible.sum(0), 1.0)[heard.loud].sum()
         sure = np.flatnonzero(responsible[pairs.path, pairs.measurement] > SURE)
+        if len(sure):
+            self._effective = min(self._effective, float(effective_sample_size(blocks[sure]).min()))
         path, measurement = pairs.path[sure], pairs.measurement[sure]
         self._noted.append(
             (
                 np.full(len(sure), heard.anchor), rays.bounces[path], predicted.whole[path],
-                heard.value[measurement], pairs.variance[sure], heard.amplitude[measurement], blocks[sure],
+                heard.value[measurement], pairs.variance[sure], heard.amplitude[measurement],
             )
         )  # fmt: skip
 
@@ -186,7 +188,7 @@ class Watch:
         noted, self._noted = self._noted, []
         if not sum(len(part[0]) for part in noted):
             return
-        anchor, bounces, predicted, value, variance, amplitude, blocks = (
+        anchor, bounces, predicted, value, variance, amplitude = (
             np.concatenate(parts) for parts in zip(*noted, strict=True)
         )
         gap = value - predicted[:, :3]
@@ -197,7 +199,6 @@ class Watch:
         solved = np.linalg.solve(spread, filled[..., None])[..., 0]
         self.misfit += np.minimum((filled * solved).sum(1), WORST).sum()
         self.freedom += known.sum()
-        self._effective = min(self._effective, float(effective_sample_size(blocks).min()))
         # the line of sight says how an anchor faces: distances tell where the agent is, no wall takes part
         direct = bounces == 0
         departures = np.flatnonzero(direct & known[:, 1])

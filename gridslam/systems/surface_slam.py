@@ -102,7 +102,7 @@ class SurfaceSlam:
         side = np.array(scene.grid.shape[::-1]) * scene.grid.cell_m
         self.middle = np.asarray(scene.grid.origin_m) + 0.5 * side
         self.radius_m = float(0.5 * np.hypot(*side))
-        self.particles = Particles(self.settings.particles, seed)
+        self.particles = Particles(self.settings.particles, seed, self.settings.adapt_particles)
         self.most_bounces = scene.radio.max_bounces
         self.detected = DetectionTable(self.signal)
         self.last_time: float | None = None
@@ -247,14 +247,15 @@ class SurfaceSlam:
         detected = detection(amplitudes, distance, self.detected)
         strength = strengths(amplitudes, heard, distance, self.detected, signal)
         worth = rays.existence * rays.surfaces * validity
-        pairs = gate(predicted, heard, strength, worth, signal, self.particles.kept)
+        recipe = self.particles.recipe(self.belief)
+        pairs = gate(predicted, heard, strength, worth, signal, recipe.kept)
         # clutter level, by what no path can have caused
         near = np.bincount(pairs.measurement, minlength=len(heard)) > 0
         level = self.watch.listen(heard, near, self.told)
         if level != signal.false_alarms:
             pairs = pairs.against(level / signal.false_alarms)
             signal = replace(signal, false_alarms=level)
-        cloud, ratio, possible, blocks = evaluate(rays, self.particles.recipe(self.belief), pairs, heard)
+        cloud, ratio, possible, blocks = evaluate(rays, recipe, pairs, heard)
         ratio, validity = ratio / np.maximum(possible, 1e-3)[:, None], validity * possible
         chance = rays.existence * validity
         beta = (rays.surfaces * chance)[:, None] * ratio
