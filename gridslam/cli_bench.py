@@ -140,14 +140,12 @@ def _steps(steps: tuple[StepSpeed, ...]) -> Table:
 
 
 def _stages(steps: tuple[StepSpeed, ...]) -> Table:
-    """Milliseconds by stage; a column per stage, for they are the same in all."""
+    """Milliseconds by stage; a column per kind of run, kernels first."""
     names = list(dict.fromkeys(name for s in steps for name in s.stages_ms))
     names.sort(key=lambda name: not name.startswith("kernel "))
-    titles = [name.replace(" ", "\n") if " " in name else f"\n{name}" for name in names]
-    table = _table("ms by\nstage", "\nscene", "\nparticles", *titles, left=2)
-    for s in steps:
-        values = (f"{s.stages_ms.get(name, 0.0):.1f}" for name in names)
-        table.add_row(s.method, s.scene, str(s.particles), *values)
+    table = _table("ms\nby\nstage", *(f"{s.method}\n{s.scene}\n{s.particles}" for s in steps))
+    for name in names:
+        table.add_row(name, *(f"{s.stages_ms.get(name, 0.0):.1f}" for s in steps))
     return table
 
 
