@@ -106,7 +106,7 @@ def cast(
                         for i in range(LANES):
                             hit[n, i] = place[slab, HIT + n, i]
                     common, whole = ti.cast(1.0, ti.f64), ti.cast(0.0, ti.f32)
-                    for walk in ti.static(range(2)):  # 0: V; 1: add it to the cells
+                    for walk in range(2):  # 0: V; 1: add it to the cells
                         if walk == 0 or (send and whole > 0):
                             for corner in range(count + 1):
                                 leg, flat = corner * LEG, plan[corner, 0] > 0.5
@@ -138,7 +138,7 @@ def cast(
                                         lowest, highest = ti.max(ti.min(was, will), 0), ti.max(was, will)
                                         for r in range(lowest, ti.min(highest, rows - 1) + 1):
                                             ix, iy = (c if flat else r), (r if flat else c)
-                                            if ti.static(walk == 0):
+                                            if walk == 0:
                                                 common *= 1 - ti.cast(occupied[0, iy, ix], ti.f64)
                                             else:
                                                 known = crossed(slab, ix, iy, whole, scratch, touched, known)
@@ -169,7 +169,7 @@ def cast(
                                                         for i in range(LANES):
                                                             met = hit[n, i] == iy * nx + ix
                                                             only[i] *= ti.select(met, 0.0, 1.0)
-                                            if ti.static(walk == 0):
+                                            if walk == 0:
                                                 free = 1 - occupied[0, iy, ix]
                                                 for i in range(LANES):
                                                     through[i] *= ti.select(only[i] > 0.5, free, 1.0)
@@ -179,7 +179,7 @@ def cast(
                                                     add += only[i] * through[i]
                                                 known = crossed(slab, ix, iy, add, scratch, touched, known)
                                     same, was = one, will
-                            if ti.static(walk == 0):
+                            if walk == 0:
                                 for i in range(live):
                                     k, v = first + i, ti.cast(0.0, ti.f64)
                                     if drawn[k, 12] > 0.5:
