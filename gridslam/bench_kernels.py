@@ -97,7 +97,7 @@ class Contest:
     units : callable
         How many units a case has.
     rows : tuple of str
-        Arguments without whose rows there is nothing to do.
+        Arguments without which, or without whose rows, there is nothing to do.
     given : callable
         The twin's arguments that the kernel doesn't have.
     size : callable, optional
@@ -143,7 +143,7 @@ def _cast_twin(case: Case) -> Case:
 
 CONTESTS = {
     "evaluate": Contest(
-        "path-particle", twins.evaluate, _path_particles, ("path", "root"),
+        "path-particle", twins.evaluate, _path_particles, ("path", "root", "out"),
         given=lambda case: {"block": PATH_BLOCK},
     ),
     "associate": Contest("pair", twins.associate, lambda case: case["beta"].size, ("beta",)),
@@ -217,7 +217,7 @@ def compete(name: str, scene: str, case: Case, seconds: float) -> KernelSpeed:
     kernel, contest = kernels()[name], CONTESTS[name]
 
     used = case | {key: case[key].copy() for key in contest.changes}
-    idle = used | {name: case[name][:0] for name in contest.rows}
+    idle = used | {name: case[name][:0, :0] if name == "out" else case[name][:0] for name in contest.rows}
 
     def launch(arguments: Case) -> None:
         kernel(*arguments.values())

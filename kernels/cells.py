@@ -211,9 +211,13 @@ def cast(
                 for n in range(known):
                     ix, iy = touched[slab, n, 0], touched[slab, n, 1]
                     o, lift = ti.cast(occupied[0, iy, ix], ti.f64), (a - 1) * scratch[slab, iy, ix, 0]
-                    if_free = ti.max(total + lift * o / (1 - o) + scratch[slab, iy, ix, 1], 1e-12)
-                    if_occupied = ti.max(total - lift + scratch[slab, iy, ix, 2], 1e-12)
-                    ratio = log_of(ti.max(1e-30, ti.min(if_occupied / if_free, 1e30)))
+                    # both times 1 - o, since divisions take long
+                    if_free = ti.max((total + scratch[slab, iy, ix, 1]) * (1 - o) + lift * o, 1e-12)
+                    if_occupied = ti.max((total - lift + scratch[slab, iy, ix, 2]) * (1 - o), 1e-12)
+                    excess = (if_occupied - if_free) / if_free
+                    ratio = ti.cast(excess * (1 - excess * (0.5 - excess * (1 / 3 - excess / 4))), ti.f32)
+                    if ti.abs(excess) > 0.01:
+                        ratio = log_of(ti.min(1 + excess, 1e30))
                     before = message[slab, iy, ix]  # a slab has one thread, so nothing need be atomic
                     message[slab, iy, ix] = before + ti.max(-frame[4], ti.min(frame[4], ratio))
                     for part in ti.static(range(3)):

@@ -54,7 +54,7 @@ class Cells:
         self._scratch = runtime.resident(np.zeros((slabs, *shape, 3), np.float32))
         self._touched = runtime.resident(np.zeros((slabs, shape[0] * shape[1] + 1, 2), np.int32))
         self._message = runtime.resident(np.zeros((slabs, *shape)))
-        self._frame = np.array([*self.origin, cell, OUTSIDE, EVIDENCE_CLIP])
+        self._frame = (*self.origin.tolist(), cell, OUTSIDE, EVIDENCE_CLIP)
 
     @property
     def evidence(self) -> Array:
@@ -124,7 +124,7 @@ class Cells:
                 anchors,
                 np.ascontiguousarray(factor, dtype=np.float64),
                 self.occupied(),
-                np.append(self._frame, least),
+                np.array([*self._frame, least]),
                 drawn.reshape(-1, 14),
                 self._line,
                 self._place,
