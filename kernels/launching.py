@@ -10,6 +10,9 @@ import numpy as np
 import taichi as ti
 from taichi.lang.util import to_numpy_type
 
+PRIVATE = ("arguments", "compiled_kernels", "runtime")
+"""What a kernel of Taichi 1.7 keeps of itself."""
+
 
 def quick(kernel):
     """The same kernel, launched quickly; whatever isn't as it was compiled for goes Taichi's own way.
@@ -19,7 +22,9 @@ def quick(kernel):
     kernel : ti.kernel
         Its arguments are arrays of given type and number of dimensions, and floats; it returns nothing.
     """
-    primal = kernel._primal
+    primal = getattr(kernel, "_primal", None)
+    if not all(hasattr(primal, name) for name in PRIVATE):
+        return kernel  # a Taichi that keeps these elsewhere
     kinds = [_kind(argument.annotation) for argument in primal.arguments]
 
     @wraps(kernel)

@@ -341,6 +341,15 @@ def test_a_quick_launch_is_the_same_and_refuses_what_it_was_not_compiled_for():
         polylines(state, path, places)
 
 
+def test_a_kernel_of_another_taichi_is_launched_as_it_is():
+    from gridslam.kernels.launching import quick
+
+    def kernel():
+        """Without what Taichi 1.7 keeps of a kernel."""
+
+    assert quick(kernel) is kernel
+
+
 @pytest.mark.parametrize("surfaces", [0, 1, 7])
 @pytest.mark.parametrize("spread", [0.01, 3.0])
 def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):

@@ -45,23 +45,21 @@ class DetectionTable:
         return np.interp(amplitude, self._u, self._p)
 
 
-def detection(belief: AmplitudeBelief, distance: Array, table: DetectionTable) -> Array:
-    """Detection probability of every path, (L,)."""
-    return np.asarray((belief.probability * table(belief.levels(distance))).sum(1))
-
-
 @dataclass(frozen=True)
 class Strengths:
     """What the amplitudes say.
 
     Attributes
     ----------
+    detected : (L,)
+        Detection probability of the path.
     ratio : (L, M)
         Amplitude's likelihood times p_d, over ``mu_fa f_fa`` of the whole measurement.
     amplitude : (L, M)
         Mean amplitude of the path, if the measurement is its.
     """
 
+    detected: Array
     ratio: Array
     amplitude: Array
 
@@ -72,8 +70,10 @@ def strengths(
     """Evaluate the amplitudes of all measurements under all paths of length `distance` (L,)."""
     paths, count = len(distance), len(heard)
     strength, mean = np.zeros((paths, count)), np.zeros((paths, count))
+    own = belief.levels(distance)
+    detected = (belief.probability * table(own)).sum(1)
     if not paths or not count:
-        return Strengths(strength, mean)
+        return Strengths(detected, strength, mean)
     loud = ~np.isnan(heard.amplitude)
     ranged = ~np.isnan(heard.value[:, 0])
     # the path behind a gated measurement has the measured length: one row of nodes per measurement
@@ -82,7 +82,6 @@ def strengths(
     density = np.exp(signal.log_rician(heard.amplitude[quick, None], level))
     strength[:, quick] = belief.probability @ density.T
     mean[:, quick] = belief.probability @ (density * level).T
-    own = belief.levels(distance)
     for m in np.flatnonzero(~(loud & ranged)):
         factor = np.exp(signal.log_rician(np.full(1, heard.amplitude[m]), own)) if loud[m] else table(own)
         strength[:, m] = (belief.probability * factor).sum(1)
@@ -90,7 +89,7 @@ def strengths(
     usual = (belief.probability * own).sum(1)[:, None]
     mean = np.where(strength > 1e-300, mean / np.maximum(strength, 1e-300), usual)
     clutter = np.log(signal.false_alarms) + signal.log_clutter(heard.amplitude)
-    return Strengths(strength * np.exp(-clutter), mean)
+    return Strengths(detected, strength * np.exp(-clutter), mean)
 
 
 def deviations(

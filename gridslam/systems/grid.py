@@ -57,6 +57,11 @@ class GridSlam(SurfaceSlam):
         if prior_map is not None:
             self._start_from(prior_map)
 
+    def _move(self, now: float) -> None:
+        """Motion; what a step that was interrupted left to be told is dropped."""
+        self._told = []
+        super()._move(now)
+
     def _take_in(self, heard: Heard) -> None:
         """Messages of one anchor, in the paper's order (section IV; model.md, sections 2.1 to 2.6)."""
         # prediction: paths, their validity in the grid, eq. (1), and amplitudes, eq. (2)
@@ -81,7 +86,6 @@ class GridSlam(SurfaceSlam):
     def _tidy(self) -> None:
         """Messages of all anchors to coefficients and cells; then merge and drop surfaces."""
         self._tell(Told.stack(self._told))
-        self._told.clear()
         self.cells.absorb()
         super()._tidy()
 

@@ -20,7 +20,7 @@ from gridslam.inference.births import Births, bear, birth_reflection
 from gridslam.inference.correction import correct
 from gridslam.inference.evaluation import evaluate, gate
 from gridslam.inference.heard import Heard
-from gridslam.inference.likelihood import AmplitudeBelief, DetectionTable, detection, strengths
+from gridslam.inference.likelihood import AmplitudeBelief, DetectionTable, strengths
 from gridslam.inference.particles import Particles
 from gridslam.inference.prediction import Prediction, predict_paths
 from gridslam.inference.proposals import Prospects, propose, prospects
@@ -244,8 +244,8 @@ class SurfaceSlam:
         """
         signal, distance = self.signal, predicted.value[:, 0]
         # measurement evaluation
-        detected = detection(amplitudes, distance, self.detected)
         strength = strengths(amplitudes, heard, distance, self.detected, signal)
+        detected = strength.detected
         worth = rays.existence * rays.surfaces * validity
         recipe = self.particles.recipe(self.belief)
         pairs = gate(predicted, heard, strength, worth, signal, recipe.kept)
