@@ -35,10 +35,14 @@ from gridslam.kernels.paths import draw_path
 
 @ti.func
 def listed(slab, ix, iy, scratch: ti.template(), touched: ti.template(), count):
-    """Enter a cell in the list of those that the path touches, once; return how many there are."""
+    """Enter a cell, whose sums are about to change, in the list of those that the path touches, once.
+
+    Returns how many there are; the list has room for all cells, but sums may cancel to 0 once more.
+    """
     n = count
     if (
-        scratch[slab, iy, ix, 0] == 0.0
+        n < touched.shape[1]
+        and scratch[slab, iy, ix, 0] == 0.0
         and scratch[slab, iy, ix, 1] == 0.0
         and scratch[slab, iy, ix, 2] == 0.0
     ):
@@ -50,10 +54,10 @@ def listed(slab, ix, iy, scratch: ti.template(), touched: ti.template(), count):
 @ti.func
 def crossed(slab, ix, iy, add, scratch: ti.template(), touched: ti.template(), count):
     """Add the V of rays that cross a cell; return how many cells are listed."""
-    n, before = count, scratch[slab, iy, ix, 0]
-    if before == 0.0 and add > 0.0:
+    n, before, more = count, scratch[slab, iy, ix, 0], ti.cast(add, ti.f32)
+    if before == 0.0 and more > 0.0:
         n = listed(slab, ix, iy, scratch, touched, n)
-    scratch[slab, iy, ix, 0] = before + ti.cast(add, ti.f32)
+    scratch[slab, iy, ix, 0] = before + more
     return n
 
 
@@ -67,8 +71,8 @@ def cast(
     occupied: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [2, ny, nx] o of a traversed cell, of a hit one in V
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [6] origin x, y, side, factor outside, clip, least share
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 14] out: corners, normals, possible or not, V
-    line: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [SLABS, LINE_ROWS, LANES] scratch
-    place: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [SLABS, PLACE_ROWS, LANES] scratch
+    line: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [SLABS, LINES, LANES] scratch
+    place: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [SLABS, PLACES, LANES] scratch
     scratch: ti.types.ndarray(dtype=ti.f32, ndim=4),  # [SLABS, ny, nx, 3] zero on entry and exit
     touched: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [SLABS, ny * nx + 1, 2] scratch
     message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [SLABS, ny, nx] in/out: sum of log ratios
@@ -90,7 +94,8 @@ def cast(
                     draw_path(state, path, places, row, ray, drawn)
                     drawn[row * rays + ray, 13] = 0.0
                     possible += ti.cast(drawn[row * rays + ray, 12], ti.i32)
-                send = factor[row, 1] > 0.5 and possible > frame[5] * rays
+                # a path that is worth the same whether blocked or not says nothing
+                send = factor[row, 1] > 0.5 and a != 1.0 and possible > frame[5] * rays
                 for group in range((rays + LANES - 1) // LANES if possible > 0 else 0):
                     first, live = row * rays + group * LANES, ti.min(LANES, rays - group * LANES)
                     through, only = ti.Vector([1.0] * LANES), ti.Vector([0.0] * LANES)
@@ -99,12 +104,9 @@ def cast(
                     entry, leave = ti.Vector([0] * LANES), ti.Vector([0] * LANES)
                     base = ti.Vector([0.0] * LANES, dt=ti.f64)
                     slope = ti.Vector([0.0] * LANES, dt=ti.f64)
-                    hit = ti.Matrix.zero(ti.i32, 6, LANES)
+                    met_at = ti.Vector([0] * LANES)
                     box = meet_cells(drawn, first, live, count, frame, occupied, slab, line, place)
                     plan = lay_legs(drawn, first, live, count, frame, slab, line, place)
-                    for n in range(3 * count):
-                        for i in range(LANES):
-                            hit[n, i] = place[slab, HIT + n, i]
                     common, whole = ti.cast(1.0, ti.f64), ti.cast(0.0, ti.f32)
                     for walk in range(2):  # 0: V; 1: add it to the cells
                         if walk == 0 or (send and whole > 0):
@@ -167,7 +169,9 @@ def cast(
                                                 if across and r >= box[b, 2 - turn] and r <= box[b, 3 - turn]:
                                                     for n in range(3 * b, 3 * b + 3):
                                                         for i in range(LANES):
-                                                            met = hit[n, i] == iy * nx + ix
+                                                            met_at[i] = place[slab, HIT + n, i]
+                                                        for i in range(LANES):
+                                                            met = met_at[i] == iy * nx + ix
                                                             only[i] *= ti.select(met, 0.0, 1.0)
                                             if walk == 0:
                                                 free = 1 - occupied[0, iy, ix]
@@ -199,15 +203,14 @@ def cast(
                                     if cell >= 0 and v > 0:
                                         ix, iy = cell % nx, cell // nx
                                         v0 = v1 * (1 - (1 - own) / (1 - occupied[0, iy, ix]))
-                                        known = listed(slab, ix, iy, scratch, touched, known)
+                                        low_lift = ti.cast((v0 - v) * (a - 1), ti.f32)
+                                        high_lift = ti.cast((v1 - v) * (a - 1), ti.f32)
+                                        if low_lift != 0.0 or high_lift != 0.0:
+                                            known = listed(slab, ix, iy, scratch, touched, known)
                                         # read, then written: an addition in place would be atomic
                                         before1, before2 = scratch[slab, iy, ix, 1], scratch[slab, iy, ix, 2]
-                                        scratch[slab, iy, ix, 1] = before1 + ti.cast(
-                                            (v0 - v) * (a - 1), ti.f32
-                                        )
-                                        scratch[slab, iy, ix, 2] = before2 + ti.cast(
-                                            (v1 - v) * (a - 1), ti.f32
-                                        )
+                                        scratch[slab, iy, ix, 1] = before1 + low_lift
+                                        scratch[slab, iy, ix, 2] = before2 + high_lift
                 for n in range(known):
                     ix, iy = touched[slab, n, 0], touched[slab, n, 1]
                     o, lift = ti.cast(occupied[0, iy, ix], ti.f64), (a - 1) * scratch[slab, iy, ix, 0]

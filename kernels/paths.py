@@ -31,7 +31,7 @@ def evaluate(
 ):
     """Sum, over each block of particles, the density of every gated pair where the path is possible.
 
-    The states are drawn, unless `root` has no rows: then they are given.
+    The states are drawn, unless `root` has no rows: then they are given, as by tests.
     """
     for item in range(out.shape[1] * SPREAD):
         if item % SPREAD == 0:

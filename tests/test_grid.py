@@ -158,3 +158,17 @@ def test_an_adapted_number_of_particles_leads_to_the_same_place():
         track.append(np.array([slam.step(scan).position_m for scan in scans]))
     assert slam.particles.recipe(slam.belief).count < slam.particles.count
     np.testing.assert_allclose(*track, atol=0.005)
+
+
+def test_every_launch_of_a_running_filter_is_a_quick_one(monkeypatch):
+    from gridslam.kernels import launching
+
+    scene = shortened(gs.Scene.load("room"), 6)
+    slam, (first, *rest) = gs.GridSlam(scene, seed=1), list(gs.simulate(scene, "agent1", 1))
+    slam.step(first)
+    fits, real = [], launching._fit
+    monkeypatch.setattr(launching, "_fit", lambda *given: fits.append(real(*given)) or fits[-1])
+    for scan in rest:
+        slam.step(scan)
+    assert len(fits) > 50
+    assert all(fits)

@@ -15,7 +15,7 @@ from gridslam.geometry import line_between, line_of_sfv, mirror, sfv, trace, wra
 from gridslam.inference.association import associate
 from gridslam.inference.belief import AGENT, Belief, separated, update
 from gridslam.inference.cells import Cells
-from gridslam.inference.particles import BIN_M, DIVERGENCE, FEWEST, Cloud, Particles, needed
+from gridslam.inference.particles import BIN_M, DIVERGENCE, PORTION, Cloud, Particles, needed
 from gridslam.inference.rays import Rays
 from gridslam.kernels import PATH_BLOCK
 
@@ -208,11 +208,15 @@ def test_adapted_particles_grow_with_the_spread_of_the_pose_and_keep_within_boun
         recipe = particles.recipe(belief)
         counts.append(recipe.count)
         assert recipe.count % PATH_BLOCK == 0
+        assert particles.drawn == recipe.count
+        used = recipe.points[:, : recipe.count].astype(np.float64)
+        np.testing.assert_allclose(used.mean(1), 0, atol=1e-6)
+        np.testing.assert_allclose(used.std(1), 1, atol=1e-6)
         assert recipe.room == (3, recipe.count)
         assert 0 < recipe.kept < 0.2
     assert counts == sorted(counts)
-    assert counts[0] == FEWEST
-    assert FEWEST < counts[2] < counts[3] < particles.count
+    assert counts[0] == PORTION
+    assert PORTION < counts[2] < counts[3] < particles.count
     assert counts[-1] == particles.count
     assert Particles(20_000, seed=1).recipe(belief).count == particles.count
 
@@ -230,3 +234,35 @@ def test_divergence_of_binned_samples_keeps_below_what_their_number_is_for():
         seen = counts / number
         over += (seen[seen > 0] * np.log(seen[seen > 0] / truth[seen > 0])).sum() > DIVERGENCE
     assert over <= 5  # one is expected
+
+
+@pytest.mark.parametrize("worth", [1.0, 1 + 1e-12, 3.0])
+def test_worthless_paths_tell_cells_nothing_and_never_list_more_than_there_are(worth):
+    cells = Cells(np.zeros(2), 1.0, (8, 8), 5.0, np.array([[1.0, 1.0]]))
+    draw, surfaces, rays = np.random.default_rng(1), 6, 48
+    state = np.empty((3 + 3 * surfaces, rays))
+    state[:3] = np.array([[6.0, 5.0, 0.0]]).T + 0.3 * draw.normal(size=(3, rays))
+    angle = np.linspace(0, 2 * np.pi, surfaces, endpoint=False)[:, None] + 0.05 * draw.normal(
+        size=(surfaces, rays)
+    )
+    state[3::3], state[4::3], state[5::3] = np.cos(angle), np.sin(angle), 7.5
+    last, first = (a.ravel() for a in np.indices((surfaces, surfaces)))
+    whole = np.ones(len(last))
+    paths = Rays(0 * last, np.where(last == first, 1, 2), last, first, whole, whole)
+    cells._touched[...] = -7
+    cells.tell(paths, Cloud(state, 0.0), np.array([[1.0, 1.0, 0.0]]), worth * whole, whole > 0, 0.0)
+    assert (cells._touched[:, -1] == -7).all(), "the list is never full"
+    cells.absorb()
+    assert cells.observed.any() == (worth == 3.0)
+
+
+def test_messages_of_an_interrupted_step_are_forgotten():
+    cells, place = Cells(np.zeros(2), 1.0, (4, 4), 5.0, np.array([[0.5, 0.5]])), np.array([[0.5, 0.5, 0.0]])
+    one, none = np.ones(1), np.full(1, -1)
+    ray = Rays(np.zeros(1, int), np.zeros(1, int), none, none, one, one)
+    for forget in (True, False):
+        cells.tell(ray, Cloud(np.array([[3.5, 3.5, 0.0]]).T, 0.0), place, 9 * one, one > 0, 0.0)
+        if forget:
+            cells.forget()
+        cells.absorb()
+        assert cells.evidence.any() != forget

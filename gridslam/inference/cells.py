@@ -49,6 +49,7 @@ class Cells:
         slabs = CELL_SLABS[runtime.start()]
         from gridslam.kernels.bundles import LANES, LINES, PLACES
 
+        self._pending = False
         self._line = runtime.room((slabs, LINES, LANES), np.float64)
         self._place = runtime.room((slabs, PLACES, LANES), np.int32)
         self._scratch = runtime.resident(np.zeros((slabs, *shape, 3), np.float32))
@@ -108,6 +109,7 @@ class Cells:
         least : float
             Share of the states at which a path must be possible to tell anything.
         """
+        self._pending = True
         return self._cast(rays, cloud, anchors, np.stack([worth, send.astype(np.float64)], -1), least)
 
     def _cast(self, rays: Rays, cloud: Cloud, anchors: Array, factor: Array, least: float) -> Polylines:
@@ -134,12 +136,19 @@ class Cells:
             )
         return Polylines(rays.bounces, drawn)
 
+    def forget(self) -> None:
+        """Drop messages that were never absorbed, since a step was interrupted."""
+        if self._pending:
+            self._message.fill(0)
+            self._pending = False
+
     def absorb(self) -> None:
         """Fold the messages of all paths and anchors into the beliefs, eq. (46)."""
         total = runtime.on_host(self._message).sum(0)
         self.observed |= np.abs(total) > TOUCHED
         self.evidence = np.clip(self.evidence + total, -EVIDENCE_CLIP, EVIDENCE_CLIP)
         self._message.fill(0)
+        self._pending = False
 
     def weigh_coefficient(self, rays: Rays, drawn: Polylines, where: NDArray[np.intp], factor: Array) -> None:
         """Multiply log-likelihoods (n, BINS) over the coefficient into the cells that rays meet.

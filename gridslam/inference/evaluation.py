@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 GATE = 6.0
 MARGIN_M, MARGIN_RAD = 0.3, 0.3
 """Widening of the gate for what the linearised spread doesn't tell."""
+LEAST_STD = 1e-6
 UNMEASURED = 1e12
 """Variance that stands for "not measured"."""
 
@@ -78,7 +79,8 @@ def gate(
     from gridslam.kernels.gating import gate as launch
 
     paths, count = strength.ratio.shape
-    own = np.where(np.isnan(heard.value), -1.0, np.nan_to_num(heard.own_std))
+    own = np.where(np.isnan(heard.own_std), 0.0, np.maximum(heard.own_std, LEAST_STD))
+    own = np.where(np.isnan(heard.value), -1.0, own)
     room = max(paths * count, 1)
     start, index = np.zeros(paths + 1, np.int32), np.empty((room, 2), np.int32)
     pair, table = np.empty((room, 9)), np.zeros((room, 11), np.float32)

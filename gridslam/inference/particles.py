@@ -22,8 +22,10 @@ Single = NDArray[np.float32]
 PURPOSE = 0x9A
 DIVERGENCE, SURE = 0.05, 2.33
 """Kullback-Leibler divergence that an adapted number of particles keeps below, and how sure that is: 99 %."""
-BIN_M, BIN_RAD, FEWEST = 0.05, 0.03, 512
-"""Bins over which it is counted: about what one measurement tells; least number."""
+BIN_M, BIN_RAD = 0.05, 0.03
+"""Bins over which it is counted: about what one measurement tells."""
+PORTION = 512
+"""Adapted numbers come in portions, each with mean 0 and deviation 1."""
 
 
 @dataclass(frozen=True)
@@ -122,10 +124,16 @@ class Particles:
     seed : int
     adapt : bool
         Whether to take as few as the belief asks for, `count` at most.
+
+    Attributes
+    ----------
+    drawn : int
+        How many the latest recipe was for.
     """
 
     def __init__(self, count: int, seed: int, adapt: bool = False) -> None:
-        self.count, self.adapt = _whole_blocks(count), adapt
+        self.count, self.adapt = -(-count // PATH_BLOCK) * PATH_BLOCK, adapt
+        self.drawn = self.count
         self._seed = seed
         self._points = np.zeros((0, self.count), np.float32)
         self._held: runtime.Resident = self._points
@@ -138,16 +146,16 @@ class Particles:
             self._points = np.concatenate([self._points, np.stack(fresh)])
             self._held = runtime.resident(self._points)
         if self.adapt:
-            count = min(count, _whole_blocks(max(FEWEST, needed(belief))))
+            count = min(count, -int(-needed(belief) // PORTION) * PORTION)
+        self.drawn = count
         kept = float(count ** (-2 / 7))  # Silverman's rule for a path's three parameters
-        root = (np.sqrt(1 - kept) * belief.root).astype(np.float32)
+        root = (np.sqrt(1 - kept) * belief.root).astype(np.float32, order="C")
         base = np.stack([belief.mean, np.cos(belief.mean), np.sin(belief.mean)], -1, dtype=np.float32)
         return Recipe(root, base, self._held, count, kept)
 
     def _column(self, number: int) -> Single:
         values = np.random.default_rng([self._seed, PURPOSE, number]).standard_normal(self.count)
-        return np.asarray((values - values.mean()) / values.std(), np.float32)
-
-
-def _whole_blocks(count: float) -> int:
-    return -int(-count // PATH_BLOCK) * PATH_BLOCK
+        for portion in np.split(values, range(PORTION, self.count, PORTION)):  # so that the first few will do
+            portion -= portion.mean()
+            portion /= portion.std()
+        return values.astype(np.float32)

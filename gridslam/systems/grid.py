@@ -60,6 +60,7 @@ class GridSlam(SurfaceSlam):
     def _move(self, now: float) -> None:
         """Motion; what a step that was interrupted left to be told is dropped."""
         self._told = []
+        self.cells.forget()
         super()._move(now)
 
     def _take_in(self, heard: Heard) -> None:

@@ -343,7 +343,7 @@ class SurfaceSlam:
         """MMSE estimates of agent and surfaces, and the paths believed in."""
         table, mean = surface_estimate(self.belief, self.bank), self.belief.mean
         variance = float(self.belief.covariance[0, 0] + self.belief.covariance[1, 1])
-        health = self.watch.health(self.told, np.sqrt(variance), self.particles.count)
+        health = self.watch.health(self.told, np.sqrt(variance), self.particles.drawn)
         paths = path_estimate(
             self.belief, self.bank, self.sight, self.anchors, self.most_bounces, self._strength,
         )  # fmt: skip
