@@ -157,24 +157,26 @@ def correct(
         entry = entry_of(bounces, last, first)
         core = spread_of(slope, entry, covariance)
         total = prior[1, row]
-        for k in range(start[row], start[row + 1]):
-            gap, noisy = innovation_of(pair, k, value, core)
-            inverse = noisy.inverse()
-            scale = ti.sqrt((2 * PI) ** 3 * noisy.determinant())
-            density = pair[k, 6] * decay_of(-0.5 * gap.dot(inverse @ gap)) / scale
-            share[k] = prior[0, row] * pair[k, 7] * density
-            total += share[k]
         change, shift = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)
         moved = False
+        for walk in range(2):  # 0: probabilities of the associations; 1: what they do
+            for k in range(start[row], start[row + 1]):
+                if walk == 0 or share[k] > least * total:
+                    gap, noisy = innovation_of(pair, k, value, core)
+                    inverse = noisy.inverse()
+                    g = inverse @ gap
+                    if walk == 0:
+                        scale = ti.sqrt((2 * PI) ** 3 * noisy.determinant())
+                        density = pair[k, 6] * decay_of(-0.5 * gap.dot(g)) / scale
+                        share[k] = prior[0, row] * pair[k, 7] * density
+                        total += share[k]
+                    else:
+                        part = share[k] / total
+                        shift += part * g
+                        change += part * (inverse - g.outer_product(g))
+                        moved = True
         for k in range(start[row], start[row + 1]):
             share[k] /= total
-            if share[k] > least:
-                gap, noisy = innovation_of(pair, k, value, core)
-                inverse = noisy.inverse()
-                g = inverse @ gap
-                shift += share[k] * g
-                change += share[k] * (inverse - g.outer_product(g))
-                moved = True
         if moved:
             change += shift.outer_product(shift)
             for n in range(size):
