@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from gridslam import runtime, twins
 from gridslam.geometry import wrap
 from gridslam.inference.proposals import SAMPLES
-from gridslam.kernels import CELL_SLABS, PATH_BLOCK
+from gridslam.kernels import PATH_BLOCK
+from gridslam.signal import REFLECTION_BINS
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 seeds = st.integers(0, 2**32 - 1)
@@ -222,106 +223,6 @@ def test_gated_pairs_equal_their_twin(seed, given_std, flat_array):
     np.testing.assert_allclose(middle[expected[:, 3] < 1e9], expected[expected[:, 3] < 1e9, 0], rtol=1e-5)
 
 
-def launch_cast(state, path, place, worth, traversed, hit, frame):
-    """Rays as drawn (K, 13), their V (K,) and the messages to the cells (ny, nx)."""
-    from gridslam.kernels.bundles import LANES, LINES, PLACES
-    from gridslam.kernels.cells import cast
-
-    slabs = CELL_SLABS["cpu"]
-    shape, rays = traversed.shape, state.shape[1]
-    drawn, message = np.zeros((len(path) * rays, 14)), np.zeros((slabs, *shape))
-    scratch, touched = (
-        np.zeros((slabs, *shape, 3), np.float32),
-        np.zeros((slabs, traversed.size + 1, 2), np.int32),
-    )
-    line = np.full((slabs, LINES, LANES), np.nan)
-    spot = np.full((slabs, PLACES, LANES), -(2**31), np.int32)
-    occupied = np.stack([traversed, hit]).astype(np.float32)
-    factor = np.stack([worth, np.ones(len(worth))], -1)
-    table = np.pad(path, ((0, 0), (0, 1)))
-    cast(
-        state, table, np.append(place, 0.0)[None], factor, occupied, np.append(frame, [0.1, 12.0, 0.0]),
-        drawn, line, spot, scratch, touched, message,
-    )  # fmt: skip
-    assert not scratch.any(), "scratch is left as it was found"
-    return drawn[:, :13], drawn[:, 13], message.sum(0)
-
-
-@given(seeds, st.sampled_from([1, 3, 50]), st.sampled_from([0.0, 0.005, 0.1, 1.0]))
-@settings(max_examples=60, deadline=None)
-def test_ray_casting_and_cell_messages_equal_their_twin(seed, rays, spread):
-    draw = np.random.default_rng(seed)
-    shape, surfaces = (16, 21), 3
-    traversed, hit = draw.uniform(0.001, 0.5, shape), draw.uniform(0.001, 0.9, shape)
-    state = np.empty((3 + 3 * surfaces, rays))
-    state[:3] = draw.uniform(-1, 6, (3, 1)) + spread * draw.normal(size=(3, rays))
-    angle = draw.uniform(-3, 3, (surfaces, 1)) + 0.2 * spread * draw.normal(size=(surfaces, rays))
-    state[3::3], state[4::3] = np.cos(angle), np.sin(angle)
-    state[5::3] = draw.uniform(-3, 6, (surfaces, 1)) + 0.5 * spread * draw.normal(size=(surfaces, rays))
-    path = [[0, -1, -1]] + [[1, s, s] for s in range(surfaces)]
-    path += [[2, s, r] for s in range(surfaces) for r in range(surfaces) if s != r]
-    path, worth = np.array(path, np.int32), np.exp(draw.normal(0, 2, len(path)))
-    frame, place = np.array([-0.3, 0.2, 0.3]), draw.uniform(0, 5, 2)
-    drawn, validity, message = launch_cast(state, path, place, worth, traversed, hit, frame)
-    expected = twins.cast(
-        drawn[:, :8].reshape(-1, 4, 2), drawn[:, 8:12].reshape(-1, 2, 2), drawn[:, 12], path[:, 0], worth,
-        traversed, hit, frame, rays, 0.1, 12.0,
-    )  # fmt: skip
-    np.testing.assert_allclose(validity, expected[0], rtol=1e-5, atol=1e-9)
-    # a ratio of e^7 and more is told from rounded sums that all but cancel
-    clear = np.abs(expected[1]) < 7
-    np.testing.assert_allclose(message[clear], expected[1][clear], rtol=1e-3, atol=1e-5)
-    np.testing.assert_allclose(message[~clear], expected[1][~clear], atol=0.5)
-
-
-def cast_sight(start, end, shape=(4, 4)):
-    """V and the messages of one line of sight through cells of 1 m with o = 0.1."""
-    state, path = np.array([[*end, 0.0]]).T, np.array([[0, -1, -1]], np.int32)
-    table = np.full(shape, 0.1)
-    return launch_cast(
-        state, path, np.array(start), np.array([9.0]), table, table, np.array([0.0, 0.0, 1.0])
-    )[1:]
-
-
-@pytest.mark.parametrize(
-    ("start", "end", "cells"),
-    [
-        ((0.5, 0.5), (3.5, 0.5), {(0, 0), (0, 1), (0, 2), (0, 3)}),  # parallel to an axis
-        ((2.5, 3.5), (2.5, 0.5), {(3, 2), (2, 2), (1, 2), (0, 2)}),
-        ((1.5, 1.5), (1.5, 1.5), {(1, 1)}),  # no length
-        ((-5.0, 1.5), (9.0, 1.5), {(1, 0), (1, 1), (1, 2), (1, 3)}),  # in and out of the grid
-        ((-5.0, -1.5), (9.0, -1.5), set()),  # past it
-    ],
-)
-def test_a_ray_touches_exactly_the_cells_on_its_way(start, end, cells):
-    _, message = cast_sight(start, end)
-    assert {tuple(int(i) for i in c) for c in np.argwhere(message != 0)} == cells
-
-
-@pytest.mark.parametrize(("start", "end"), [((0.5, 0.5), (3.5, 3.5)), ((3.5, 0.5), (0.5, 3.5))])
-def test_a_ray_through_corners_stays_between_the_cells_that_touch_it(start, end):
-    validity, message = cast_sight(start, end)
-    touched = np.argwhere(message != 0)
-    assert len(touched) >= 4
-    assert (np.abs(touched[:, 1] - (touched[:, 0] if start[0] < 1 else 3 - touched[:, 0])) <= 1).all()
-    assert 0.9 ** len(touched) == pytest.approx(validity[0], rel=1e-5)
-
-
-def test_no_paths_cast_nothing():
-    table = np.full((3, 3), 0.1)
-    _, validity, message = launch_cast(
-        np.zeros((3, 2)),
-        np.zeros((0, 3), np.int32),
-        np.zeros(2),
-        np.zeros(0),
-        table,
-        table,
-        np.array([0.0, 0.0, 1.0]),
-    )
-    assert len(validity) == 0
-    assert not message.any()
-
-
 def test_a_quick_launch_is_the_same_and_refuses_what_it_was_not_compiled_for():
     from gridslam.kernels.paths import polylines
 
@@ -370,9 +271,10 @@ def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
 @given(seeds, st.sampled_from([1, 5, 48]))
 @settings(max_examples=25, deadline=None)
 def test_coefficients_recalled_and_learned_equal_their_twins(seed, rays):
-    from gridslam.kernels.coefficients import learn, recall
+    from gridslam.kernels.coefficients import BINS, learn, recall
     from gridslam.kernels.paths import polylines
 
+    assert len(REFLECTION_BINS) == BINS, "kernels can't import it, and hold so many on the stack"
     draw = np.random.default_rng(seed)
     state, path, place = random_world(draw, rays, np.float64, surfaces=3)
     path, drawn = np.pad(path, ((0, 0), (0, 1))), np.zeros((len(path) * rays, 13))

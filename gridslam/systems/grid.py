@@ -53,13 +53,13 @@ class GridSlam(SurfaceSlam):
         super().__init__(scene, agent, seed)
         grid, free_path = scene.grid, self.settings.mean_free_path_m
         self.cells = Cells(np.array(grid.origin_m), grid.cell_m, grid.shape, free_path, self.places)
-        self._told: list[Told] = []
+        self._to_tell: list[Told] = []
         if prior_map is not None:
             self._start_from(prior_map)
 
     def _move(self, now: float) -> None:
         """Motion; what a step that was interrupted left to be told is dropped."""
-        self._told = []
+        self._to_tell = []
         self.cells.forget()
         super()._move(now)
 
@@ -75,7 +75,7 @@ class GridSlam(SurfaceSlam):
         said = self._exchange(heard, rays, predicted, amplitudes, drawn.validity)
         # what cells and coefficients are to be told; new surfaces
         distance = predicted.value[:, 0]
-        self._told.append(Told.of(heard, rays, distance, said.chance, said.worth, said.responsible))
+        self._to_tell.append(Told.of(heard, rays, distance, said.chance, said.worth, said.responsible))
         self._bear(heard, said.births, said.claimed)
 
     def _reachable(self, heard: Heard, births: Births) -> Births:
@@ -86,7 +86,7 @@ class GridSlam(SurfaceSlam):
 
     def _tidy(self) -> None:
         """Messages of all anchors to coefficients and cells; then merge and drop surfaces."""
-        self._tell(Told.stack(self._told))
+        self._tell(Told.stack(self._to_tell))
         self.cells.absorb()
         super()._tidy()
 
