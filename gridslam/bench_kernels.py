@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ from gridslam import runtime, twins
 from gridslam.bench_stages import Function, kernels, replaced
 from gridslam.kernels import PATH_BLOCK
 from gridslam.mapping import METHODS
+from gridslam.measurements import Scan
 from gridslam.scene import Scene
 from gridslam.simulate import simulate
 
@@ -31,7 +32,7 @@ class KernelSpeed:
     ----------
     name, scene, unit : str
         The scene in which the case was taken, and what is counted: "path-particle", "cell visit", "path-ray",
-        "path", "pair", "sample".
+        "path", "pair", "sample", "measurement", "cell".
     units : int
         How many of them the case has.
     kernel_s, twin_s : float
@@ -127,6 +128,14 @@ def _paths(case: Case) -> int:
     return len(case["path"])
 
 
+def _listed(case: Case) -> int:
+    return int(case["found"][0])
+
+
+def _surfaces(case: Case) -> int:
+    return len(case["surface"])
+
+
 def _cast_twin(case: Case) -> Case:
     """What was drawn of the sending paths; the kernel draws them itself, and casts the others for V alone."""
     rows, bounces = _senders(case), _bounces(case)
@@ -141,32 +150,46 @@ def _cast_twin(case: Case) -> Case:
     }  # fmt: skip
 
 
+def _pairs(case: Case) -> int:
+    return len(case["belief"]) * len(case["heard"])
+
+
 CONTESTS = {
-    "evaluate": Contest(
-        "path-particle", twins.evaluate, _path_particles, ("path", "root", "out"),
-        given=lambda case: {"block": PATH_BLOCK},
+    "absorb": Contest(
+        "cell", twins.absorb, lambda case: case["before"].size, ("before",), changes=("message", "observed")
     ),
     "associate": Contest("pair", twins.associate, lambda case: case["beta"].size, ("beta",)),
     "cast": Contest(
         "cell visit", twins.cast, _visits, given=_cast_twin,
         size=lambda case: int((case["factor"][:, 1] > 0.5).sum()),  # those that send messages
     ),
-    "correct": Contest(
-        "path", twins.correct, lambda case: len(case["order"]), ("order",), changes=("mean", "covariance")
+    "duplicate": Contest("pair", twins.duplicate, lambda case: len(case["foot"]) ** 2, ("foot",)),
+    "enter": Contest("pair", twins.enter, lambda case: case["ratio"].size, ("ratio", "blocks")),
+    "evaluate": Contest(
+        "path-particle", twins.evaluate, _path_particles, ("path", "root", "out"),
+        given=lambda case: {"block": PATH_BLOCK},
     ),
-    "gate": Contest(
-        "pair", twins.gate, lambda case: len(case["predicted"]) * len(case["heard"]), ("predicted",)
-    ),
-    "learn": Contest("path", twins.learn, lambda case: len(case["where"]), ("where",), changes=("held",)),
-    "recall": Contest("path", twins.recall, _paths),
+    "foresee": Contest("path", twins.foresee, _listed, ("surface",), size=_surfaces),
+    "gate": Contest("pair", twins.gate, _pairs, ("belief", "heard", "predicted")),
+    "glance": Contest("path", twins.glance, lambda case: len(case["hit"]), ("hit",)),
+    "haunt": Contest("pair", twins.haunt, lambda case: len(case["surface"]) ** 2, ("surface",)),
+    "learn": Contest("path", twins.learn, _paths, changes=("surface", "held")),
+    "near": Contest("measurement", twins.near, lambda case: len(case["heard"]), ("places",)),
     "polylines": Contest("path-ray", twins.polylines, _path_particles),
-    "predict": Contest("path", twins.predict, _paths),
     "propose": Contest("sample", twins.propose, _samples, ("heard",)),
+    "recall": Contest("path", twins.recall, _paths),
+    "report": Contest("path", twins.report, _listed, ("places",), size=_surfaces),
+    "update": Contest(
+        "path", twins.update, _paths, ("path", "share", "heard"),
+        changes=("mean", "covariance", "surface", "sight", "single", "double", "sums"),
+    ),
 }  # fmt: skip
 
 
 def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Case]:
     """Run grid SLAM for some steps, then keep each kernel's largest launch of the next few.
+
+    Of a kernel that grid SLAM doesn't launch, that of adaptive SLAM is kept.
 
     Parameters
     ----------
@@ -177,8 +200,12 @@ def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Ca
         Steps that are.
     """
     runtime.start()
-    slam = METHODS["grid"](scene, seed=1)
     scans = list(simulate(scene, scene.agents[0].name, seed=1))[: steps + watched]
+    return _launches("adaptive", scene, scans, steps) | _launches("grid", scene, scans, steps)
+
+
+def _launches(method: str, scene: Scene, scans: Sequence[Scan], steps: int) -> dict[str, Case]:
+    slam = METHODS[method](scene, seed=1)
     for scan in scans[:steps]:
         slam.step(scan)
     best: dict[str, tuple[int, Case]] = {}
@@ -227,14 +254,15 @@ def compete(name: str, scene: str, case: Case, seconds: float) -> KernelSpeed:
         for key in contest.changes:
             used[key][...] = case[key]
 
-    launch(used)  # compiled, and in the cache; the cast kernel has drawn its rays
+    launch(used)  # compiled, and in the cache; what counts its units is there
+    units = contest.units(case)
     known = case | contest.given(case)
     wanted = {key: known[key] for key in inspect.signature(contest.twin).parameters}
     launch(idle)
     took = repeated(lambda: launch(used), seconds, before=restore)
     nothing = repeated(lambda: launch(idle), 0.1 * seconds)
     twin = float(np.median(repeated(lambda: contest.twin(**wanted), seconds, 1)))
-    median, units = float(np.median(took)), contest.units(case)
+    median = float(np.median(took))
     return KernelSpeed(
         name, scene, contest.unit, units, median, min(took), twin, twin / median,
         1e9 * median / max(units, 1), 1e6 * float(np.median(nothing)),

@@ -24,7 +24,7 @@ STAGES = {
     "rays": "evaluation",
     "prediction": "evaluation",
     "association": "association",
-    "correction": "correction",
+    "updates": "updates",
     "births": "births",
     "proposals": "births",
     "told": "cells",

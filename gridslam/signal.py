@@ -7,6 +7,7 @@ depends on follows from it: a strong path is seen surely and measured sharply.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +61,18 @@ class SignalModel:
     def distance_scale(self) -> float:
         """sigma_d times u, m."""
         return SPEED_OF_LIGHT / (np.sqrt(8) * np.pi * self.bandwidth_hz / np.sqrt(12))
+
+    @cached_property
+    def numbers(self) -> Array:
+        """What kernels take of the radio, (J, 11), by anchors; see `gridslam.kernels.radio`."""
+        given = 0.0 if self.given_distance_std is None else self.given_distance_std
+        own = [
+            self.distance_scale, given, 0.0, 0.0, *self.agent_aperture, self.max_distance_m,
+            self.amplitude_at_1m, self.samples, self.threshold, self.false_alarms,
+        ]  # fmt: skip
+        table = np.tile(np.array(own, np.float64), (len(self.anchor_aperture), 1))
+        table[:, 2:4] = self.anchor_aperture
+        return table
 
     def amplitude(self, distance: Array | float, reflection: Array | float = 1.0) -> Array:
         """Predicted normalised amplitude, paper 003 eq. (2)."""

@@ -5,3 +5,9 @@ CELL_SLABS = {"cpu": 4, "gpu": 64}
 
 PATH_BLOCK = 64
 """Particles that the evaluation kernel takes at a time; kept here so that owners needn't start Taichi."""
+
+UNMEASURED = 1e12
+"""Variance that stands for "not measured"."""
+
+FAINTEST = 0.3
+"""Amplitude below which accuracy is taken to get no worse: nothing fainter is detected."""

@@ -71,6 +71,8 @@ def cast(
     occupied: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [2, ny, nx] o of a traversed cell, of a hit one in V
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [6] origin x, y, side, factor outside, clip, least share
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 14] out: corners, normals, possible or not, V
+    seen: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 6] out: mean V where possible, share of states at which
+    # it is, mean of the first and of the second corner
     line: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [SLABS, LINES, LANES] scratch
     place: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [SLABS, PLACES, LANES] scratch
     scratch: ti.types.ndarray(dtype=ti.f32, ndim=4),  # [SLABS, ny, nx, 3] zero on entry and exit
@@ -90,10 +92,13 @@ def cast(
             while row < paths:
                 count, a = path[row, 0], factor[row, 0]
                 total, known, possible = ti.cast(0.0, ti.f64), 0, 0
+                open_to, middle = ti.cast(0.0, ti.f64), ti.Vector([0.0, 0.0, 0.0, 0.0], dt=ti.f64)
                 for ray in range(rays):
                     draw_path(state, path, places, row, ray, drawn)
                     drawn[row * rays + ray, 13] = 0.0
                     possible += ti.cast(drawn[row * rays + ray, 12], ti.i32)
+                    for n in ti.static(range(4)):
+                        middle[n] += drawn[row * rays + ray, 2 + n] / rays
                 # a path that is worth the same whether blocked or not says nothing
                 send = factor[row, 1] > 0.5 and a != 1.0 and possible > frame[5] * rays
                 for group in range((rays + LANES - 1) // LANES if possible > 0 else 0):
@@ -189,6 +194,7 @@ def cast(
                                     if drawn[k, 12] > 0.5:
                                         v = through[i] * common
                                         drawn[k, 13] = v * line[slab, MET, i] * line[slab, MET + 1, i]
+                                        open_to += drawn[k, 13]
                                         v *= line[slab, MET + 2, i] * line[slab, MET + 3, i]
                                     total += v * a + 1 - v
                                     through[i] = ti.cast(v, ti.f32)
@@ -211,6 +217,9 @@ def cast(
                                         before1, before2 = scratch[slab, iy, ix, 1], scratch[slab, iy, ix, 2]
                                         scratch[slab, iy, ix, 1] = before1 + low_lift
                                         scratch[slab, iy, ix, 2] = before2 + high_lift
+                seen[row, 0], seen[row, 1] = open_to / ti.max(possible, 1), possible / ti.cast(rays, ti.f64)
+                for n in ti.static(range(4)):
+                    seen[row, 2 + n] = middle[n]
                 for n in range(known):
                     ix, iy = touched[slab, n, 0], touched[slab, n, 1]
                     o, lift = ti.cast(occupied[0, iy, ix], ti.f64), (a - 1) * scratch[slab, iy, ix, 0]

@@ -2,12 +2,21 @@
 
 import taichi as ti
 
+from gridslam.kernels.amplitudes import detection_of
 from gridslam.kernels.bundles import cell_of
-from gridslam.kernels.functions import decay_of
+from gridslam.kernels.functions import decay_of, logarithm_of
 from gridslam.kernels.launching import quick
+from gridslam.kernels.radio import AT_1M, SAMPLES, log_rician
 
 BINS = 20
 """Bins of a coefficient's belief; products of two have twice as many nodes."""
+SEND, THERE, CHANCE, SHARE, LENGTH = range(5)
+"""Rows of `told`: whether a path says anything of cells; existence of its surfaces; chance that it is there to be
+heard; probability that it caused a measurement; its length."""
+FAINT = 1e-3
+"""Probability of an association below which it says nothing about coefficients."""
+AUDIBLE = 0.05
+"""Probability of having been heard below which a path says nothing about coefficients by itself."""
 
 
 @ti.func
@@ -76,25 +85,90 @@ def recall(
                     belief[row, low + 1] = over + part * both
 
 
+@ti.func
+def say(
+    factor: ti.template(), told: ti.template(), pair: ti.template(), said: ti.template(),
+    table: ti.template(), step, radio: ti.template(), row, other,
+):  # fmt: skip
+    """Log-likelihood over one coefficient of a path, `other` the product of the rest, softly by association.
+
+    Rician for detections, ``1 - p_d`` for misses: detections alone are biased by the threshold
+    (model.md, section 2.5).
+    """
+    missed = ti.max(1 - told[SHARE, row], 0.0)
+    for n in range(BINS):
+        level = radio[AT_1M] / ti.max(told[LENGTH, row], 1e-3) * other * (n + 0.5) / BINS
+        factor[n] = missed * logarithm_of(1 - told[CHANCE, row] * detection_of(level, table, step) + 1e-9)
+        for k in range(pair.shape[0]):
+            if pair[k] == row and said[0, k] >= 0 and said[1, k] > FAINT:
+                factor[n] += said[1, k] * log_rician(said[0, k], level, radio[SAMPLES])
+
+
+@ti.func
+def absorb_at(
+    factor: ti.template(), share, drawn: ti.template(), held: ti.template(), frame: ti.template(), row, rays,
+    corner,
+):  # fmt: skip
+    """Add a log-likelihood to the cells that the rays of a path meet, shared among its rays."""
+    per_metre = 1 / frame[2]
+    for k in range(row * rays, (row + 1) * rays):
+        ix = cell_of(drawn[k, 2 * corner], frame[0], per_metre)
+        iy = cell_of(drawn[k, 2 * corner + 1], frame[1], per_metre)
+        if ix >= 0 and iy >= 0 and ix < held.shape[1] and iy < held.shape[0]:
+            for n in range(BINS):
+                before = held[iy, ix, n]
+                held[iy, ix, n] = before + share * factor[n] / rays
+
+
 @quick
 @ti.kernel
 def learn(
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 14] as cast
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
-    where: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [N, 2] path and corner that news are of
-    factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, BINS] log-likelihood over the coefficient there
+    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [5, L] see `SEND` and so on
+    pair: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [K] path of every association
+    said: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, K] its amplitude, negative for none; probability
+    table: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [T] p_d over ``0, step, ...``
+    step: ti.f64,
+    radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `kernels.radio`
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [4] as above
-    held: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [ny, nx, BINS] in/out
+    usual: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] scratch: mean coefficient of every surface
+    surface: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] in/out: beliefs of surfaces
+    held: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [ny, nx, BINS] in/out: log-likelihood that cells hold
 ):
-    """Add log-likelihoods to the cells that the rays of a path meet, shared among its rays."""
+    """Learn coefficients: of surfaces by single bounces, of cells by both ends of double bounces, too.
+
+    A window isn't the wall around it (model.md, section 2.5). A double bounce that can't be heard says
+    nothing of either.
+    """
     ti.loop_config(serialize=True)
-    for n in range(where.shape[0]):
-        row, corner, per_metre = where[n, 0], where[n, 1], 1 / frame[2]
-        rays = drawn.shape[0] // path.shape[0]
-        for k in range(row * rays, (row + 1) * rays):
-            ix = cell_of(drawn[k, 2 * corner], frame[0], per_metre)
-            iy = cell_of(drawn[k, 2 * corner + 1], frame[1], per_metre)
-            if ix >= 0 and iy >= 0 and ix < held.shape[1] and iy < held.shape[0]:
-                for b in range(BINS):
-                    before = held[iy, ix, b]
-                    held[iy, ix, b] = before + factor[n, b] / rays
+    for _ in range(1):
+        for s in range(surface.shape[0]):
+            mean = ti.cast(0.0, ti.f64)
+            for n in range(BINS):
+                mean += surface[s, n] * (n + 0.5) / BINS
+            usual[s] = mean
+        rays = drawn.shape[0] // ti.max(path.shape[0], 1)
+        factor = ti.Vector([0.0] * BINS, dt=ti.f64)
+        for row in range(path.shape[0]):
+            bounces, last, first = path[row, 0], path[row, 1], path[row, 2]
+            heard, send = told[SHARE, row] > AUDIBLE, told[SEND, row] > 0.5
+            if bounces == 1 and (heard or send):
+                say(factor, told, pair, said, table, step, radio, row, 1.0)
+                if heard:
+                    most, total = ti.cast(-1e300, ti.f64), ti.cast(0.0, ti.f64)
+                    for n in range(BINS):
+                        most = ti.max(most, factor[n])
+                    for n in range(BINS):
+                        surface[last, n] = surface[last, n] * decay_of(factor[n] - most) + 1e-9
+                        total += surface[last, n]
+                    for n in range(BINS):
+                        before = surface[last, n]
+                        surface[last, n] = before / total
+                if send:
+                    absorb_at(factor, told[THERE, row], drawn, held, frame, row, rays, 1)
+            elif bounces == 2 and heard and send:
+                say(factor, told, pair, said, table, step, radio, row, usual[first])
+                absorb_at(factor, told[THERE, row], drawn, held, frame, row, rays, 2)
+                say(factor, told, pair, said, table, step, radio, row, usual[last])
+                absorb_at(factor, told[THERE, row], drawn, held, frame, row, rays, 1)

@@ -69,6 +69,12 @@ def decay_of(x):
 
 
 @ti.func
+def logarithm_of(x):
+    """log(x), likewise."""
+    return ti.log(x) if ti.static(WIDE) else ti.cast(ti.log(ti.cast(x, ti.f32)), ti.f64)
+
+
+@ti.func
 def bearing_of(x, y):
     """atan2(y, x), likewise."""
     narrow = ti.cast(ti.atan2(ti.cast(y, ti.f32), ti.cast(x, ti.f32)), ti.f64)

@@ -2,49 +2,55 @@
 
 import taichi as ti
 
-from gridslam.kernels.functions import cos_of, sin_of, wrapped
+from gridslam.kernels import FAINTEST, UNMEASURED
+from gridslam.kernels.amplitudes import weigh
+from gridslam.kernels.functions import wrapped
 from gridslam.kernels.launching import quick
+from gridslam.kernels.radio import SPAN, deviations_of
 
 ROOT_TURN = 2.5066282746310002
-
-
-@ti.func
-def angle_std(angle, across, along, amplitude):
-    """sigma of an angle seen by an array with mean square extents (along x, along y), rad."""
-    s, c = sin_of(angle), cos_of(angle)
-    return 1 / (8.885765876316732 * amplitude * ti.sqrt(ti.max(s * s * across + c * c * along, 1e-30)))
+GATE = 6.0
+"""Deviations within reach."""
+MARGIN_M, MARGIN_RAD = 0.3, 0.3
+"""Widening of the gate for what the linearised spread doesn't tell."""
+LEAST_STD = 1e-6
 
 
 @quick
 @ti.kernel
 def gate(
+    belief: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] of every path's amplitude over the nodes
+    nodes: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K] amplitudes, or those at 1 m
+    spreading: ti.f64,  # 1 if amplitudes fall with the path's length, else 0
     predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 12] value (3) and spread (9) of every path
     worth: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] paths below a millionth are left out
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 6] z; its deviations: 0 by Fisher, -1 not measured
-    strength: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [2, L, M] amplitude's ratio to clutter, its mean
-    radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [13] see `inference.evaluation.gate`
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
+    chance: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [T] p_d over ``0, step, ...``
+    step: ti.f64,
+    radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `kernels.radio`
+    kept: ti.f64,  # share of the belief's covariance that each particle keeps
+    density: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [2, M, K] scratch
+    detected: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] out: p_d
+    strength: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [2, L, M] out: amplitude's ratio to clutter, its mean
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] out: where the pairs of each path begin
     index: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L M, 2] out: path and measurement
-    pair: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L M, 9] out: z, variances, density, 0, determinant
+    pair: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L M, 8] out: z, variances, density, determinant
     table: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L M, 11] out: z, inverse (6), nearest, farthest
 ):
     """Pick the pairs whose distance and angles lie within reach of what is predicted, path by path."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        widest, margin, slack = radio[8], radio[9], radio[10]
-        unmeasured, faintest = radio[11], radio[12]
+        weigh(
+            belief, nodes, spreading, predicted, worth, heard, chance, step, radio, density, detected, strength
+        )
         known = 0
         start[0] = 0
         for row in range(predicted.shape[0]):
             for m in range(heard.shape[0]):
                 ratio = strength[0, row, m]
                 if worth[row] > 1e-6 and ratio > 0:
-                    amplitude = ti.max(strength[1, row, m], faintest)
-                    std = ti.Vector([radio[0] / amplitude, 0.0, 0.0], dt=ti.f64)
-                    if radio[1] > 0:
-                        std[0] = radio[1]
-                    std[1] = angle_std(predicted[row, 1], radio[2], radio[3], amplitude)
-                    std[2] = angle_std(predicted[row, 2], radio[4], radio[5], amplitude)
+                    amplitude = ti.max(strength[1, row, m], FAINTEST)
+                    std = deviations_of(radio, amplitude, predicted[row, 1], predicted[row, 2])
                     near, absent = True, ti.cast(1.0, ti.f64)
                     variance = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64)
                     for q in ti.static(range(3)):
@@ -55,34 +61,34 @@ def gate(
                             gap = heard[m, q] - predicted[row, q]
                             if ti.static(q > 0):
                                 gap = wrapped(gap)
-                        variance[q] = ti.max(std[q], 1e-6) ** 2
-                        if own < 0 or variance[q] >= unmeasured:
+                        variance[q] = ti.max(std[q], LEAST_STD) ** 2
+                        if own < 0 or variance[q] >= UNMEASURED:
                             # a factor left out on both sides: its clutter density cancels
-                            flat = radio[6] if ti.static(q == 0) else ROOT_TURN * ROOT_TURN
-                            absent *= ROOT_TURN * ti.sqrt(unmeasured) / flat
-                            variance[q] = unmeasured
+                            flat = radio[SPAN] if ti.static(q == 0) else ROOT_TURN * ROOT_TURN
+                            absent *= ROOT_TURN * ti.sqrt(ti.cast(UNMEASURED, ti.f64)) / flat
+                            variance[q] = UNMEASURED
                             std[q] = 0.0
-                        reach = widest * ti.sqrt(predicted[row, 3 + 4 * q] + std[q] * std[q])
-                        reach += margin if ti.static(q == 0) else slack
+                        reach = GATE * ti.sqrt(predicted[row, 3 + 4 * q] + std[q] * std[q])
+                        reach += MARGIN_M if ti.static(q == 0) else MARGIN_RAD
                         if not (ti.abs(gap) < reach):
                             near = False
                     if near:
                         total = ti.Matrix.zero(ti.f64, 3, 3)
                         for i in ti.static(range(3)):
                             for j in ti.static(range(3)):
-                                total[i, j] = radio[7] * predicted[row, 3 + 3 * i + j]
+                                total[i, j] = kept * predicted[row, 3 + 3 * i + j]
                             total[i, i] += variance[i]
                         a, b, c = total[0, 0], total[1, 1], total[2, 2]
                         d, e, f = total[0, 1], total[0, 2], total[1, 2]
                         i00, i11, i22 = b * c - f * f, a * c - e * e, a * b - d * d
                         i01, i02, i12 = e * f - c * d, d * f - b * e, d * e - a * f
                         determinant = a * i00 + d * i01 + e * i02
-                        reach = ti.min(widest * ti.sqrt(a), 1e5)
+                        reach = ti.min(GATE * ti.sqrt(a), 1e5)
                         index[known, 0], index[known, 1] = row, m
                         for q in ti.static(range(3)):
                             pair[known, q], pair[known, 3 + q] = heard[m, q], variance[q]
                             table[known, q] = ti.cast(heard[m, q], ti.f32)
-                        pair[known, 6], pair[known, 7], pair[known, 8] = ratio * absent, 0.0, determinant
+                        pair[known, 6], pair[known, 7] = ratio * absent, determinant
                         table[known, 3] = ti.cast(i00 / determinant, ti.f32)
                         table[known, 4] = ti.cast(i11 / determinant, ti.f32)
                         table[known, 5] = ti.cast(i22 / determinant, ti.f32)

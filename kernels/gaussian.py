@@ -5,11 +5,13 @@ State: [x, y, vx, vy, heading, angle_1, offset_1, ...]. A path depends on seven 
 
 import taichi as ti
 
+from gridslam.kernels import UNMEASURED
 from gridslam.kernels.functions import PI, bearing_of, cos_of, decay_of, sin_of, wrapped
-from gridslam.kernels.launching import quick
 
-MEASURED = 1e11
+MEASURED = 0.1 * UNMEASURED
 """A variance from here on stands for "not measured"."""
+UNHEARD, UNMOVED = 1e-3, 1e-6
+"""Probabilities below which a path is left out, and below which an association moves nothing."""
 
 
 @ti.func
@@ -105,96 +107,120 @@ def innovation_of(pair: ti.template(), k, value, core):
     return gap, noisy
 
 
-@quick
-@ti.kernel
-def predict(
-    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]
-    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
-    out: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 12] out: value (3), spread (9)
-):
-    """Predict every path at the mean."""
-    ti.loop_config(serialize=True)  # too little work to wake other threads for
-    for row in range(path.shape[0]):
-        anchor = path[row, 3]
-        place = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)
-        value, slope = path_of(mean, place, path[row, 0], path[row, 1], path[row, 2])
-        spread = spread_of(slope, entry_of(path[row, 0], path[row, 1], path[row, 2]), covariance)
-        for i in ti.static(range(3)):
-            out[row, i] = value[i]
-            for j in ti.static(range(3)):
-                out[row, 3 + 3 * i + j] = spread[i, j]
+@ti.func
+def predict_by(
+    mean: ti.template(), covariance: ti.template(), path: ti.template(), places: ti.template(), row,
+    out: ti.template(),
+):  # fmt: skip
+    """Predict one path."""
+    anchor = path[row, 3]
+    place = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)
+    value, slope = path_of(mean, place, path[row, 0], path[row, 1], path[row, 2])
+    spread = spread_of(slope, entry_of(path[row, 0], path[row, 1], path[row, 2]), covariance)
+    for i in ti.static(range(3)):
+        out[row, i] = value[i]
+        for j in ti.static(range(3)):
+            out[row, 3 + 3 * i + j] = spread[i, j]
 
 
-@quick
-@ti.kernel
+@ti.func
+def sorted_by(value: ti.template(), least, among, order: ti.template()):
+    """Numbers of the values of `least` or more, largest first, equal ones as they stand; how many."""
+    count = 0
+    for row in range(among):
+        if value[row] >= least:
+            at = count
+            while at > 0 and value[order[ti.max(at - 1, 0)]] < value[row]:
+                order[at] = order[at - 1]
+                at -= 1
+            order[at] = row
+            count += 1
+    return count
+
+
+@ti.func
+def correct_by(
+    row, mean: ti.template(), covariance: ti.template(), path: ti.template(), start: ti.template(),
+    index: ti.template(), pair: ti.template(), odds: ti.template(), nu: ti.template(), place: ti.template(),
+    scratch: ti.template(), share: ti.template(),
+):  # fmt: skip
+    """Correct by one path."""
+    size = mean.shape[0]
+    bounces, last, first = path[row, 0], path[row, 1], path[row, 2]
+    here = ti.Vector([place[0], place[1], place[2]], dt=ti.f64)
+    value, slope = path_of(mean, here, bounces, last, first)
+    entry = entry_of(bounces, last, first)
+    core = spread_of(slope, entry, covariance)
+    total = odds[3, row]
+    change, shift = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)
+    moved = False
+    for walk in range(2):  # 0: probabilities of the associations; 1: what they do
+        for k in range(start[row], start[row + 1]):
+            if walk == 0 or share[k] > UNMOVED * total:
+                gap, noisy = innovation_of(pair, k, value, core)
+                inverse = noisy.inverse()
+                g = inverse @ gap
+                if walk == 0:
+                    scale = ti.sqrt((2 * PI) ** 3 * noisy.determinant())
+                    density = pair[k, 6] * decay_of(-0.5 * gap.dot(g)) / scale
+                    share[k] = odds[2, row] * nu[row, index[k, 1]] * density
+                    total += share[k]
+                else:
+                    part = share[k] / total
+                    shift += part * g
+                    change += part * (inverse - g.outer_product(g))
+                    moved = True
+    for k in range(start[row], start[row + 1]):
+        share[k] /= total
+    if moved:
+        change += shift.outer_product(shift)
+        for n in range(size):
+            spread = ti.Vector.zero(ti.f64, 3)
+            for m in range(7):
+                p = covariance[n, entry[m]]
+                for i in ti.static(range(3)):
+                    spread[i] += p * slope[i, m]
+            pushed = change @ spread
+            for i in ti.static(range(3)):
+                scratch[n, i], scratch[n, 3 + i] = spread[i], pushed[i]
+        for n in range(size):
+            for m in range(n + 1):
+                less = ti.cast(0.0, ti.f64)
+                for i in ti.static(range(3)):
+                    less += scratch[n, i] * scratch[m, 3 + i]
+                after = covariance[n, m] - less  # read, then written: an addition in place would be atomic
+                covariance[n, m], covariance[m, n] = after, after
+            moved_to = mean[n]
+            for i in ti.static(range(3)):
+                moved_to += scratch[n, i] * shift[i]
+            mean[n] = moved_to
+        mean[4] = wrapped(mean[4])
+
+
+@ti.func
 def correct(
-    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] in/out
-    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N] in/out
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
-    start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] where the pairs of each path begin
-    order: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [N] paths to correct by, one after the other
-    prior: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, L] chance of being there, probability of a miss
-    pair: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [K, 9] z (3), variance (3), density, message nu, unused
-    place: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [3] anchor x, y, orientation
-    least: ti.f64,
-    scratch: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, 6]
-    share: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K] out: probability of each association
-):
-    """Correct by the paths one after the other, each moment-matched over its measurements.
+    mean: ti.template(), covariance: ti.template(), path: ti.template(), start: ti.template(),
+    index: ti.template(), pair: ti.template(), odds: ti.template(), beta: ti.template(), nu: ti.template(),
+    place: ti.template(), scratch: ti.template(), sure: ti.template(), order: ti.template(),
+    share: ti.template(), responsible: ti.template(),
+):  # fmt: skip
+    """Correct by the paths one after the other, surest first, each moment-matched over its measurements.
 
     Several measurements may have come from the path, or none. With S = P J', a measurement moves the state
-    by S g, and all of them together change the covariance by S C S', where C is 3 x 3.
+    by S g, and all of them together change the covariance by S C S', where C is 3 x 3. Arguments as of
+    `kernels.updates.update`.
     """
-    size = mean.shape[0]
-    ti.loop_config(serialize=True)
-    for turn in range(order.shape[0]):
-        row = order[turn]
-        bounces, last, first = path[row, 0], path[row, 1], path[row, 2]
-        here = ti.Vector([place[0], place[1], place[2]], dt=ti.f64)
-        value, slope = path_of(mean, here, bounces, last, first)
-        entry = entry_of(bounces, last, first)
-        core = spread_of(slope, entry, covariance)
-        total = prior[1, row]
-        change, shift = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)
-        moved = False
-        for walk in range(2):  # 0: probabilities of the associations; 1: what they do
-            for k in range(start[row], start[row + 1]):
-                if walk == 0 or share[k] > least * total:
-                    gap, noisy = innovation_of(pair, k, value, core)
-                    inverse = noisy.inverse()
-                    g = inverse @ gap
-                    if walk == 0:
-                        scale = ti.sqrt((2 * PI) ** 3 * noisy.determinant())
-                        density = pair[k, 6] * decay_of(-0.5 * gap.dot(g)) / scale
-                        share[k] = prior[0, row] * pair[k, 7] * density
-                        total += share[k]
-                    else:
-                        part = share[k] / total
-                        shift += part * g
-                        change += part * (inverse - g.outer_product(g))
-                        moved = True
-        for k in range(start[row], start[row + 1]):
-            share[k] /= total
-        if moved:
-            change += shift.outer_product(shift)
-            for n in range(size):
-                spread = ti.Vector.zero(ti.f64, 3)
-                for m in range(7):
-                    p = covariance[n, entry[m]]
-                    for i in ti.static(range(3)):
-                        spread[i] += p * slope[i, m]
-                pushed = change @ spread
-                for i in ti.static(range(3)):
-                    scratch[n, i], scratch[n, 3 + i] = spread[i], pushed[i]
-            for n in range(size):
-                for m in range(n + 1):
-                    less = ti.cast(0.0, ti.f64)
-                    for i in ti.static(range(3)):
-                        less += scratch[n, i] * scratch[m, 3 + i]
-                    covariance[n, m] -= less
-                    covariance[m, n] = covariance[n, m]
-                for i in ti.static(range(3)):
-                    mean[n] += scratch[n, i] * shift[i]
-            mean[4] = wrapped(mean[4])
+    for k in range(share.shape[0]):
+        share[k] = 0.0
+    for row in range(path.shape[0]):
+        total = ti.cast(0.0, ti.f64)
+        for m in range(beta.shape[1]):
+            responsible[row, m] = 0.0
+            total += beta[row, m] * nu[row, m]
+        sure[row] = total / (total + odds[3, row])
+    for turn in range(sorted_by(sure, UNHEARD, path.shape[0], order)):
+        correct_by(
+            order[turn], mean, covariance, path, start, index, pair, odds, nu, place, scratch, share
+        )
+    for k in range(share.shape[0]):
+        responsible[index[k, 0], index[k, 1]] = share[k]

@@ -4,6 +4,7 @@ A call of a `ti.kernel` inspects each array anew, some 25 us apiece. Once a kern
 only what machine code relies on, and hands over the arrays' addresses.
 """
 
+from ctypes import addressof, c_char
 from functools import wraps
 
 import numpy as np
@@ -20,7 +21,7 @@ def quick(kernel):
     Parameters
     ----------
     kernel : ti.kernel
-        Its arguments are arrays of given type and number of dimensions, and floats; it returns nothing.
+        Its arguments are arrays of given type and number of dimensions, and numbers; it returns nothing.
     """
     primal = getattr(kernel, "_primal", None)
     if not all(hasattr(primal, name) for name in PRIVATE):
@@ -30,46 +31,46 @@ def quick(kernel):
     @wraps(kernel)
     def launch(*arguments):
         compiled = primal.compiled_kernels
-        if len(compiled) != 1 or not _fit(arguments, kinds):
+        if len(compiled) != 1 or len(arguments) != len(kinds):
             return kernel(*arguments)
         (code,) = compiled.values()
         program, context = primal.runtime.prog, code.make_launch_context()
         for place, value in enumerate(arguments):
-            if kinds[place] is None:
-                context.set_arg_float((place,), value)
-            elif type(value) is not np.ndarray:
-                context.set_arg_ndarray((place,), value.arr)
-            else:
-                address = value.__array_interface__["data"][0]
-                context.set_arg_external_array_with_shape((place,), address, value.nbytes, value.shape, 0)
+            if not _hand_over(context, place, value, kinds[place]):
+                return kernel(*arguments)
         machine = program.compile_kernel(program.config(), program.get_device_caps(), code)
         return program.launch_kernel(machine, context)
 
     return launch
 
 
+def _hand_over(context, place, value, kind):
+    """Put one argument into a launch; whether it is what machine code was compiled for."""
+    if type(value) is np.ndarray:
+        if (value.dtype, value.ndim) != kind or not value.flags.c_contiguous:
+            return False
+        context.set_arg_external_array_with_shape((place,), address(value), value.nbytes, value.shape, 0)
+    elif kind is float or kind is int:
+        if type(value) is not kind:
+            return False
+        (context.set_arg_float if kind is float else context.set_arg_int)((place,), value)
+    elif isinstance(value, ti.Ndarray) and (to_numpy_type(value.dtype), len(value.shape)) == kind:
+        context.set_arg_ndarray((place,), value.arr)
+    else:
+        return False
+    return True
+
+
+def address(array):
+    """Where an array's first entry is; `ctypes` tells it in a third of the time that NumPy takes."""
+    try:
+        return addressof(c_char.from_buffer(array))
+    except (BufferError, TypeError, ValueError):  # read-only or empty
+        return array.__array_interface__["data"][0]
+
+
 def _kind(annotation):
-    """Type and number of dimensions of an array; None for a float."""
+    """Type and number of dimensions of an array; `int` or `float` for a number."""
     if isinstance(annotation, ti.types.ndarray):
         return np.dtype(to_numpy_type(annotation.dtype)), annotation.ndim
-    return None
-
-
-def _fit(arguments, kinds):
-    """Whether machine code that was compiled for `kinds` may run on the arguments."""
-    if len(arguments) != len(kinds):
-        return False
-    for value, kind in zip(arguments, kinds, strict=True):
-        if kind is None:
-            if type(value) is not float:
-                return False
-        elif type(value) is np.ndarray:
-            if not (value.dtype == kind[0] and value.ndim == kind[1] and value.flags.c_contiguous):
-                return False
-        elif not (
-            isinstance(value, ti.Ndarray)
-            and to_numpy_type(value.dtype) == kind[0]
-            and len(value.shape) == kind[1]
-        ):
-            return False
-    return True
+    return int if annotation in (ti.i32, ti.i64) else float

@@ -21,13 +21,13 @@ NOBODY = np.zeros(0, np.int64)
 
 
 def one_ray(existence=0.9):
-    return Rays(*(np.array([v]) for v in (0, 0, -1, -1, existence, 1.0)))
+    return Rays.of(*(np.array([v]) for v in (0, 0, -1, -1, existence, 1.0)))
 
 
 def heard(*amplitudes):
     count = len(amplitudes)
     unknown = np.full((count, 3), np.nan)
-    return Heard(0, np.zeros(2), 0.0, unknown, unknown, np.array(amplitudes, float))
+    return Heard.of(0, np.zeros(2), 0.0, unknown, unknown, np.array(amplitudes, float))
 
 
 def followed(amplitudes, existence=0.9, distance=3.0):

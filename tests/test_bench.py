@@ -94,7 +94,7 @@ def test_watching_changes_nothing_for_the_filter():
             found = watched.step(scan)
         assert bench_stages.kernels() == before
         np.testing.assert_array_equal(found.covariance, expected.covariance)
-    assert watch.launches["cast"] >= 2 * len(scene.anchors)
+    assert watch.launches["cast"] == len(scene.anchors) + 1
 
 
 def test_function_that_fails_under_watch_is_put_back():
@@ -117,7 +117,7 @@ def test_stages_of_a_step_add_up_to_it_and_launches_are_no_kernels():
     assert sum(stages.values()) == pytest.approx(whole)
     assert stages["launches"] <= LAUNCH_S * sum(watch.launches.values()) / 2 * (1 + 1e-9)
     assert stages["launches"] > 0
-    assert {"association", "correction", "births", "cells", "evaluation", "bookkeeping"} < set(stages)
+    assert {"association", "updates", "births", "cells", "evaluation", "bookkeeping"} < set(stages)
 
 
 @pytest.mark.parametrize("power", [0.0, 1.0, 2.5])
@@ -183,7 +183,7 @@ def test_first_start_compiles_the_kernels_and_the_next_finds_them(monkeypatch):
     monkeypatch.setattr(bench_start, "_child", child)
     found = bench_start.start_up(1)
     assert compiled[0] == 0
-    assert compiled[1] >= len(bench_stages.kernels())
+    assert compiled[1] >= len(bench_stages.kernels()) - 1  # all but the one that adaptive SLAM launches
     assert not found.import_starts_taichi
     assert min(found.import_s, found.cold_s, found.warm_s) > 0
 

@@ -18,8 +18,8 @@ KNOWN, NEW = np.array([np.pi, 3.0]), np.array([0.5 * np.pi, 5.0])  # x = -3, y =
 
 def hypotheses(measurement, ratio):
     count = len(ratio)
-    none = np.full(count, -1)
-    return Births(np.asarray(measurement), none, none, np.zeros((count, 2)), np.asarray(ratio, float))
+    none = np.full((count, 2), -1, np.int32)
+    return Births(np.asarray(measurement), none, np.zeros((count, 2)), np.asarray(ratio, float))
 
 
 def test_a_fair_rival_is_followed_and_a_poor_one_is_not():
@@ -46,10 +46,11 @@ def born(off_deg, double):
     value = np.array(
         [[path.distance[0], wrap(path.departure[0]), wrap(path.arrival[0] - HEADING + np.radians(off_deg))]]
     )
-    heard = Heard(0, PLACE, 0.0, value, np.full((1, 3), np.nan), np.array([4.0]))
+    heard = Heard.of(0, PLACE, 0.0, value, np.full((1, 3), np.nan), np.array([4.0]))
     spread = np.diag(np.square([0.02, 0.02, 0.05, 0.05, np.radians(0.5)]))
     belief = append(Belief(np.array([*AGENT, 0, 0, HEADING]), spread), KNOWN, np.diag([1e-6, 1e-6]))
-    births = Births(np.zeros(1, int), np.array([0 if double else -1]), np.array([-1]), NEW[None], np.ones(1))
+    hit = np.array([[0 if double else -1, -1]], np.int32)
+    births = Births(np.zeros(1, int), hit, NEW[None], np.ones(1))
     return bear(births, 0, heard, belief, SIGNAL), value[0, 0]
 
 

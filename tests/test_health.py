@@ -13,8 +13,7 @@ from gridslam.estimates import Health
 from gridslam.geometry import wrap
 from gridslam.inference import relocation
 from gridslam.inference.belief import Belief, append
-from gridslam.inference.evaluation import effective_sample_size
-from gridslam.inference.heard import Heard
+from gridslam.inference.heard import Heard, hear
 from gridslam.inference.likelihood import DetectionTable
 from gridslam.inference.watch import LEAST_CLUTTER, MOST_CLUTTER, Watch, innovation_band
 
@@ -23,16 +22,14 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
 def scan_of(case, step):
     scan, world = case.heard.scan(step), case.believed
-    places = zip(world.anchor_positions, world.anchor_orientations, strict=True)
     threshold = world.signal_model(case.agent).threshold
-    return [Heard.of(scan, number, place, facing, threshold) for number, (place, facing) in enumerate(places)]
+    return hear(scan, world.anchor_positions, world.anchor_orientations, threshold)
 
 
 def quiet(count, anchor=0):
     """Clutter alone: faint, anywhere."""
-    return Heard(
-        anchor, np.zeros(2), 0.0, np.full((count, 3), 1.0), np.full((count, 3), np.nan), np.full(count, 2.1)
-    )
+    unknown = np.full((count, 3), np.nan)
+    return Heard.of(anchor, np.zeros(2), 0.0, np.ones((count, 3)), unknown, np.full(count, 2.1), 2.0)
 
 
 @pytest.fixture(scope="module")
@@ -88,15 +85,6 @@ def test_health_of_a_file_is_the_default():
     assert Health().ok
     assert Health().why == ""
     assert np.isfinite(numbers(Health())).all()
-
-
-def test_effective_sample_size_is_all_of_equal_weights_and_follows_their_spread():
-    draw = np.random.default_rng(1)
-    assert effective_sample_size(np.full((1, 20), 64.0, np.float32)) == pytest.approx(20 * 64)
-    assert effective_sample_size(np.zeros((1, 20), np.float32)) == 20 * 64
-    # exponential weights: E[w]^2 / E[w^2] = 1 / 2; 4000 blocks tell their variance to 1 / sqrt(2000)
-    blocks = draw.exponential(1.0, (1, 4000, 64)).sum(2).astype(np.float32)
-    assert effective_sample_size(blocks)[0] / (4000 * 64) == pytest.approx(0.5, abs=0.5 * 4 / np.sqrt(2000))
 
 
 @pytest.mark.parametrize("freedom", [3, 30, 300])

@@ -116,7 +116,7 @@ def test_update_of_a_sure_association_is_the_kalman_update():
 
 def told(cells, bounces, anchor, agent, line, worth):
     """Tell the cells of one path at one state, and absorb; return its V."""
-    rays = Rays(*(np.array([value]) for value in (0, bounces, bounces - 1, bounces - 1, 1.0, 1.0)))
+    rays = Rays.of(*(np.array([value]) for value in (0, bounces, bounces - 1, bounces - 1, 1.0, 1.0)))
     cloud = Cloud(np.array([[*agent, 0.0, np.cos(line[0]), np.sin(line[0]), line[1]]]).T, 0.0)
     drawn = cells.tell(rays, cloud, np.array([[*anchor, 0.0]]), np.array([worth]), np.array([True]), 0.0)
     cells.absorb()
@@ -126,7 +126,7 @@ def told(cells, bounces, anchor, agent, line, worth):
 def ray_messages(cells, through, hits, worth):
     """Twin by enumeration: exact log ratio of every touched cell, over all states of the path's cells."""
     touched = through + hits
-    traversed = cells.traversed()
+    traversed = cells.occupied()[0]
     log = {}
     for cell in touched:
         others = [c for c in touched if c != cell]
@@ -248,7 +248,7 @@ def test_worthless_paths_tell_cells_nothing_and_never_list_more_than_there_are(w
     state[3::3], state[4::3], state[5::3] = np.cos(angle), np.sin(angle), 7.5
     last, first = (a.ravel() for a in np.indices((surfaces, surfaces)))
     whole = np.ones(len(last))
-    paths = Rays(0 * last, np.where(last == first, 1, 2), last, first, whole, whole)
+    paths = Rays.of(0 * last, np.where(last == first, 1, 2), last, first, whole, whole)
     cells._touched[...] = -7
     cells.tell(paths, Cloud(state, 0.0), np.array([[1.0, 1.0, 0.0]]), worth * whole, whole > 0, 0.0)
     assert (cells._touched[:, -1] == -7).all(), "the list is never full"
@@ -259,7 +259,7 @@ def test_worthless_paths_tell_cells_nothing_and_never_list_more_than_there_are(w
 def test_messages_of_an_interrupted_step_are_forgotten():
     cells, place = Cells(np.zeros(2), 1.0, (4, 4), 5.0, np.array([[0.5, 0.5]])), np.array([[0.5, 0.5, 0.0]])
     one, none = np.ones(1), np.full(1, -1)
-    ray = Rays(np.zeros(1, int), np.zeros(1, int), none, none, one, one)
+    ray = Rays.of(np.zeros(1, int), np.zeros(1, int), none, none, one, one)
     for forget in (True, False):
         cells.tell(ray, Cloud(np.array([[3.5, 3.5, 0.0]]).T, 0.0), place, 9 * one, one > 0, 0.0)
         if forget:

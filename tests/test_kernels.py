@@ -4,29 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kernel_worlds import random_world
 
 from gridslam import runtime, twins
-from gridslam.geometry import wrap
-from gridslam.inference.proposals import SAMPLES
 from gridslam.kernels import PATH_BLOCK
-from gridslam.signal import REFLECTION_BINS
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 seeds = st.integers(0, 2**32 - 1)
-
-
-def random_world(draw, particles, kind, spread=0.05, surfaces=4):
-    """States of agents near one place and lines near some walls, and all paths over them."""
-    agent = np.concatenate([draw.uniform(-4, 4, (2, 1)), draw.uniform(-3, 3, (1, 1))])
-    agent = (agent + spread * draw.normal(size=(3, particles))).astype(kind)
-    angle = draw.uniform(-np.pi, np.pi, (surfaces, 1)) + 0.02 * draw.normal(size=(surfaces, particles))
-    offset = draw.uniform(-6, 6, (surfaces, 1)) + spread * draw.normal(size=(surfaces, particles))
-    state = np.empty((3 + 3 * surfaces, particles), kind)
-    state[:3], state[3::3], state[4::3], state[5::3] = agent, np.cos(angle), np.sin(angle), offset
-    path = [[0, -1, -1]] + [[1, s, s] for s in range(surfaces)]
-    path += [[2, s, r] for s in range(surfaces) for r in range(surfaces) if s != r]
-    place = np.array([*draw.uniform(-5, 5, 2), draw.uniform(-3, 3)], kind)
-    return state, np.array(path, np.int32), place
 
 
 def launch_evaluate(state, path, start, pair, place):
@@ -111,118 +95,6 @@ def test_drawn_polylines_equal_their_twin(seed):
     np.testing.assert_allclose(np.hypot(drawn[..., [8, 10]], drawn[..., [9, 11]]), 1, atol=1e-9)
 
 
-@given(seeds, st.booleans(), st.sampled_from([SAMPLES // 2, SAMPLES, 2 * SAMPLES]))
-@settings(max_examples=15, deadline=None)
-def test_birth_proposals_equal_their_twin(seed, with_departure, particles):
-    from gridslam.kernels.births import propose
-
-    draw = np.random.default_rng(seed)
-    state, _, place = random_world(draw, particles, np.float32, surfaces=2)
-    place = place.astype(np.float64)
-    heard = np.array([[draw.uniform(1, 15), *draw.uniform(-3, 3, 2), 0.05, 0.3, 0.1] for _ in range(3)])
-    heard[:, 4] = 0.3 if with_departure else 1e9
-    known = np.array([[-1, -1], [-1, 0], [0, -1], [1, -1], [-1, 1]], np.int32)
-    noise, weight = draw.normal(size=(2, SAMPLES)), np.zeros((3, 5))
-    propose(state, noise, heard, known, place, weight)
-    expected = twins.propose(state, noise, heard, known, place)
-    np.testing.assert_allclose(weight, expected, rtol=2e-3, atol=1e-6)
-
-
-def random_belief(draw, surfaces):
-    """Mean and correlated covariance of an agent and some surfaces, and all paths over them."""
-    mean = np.concatenate([draw.uniform(-4, 4, 2), draw.normal(0, 0.1, 2), draw.uniform(-3, 3, 1)])
-    lines = np.stack([draw.uniform(-3, 3, surfaces), draw.uniform(1, 6, surfaces)], -1)
-    mean = np.concatenate([mean, lines.ravel()])
-    root = 0.03 * draw.normal(size=(len(mean), len(mean)))
-    path = [[0, -1, -1]] + [[1, s, s] for s in range(surfaces)]
-    path += [[2, s, r] for s in range(surfaces) for r in range(surfaces) if s != r]
-    return mean, root @ root.T + 1e-5 * np.eye(len(mean)), np.array(path, np.int32)
-
-
-@given(seeds, st.integers(0, 4))
-@settings(max_examples=25, deadline=None)
-def test_predicted_paths_equal_their_twin(seed, surfaces):
-    from gridslam.kernels.gaussian import predict
-
-    draw = np.random.default_rng(seed)
-    mean, covariance, path = random_belief(draw, surfaces)
-    place, out = np.array([*draw.uniform(-5, 5, 2), draw.uniform(-3, 3)]), np.zeros((len(path), 12))
-    path = np.pad(path, ((0, 0), (0, 1)))
-    predict(mean, covariance, path, place[None], out)
-    value, _, spread = twins.predict(mean, covariance, path, place[None])
-    far = value[:, 0] > 0.1  # next to its image, an agent has no direction to it
-    np.testing.assert_allclose(out[far, 0], value[far, 0], rtol=1e-9)
-    np.testing.assert_allclose(wrap(out[far, 1:3] - value[far, 1:]), 0, atol=1e-6)
-    np.testing.assert_allclose(out[far, 3:].reshape(-1, 3, 3), spread[far], rtol=1e-6, atol=1e-9)
-
-
-@given(seeds, st.integers(0, 3))
-@settings(max_examples=25, deadline=None)
-def test_correction_equals_its_twin(seed, surfaces):
-    from gridslam.kernels.gaussian import correct
-
-    draw = np.random.default_rng(seed)
-    mean, covariance, path = random_belief(draw, surfaces)
-    place = np.array([*draw.uniform(-5, 5, 2), draw.uniform(-3, 3)])
-    value, _, spread = twins.predict(mean, covariance, np.pad(path, ((0, 0), (0, 1))), place[None])
-    path, value, spread = path[value[:, 0] > 0.5], value[value[:, 0] > 0.5], spread[value[:, 0] > 0.5]
-    start = np.append(0, np.cumsum(draw.integers(0, 3, len(path)))).astype(np.int32)
-    path = np.pad(path, ((0, 0), (0, 1)))
-    pair = np.zeros((int(start[-1]), 9))
-    for row in range(len(path)):
-        for k in range(start[row], start[row + 1]):
-            std = np.array([0.1, 0.1, 0.1])
-            pair[k, :3] = value[row] + draw.normal(size=3) * std
-            pair[k, 3:6] = np.where(draw.random(3) < 0.2, 1e12, std**2)
-            pair[k, 6:8] = draw.exponential(0.01), draw.uniform(0.2, 1)
-    prior, order = (
-        draw.uniform(0.1, 0.9, (2, len(path))),
-        draw.permutation(len(path))[: len(path) - 1].astype(np.int32),
-    )
-    expected = twins.correct(mean, covariance, path, start, order, prior, pair, place, 1e-6)
-    share, scratch = np.zeros(len(pair)), np.zeros((len(mean), 6))
-    correct(mean, covariance, path, start, order, prior, pair, place, 1e-6, scratch, share)
-    for found, wanted in zip((mean, covariance, share), expected, strict=True):
-        np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-7)
-    assert np.linalg.eigvalsh(covariance).min() > -1e-9
-
-
-@given(seeds, st.booleans(), st.booleans())
-@settings(max_examples=40, deadline=None)
-def test_gated_pairs_equal_their_twin(seed, given_std, flat_array):
-    from gridslam.kernels.gating import gate
-
-    draw = np.random.default_rng(seed)
-    paths, count = draw.integers(0, 7), draw.integers(0, 9)
-    value = draw.uniform([1, -3, -3], [9, 3, 3], (paths, 3))
-    root = 0.1 * draw.normal(size=(paths, 3, 3))
-    predicted = np.concatenate([value, (root @ root.transpose(0, 2, 1)).reshape(-1, 9)], 1)
-    heard = np.concatenate([draw.uniform([1, -3, -3], [9, 3, 3], (count, 3)), np.zeros((count, 3))], 1)
-    if paths and count:  # some next to a path, across the wrap of an angle, too
-        heard[::2, :3] = value[draw.integers(0, paths, len(heard[::2]))] + [0.05, 0.1, 2 * np.pi - 0.1]
-    heard[:, 3:] = draw.choice([0.0, -1.0, 0.05], (count, 3))
-    strength = draw.exponential(1.0, (2, paths, count)) * draw.choice([0.0, 1.0], (2, paths, count))
-    aperture = [0.0, 0.0] if flat_array else [0.3, 0.1]
-    radio = np.array(
-        [0.5, 0.02 * given_std, 0.4, 0.2, *aperture, 30.0, 0.1, 6.0, 0.3, 0.3, 1e12, 0.3]
-    )  # fmt: skip
-    worth = draw.choice([0.0, 0.7], paths)
-    start, room = np.zeros(paths + 1, np.int32), max(paths * count, 1)
-    index, pair, table = np.zeros((room, 2), np.int32), np.zeros((room, 9)), np.zeros((room, 11), np.float32)
-    gate(predicted, worth, heard, strength, radio, start, index, pair, table)
-    chosen, expected, inverse = twins.gate(predicted, worth, heard, strength, radio)
-    found = start[-1]
-    np.testing.assert_array_equal(index[:found], chosen)
-    np.testing.assert_array_equal(start, np.searchsorted(chosen[:, 0], np.arange(paths + 1)))
-    np.testing.assert_allclose(pair[:found], expected, rtol=1e-6)
-    np.testing.assert_allclose(table[:found, :3], expected[:, :3], rtol=1e-6)
-    np.testing.assert_allclose(table[:found, 3:6], np.diagonal(inverse, axis1=1, axis2=2), rtol=1e-4)
-    off = inverse[:, [0, 0, 1], [1, 2, 2]]
-    np.testing.assert_allclose(table[:found, 6:9], off, rtol=1e-4, atol=1e-6 * np.abs(inverse).max(initial=1))
-    middle = table[:found, 9:].mean(1)
-    np.testing.assert_allclose(middle[expected[:, 3] < 1e9], expected[expected[:, 3] < 1e9, 0], rtol=1e-5)
-
-
 def test_a_quick_launch_is_the_same_and_refuses_what_it_was_not_compiled_for():
     from gridslam.kernels.paths import polylines
 
@@ -266,46 +138,3 @@ def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
     table, start, place = np.zeros((0, 4), np.int32), np.zeros(1, np.int32), np.zeros(3, np.float32)
     evaluate(root, base, points, state, table, start, pair, place, out)
     np.testing.assert_allclose(state, twins.draw(root, base, points), atol=1e-5)
-
-
-@given(seeds, st.sampled_from([1, 5, 48]))
-@settings(max_examples=25, deadline=None)
-def test_coefficients_recalled_and_learned_equal_their_twins(seed, rays):
-    from gridslam.kernels.coefficients import BINS, learn, recall
-    from gridslam.kernels.paths import polylines
-
-    assert len(REFLECTION_BINS) == BINS, "kernels can't import it, and hold so many on the stack"
-    draw = np.random.default_rng(seed)
-    state, path, place = random_world(draw, rays, np.float64, surfaces=3)
-    path, drawn = np.pad(path, ((0, 0), (0, 1))), np.zeros((len(path) * rays, 13))
-    polylines(state, path, place[None], drawn)
-    drawn = np.pad(drawn, ((0, 0), (0, 1)))
-    held = draw.normal(0, draw.choice([0.1, 30.0]), (9, 11, 20))  # some so sure that all else is impossible
-    surface = draw.dirichlet(np.full(20, 0.2), 3)
-    frame = np.array([-3.0, -2.0, 0.7, 0.05])  # some hits are outside
-    belief = np.full((len(path), 40), np.nan)
-    recall(drawn, path, held, surface, frame, belief)
-    np.testing.assert_allclose(belief.sum(1), 1, rtol=1e-9)
-    np.testing.assert_allclose(belief, twins.recall(drawn, path, held, surface, frame), atol=1e-9)
-    where = np.array([[r, c] for r in range(len(path)) for c in range(1, path[r, 0] + 1)], np.int32)
-    factor = draw.normal(size=(len(where), 20))
-    expected = twins.learn(drawn, path, where, factor, frame, held)
-    learn(drawn, path, where, factor, frame, held)
-    np.testing.assert_allclose(held, expected, atol=1e-9)
-
-
-@given(seeds, st.integers(0, 6), st.integers(0, 6))
-@settings(max_examples=40, deadline=None)
-def test_association_messages_equal_their_twin(seed, paths, count):
-    from gridslam.kernels.association import associate
-
-    draw = np.random.default_rng(seed)
-    beta = draw.exponential(10.0 ** draw.integers(-2, 4), (paths, count)) * (
-        draw.random((paths, count)) < 0.6
-    )
-    missed, new = draw.uniform(1e-6, 1, paths), 1 + draw.exponential(1.0, count)
-    limit = np.array([draw.choice([1, 7, 100]), 1e-6])
-    claim, nu = np.full((2, paths, count), np.nan)
-    associate(beta, missed, new, limit, claim, nu)
-    for found, wanted in zip((claim, nu), twins.associate(beta, missed, new, limit), strict=True):
-        np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-9)

@@ -20,6 +20,7 @@ def launch_cast(state, path, place, worth, traversed, hit, frame):
     slabs = CELL_SLABS["cpu"]
     shape, rays = traversed.shape, state.shape[1]
     drawn, message = np.zeros((len(path) * rays, 14)), np.zeros((slabs, *shape))
+    seen = np.full((len(path), 6), np.nan)
     scratch, touched = (
         np.zeros((slabs, *shape, 3), np.float32),
         np.zeros((slabs, traversed.size + 1, 2), np.int32),
@@ -31,9 +32,15 @@ def launch_cast(state, path, place, worth, traversed, hit, frame):
     table = np.pad(path, ((0, 0), (0, 1)))
     cast(
         state, table, np.append(place, 0.0)[None], factor, occupied, np.append(frame, [0.1, 12.0, 0.0]),
-        drawn, line, spot, scratch, touched, message,
+        drawn, seen, line, spot, scratch, touched, message,
     )  # fmt: skip
     assert not scratch.any(), "scratch is left as it was found"
+    whole = drawn.reshape(len(path), rays, 14)
+    possible = whole[..., 12].mean(1)
+    through = (whole[..., 12] * whole[..., 13]).mean(1)
+    np.testing.assert_allclose(seen[:, 0] * possible, through, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(seen[:, 1], possible, rtol=1e-12)
+    np.testing.assert_allclose(seen[:, 2:], whole[..., 2:6].mean(1), rtol=1e-6, atol=1e-9)
     return drawn[:, :13], drawn[:, 13], message.sum(0)
 
 

@@ -74,7 +74,7 @@ def hears(distances):
     count = len(distances)
     value = np.full((count, 3), np.nan)
     value[:, 0] = distances
-    return Heard(0, PLACE, 0.0, value, np.full((count, 3), np.nan), np.full(count, np.nan))
+    return Heard.of(0, PLACE, 0.0, value, np.full((count, 3), np.nan), np.full(count, np.nan))
 
 
 def believed(position, deviation):

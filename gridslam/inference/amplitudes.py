@@ -41,9 +41,7 @@ class Histogram:
     probability: Array
     nodes: Array
 
-    def levels(self, distance: Array) -> Array:
-        """Amplitudes of the nodes, whatever the distance, (n, K)."""
-        return np.broadcast_to(self.nodes, (len(distance), len(self.nodes)))
+    spreading = False
 
 
 class RayAmplitudes:

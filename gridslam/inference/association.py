@@ -37,6 +37,6 @@ def associate(
     from gridslam.kernels.association import associate as launch
 
     beta = np.ascontiguousarray(beta)
-    claim, nu = np.empty(beta.shape), np.empty(beta.shape)
-    launch(beta, missed, new, np.array([rounds, tolerance]), claim, nu)
-    return nu, claim.sum(0)
+    (claim, nu), claimed = np.empty((2, *beta.shape)), np.empty(beta.shape[1])
+    launch(beta, missed, new, np.array([rounds, tolerance]), claim, nu, claimed)
+    return nu, claimed

@@ -11,8 +11,6 @@ from gridslam.geometry import course, mirror, trace, wrap
 from gridslam.inference.belief import Belief, birth_line, give_birth, slots, update
 from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import deviations
-from gridslam.inference.particles import Cloud, at_mean
-from gridslam.inference.rays import Rays
 from gridslam.signal import REFLECTION_BINS, SignalModel
 
 Array = NDArray[np.float64]
@@ -30,7 +28,7 @@ class Births:
     Attributes
     ----------
     measurement : (B,) int
-    last, first : (B,) int
+    hit : (B, 2) int32
         Known surface hit last or first on a double bounce; -1 for the new one.
     line : (B, 2)
     ratio : (B,)
@@ -38,8 +36,7 @@ class Births:
     """
 
     measurement: NDArray[np.intp]
-    last: NDArray[np.intp]
-    first: NDArray[np.intp]
+    hit: NDArray[np.int32]
     line: Array
     ratio: Array
 
@@ -80,28 +77,13 @@ class Births:
         return followed
 
 
-def draw_births(births: Births, belief: Belief, anchor: int) -> tuple[Rays, Cloud]:
-    """The paths of all hypotheses at the mean of the belief, to be cast through the grid."""
-    count, known = len(births), len(belief.lines)
-    own = known + np.arange(count)
-    rays = Rays(
-        np.full(count, anchor),
-        np.where((births.last >= 0) | (births.first >= 0), 2, 1),
-        np.where(births.last >= 0, births.last, own),
-        np.where(births.first >= 0, births.first, own),
-        births.ratio,
-        births.ratio,
-    )
-    return rays, at_mean(replace(belief, mean=np.concatenate([belief.mean, births.line.ravel()])))
-
-
 def bear(births: Births, number: int, heard: Heard, belief: Belief, signal: SignalModel) -> Belief:
     """Belief with one hypothesis' surface appended, correlated with the agent, and corrected by the AoD.
 
     The line bends much within what an AoA of some ten degrees allows, so it is linearised at the direction of
     arrival that explains AoA and AoD best, not at the one that was measured.
     """
-    row, last, first = int(births.measurement[number]), int(births.last[number]), int(births.first[number])
+    row, (last, first) = int(births.measurement[number]), births.hit[number].tolist()
     known, new = max(last, first), len(belief.lines)
     value, amplitude = heard.value[row], heard.amplitude[row]
     strength = signal.amplitude(value[0], 0.5) if np.isnan(amplitude) else amplitude
@@ -159,8 +141,7 @@ def birth_reflection(births: Births, number: int, heard: Heard, signal: SignalMo
     row = births.measurement[number]
     if np.isnan(heard.amplitude[row]):
         return np.full(len(REFLECTION_BINS), 1 / len(REFLECTION_BINS))
-    double = births.last[number] >= 0 or births.first[number] >= 0
-    other = USUAL_REFLECTION if double else 1.0
+    other = USUAL_REFLECTION if births.hit[number].max() >= 0 else 1.0
     level = signal.amplitude(heard.value[row, 0], REFLECTION_BINS * other)
     density = np.exp(signal.log_rician(heard.amplitude[None, row], level)) + 1e-6
     return np.asarray(density / density.sum())

@@ -1,4 +1,4 @@
-"""Occupancy and reflection beliefs of the grid (paper 003, eqs. (1), (43)-(46)); owner of the ray kernel."""
+"""Occupancy and reflection beliefs of the grid (paper 003, eqs. (1), (43)-(46)); owner of their kernels."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.inference.belief import AGENT
 from gridslam.inference.particles import Cloud
 from gridslam.inference.polylines import Polylines
 from gridslam.inference.rays import Rays
@@ -16,8 +17,6 @@ Array = NDArray[np.float64]
 BINS = len(REFLECTION_BINS)
 EVIDENCE_CLIP = 12.0
 CLEAR_ANCHOR_M = 0.35
-TOUCHED = 0.01
-"""Message from which on a cell counts as observed; what leaks through a wall's last doubt is fainter."""
 OUTSIDE = 0.1
 """Factor of a hit outside the grid."""
 
@@ -38,18 +37,18 @@ class Cells:
     ) -> None:
         self.origin, self.cell, self.shape = np.asarray(origin, float), cell, shape
         self._evidence = np.zeros(shape)
-        self._occupied: runtime.Resident | None = None
         self.observed = np.zeros(shape, dtype=bool)
         self.held = runtime.resident(np.zeros((*shape, BINS)))
         self.prior = 1 - np.exp(-cell / free_path)
         y, x = np.indices(shape)
         centre = self.origin + cell * (np.stack([x, y], -1) + 0.5)
         gap = np.linalg.norm(centre[:, :, None] - anchors, axis=-1).min(-1)
-        self._clear = gap < CLEAR_ANCHOR_M
+        self._clear = np.ascontiguousarray(gap < CLEAR_ANCHOR_M).view(np.uint8)
         slabs = CELL_SLABS[runtime.start()]
         from gridslam.kernels.bundles import LANES, LINES, PLACES
 
-        self._pending = False
+        self._pending, self._stale = False, True
+        self._occupied = runtime.room((2, *shape))
         self._line = runtime.room((slabs, LINES, LANES), np.float64)
         self._place = runtime.room((slabs, PLACES, LANES), np.int32)
         self._scratch = runtime.resident(np.zeros((slabs, *shape, 3), np.float32))
@@ -64,7 +63,7 @@ class Cells:
 
     @evidence.setter
     def evidence(self, value: Array) -> None:
-        self._evidence, self._occupied = value, None
+        self._evidence, self._stale = value, True
 
     @property
     def coefficient(self) -> Array:
@@ -76,24 +75,39 @@ class Cells:
         self.held = runtime.resident(np.ascontiguousarray(value, dtype=np.float64))
 
     def occupied(self) -> runtime.Resident:
-        """Occupancy in both roles, crossed and met, kept until the evidence changes, (2, ny, nx)."""
-        if self._occupied is None:
-            both = np.stack([self.traversed(), self.hit()], dtype=np.float32)
-            self._occupied = runtime.resident(both)
+        """Occupancy in both roles, crossed and met, (2, ny, nx) float32; it follows the evidence."""
+        if self._stale:
+            self._fold(np.zeros((0, *self.shape)))  # messages stay for `absorb`
         return self._occupied
-
-    def traversed(self) -> Array:
-        """Occupancy probability of a cell in the role of being crossed."""
-        o = 1 / (1 + np.exp(-(self.evidence + np.log(self.prior / (1 - self.prior)))))
-        return np.where(self._clear, 1e-6, np.clip(o, 1e-3 * 0.1, 0.99))
-
-    def hit(self) -> Array:
-        """Occupancy probability of a cell in the role of being hit, inside V."""
-        return np.where(self._clear, 1e-6, np.clip(1 / (1 + np.exp(-self.evidence)), 1e-3, 0.99))
 
     def see(self, rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:
         """Draw rays at all states of a cloud, and cast them: V of every path, eq. (1)."""
         return self._cast(rays, cloud, anchors, np.zeros((len(rays), 2)), 0.0)
+
+    def glance(self, hit: NDArray[np.int32], line: Array, mean: Array, anchor: int, anchors: Array) -> Array:
+        """V of the paths of new lines at the mean of the belief, (B,); -1 where a path is impossible.
+
+        Parameters
+        ----------
+        hit : (B, 2) int32
+            Known surface hit last and first, -1 for the new one.
+        line : (B, 2)
+            Of the new one.
+        mean : (N,)
+        """
+        runtime.start()
+        from gridslam.kernels.births import glance
+
+        validity = np.empty(len(hit))
+        surfaces = (len(mean) - AGENT) // 2
+        if hit.max(initial=-1) >= surfaces or not 0 <= anchor < len(anchors):
+            raise ValueError("a birth names a surface or an anchor that doesn't exist")
+        glance(
+            mean, hit, line, anchor, anchors, self.occupied(), np.array([*self._frame, 0.0]),
+            self._line, self._place, np.empty((6 + 3 * surfaces, 1)), np.empty((1, 4), np.int32),
+            np.empty((1, 14)), validity,
+        )  # fmt: skip
+        return validity
 
     def tell(
         self, rays: Rays, cloud: Cloud, anchors: Array, worth: Array, send: NDArray[np.bool_], least: float
@@ -118,7 +132,7 @@ class Cells:
 
         rays.check(cloud.surfaces, len(anchors))
         state = cloud.state
-        drawn = np.empty((len(rays), state.shape[1], 14))
+        drawn, seen = np.empty((len(rays), state.shape[1], 14)), np.empty((len(rays), 6))
         if len(rays):
             cast(
                 state,
@@ -128,13 +142,14 @@ class Cells:
                 self.occupied(),
                 np.array([*self._frame, least]),
                 drawn.reshape(-1, 14),
+                seen,
                 self._line,
                 self._place,
                 self._scratch,
                 self._touched,
                 self._message,
             )
-        return Polylines(rays.bounces, drawn)
+        return Polylines(rays.bounces, drawn, seen)
 
     def forget(self) -> None:
         """Drop messages that were never absorbed, since a step was interrupted."""
@@ -144,22 +159,16 @@ class Cells:
 
     def absorb(self) -> None:
         """Fold the messages of all paths and anchors into the beliefs, eq. (46)."""
-        total = runtime.on_host(self._message).sum(0)
-        self.observed |= np.abs(total) > TOUCHED
-        self.evidence = np.clip(self.evidence + total, -EVIDENCE_CLIP, EVIDENCE_CLIP)
-        self._message.fill(0)
+        self._fold(self._message)
         self._pending = False
 
-    def weigh_coefficient(self, rays: Rays, drawn: Polylines, where: NDArray[np.intp], factor: Array) -> None:
-        """Multiply log-likelihoods (n, BINS) over the coefficient into the cells that rays meet.
+    def _fold(self, message: runtime.Resident) -> None:
+        runtime.start()
+        from gridslam.kernels.occupancy import absorb
 
-        Parameters
-        ----------
-        where : (n, 2) int
-            Path and corner, counted from the anchor, that each is of.
-        """
-        from gridslam.kernels.coefficients import learn
-
-        if len(where):
-            frame = np.array([*self.origin, self.cell, 0.0])
-            learn(drawn.flat, rays.table, where.astype(np.int32), factor, frame, self.held)
+        fresh, odds = np.empty(self.shape), float(np.log(self.prior / (1 - self.prior)))
+        absorb(
+            message, self._evidence, self._clear, odds, EVIDENCE_CLIP, fresh,
+            self.observed.view(np.uint8), self._occupied,
+        )  # fmt: skip
+        self._evidence, self._stale = fresh, False

@@ -9,20 +9,13 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.inference.heard import Heard
-from gridslam.inference.likelihood import FAINTEST, Strengths
+from gridslam.inference.likelihood import AmplitudeBelief, DetectionTable
 from gridslam.inference.particles import Cloud, Recipe
 from gridslam.inference.prediction import Prediction
 from gridslam.inference.rays import Rays
 from gridslam.kernels import PATH_BLOCK
-from gridslam.signal import SignalModel
 
 Array = NDArray[np.float64]
-GATE = 6.0
-MARGIN_M, MARGIN_RAD = 0.3, 0.3
-"""Widening of the gate for what the linearised spread doesn't tell."""
-LEAST_STD = 1e-6
-UNMEASURED = 1e12
-"""Variance that stands for "not measured"."""
 
 
 @dataclass(frozen=True)
@@ -31,30 +24,35 @@ class Pairs:
 
     Attributes
     ----------
-    path, measurement : (K,) int
+    index : (K, 2) int32
+        Path and measurement.
     start : (L + 1,) int32
         Where the pairs of each path begin.
-    pair : (K, 9)
+    pair : (K, 8)
         Measured distance, AoD, AoA; their variances (m^2, rad^2), `UNMEASURED` for none; density, which is
-        what isn't geometry (amplitude over clutter, and the constants of factors left out); a place for the
-        message nu; determinant of a particle's covariance.
+        what isn't geometry (amplitude over clutter, and the constants of factors left out); determinant of a
+        particle's covariance.
     table : (K or 1, 11) float32
         What the evaluation kernel takes.
     """
 
-    path: NDArray[np.int32]
-    measurement: NDArray[np.int32]
+    index: NDArray[np.int32]
     start: NDArray[np.int32]
     pair: Array
     table: NDArray[np.float32]
 
     def __len__(self) -> int:
-        return len(self.path)
+        return len(self.index)
 
     @property
-    def variance(self) -> Array:
-        """Variances of the measured distance, AoD and AoA, (K, 3)."""
-        return self.pair[:, 3:6]
+    def path(self) -> NDArray[np.int32]:
+        """Path of every pair, (K,)."""
+        return self.index[:, 0]
+
+    @property
+    def measurement(self) -> NDArray[np.int32]:
+        """Measurement of every pair, (K,)."""
+        return self.index[:, 1]
 
     def against(self, clutter: float) -> Pairs:
         """The same against a clutter level `clutter` times as high."""
@@ -63,61 +61,94 @@ class Pairs:
         return replace(self, pair=scaled)
 
 
+@dataclass(frozen=True)
+class Evaluation:
+    """What the measurements say of every path.
+
+    Attributes
+    ----------
+    prior : (4, L)
+        Existence of the ray, that of its surfaces, V and detection probability, before.
+    blocks : (L + K, P / PATH_BLOCK) float32
+        Over blocks of particles: at how many the path is possible; sums of each pair's weights.
+    ratio : (L, M)
+        p_d f(z | path) / (mu_fa f_fa(z)), given that the path is possible.
+    beta : (L, M)
+        Message of every path into the association for "caused measurement m".
+    odds : (4, L)
+        V where the path is possible; chance that it is there, if its surfaces are; chance that it is there;
+        its message for "caused none".
+    explained : (M,)
+        Sum of `beta`.
+    """
+
+    prior: Array
+    blocks: NDArray[np.float32]
+    ratio: Array
+    beta: Array
+    odds: Array
+    explained: Array
+
+    @property
+    def chance(self) -> Array:
+        """Chance that the path is there, if its surfaces are, (L,)."""
+        return self.odds[1]
+
+    @property
+    def missed(self) -> Array:
+        """Message of every path into the association for "caused none", (L,)."""
+        return self.odds[3]
+
+
 def gate(
-    predicted: Prediction, heard: Heard, strength: Strengths, worth: Array, signal: SignalModel, kept: float
-) -> Pairs:
+    predicted: Prediction, heard: Heard, amplitudes: AmplitudeBelief, worth: Array, table: DetectionTable,
+    radio: Array, kept: float,
+) -> tuple[Pairs, Array]:  # fmt: skip
     """Pick the pairs worth evaluating: distance and angles within reach of what is predicted.
 
     Parameters
     ----------
     worth : (L,)
         Paths below a millionth are left out.
+    radio : (11,)
+        Row of `SignalModel.numbers` of the anchor.
     kept : float
         Share of the belief's covariance that each particle keeps.
+
+    Returns
+    -------
+    (pairs, detected)
+        detected (L,): detection probability of every path.
     """
     runtime.start()
     from gridslam.kernels.gating import gate as launch
 
-    paths, count = strength.ratio.shape
-    own = np.where(np.isnan(heard.own_std), 0.0, np.maximum(heard.own_std, LEAST_STD))
-    own = np.where(np.isnan(heard.value), -1.0, own)
+    paths, count, nodes = len(worth), len(heard), amplitudes.nodes
     room = max(paths * count, 1)
-    start, index = np.zeros(paths + 1, np.int32), np.empty((room, 2), np.int32)
-    pair, table = np.empty((room, 9)), np.zeros((room, 11), np.float32)
-    given = 0.0 if signal.given_distance_std is None else signal.given_distance_std
+    start, index = np.empty(paths + 1, np.int32), np.empty((room, 2), np.int32)
+    pair, evaluated = np.empty((room, 8)), np.zeros((room, 11), np.float32)
+    detected = np.empty(paths)
     launch(
-        predicted.whole,
-        worth,
-        np.concatenate([np.nan_to_num(heard.value), own], 1),
-        np.stack([strength.ratio, strength.amplitude]),
-        np.array(
-            [
-                signal.distance_scale, given, *signal.anchor_aperture[heard.anchor], *signal.agent_aperture,
-                signal.max_distance_m, kept, GATE, MARGIN_M, MARGIN_RAD, UNMEASURED, FAINTEST,
-            ]
-        ),
-        start,
-        index,
-        pair,
-        table,
+        amplitudes.probability, nodes, float(amplitudes.spreading), predicted.whole, worth, heard.table,
+        table.chance, table.step, radio, kept, np.empty((2, count, len(nodes))), detected,
+        np.empty((2, paths, count)), start, index, pair, evaluated,
     )  # fmt: skip
     found = int(start[-1])
-    return Pairs(index[:found, 0], index[:found, 1], start, pair[:found], table[: max(found, 1)])
+    return Pairs(index[:found], start, pair[:found], evaluated[: max(found, 1)]), detected
 
 
 def evaluate(
-    rays: Rays, recipe: Recipe, pairs: Pairs, heard: Heard
-) -> tuple[Cloud, Array, Array, NDArray[np.float32]]:
-    """Draw the particles, and take means over them of ratio and possibility, for all paths in one launch.
+    rays: Rays, recipe: Recipe, pairs: Pairs, heard: Heard, prior: Array
+) -> tuple[Cloud, Evaluation]:
+    """Draw the particles, and evaluate all pairs and paths at them in one launch.
 
-    Returns
-    -------
-    (cloud, ratio, possible, blocks)
-        cloud: the particles; ratio (L, M): p_d f(z | path) / (mu_fa f_fa(z)), 0 where the path is impossible;
-        possible (L,): share of the particles at which the path is possible; blocks (K, P / PATH_BLOCK): sums
-        of each pair's weights over blocks of particles.
+    Parameters
+    ----------
+    prior : (4, L)
+        See `Evaluation`.
     """
     runtime.start()
+    from gridslam.kernels.association import enter
     from gridslam.kernels.paths import evaluate as launch
 
     count, (rows, particles) = len(rays), recipe.room
@@ -125,22 +156,12 @@ def evaluate(
         raise ValueError(f"{particles} particles: whole blocks of {PATH_BLOCK} are needed")
     rays.check(rows // 3 - 1, heard.anchor + 1)
     state = runtime.room((rows, particles))
-    out = np.empty((count + len(pairs), particles // PATH_BLOCK), np.float32)
+    blocks = np.empty((count + len(pairs), particles // PATH_BLOCK), np.float32)
     place = np.array([*heard.place, heard.facing], np.float32)
-    launch(recipe.root, recipe.base, recipe.points, state, rays.table, pairs.start, pairs.table, place, out)
-    mean = out.sum(1, dtype=np.float64) / particles
-    ratio = np.zeros((count, len(heard)))
-    scale = np.sqrt((2 * np.pi) ** 3 * pairs.pair[:, 8])
-    ratio[pairs.path, pairs.measurement] = pairs.pair[:, 6] * mean[count:] / scale
-    return Cloud(state, recipe.kept), ratio, mean[:count], out[count:]
-
-
-def effective_sample_size(blocks: NDArray[np.float32]) -> Array:
-    """Effective number of the particles behind each pair (K,), from sums of weights over blocks of them.
-
-    Blocks are sums of independent weights, so their spread tells that of the weights.
-    """
-    particles = blocks.shape[1] * PATH_BLOCK
-    sums = blocks.astype(np.float64)
-    spread = PATH_BLOCK * sums.var(1) / np.maximum(sums.mean(1), 1e-100) ** 2
-    return np.asarray(np.maximum(particles / (1 + np.minimum(spread, 1e12)), 1.0))
+    launch(
+        recipe.root, recipe.base, recipe.points, state, rays.table, pairs.start, pairs.table, place, blocks
+    )
+    ratio, beta = np.empty((2, count, len(heard)))
+    odds, explained = np.empty((4, count)), np.empty(len(heard))
+    enter(blocks, pairs.index, pairs.pair, prior, ratio, beta, odds, explained)
+    return Cloud(state, recipe.kept), Evaluation(prior, blocks, ratio, beta, odds, explained)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,9 @@ from gridslam.measurements import Scan
 Array = NDArray[np.float64]
 LOUD = np.log(1000.0)
 """Squared amplitude above the squared threshold that one in a thousand clutter measurements exceeds."""
+QUIET = np.log(20.0)
+"""The same that one in twenty exceeds."""
+LEAST_STD = 1e-6
 
 
 @dataclass(frozen=True)
@@ -29,8 +31,10 @@ class Heard:
     own_std : (M, 3)
         Deviations that came with the table.
     amplitude : (M,)
-    threshold : float
-        Amplitude from which on the radio hears anything.
+    table : (M, 9)
+        The same as kernels take it: value, 0 for none; deviations, 0 for what follows from the amplitude, -1
+        where there is no value; amplitude, -1 for none; whether it is loud; if it is as quiet as clutter is,
+        how much of that it stands for.
     """
 
     anchor: int
@@ -39,29 +43,69 @@ class Heard:
     value: Array
     own_std: Array
     amplitude: Array
-    threshold: float = 0.0
+    table: Array
 
     def __len__(self) -> int:
         return len(self.amplitude)
 
-    @cached_property
+    @property
     def loud(self) -> NDArray[np.bool_]:
         """Measurements (M,) that clutter is unlikely to be the cause of: one in a thousand is as loud."""
-        excess = np.nan_to_num(self.amplitude, nan=np.inf) ** 2 - self.threshold**2
-        return np.asarray(excess > LOUD)
+        return np.asarray(self.table[:, 7] > 0.5)
+
+    @property
+    def quiet(self) -> Array:
+        """How much clutter each measurement stands for that is as quiet as most of it, else 0, (M,)."""
+        return self.table[:, 8]
 
     @classmethod
-    def of(cls, scan: Scan, anchor: int, place: Array, facing: float, threshold: float = 0.0) -> Heard:
-        """Rows of `scan` that belong to `anchor`."""
-        rows = np.flatnonzero(scan.anchor == anchor)
-        unknown = np.full(len(rows), np.nan)
-        own = [scan.distance_std_m, scan.aod_std_rad, scan.aoa_std_rad]
+    def of(
+        cls, anchor: int, place: Array, facing: float, value: Array, own_std: Array, amplitude: Array,
+        threshold: float = 0.0,
+    ) -> Heard:  # fmt: skip
+        """Measurements given one by one; `threshold` is the amplitude from which on anything is heard."""
         return cls(
-            anchor,
-            place,
-            float(facing),
-            np.stack([scan.distance_m[rows], scan.aod_rad[rows], scan.aoa_rad[rows]], -1),
-            np.stack([unknown if o is None else o[rows] for o in own], -1),
-            scan.amplitude[rows],
-            threshold,
+            anchor, place, facing, value, own_std, amplitude, _table(value, own_std, amplitude, threshold)
         )
+
+
+def hear(scan: Scan, places: Array, facings: Array, threshold: float = 0.0) -> list[Heard]:
+    """A scan, anchor by anchor.
+
+    Parameters
+    ----------
+    places, facings : (J, 2) m and (J,) rad
+        Of the anchors.
+    threshold : float
+        Amplitude from which on the radio hears anything.
+    """
+    order = np.argsort(scan.anchor, kind="stable")
+    value = np.stack([scan.distance_m, scan.aod_rad, scan.aoa_rad], -1)[order]
+    own = np.full(value.shape, np.nan)
+    for column, std in enumerate((scan.distance_std_m, scan.aod_std_rad, scan.aoa_std_rad)):
+        if std is not None:
+            own[:, column] = std[order]
+    amplitude = scan.amplitude[order]
+    table = _table(value, own, amplitude, threshold)
+    ends = np.cumsum(np.bincount(scan.anchor, minlength=len(places))).tolist()
+    return [
+        Heard(
+            anchor, places[anchor], float(facings[anchor]), value[begin:end], own[begin:end],
+            amplitude[begin:end], table[begin:end],
+        )
+        for anchor, (begin, end) in enumerate(zip([0, *ends], ends, strict=False))
+    ]  # fmt: skip
+
+
+def _table(value: Array, own_std: Array, amplitude: Array, threshold: float) -> Array:
+    table = np.empty((len(amplitude), 9))
+    missing = np.isnan(value)
+    table[:, :3] = np.where(missing, 0.0, value)
+    table[:, 3:6] = np.where(np.isnan(own_std), 0.0, np.maximum(own_std, LEAST_STD))
+    table[:, 3:6][missing] = -1.0
+    silent = np.isnan(amplitude)
+    table[:, 6] = np.where(silent, -1.0, amplitude)
+    excess = amplitude**2 - threshold**2
+    table[:, 7] = silent | (excess > LOUD)
+    table[:, 8] = np.where(silent, 1.0, (excess < QUIET) / (1 - np.exp(-QUIET)))
+    return table

@@ -1,5 +1,5 @@
 """Reflection coefficients: beliefs about products of them along paths, and what amplitudes say of each; owner
-of the kernel of the former."""
+of both kernels."""
 
 from __future__ import annotations
 
@@ -37,9 +37,12 @@ class Reflected:
     probability: Array
     signal: SignalModel
 
-    def levels(self, distance: Array) -> Array:
-        """Amplitudes of the nodes at distances (n,) m, shape (n, K)."""
-        return self.signal.amplitude(distance[:, None], PRODUCTS)
+    spreading = True
+
+    @property
+    def nodes(self) -> Array:
+        """Amplitudes of the nodes at 1 m, (K,)."""
+        return self.signal.amplitude(1.0, PRODUCTS)
 
 
 def reflected(rays: Rays, bank: Bank, drawn: Polylines, cells: Cells, signal: SignalModel) -> Reflected:
@@ -62,33 +65,26 @@ def reflected(rays: Rays, bank: Bank, drawn: Polylines, cells: Cells, signal: Si
     return Reflected(belief, signal)
 
 
-def coefficient_factors(
-    told: Told, rows: NDArray[np.intp], other: Array, table: DetectionTable, signal: SignalModel
-) -> Array:
-    """Log-likelihood over one coefficient of some paths, softly weighted by association, (n, BINS).
-
-    Rician for detections, ``1 - p_d`` for misses: detections alone are biased by the threshold
-    (model.md, section 2.5).
+def learn(
+    told: Told, bank: Bank, drawn: Polylines, send: NDArray[np.bool_], cells: Cells, table: DetectionTable,
+    signal: SignalModel,
+) -> None:  # fmt: skip
+    """Learn coefficients of surfaces and cells, in place, from what a step's amplitudes said.
 
     Parameters
     ----------
-    rows : (n,)
-        Which of the paths; one may come up several times, with different others.
-    other : (n,)
-        Product of the path's other coefficients.
+    drawn : Polylines
+        The rays as cast at sampled states.
+    send : (L,)
+        Which paths tell anything of cells.
     """
-    level = signal.amplitude(told.distance[rows, None], REFLECTION_BINS * other[:, None])
-    missed = np.maximum(1 - told.share[rows], 0.0)[:, None]
-    factor = missed * np.log(1 - told.chance[rows, None] * table(level) + 1e-9)
-    row, pair = np.nonzero(rows[:, None] == told.path)
-    if len(row):
-        said = signal.log_rician(told.amplitude[pair, None], level[row])
-        np.add.at(factor, row, told.weight[pair, None] * said)
-    return np.asarray(factor)
+    from gridslam.kernels.coefficients import learn as launch
 
-
-def learn_reflection(bank: Bank, surface: NDArray[np.intp], factor: Array) -> None:
-    """Multiply log-likelihoods (n, BINS) into the surfaces' beliefs, in place."""
-    for row, log in zip(surface, factor, strict=True):
-        posterior = bank.reflection[row] * np.exp(log - log.max()) + 1e-9
-        bank.reflection[row] = posterior / posterior.sum()
+    rays = told.rays
+    rays.check(len(bank), int(rays.anchor.max(initial=0)) + 1)
+    if len(rays):
+        launch(
+            drawn.flat, rays.table, np.array([send, rays.surfaces, told.chance, told.share, told.distance]),
+            told.path, told.said, table.chance, table.step, signal.numbers[0],
+            np.array([*cells.origin, cells.cell, 0.0]), np.empty(len(bank)), bank.reflection, cells.held,
+        )  # fmt: skip

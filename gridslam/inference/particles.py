@@ -95,9 +95,9 @@ def at_mean(belief: Belief) -> Cloud:
     return cloud_of(belief, np.zeros((len(belief.mean), 1)))
 
 
-def sample(belief: Belief, count: int, stream: list[int]) -> Cloud:
-    """Draw exact samples (nothing kept) from the random stream `stream`."""
-    points = np.random.default_rng(stream).standard_normal((len(belief.mean), count))
+def sample(belief: Belief, count: int, draw: np.random.Generator) -> Cloud:
+    """Draw exact samples (nothing kept)."""
+    points = draw.standard_normal((len(belief.mean), count))
     return cloud_of(belief, belief.root @ points)
 
 

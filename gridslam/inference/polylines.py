@@ -23,10 +23,14 @@ class Polylines:
     bounces : (L,) int
     drawn : (L, R, 13 or 14)
         Corners (8), normals (4) and possibility as the kernel leaves them; then V, if they were cast.
+    seen : (L, 6)
+        Means over the states: of V where the path is possible (0 if it wasn't cast); how often that is; first
+        and second corner after the anchor.
     """
 
-    bounces: NDArray[np.intp]
+    bounces: NDArray[np.int32]
     drawn: Array
+    seen: Array
 
     @property
     def flat(self) -> Array:
@@ -39,14 +43,19 @@ class Polylines:
         return self.drawn[..., :8].reshape(*self.drawn.shape[:2], 4, 2)
 
     @property
-    def valid(self) -> Array:
-        """1 where the path is possible; else it is drawn as a point at the anchor, (L, R)."""
-        return self.drawn[..., 12]
+    def possible(self) -> Array:
+        """Share of the states at which the path is possible; else it is drawn as a point, (L,)."""
+        return self.seen[:, 1]
 
     @property
     def validity(self) -> Array:
         """V of every path, paper 003 eq. (1): mean over the states at which it is possible, (L,)."""
-        return (self.drawn[..., 13] * self.valid).sum(1) / np.maximum(self.valid.sum(1), 1.0)
+        return self.seen[:, 0]
+
+    @property
+    def middle(self) -> Array:
+        """Means of the first and the second corner after the anchor, (L, 2, 2) m."""
+        return self.seen[:, 2:].reshape(-1, 2, 2)
 
 
 def draw_paths(rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:
@@ -59,4 +68,6 @@ def draw_paths(rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:
     drawn = np.zeros((len(rays), state.shape[1], 13))
     if len(rays):
         polylines(state, rays.table, anchors, drawn.reshape(-1, 13))
-    return Polylines(rays.bounces, drawn)
+    seen = np.zeros((len(rays), 6))
+    seen[:, 1], seen[:, 2:] = drawn[..., 12].mean(1), drawn[..., 2:6].mean(1)
+    return Polylines(rays.bounces, drawn, seen)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.inference.belief import Belief
 from gridslam.inference.rays import Rays
+from gridslam.inference.surfaces import Bank
 
 Array = NDArray[np.float64]
 
@@ -37,15 +38,29 @@ class Prediction:
         return self.whole[:, 3:].reshape(-1, 3, 3)
 
 
-def predict_paths(rays: Rays, belief: Belief, anchors: Array) -> Prediction:
-    """Predict all rays; anchors (J, 3) are x, y (m) and orientation (rad)."""
-    runtime.start()
-    from gridslam.kernels.gaussian import predict
+def foresee(
+    bank: Bank, sight: Array, belief: Belief, anchors: Array, anchor: int, most_bounces: int
+) -> tuple[Rays, Prediction]:
+    """All paths worth a look from `anchor`, with their existence one step ahead, and as they are predicted.
 
-    rays.check(len(belief.lines), len(anchors))
-    out = np.zeros((len(rays), 12))
-    if len(rays):
-        mean = np.ascontiguousarray(belief.mean)
-        covariance = np.ascontiguousarray(belief.covariance)
-        predict(mean, covariance, rays.table, anchors, out)
-    return Prediction(out)
+    Parameters
+    ----------
+    sight : (J,)
+        Existence of every anchor's line of sight.
+    anchors : (J, 3)
+        x, y (m) and orientation (rad).
+    """
+    runtime.start()
+    from gridslam.kernels.rays import foresee as launch
+
+    if len(belief.lines) != len(bank) or not 0 <= anchor < len(anchors) == len(sight):
+        raise ValueError("surfaces or anchors don't belong together")
+    room = 1 + len(bank) ** 2  # line of sight, S single and S (S - 1) double bounces
+    table, found = np.empty((room, 4), np.int32), np.empty(1, np.int32)
+    existence, surfaces, predicted = np.empty(room), np.empty(room), np.empty((room, 12))
+    launch(
+        anchor, most_bounces, belief.mean, belief.covariance, anchors, bank.existence, bank.owner, sight,
+        bank.single, bank.double, table, existence, surfaces, predicted, found,
+    )  # fmt: skip
+    count = int(found[0])
+    return Rays(table[:count], existence[:count], surfaces[:count]), Prediction(predicted[:count])

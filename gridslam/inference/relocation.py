@@ -1,5 +1,7 @@
 """Finding the agent again: poses proposed by the measurements themselves, scored against the map.
 
+Owner of the kernel that says whether that is needed.
+
 A Gaussian belief follows what it can linearise. After a long silence, from a vague start, or after a turn
 that the motion model doesn't know, it can't; but each path that is heard with distance and both angles fixes
 a whole pose, if one knows over which surface it came. All such poses are tried; the likelihood of a scan is
@@ -14,12 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam import runtime
 from gridslam.geometry import direction, mirror, unit, wrap
 from gridslam.inference.belief import AGENT, Belief
 from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import DetectionTable, deviations
-from gridslam.inference.prediction import Prediction
 from gridslam.inference.rays import Rays
+from gridslam.inference.surfaces import Bank
 from gridslam.signal import SignalModel
 
 Array = NDArray[np.float64]
@@ -34,8 +37,6 @@ MAP_M, MAP_RAD = 0.03, 0.02
 CLEAR, WORTH = 5.0, 8.0
 """Log-likelihood by which a mode must beat the next one, and the pose that was believed."""
 LOUDEST = 25.0
-GATE = 4.0
-"""Standard deviations within which a measurement lies where its path is predicted."""
 VAGUE_M, VAGUE_RAD = 0.6, 0.4
 """Standard deviations of position and heading from which on a pose is searched for."""
 FREEDOM, FREE_TURN = 10.0, 1.0
@@ -110,27 +111,28 @@ class Fix:
         return self.gain > WORTH
 
 
-def near_paths(scans: Sequence[Heard], rays: Rays, predicted: Prediction, signal: SignalModel) -> int:
-    """How many of the loud measurements lie where some path of their anchor is predicted."""
-    rows = [np.flatnonzero(heard.loud) for heard in scans]
-    anchor = np.repeat([heard.anchor for heard in scans], [len(r) for r in rows])
-    value, own = (
-        np.concatenate([getattr(heard, name)[r] for heard, r in zip(scans, rows, strict=True)])
-        for name in ("value", "own_std")
-    )
-    amplitude = np.concatenate([heard.amplitude[r] for heard, r in zip(scans, rows, strict=True)])
-    amplitude = np.nan_to_num(amplitude, nan=signal.threshold)
-    # which way an array faces doesn't matter for a gate
-    angle = 1 / (np.sqrt(8) * np.pi * amplitude)
-    there, here = np.sqrt(signal.anchor_aperture.mean(1))[anchor], np.sqrt(signal.agent_aperture.mean())
-    fisher = np.stack([signal.distance_std(amplitude), angle / there, angle / here], -1)
-    variance = np.where(np.isnan(own), fisher, own) ** 2
-    gap = value - predicted.value[:, None]
-    gap[..., 1:] = wrap(gap[..., 1:])
-    spread = np.diagonal(predicted.spread, axis1=1, axis2=2)[:, None] + variance
-    near = np.nan_to_num(np.square(gap) / spread).sum(-1) < GATE**2  # what wasn't measured is near
-    near &= (rays.surfaces > 0.3)[:, None] & (rays.anchor[:, None] == anchor)
-    return int(near.any(0).sum())
+def near_paths(
+    scans: Sequence[Heard], belief: Belief, bank: Bank, anchors: Array, signal: SignalModel
+) -> int:
+    """How many loud measurements lie where a line of sight or a single bounce of their anchor is predicted.
+
+    Parameters
+    ----------
+    anchors : (J, 3)
+        x, y (m) and orientation (rad).
+    """
+    runtime.start()
+    from gridslam.kernels.rays import near
+
+    if len(belief.lines) != len(bank) or len(anchors) != len(scans):
+        raise ValueError("surfaces or anchors don't belong together")
+    start = np.zeros(len(scans) + 1, np.int32)
+    np.cumsum([len(heard) for heard in scans], out=start[1:])
+    table = np.concatenate([heard.table for heard in scans])
+    claimed = np.empty(len(table), np.int32)
+    radio = signal.numbers
+    near(belief.mean, belief.covariance, anchors, bank.existence, bank.owner, start, table, radio, claimed)
+    return int(claimed.sum())
 
 
 def is_vague(belief: Belief) -> bool:

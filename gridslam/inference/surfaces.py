@@ -1,4 +1,7 @@
-"""The bank of potential surfaces: existence, coefficient, rays; merging and pruning."""
+"""The bank of potential surfaces: existence, coefficient, rays; merging and pruning.
+
+Owner of the kernel that finds duplicates.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.geometry import canonical, unit, wrap
+from gridslam import runtime
+from gridslam.geometry import canonical, unit
 from gridslam.inference.belief import Belief, keep, slots, update
 from gridslam.signal import REFLECTION_BINS
 
@@ -76,7 +80,8 @@ class Bank:
         """Keep some of the surfaces."""
         parts = {f.name: getattr(self, f.name) for f in fields(self)}
         chosen = {name: part[rows] for name, part in parts.items() if name not in ("single", "double")}
-        return Bank(**chosen, single=self.single[:, rows], double=self.double[:, rows][:, :, rows])
+        single, double = self.single[:, rows], self.double[:, rows][:, :, rows]
+        return Bank(**chosen, single=np.ascontiguousarray(single), double=np.ascontiguousarray(double))
 
     def add(
         self,
@@ -122,28 +127,6 @@ def evolve(bank: Bank, survival: float, walk: float) -> None:
     bank.age = bank.age + 1
 
 
-def exist(bank: Bank, rays: Rays, chance: Array, worth: Array) -> None:
-    """Update the surfaces' existence by all paths of one anchor (model.md, section 2.2).
-
-    Parameters
-    ----------
-    chance : (L,)
-        Existence of the ray times V.
-    worth : (L,)
-        Mean of ``sum_m nu_m g_m + 1 - p_d`` of every path.
-    """
-    whole = chance * worth + 1 - chance
-    log = np.zeros(len(bank))
-    for own, other in ((rays.last, rays.first), (rays.first, rays.last)):
-        rows = np.flatnonzero((rays.bounces == 2) | ((rays.bounces == 1) & (own is rays.last)))
-        single = rays.bounces[rows] == 1
-        partner = np.where(single, 1.0, bank.existence[other[rows]])
-        factor = np.log(np.maximum(partner * whole[rows] + 1 - partner, 1e-12))
-        np.add.at(log, own[rows], factor)
-    odds = np.log(np.maximum(bank.existence, 1e-12)) - np.log(np.maximum(1 - bank.existence, 1e-9)) + log
-    bank.existence = np.clip(1 / (1 + np.exp(-np.clip(odds, -40, 40))), 0, 1 - 1e-7)
-
-
 def mark(bank: Bank, belief: Belief, rays: Rays, lines: Polylines, share: Array) -> None:
     """Remember which surfaces were seen by each anchor, and where they were hit.
 
@@ -154,21 +137,21 @@ def mark(bank: Bank, belief: Belief, rays: Rays, lines: Polylines, share: Array)
     share : (L,)
         Probability that the path caused a measurement; above one half it counts.
     """
-    rows = np.flatnonzero((share > 0.5) & (rays.bounces > 0))
-    if not len(rows):
-        return
-    surface = np.stack([rays.last[rows], rays.first[rows]], -1).ravel()
-    middle = lines.corners[rows].mean(1)
-    double = rays.bounces[rows, None] == 2
-    points = np.stack([np.where(double, middle[:, 2], middle[:, 1]), middle[:, 1]], 1).reshape(-1, 2)
-    along = (points * unit(belief.lines[surface, 0] + 0.5 * np.pi)).sum(1)
-    bank.foot[surface] = along
-    np.fmin.at(bank.extent[:, 0], surface, along)
-    np.fmax.at(bank.extent[:, 1], surface, along)
-    anchors = len(bank.single)
-    bank.seen += np.bincount(
-        np.unique(surface * anchors + np.repeat(rays.anchor[rows], 2)) // anchors, minlength=len(bank)
-    )
+    seen = set()
+    tangent = unit(belief.lines[:, 0] + 0.5 * np.pi).tolist()
+    lowest, highest = bank.extent.T.tolist()
+    for row in np.flatnonzero((share > 0.5) & (rays.bounces > 0)).tolist():
+        bounces, last, first, anchor = rays.table[row].tolist()
+        points = lines.middle[row].tolist()
+        for surface, (x, y) in ((last, points[bounces - 1]), (first, points[0])):
+            along = x * tangent[surface][0] + y * tangent[surface][1]
+            bank.foot[surface] = along
+            lowest[surface] = along if not lowest[surface] <= along else lowest[surface]  # NaN: none so far
+            highest[surface] = along if not highest[surface] >= along else highest[surface]
+            seen.add((surface, anchor))
+    bank.extent = np.array([lowest, highest]).T
+    for surface, _ in seen:
+        bank.seen[surface] += 1
 
 
 def prune(bank: Bank, belief: Belief, threshold: float) -> tuple[Bank, Belief]:
@@ -186,19 +169,26 @@ def prune(bank: Bank, belief: Belief, threshold: float) -> tuple[Bank, Belief]:
     return (bank, belief) if good.all() else (bank.take(good), keep(belief, good))
 
 
-def merge(bank: Bank, belief: Belief, middle: Array) -> tuple[Bank, Belief]:
+def merge(bank: Bank, belief: Belief) -> tuple[Bank, Belief]:
     """Merge duplicates into the older surface by the joint belief that both are one line.
 
     Two lines are one when they agree, within their joint covariance plus a centimetre, in angle and in
-    offset near `middle` (2,), a point of the region.
+    offset at the place where the younger was hit.
     """
-    pair = 0
-    while True:
-        found = _duplicate(bank, belief, middle)
-        if found is None or pair > MOST_SURFACES:
-            return bank, belief
-        older, younger, jacobian, residual = found
-        belief = update(belief, jacobian, residual[None], np.array([[1e-4, 1e-6]]), np.ones(1))
+    runtime.start()
+    from gridslam.kernels.tidying import duplicate
+
+    if len(belief.lines) != len(bank):
+        raise ValueError("belief and bank don't hold the same surfaces")
+    for _ in range(MOST_SURFACES + 1):
+        found, tie = np.empty(2, np.int32), np.empty((2, 5))
+        duplicate(belief.mean, belief.covariance, bank.foot, bank.owner, found, tie)
+        older, younger = found.tolist()
+        if older < 0:
+            break
+        jacobian = np.zeros((2, len(belief.mean)))
+        jacobian[:, slots(older)], jacobian[:, slots(younger)] = tie[:, :2], tie[:, 2:4]
+        belief = update(belief, jacobian, tie[None, :, 4], np.array([[1e-4, 1e-6]]), np.ones(1))
         bank.existence[older] = max(bank.existence[older], bank.existence[younger])
         bank.seen[older] = max(bank.seen[older], bank.seen[younger])
         bank.single[:, older] = np.maximum(bank.single[:, older], bank.single[:, younger])
@@ -208,37 +198,7 @@ def merge(bank: Bank, belief: Belief, middle: Array) -> tuple[Bank, Belief]:
         bank.extent[older] = [np.fmin.reduce(ends[:, 0]), np.fmax.reduce(ends[:, 1])]
         rest = np.arange(len(bank)) != younger
         bank, belief = bank.take(rest), keep(belief, rest)
-        pair += 1
-
-
-def _duplicate(bank: Bank, belief: Belief, middle: Array) -> tuple[int, int, Array, Array] | None:
-    lines = belief.lines
-    turns = wrap(lines[None, :, 0] - lines[:, None, 0])
-    flips = np.where(np.abs(turns) > np.pi / 2, -1.0, 1.0)  # the same line written with the opposite normal
-    turns = wrap(turns + np.where(flips < 0, np.pi, 0.0))
-    normals = unit(lines[:, 0])
-    tangents = np.stack([-normals[:, 1], normals[:, 0]], -1)
-    places = lines[:, 1:] * normals + bank.foot[:, None] * tangents
-    gaps = flips * (places @ normals.T - lines[:, 1])
-    near = (np.abs(turns) <= 0.5) & (np.abs(gaps) <= 0.5) & (bank.owner[:, None] == bank.owner)
-    for younger in range(len(bank) - 1, 0, -1):
-        normal, tangent, place = normals[younger], tangents[younger], places[younger]
-        for older in np.flatnonzero(near[younger, :younger]).tolist():
-            turn, flip, gap = turns[younger, older], flips[younger, older], gaps[younger, older]
-            other = normals[older]
-            # derivative of (gap at the place, turn); the place itself moves with the younger line
-            jacobian = np.zeros((2, len(belief.mean)))
-            o, y = slots(older), slots(younger)
-            side = np.array([-other[1], other[0]])
-            jacobian[0, o] = flip * np.array([place @ side, -1.0])
-            by_turn = lines[younger, 1] * tangent - bank.foot[younger] * normal
-            jacobian[0, y] = [flip * (other @ by_turn), flip * (normal @ other)]
-            jacobian[1, o[0]], jacobian[1, y[0]] = 1.0, -1.0
-            residual = -np.array([gap, turn])
-            spread = jacobian @ belief.covariance @ jacobian.T + np.diag([1e-4, 2.5e-5])
-            if residual @ np.linalg.solve(spread, residual) < 9.0:
-                return older, younger, jacobian, residual
-    return None
+    return bank, belief
 
 
 def canonical_lines(belief: Belief) -> tuple[Array, Array]:

@@ -5,16 +5,14 @@ Sums with forgetting over some ten steps stand for a window. Nothing here needs 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.estimates import Health
-from gridslam.inference.evaluation import Pairs, effective_sample_size
 from gridslam.inference.heard import Heard
-from gridslam.inference.prediction import Prediction
-from gridslam.inference.rays import Rays
 from gridslam.signal import SignalModel
 
 Array = NDArray[np.float64]
@@ -26,19 +24,15 @@ LEAST_CLUTTER, MOST_CLUTTER = 0.2, 20.0
 """Bounds of the clutter level, as shares of the scene's."""
 SURPRISE, DOUBTED = 4.0, 3.0
 """Standard deviations by which clutter breaks with its past, and with what was told."""
-QUIET = np.log(20.0)
-"""Squared amplitude above the squared threshold that one in twenty clutter measurements exceeds."""
 GAIN_STD, LEAST_GAIN, MOST_GAIN = 0.3, 0.5, 2.0
 """Prior of the ratio of true to told amplitude, and its bounds."""
 TURN_STD, KEEP_TURN, BEYOND_DOUBT = 0.02, 0.995, 3.5
 """Prior of an anchor's orientation (rad), share kept per step, deviations from which on it is believed."""
-SURE = 0.9
-"""Probability from which an association counts as sure."""
-WORST = 30.0
-"""Normalised innovation squared at which one path's is cut off."""
 SILENT, LOST, MISFIT, LOUD_CLUTTER, FEW, VAGUE_M = 5, 0.5, 1.7, 3.0, 3.0, 1.0
 """When something is amiss: steps of silence; share of the usual explained; ratio of innovations to what is
 expected; of clutter; effective particles; position's standard deviation."""
+SUMS = 9
+"""Numbers that `kernels.fitting` sums up."""
 AFRESH, ENOUGH = 5, 4
 """Steps for which a new start is told of; loud measurements that are needed to call it for."""
 
@@ -64,6 +58,9 @@ class Watch:
         Sums from which the anchors' true orientations follow, relative to the told ones.
     silent, since : (1,)
         Steps of silence so far; steps since the agent was found again.
+
+    Within a step `taken` (J,) is by how much the anchors are taken to be turned, and `fits` (J, 9) how the
+    measurements of each fitted, which its updates add to.
     """
 
     clutter: Array
@@ -105,15 +102,22 @@ class Watch:
         self.silent[:] = 0 if scan_size else self.silent + 1
         self.since += 1
         self._effective = np.inf
-        self._turned = self.turned
-        self._noted: list[tuple[NDArray[np.generic], ...]] = []
+        self.taken = self.turned
+        self.fits = self._nothing()
+
+    def _nothing(self) -> Array:
+        """Sums of an anchor's kernel before it has run, one row per anchor."""
+        fits = np.zeros((len(self.clutter), SUMS))
+        fits[:, -1] = np.inf
+        return fits
 
     @property
     def gain(self) -> float:
         """Ratio of true to told amplitude; 1 unless it differs beyond doubt."""
-        ratio, doubt = self.pull[0] / self.weight[0], 1 / np.sqrt(self.weight[0])
+        pull, weight = float(self.pull[0]), float(self.weight[0])
+        ratio, doubt = pull / weight, 1 / math.sqrt(weight)
         sure = abs(ratio - 1) > BEYOND_DOUBT * doubt
-        return float(np.clip(ratio, LEAST_GAIN, MOST_GAIN)) if sure else 1.0
+        return min(max(ratio, LEAST_GAIN), MOST_GAIN) if sure else 1.0
 
     @property
     def turned(self) -> Array:
@@ -123,13 +127,13 @@ class Watch:
 
     def estimate(self, anchor: int, told: float) -> float:
         """Mean clutter per step of an anchor: a Gamma-Poisson estimate about the level that was told."""
-        mean = (TRUST * told + self.clutter[anchor]) / (TRUST + self.listened[anchor])
-        return float(np.clip(mean, LEAST_CLUTTER * told, MOST_CLUTTER * told))
+        mean = (TRUST * told + float(self.clutter[anchor])) / (TRUST + float(self.listened[anchor]))
+        return min(max(mean, LEAST_CLUTTER * told), MOST_CLUTTER * told)
 
     def level(self, anchor: int, told: float) -> float:
         """The estimate if it differs from what was told beyond doubt, else what was told."""
         mean = self.estimate(anchor, told)
-        doubt = np.sqrt(told / (TRUST + self.listened[anchor]))
+        doubt = math.sqrt(told / (TRUST + float(self.listened[anchor])))
         return mean if abs(mean - told) > DOUBTED * doubt else told
 
     def tuned(self, told: SignalModel, anchor: int) -> SignalModel:
@@ -147,73 +151,27 @@ class Watch:
         near : (M,)
             Measurements that some path could have caused.
         """
-        quiet = _quiet(heard, told) & ~near
-        share = np.where(np.isnan(heard.amplitude), 1.0, 1 / (1 - np.exp(-QUIET)))
-        count, anchor = float(share[quiet].sum()), heard.anchor
+        count, anchor = float(heard.quiet[~near].sum()), heard.anchor
         usual = self.estimate(anchor, told.false_alarms)
         # a level that jumps is learned afresh, or a burst would be over before it is believed
-        keep = KEEP if abs(count - usual) < SURPRISE * np.sqrt(usual + 1) else 0.3 * KEEP
+        keep = KEEP if abs(count - usual) < SURPRISE * math.sqrt(usual + 1) else 0.3 * KEEP
         self.clutter[anchor] = keep * self.clutter[anchor] + count
         self.listened[anchor] = keep * self.listened[anchor] + 1
         return self.level(anchor, told.false_alarms)
 
-    def note(
-        self, heard: Heard, rays: Rays, predicted: Prediction, pairs: Pairs, responsible: Array,
-        blocks: NDArray[np.float32],
-    ) -> None:  # fmt: skip
-        """Keep how an anchor's measurements fitted, until the step is judged.
-
-        Parameters
-        ----------
-        responsible : (L, M)
-            Probability that the path caused the measurement.
-        blocks : (K, P / PATH_BLOCK)
-            Sums of each pair's weights over blocks of particles.
-        """
-        self.loud += heard.loud.sum()
-        self.explained += np.minimum(responsible.sum(0), 1.0)[heard.loud].sum()
-        sure = np.flatnonzero(responsible[pairs.path, pairs.measurement] > SURE)
-        if len(sure):
-            self._effective = min(self._effective, float(effective_sample_size(blocks[sure]).min()))
-        path, measurement = pairs.path[sure], pairs.measurement[sure]
-        self._noted.append(
-            (
-                np.full(len(sure), heard.anchor), rays.bounces[path], predicted.whole[path],
-                heard.value[measurement], pairs.variance[sure], heard.amplitude[measurement],
-            )
-        )  # fmt: skip
-
-    def judge(self, told: SignalModel) -> None:
-        """Take in how the step's measurements fitted: sure associations of all anchors."""
-        noted, self._noted = self._noted, []
-        if not sum(len(part[0]) for part in noted):
-            return
-        anchor, bounces, predicted, value, variance, amplitude = (
-            np.concatenate(parts) for parts in zip(*noted, strict=True)
-        )
-        gap = value - predicted[:, :3]
-        gap[:, 1:] = np.remainder(gap[:, 1:] + np.pi, 2 * np.pi) - np.pi
-        known = ~np.isnan(gap)
-        spread = predicted[:, 3:].reshape(-1, 3, 3) + variance[:, :, None] * np.eye(3)
-        filled = np.where(known, gap, 0.0)
-        solved = np.linalg.solve(spread, filled[..., None])[..., 0]
-        self.misfit += np.minimum((filled * solved).sum(1), WORST).sum()
-        self.freedom += known.sum()
-        # the line of sight says how an anchor faces: distances tell where the agent is, no wall takes part
-        direct = bounces == 0
-        departures = np.flatnonzero(direct & known[:, 1])
-        facing = anchor[departures]
-        precision = 1 / spread[departures, 1, 1]
-        np.add.at(self.turn, facing, precision * (self._turned[facing] - gap[departures, 1]))
-        np.add.at(self.turn_weight, facing, precision)
-        direct &= known[:, 0] & ~np.isnan(amplitude)
-        if direct.any():
-            level = told.amplitude(value[direct, 0])
-            scale = told.amplitude_std(level)
-            measured = np.sqrt(np.maximum(amplitude[direct] ** 2 - scale**2, 0.0))
-            clear = measured > 2 * told.threshold  # fainter ones are biased by the threshold
-            self.pull += (level * measured / scale**2)[clear].sum()
-            self.weight += np.square(level / scale)[clear].sum()
+    def judge(self) -> None:
+        """Take in how the measurements of all anchors fitted."""
+        misfit, freedom, _, _, pull, weight, explained, loud = self.fits[:, :8].sum(0)
+        self.misfit += misfit
+        self.freedom += freedom
+        self.pull += pull
+        self.weight += weight
+        self.explained += explained
+        self.loud += loud
+        self.turn += self.fits[:, 2]
+        self.turn_weight += self.fits[:, 3]
+        self._effective = float(self.fits[:, 8].min())
+        self.fits = self._nothing()
 
     def lost(self, count: int, near: int) -> bool:
         """Whether, of `count` loud measurements, far fewer than usual lie where a path is predicted."""
@@ -259,9 +217,9 @@ class Watch:
         clutter = float(heard.max() / told.false_alarms)
         if clutter > LOUD_CLUTTER:
             reasons.append(f"clutter {clutter:.1f} times what the scene says")
-        if self._turned.any():
-            worst = int(np.abs(self._turned).argmax())
-            turn = np.degrees(self._turned[worst])
+        if self.taken.any():
+            worst = int(np.abs(self.taken).argmax())
+            turn = np.degrees(self.taken[worst])
             reasons.append(f"anchor number {worst + 1} seems turned by {turn:.1f} degrees")
         if effective < FEW:
             reasons.append(f"{effective:.0f} particles carry the weight")
@@ -278,9 +236,3 @@ def innovation_band(freedom: float) -> tuple[float, float]:
     part = 2 / (9 * max(freedom, 1.0))
     low, high = (float(max(1 - part + side * 3.09 * np.sqrt(part), 0.0) ** 3) for side in (-1, 1))
     return low, high
-
-
-def _quiet(heard: Heard, signal: SignalModel) -> NDArray[np.bool_]:
-    """Measurements (M,) as quiet as all but one in twenty of clutter."""
-    excess = np.nan_to_num(heard.amplitude, nan=signal.threshold) ** 2 - signal.threshold**2
-    return np.asarray(excess < QUIET)

@@ -10,8 +10,8 @@ from gridslam.inference.amplitudes import RayAmplitudes
 from gridslam.inference.heard import Heard
 from gridslam.inference.particles import at_mean
 from gridslam.inference.polylines import draw_paths
-from gridslam.inference.prediction import predict_paths
-from gridslam.inference.rays import Rays, rays_of
+from gridslam.inference.prediction import foresee
+from gridslam.inference.rays import Rays
 from gridslam.map import Map
 from gridslam.scene import Scene
 from gridslam.systems.surface_slam import Messages, SurfaceSlam
@@ -48,8 +48,9 @@ class AdaptiveSlam(SurfaceSlam):
     def _take_in(self, heard: Heard) -> None:
         """Messages of one anchor, in the order of the paper's section V."""
         # prediction of paths and amplitudes, eqs. (13), (14)
-        rays = rays_of(self.bank, self.sight, heard.anchor, self.most_bounces)
-        predicted = predict_paths(rays, self.belief, self.anchors)
+        rays, predicted = foresee(
+            self.bank, self.sight, self.belief, self.anchors, heard.anchor, self.most_bounces
+        )
         distance = predicted.value[:, 0]
         amplitudes = self.amplitudes.predict(rays, self.bank.identity, distance)
         # measurement evaluation, births, data association, updates of agent, surfaces and rays
@@ -59,7 +60,7 @@ class AdaptiveSlam(SurfaceSlam):
             rays, self.bank.identity, amplitudes, distance, heard, said.responsible, self.detected
         )
         drawn = draw_paths(rays, at_mean(self.belief), self.anchors)
-        surfaces.mark(self.bank, self.belief, rays, drawn, said.responsible.sum(1) * drawn.valid[:, 0])
+        surfaces.mark(self.bank, self.belief, rays, drawn, said.responsible.sum(1) * drawn.possible)
         self._learn_from_births(heard, said)
 
     def _tidy(self) -> None:

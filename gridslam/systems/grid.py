@@ -9,17 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.inference import surfaces
-from gridslam.inference.births import Births, draw_births
+from gridslam.inference.births import Births
 from gridslam.inference.cells import Cells
 from gridslam.inference.heard import Heard
-from gridslam.inference.materials import coefficient_factors, learn_reflection, reflected
+from gridslam.inference.materials import learn, reflected
 from gridslam.inference.particles import sample
-from gridslam.inference.prediction import predict_paths
-from gridslam.inference.rays import rays_of
+from gridslam.inference.prediction import foresee
 from gridslam.inference.told import Told
 from gridslam.map import Map
 from gridslam.scene import Scene
-from gridslam.signal import REFLECTION_BINS
 from gridslam.systems.surface_slam import SurfaceSlam
 
 Array = NDArray[np.float64]
@@ -29,8 +27,6 @@ MOSTLY_POSSIBLE = 0.8
 """Share of a path's samples that must be possible before it tells the cells anything."""
 UNTOLD = 0.3
 """V of a birth whose mean path is impossible: others of its samples aren't, or it wouldn't be one."""
-AUDIBLE = 0.05
-"""Probability of having been heard below which a double bounce says nothing about coefficients."""
 
 
 class GridSlam(SurfaceSlam):
@@ -54,35 +50,39 @@ class GridSlam(SurfaceSlam):
         grid, free_path = scene.grid, self.settings.mean_free_path_m
         self.cells = Cells(np.array(grid.origin_m), grid.cell_m, grid.shape, free_path, self.places)
         self._to_tell: list[Told] = []
+        self._draw = np.random.default_rng(self._stream(0, 0))
         if prior_map is not None:
             self._start_from(prior_map)
 
     def _move(self, now: float) -> None:
         """Motion; what a step that was interrupted left to be told is dropped."""
         self._to_tell = []
+        self._draw = np.random.default_rng(self._stream(0, 0))
         self.cells.forget()
         super()._move(now)
 
     def _take_in(self, heard: Heard) -> None:
         """Messages of one anchor, in the paper's order (section IV; model.md, sections 2.1 to 2.6)."""
         # prediction: paths, their validity in the grid, eq. (1), and amplitudes, eq. (2)
-        rays = rays_of(self.bank, self.sight, heard.anchor, self.most_bounces)
-        predicted = predict_paths(rays, self.belief, self.anchors)
-        few = sample(self.belief, RAYS, self._stream(heard.anchor, 0))
+        rays, predicted = foresee(
+            self.bank, self.sight, self.belief, self.anchors, heard.anchor, self.most_bounces
+        )
+        few = sample(self.belief, RAYS, self._draw)
         drawn = self.cells.see(rays, few, self.anchors)
         amplitudes = reflected(rays, self.bank, drawn, self.cells, self.signal)
         # measurement evaluation, births, data association, updates of agent, surfaces and rays
         said = self._exchange(heard, rays, predicted, amplitudes, drawn.validity)
         # what cells and coefficients are to be told; new surfaces
         distance = predicted.value[:, 0]
-        self._to_tell.append(Told.of(heard, rays, distance, said.chance, said.worth, said.responsible))
+        self._to_tell.append(Told.of(heard, rays, distance, said.chance, said.worth, said.pairs, said.share))
         self._bear(heard, said.births, said.claimed)
 
     def _reachable(self, heard: Heard, births: Births) -> Births:
         """Births weighed by the validity of their paths in the grid."""
-        rays, cloud = draw_births(births, self.belief, heard.anchor)
-        drawn = self.cells.see(rays, cloud, self.anchors)
-        return births.weighed(np.where(drawn.valid[:, 0] > 0.5, drawn.validity, UNTOLD))
+        if not len(births):
+            return births
+        validity = self.cells.glance(births.hit, births.line, self.belief.mean, heard.anchor, self.anchors)
+        return births.weighed(np.where(validity >= 0, validity, UNTOLD))
 
     def _tidy(self) -> None:
         """Messages of all anchors to coefficients and cells; then merge and drop surfaces."""
@@ -92,28 +92,14 @@ class GridSlam(SurfaceSlam):
 
     def _tell(self, told: Told) -> None:
         """Messages to the cells that each path crosses or meets, eqs. (43) to (45), and to coefficients."""
-        rays, share = told.rays, told.share
+        rays = told.rays
         belief = rays.surfaces * rays.existence
-        few = sample(self.belief, RAYS, self._stream(len(self.places), 1))
+        few = sample(self.belief, RAYS, self._draw)
         worth, send = belief * told.worth + 1 - belief, belief > 0.1
         drawn = self.cells.tell(rays, few, self.anchors, worth, send, MOSTLY_POSSIBLE)
-        send &= drawn.valid.mean(1) > MOSTLY_POSSIBLE
-        surfaces.mark(self.bank, self.belief, rays, drawn, share * send)
-        # coefficients of surfaces, by single bounces; of cells, since a window isn't the wall around it
-        # (model.md, section 2.5), by both ends of double bounces, too
-        usual = np.append(self.bank.reflection @ REFLECTION_BINS, 1.0)
-        double = send & (rays.bounces == 2) & (share > AUDIBLE)
-        alone = np.flatnonzero((rays.bounces == 1) & (share > AUDIBLE))
-        at_last = np.flatnonzero(double | (send & (rays.bounces == 1)))
-        at_first = np.flatnonzero(double)
-        beyond = np.where(double, usual[rays.first], 1.0)[at_last]
-        rows = np.concatenate([alone, at_last, at_first])
-        other = np.concatenate([np.ones(len(alone)), beyond, usual[rays.last[at_first]]])
-        factor = coefficient_factors(told, rows, other, self.detected, self.signal)
-        learn_reflection(self.bank, rays.last[alone], factor[: len(alone)])
-        corner = np.concatenate([np.where(double, 2, 1)[at_last], np.ones(len(at_first), np.intp)])
-        met, news = rows[len(alone) :], rays.surfaces[rows, None] * factor
-        self.cells.weigh_coefficient(rays, drawn, np.stack([met, corner], -1), news[len(alone) :])
+        send &= drawn.possible > MOSTLY_POSSIBLE
+        surfaces.mark(self.bank, self.belief, rays, drawn, told.share * send)
+        learn(told, self.bank, drawn, send, self.cells, self.detected, self.signal)
 
     def map(self) -> Map:
         """The map as it stands: evidence, coefficients, detected surfaces."""

@@ -17,16 +17,16 @@ from gridslam.inference import ghosts, relocation, surfaces
 from gridslam.inference.association import associate
 from gridslam.inference.belief import AGENT, Belief, append, predict, separated
 from gridslam.inference.births import Births, bear, birth_reflection
-from gridslam.inference.correction import correct
-from gridslam.inference.evaluation import evaluate, gate
-from gridslam.inference.heard import Heard
-from gridslam.inference.likelihood import AmplitudeBelief, DetectionTable, strengths
+from gridslam.inference.evaluation import Pairs, evaluate, gate
+from gridslam.inference.heard import Heard, hear
+from gridslam.inference.likelihood import AmplitudeBelief, DetectionTable
 from gridslam.inference.particles import Particles
-from gridslam.inference.prediction import Prediction, predict_paths
-from gridslam.inference.proposals import Prospects, propose, prospects
-from gridslam.inference.rays import Rays, remember, short_rays
+from gridslam.inference.prediction import Prediction
+from gridslam.inference.proposals import propose
+from gridslam.inference.rays import Rays, short_rays
 from gridslam.inference.readout import path_estimate, surface_estimate
 from gridslam.inference.surfaces import Bank
+from gridslam.inference.updates import update
 from gridslam.inference.watch import ENOUGH, Watch
 from gridslam.map import Map
 from gridslam.measurements import Scan
@@ -51,8 +51,11 @@ class Messages:
         Probability that the ray is there and its path open, if its surfaces exist.
     worth : (L,)
         Mean of ``sum_m nu_m g_m + 1 - p_d``: what the measurements are worth to the path.
+    pairs : Pairs
+    share : (K,)
+        Probability of each pair's association.
     responsible : (L, M)
-        Probability that the path caused the measurement.
+        The same, by path and measurement.
     births : Births
     claimed : (M,)
         What the known paths send to each measurement.
@@ -60,6 +63,8 @@ class Messages:
 
     chance: Array
     worth: Array
+    pairs: Pairs
+    share: Array
     responsible: Array
     births: Births
     claimed: Array
@@ -108,7 +113,6 @@ class SurfaceSlam:
         self.last_time: float | None = None
         self.elapsed, self.start_velocity = 0.0, float(variance[2])
         self.next_identity, self.steps = 0, 0
-        self._prospects: list[Prospects] = []
         self.provenance: dict[str, list] = {"agents": [], "seeds": [], "steps": []}
 
     def step(self, scan: Scan) -> Estimate:
@@ -118,15 +122,14 @@ class SurfaceSlam:
             self._move(scan.time_s)
             self.watch.begin(len(scan))
             self._face(self.watch.turned)
-            scans = self._hear(scan)
+            scans = hear(scan, self.places, self.facings, self.told.threshold)
             self._find_again(scans)
-            self._prospects = prospects(scans, self.watch.tuned(self.told, 0))
             for heard in scans:
                 self.signal = self.watch.tuned(self.told, heard.anchor)
                 self._take_in(heard)
                 if not self.settings.correlated:
                     self.belief = separated(self.belief)
-            self.watch.judge(self.told)
+            self.watch.judge()
             self._tidy()
             return self._estimate(scan, time.perf_counter() - began)
 
@@ -196,11 +199,11 @@ class SurfaceSlam:
         vague = relocation.is_vague(self.belief)
         if count < ENOUGH and not vague:
             return
-        rays = short_rays(self.bank, self.sight)
-        predicted = predict_paths(rays, self.belief, self.anchors)
-        lost = self.watch.lost(count, relocation.near_paths(scans, rays, predicted, self.told))
+        near = relocation.near_paths(scans, self.belief, self.bank, self.anchors, self.told)
+        lost = self.watch.lost(count, near)
         if not (lost or vague):
             return
+        rays = short_rays(self.bank, self.sight)
         sources = relocation.sources(rays, self.belief, self.places, self.bank.reflection @ REFLECTION_BINS)
         belief = self.belief
         if lost:
@@ -212,13 +215,6 @@ class SurfaceSlam:
         if fix is not None and fix.clear and (fix.better or not lost):
             self.belief = relocation.moved(belief, fix, self.start_velocity)
             self.watch.found(lost)
-
-    def _hear(self, scan: Scan) -> list[Heard]:
-        """The scan, anchor by anchor."""
-        return [
-            Heard.of(scan, anchor, place, facing, self.told.threshold)
-            for anchor, (place, facing) in enumerate(zip(self.places, self.facings, strict=True))
-        ]
 
     def _stream(self, anchor: int, purpose: int) -> list[int]:
         """Random stream of this step: a function of seed, step, anchor and what for."""
@@ -242,42 +238,36 @@ class SurfaceSlam:
         validity : (L,)
             V: probability that the path is open.
         """
-        signal, distance = self.signal, predicted.value[:, 0]
+        signal = self.signal
         # measurement evaluation
-        strength = strengths(amplitudes, heard, distance, self.detected, signal)
-        detected = strength.detected
         worth = rays.existence * rays.surfaces * validity
-        recipe = self.particles.recipe(self.belief)
-        pairs = gate(predicted, heard, strength, worth, signal, recipe.kept)
+        recipe, radio = self.particles.recipe(self.belief), signal.numbers[heard.anchor]
+        pairs, detected = gate(predicted, heard, amplitudes, worth, self.detected, radio, recipe.kept)
         # clutter level, by what no path can have caused
-        near = np.bincount(pairs.measurement, minlength=len(heard)) > 0
+        near = np.zeros(len(heard), dtype=bool)
+        near[pairs.measurement] = True
         level = self.watch.listen(heard, near, self.told)
         if level != signal.false_alarms:
             pairs = pairs.against(level / signal.false_alarms)
             signal = replace(signal, false_alarms=level)
-        cloud, ratio, possible, blocks = evaluate(rays, recipe, pairs, heard)
-        ratio, validity = ratio / np.maximum(possible, 1e-3)[:, None], validity * possible
-        chance = rays.existence * validity
-        beta = (rays.surfaces * chance)[:, None] * ratio
+            radio = signal.numbers[heard.anchor]
+        prior = np.array([rays.existence, rays.surfaces, validity, detected])
+        cloud, said = evaluate(rays, recipe, pairs, heard, prior)
         # births and data association
         births = self._reachable(
             heard,
             propose(
-                heard, self._prospects[heard.anchor], self.belief, self.bank, cloud, beta.sum(0), signal,
-                self.settings.births, self.radius_m, self.most_bounces,
+                heard, self.belief, self.bank, cloud, said.explained, radio, self.settings.births,
+                self.radius_m, self.most_bounces,
             ),
         )  # fmt: skip
-        missed = np.maximum(1 - rays.surfaces * chance * detected, 1e-9)
-        nu, claimed = self._associate(heard, beta, missed, 1 + births.per_measurement(len(heard)))
-        worth = (nu * ratio).sum(1) + 1 - detected
+        nu, claimed = self._associate(heard, said.beta, said.missed, 1 + births.per_measurement(len(heard)))
         # updates
-        self.belief, responsible = correct(
-            self.belief, rays, rays.surfaces * chance, detected, beta, nu, pairs, heard
-        )
-        self.watch.note(heard, rays, predicted, pairs, responsible, blocks)
-        remember(self.bank, self.sight, rays, heard.anchor, worth, validity)
-        surfaces.exist(self.bank, rays, chance, worth)
-        return Messages(chance, worth, responsible, births, claimed)
+        self.belief, share, responsible, worth = update(
+            self.belief, self.bank, self.sight, rays, predicted, pairs, heard, said, nu, self.watch,
+            self.told.numbers[heard.anchor],
+        )  # fmt: skip
+        return Messages(said.chance, worth, pairs, share, responsible, births, claimed)
 
     def _bear(self, heard: Heard, births: Births, claimed: Array) -> list[tuple[int, int, int]]:
         """Add the new surfaces that are likely enough.
@@ -293,7 +283,7 @@ class SurfaceSlam:
             if fresh.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not np.isfinite(fresh.mean).all():
                 continue
             self.belief = fresh
-            ends = int(births.last[one]), int(births.first[one])
+            ends = tuple(births.hit[one].tolist())
             self.bank = self.bank.add(
                 self.next_identity,
                 existence,
@@ -309,7 +299,7 @@ class SurfaceSlam:
 
     def _tidy(self) -> None:
         """Merge duplicates, drop ghosts and the unlikely."""
-        self.bank, self.belief = surfaces.merge(self.bank, self.belief, self.middle)
+        self.bank, self.belief = surfaces.merge(self.bank, self.belief)
         if self.most_bounces > 1:
             self.bank, self.belief = ghosts.lay(self.bank, self.belief, self.places)
         self.bank, self.belief = surfaces.prune(self.bank, self.belief, self.settings.prune_below)

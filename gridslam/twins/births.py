@@ -1,0 +1,100 @@
+"""Twins of the kernels that propose births and cast their paths."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.geometry import line_between, mirror, trace, unit, wrap
+from gridslam.kernels import FAINTEST
+from gridslam.twins.cells import cells_of
+from gridslam.twins.messages import clutter, deviations, log_rician
+from gridslam.twins.paths import lines_of
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.int32]
+BINS: Array = (np.arange(20) + 0.5) / 20
+FAINT, EXPLAINED, USUAL, DOUBLE_SHARE, WIDEST = 1e-3, 1e-3, 0.7, 0.5, 2.5
+
+
+def propose(
+    state: Array, noise: Array, mean: Array, heard: Array, explained: Array, known: Whole, place: Array,
+    radio: Array, rate: float,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Twin of `kernels.births.propose`: ratio (M, H), and the lines (M, H, 2)."""
+    silent, double = heard[:, 6] < 0, (known >= 0).any(1)
+    usual = np.where(silent, 0.5 * radio[7] / np.maximum(heard[:, 0], 1e-3), heard[:, 6])
+    std = deviations(np.maximum(usual, FAINTEST), heard[:, 1:3], radio)
+    std = np.where(heard[:, 3:6] > 0, heard[:, 3:6], np.minimum(std, 1e9))
+    std = np.where(heard[:, 3:6] < 0, 1e9, std)
+    nodes = np.multiply.outer(radio[7] / np.maximum(heard[:, 0], 1e-3), np.outer([1.0, USUAL], BINS))
+    said = np.exp(log_rician(np.where(silent, 1.0, heard[:, 6])[:, None, None], nodes, radio[8])).mean(2)
+    level = np.where(silent[:, None], 1.0, said) / clutter(heard[:, 6], radio)[:, None]
+    common, least = rate * heard[:, 0], np.maximum(FAINT, EXPLAINED * explained)
+    most = common * (level.max(1) if len(known) > 1 else level[:, 0]) / np.sqrt(2 * np.pi)
+    keep = (most > least * np.minimum(std[:, 1], WIDEST)) & (heard[:, [3, 5]] >= 0).all(1)
+    weight = np.zeros((len(heard), len(known)))
+    weight[keep] = likely(state, noise, np.concatenate([heard[keep, :3], std[keep]], 1), known, place)
+    ratio = common[:, None] * level[:, double.astype(int)] * weight * np.where(double, DOUBLE_SHARE, 1.0)
+    lines, line = mean[5:].reshape(-1, 2), np.zeros((*ratio.shape, 2))
+    for m, h in np.argwhere(ratio > least[:, None]):
+        last, first = known[h]
+        image = mean[:2] + heard[m, 0] * unit(mean[4] + heard[m, 2])
+        source = mirror(lines[first], place[:2]) if first >= 0 else place[:2]
+        line[m, h] = line_between(source, mirror(lines[last], image) if last >= 0 else image)
+    return np.where(ratio > least[:, None], ratio, 0.0), line
+
+
+def likely(state: Array, noise: Array, heard: Array, known: Whole, place: Array) -> Array:
+    """Mean of f(AoD) / span for measurements with deviations (M, 6) and hypotheses, (M, H)."""
+    samples = min(state.shape[1], noise.shape[1])
+    state, noise = state[:, :samples], noise[:, :samples]
+    agent, weight = state[:3], np.zeros((len(heard), len(known)))
+    surfaces, anchor = lines_of(state), np.broadcast_to(place[:2], (samples, 2))
+    for m, (distance, departure, arrival, distance_std, departure_std, arrival_std) in enumerate(heard):
+        reach = distance + distance_std * noise[0]
+        bearing = arrival + arrival_std * noise[1] + agent[2]
+        image = agent[:2].T + reach[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], -1)
+        for h, (last, first) in enumerate(known):
+            end = mirror(surfaces[last], image) if last >= 0 else image
+            source = mirror(surfaces[first], anchor) if first >= 0 else anchor
+            span = np.linalg.norm(end - source, axis=1)
+            normal = (end - source) / np.maximum(span, 1e-12)[:, None]
+            fresh = np.stack(
+                [np.arctan2(normal[:, 1], normal[:, 0]), 0.5 * (normal * (end + source)).sum(1)], -1
+            )
+            double = last >= 0 or first >= 0
+            drawn = trace(
+                agent[:2].T,
+                anchor,
+                surfaces[last] if last >= 0 else fresh,
+                surfaces[first] if first >= 0 else fresh,
+                np.full(samples, 2 if double else 1),
+            )
+            density = np.full(samples, 1 / (2 * np.pi))
+            if departure_std < 1e6:
+                gap = wrap(departure - (drawn.departure - place[2])) / departure_std
+                density = np.exp(-0.5 * gap**2) / (departure_std * np.sqrt(2 * np.pi))
+            good = drawn.valid & (span > 1e-2) & (reach > 0)
+            weight[m, h] = np.where(good, density / np.maximum(span, 1e-12), 0.0).mean()
+    return weight
+
+
+def glance(
+    mean: Array, hit: Whole, fresh: Array, anchor: int, places: Array, occupied: Array, frame: Array
+) -> Array:
+    """Twin of `kernels.births.glance`: V of every birth's path, -1 where it is impossible, (B,)."""
+    lines, place, validity = mean[5:].reshape(-1, 2), places[anchor, :2], np.full(len(hit), -1.0)
+    for b, (last, first) in enumerate(hit):
+        ends = [lines[n] if n >= 0 else fresh[b] for n in (last, first)]
+        count = 2 if (hit[b] >= 0).any() else 1
+        drawn = trace(mean[None, :2], place[None], ends[0][None], ends[1][None], np.array([count]))
+        if drawn.valid[0]:
+            points = [drawn.first_point[0], drawn.last_point[0]][2 - count :]
+            normals = unit(np.array([ends[1][0], ends[0][0]]))[2 - count :]
+            corners = np.stack([place, *points, mean[:2]])
+            crossed, met = cells_of(corners, normals, frame, occupied.shape[1:])
+            through = np.prod(1 - occupied[0][tuple(crossed.T)])
+            bounce = [1 - np.prod(1 - occupied[1][tuple(c.T)]) if len(c) else frame[3] for c in met]
+            validity[b] = through * np.prod(bounce)
+    return validity

@@ -1,0 +1,99 @@
+"""Twins of the kernels that update agent, surfaces and rays, and judge the fit, from general formulas."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.geometry import wrap
+from gridslam.twins.gaussian import correct
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.int32]
+SURE, WORST, MEASURED = 0.9, 30.0, 1e11
+
+
+def exist(
+    path: Whole, prior: Array, odds: Array, ratio: Array, nu: Array, surface: Array, sight: Array,
+    single: Array, double: Array,
+) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
+    """Twin of `kernels.existence.exist`: surfaces, lines of sight, rays over one and two; worth (L,)."""
+    bounces, last, first, anchor = path.T
+    worth = (nu * ratio).sum(1) + 1 - prior[3]
+    chance = prior[1] * odds[0]
+    ahead = chance * worth + 1 - chance
+    after = prior[0] * ahead / (prior[0] * ahead + 1 - prior[0])
+    sight, single, double = sight.copy(), single.copy(), double.copy()
+    sight[anchor[bounces == 0]] = after[bounces == 0]
+    single[anchor[bounces == 1], last[bounces == 1]] = after[bounces == 1]
+    double[anchor[bounces == 2], last[bounces == 2], first[bounces == 2]] = after[bounces == 2]
+    whole, log = odds[1] * worth + 1 - odds[1], np.zeros(len(surface))
+    for own, other in ((last, first), (first, last)):
+        rows = np.flatnonzero((bounces == 2) | ((bounces == 1) & (own is last)))
+        partner = np.where(bounces[rows] == 1, 1.0, surface[other[rows]])
+        np.add.at(log, own[rows], np.log(np.maximum(partner * whole[rows] + 1 - partner, 1e-12)))
+    total = np.log(np.maximum(surface, 1e-12)) - np.log(np.maximum(1 - surface, 1e-9)) + log
+    surface = np.clip(1 / (1 + np.exp(-np.clip(total, -40, 40))), 0, 1 - 1e-7)
+    return surface, sight, single, double, worth
+
+
+def fit(
+    path: Whole, index: Whole, pair: Array, predicted: Array, share: Array, responsible: Array, heard: Array,
+    blocks: Array, radio: Array, turned: float, sums: Array,
+) -> Array:  # fmt: skip
+    """Twin of `kernels.fitting.fit`: the sums afterwards, (9,)."""
+    loud, sums = heard[:, 7] > 0.5, sums.copy()
+    sums[6] += np.minimum(responsible.sum(0), 1.0)[loud].sum()
+    sums[7] += loud.sum()
+    sure = np.flatnonzero(share > SURE)
+    rows, heard_rows = index[sure].T
+    known = pair[sure, 3:6] < MEASURED
+    gap = pair[sure, :3] - predicted[rows, :3]
+    gap[:, 1:] = wrap(gap[:, 1:])
+    gap = np.where(known, gap, 0.0)
+    spread = predicted[rows, 3:].reshape(-1, 3, 3) + pair[sure, 3:6, None] * np.eye(3)
+    square = (gap * np.linalg.solve(spread, gap[..., None])[..., 0]).sum(1)
+    sums[0] += np.minimum(square, WORST).sum()
+    sums[1] += known.sum()
+    direct = path[rows, 0] == 0
+    left = direct & known[:, 1]
+    sums[2] += ((turned - gap[left, 1]) / spread[left, 1, 1]).sum()
+    sums[3] += (1 / spread[left, 1, 1]).sum()
+    amplitude = heard[heard_rows, 6]
+    strong = direct & known[:, 0] & (amplitude >= 0)
+    level = radio[7] / np.maximum(pair[sure, 0][strong], 1e-3)
+    variance = 0.5 + level**2 / (4 * radio[8])
+    measured = np.sqrt(np.maximum(amplitude[strong] ** 2 - variance, 0.0))
+    clear = measured > 2 * radio[9]
+    sums[4] += (level * measured / variance)[clear].sum()
+    sums[5] += (level**2 / variance)[clear].sum()
+    sums[8] = min(sums[8], effective_sample_size(blocks[len(path) + sure]).min(initial=np.inf))
+    return sums
+
+
+def effective_sample_size(blocks: Array) -> Array:
+    """Effective number of the particles behind each pair (K,), from sums of weights over blocks of them.
+
+    Blocks are sums of independent weights, so their spread tells that of the weights.
+    """
+    particles, sums = 64 * blocks.shape[1], blocks.astype(np.float64)
+    spread = 64 * sums.var(1) / np.maximum(sums.mean(1) ** 2, 1e-200)
+    return np.asarray(np.maximum(particles / (1 + np.minimum(spread, 1e12)), 1.0))
+
+
+def update(
+    mean: Array, covariance: Array, path: Whole, start: Whole, index: Whole, pair: Array, prior: Array,
+    odds: Array, ratio: Array, beta: Array, nu: Array, place: Array, predicted: Array, heard: Array,
+    blocks: Array, radio: Array, turned: float, surface: Array, sight: Array, single: Array, double: Array,
+    sums: Array,
+) -> dict[str, Array]:  # fmt: skip
+    """Twin of `kernels.updates.update`: what it writes, by the names of its arguments."""
+    mean, covariance, share, responsible = correct(
+        mean, covariance, path, start, index, pair, odds, beta, nu, place
+    )
+    after = fit(path, index, pair, predicted, share, responsible, heard, blocks, radio, turned, sums)
+    there = exist(path, prior, odds, ratio, nu, surface, sight, single, double)
+    told = dict(zip(("surface", "sight", "single", "double", "worth"), there, strict=True))
+    return told | {
+        "mean": mean, "covariance": covariance, "share": share, "responsible": responsible, "sums": after
+    }  # fmt: skip

@@ -1,0 +1,70 @@
+"""How well measurements fit the paths that surely caused them: what a filter learns of itself and its radio."""
+
+import taichi as ti
+
+from gridslam.kernels import PATH_BLOCK
+from gridslam.kernels.gaussian import MEASURED, innovation_of
+from gridslam.kernels.radio import AT_1M, SAMPLES, THRESHOLD
+
+SURE = 0.9
+"""Probability from which an association counts as sure."""
+WORST = 30.0
+"""Normalised innovation squared at which one path's is cut off."""
+SUMS = 9
+"""Misfit, degrees of freedom; turn and its precision; gain times its precision and that; explained, loud; and
+the least effective number of particles."""
+
+
+@ti.func
+def fit(
+    path: ti.template(), index: ti.template(), pair: ti.template(), predicted: ti.template(),
+    share: ti.template(), responsible: ti.template(), heard: ti.template(), blocks: ti.template(),
+    radio: ti.template(), turned, sums: ti.template(),
+):  # fmt: skip
+    """Add what the pairs say that are sure; explained are the loud measurements that some path caused.
+
+    The line of sight says how an anchor faces and how strong it sends: no wall takes part. Arguments as of
+    `kernels.updates.update`.
+    """
+    paths, count = path.shape[0], blocks.shape[1]
+    for m in range(heard.shape[0]):
+        if heard[m, 7] > 0.5:
+            total = ti.cast(0.0, ti.f64)
+            for row in range(paths):
+                total += responsible[row, m]
+            sums[6] += ti.min(total, 1.0)
+            sums[7] += 1.0
+    for k in range(share.shape[0]):
+        if share[k] > SURE:
+            row, m = index[k, 0], index[k, 1]
+            value = ti.Vector([predicted[row, 0], predicted[row, 1], predicted[row, 2]], dt=ti.f64)
+            core = ti.Matrix.zero(ti.f64, 3, 3)
+            for i in ti.static(range(3)):
+                for j in ti.static(range(3)):
+                    core[i, j] = predicted[row, 3 + 3 * i + j]
+            gap, noisy = innovation_of(pair, k, value, core)
+            sums[0] += ti.min(gap.dot(noisy.inverse() @ gap), WORST)
+            for i in ti.static(range(3)):
+                sums[1] += 1.0 if pair[k, 3 + i] < MEASURED else 0.0
+            if path[row, 0] == 0:
+                if pair[k, 4] < MEASURED:
+                    sums[2] += (turned - gap[1]) / noisy[1, 1]
+                    sums[3] += 1 / noisy[1, 1]
+                amplitude = heard[m, 6]
+                if pair[k, 3] < MEASURED and amplitude >= 0:
+                    level = radio[AT_1M] / ti.max(pair[k, 0], 1e-3)
+                    square = 0.5 + level * level / (4 * radio[SAMPLES])
+                    measured = ti.sqrt(ti.max(amplitude * amplitude - square, 0.0))
+                    if measured > 2 * radio[THRESHOLD]:  # fainter ones are biased by the threshold
+                        sums[4] += level * measured / square
+                        sums[5] += level * level / square
+            mean, squares = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+            for block in range(count):
+                mean += blocks[paths + k, block] / count
+            for block in range(count):
+                off = blocks[paths + k, block] - mean
+                squares += off * off / count
+            # blocks are sums of independent weights, so their spread tells that of the weights
+            spread = ti.min(PATH_BLOCK * squares / ti.max(mean * mean, 1e-200), 1e12)
+            number = ti.max(count * PATH_BLOCK / (1 + spread), 1.0)
+            sums[8] = ti.min(sums[8], number)

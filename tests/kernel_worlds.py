@@ -1,0 +1,65 @@
+"""Random worlds for tests of kernels."""
+
+import numpy as np
+
+BINS = 20
+
+
+def random_world(draw, particles, kind, spread=0.05, surfaces=4):
+    """States of agents near one place and lines near some walls, and all paths over them."""
+    agent = np.concatenate([draw.uniform(-4, 4, (2, 1)), draw.uniform(-3, 3, (1, 1))])
+    agent = (agent + spread * draw.normal(size=(3, particles))).astype(kind)
+    angle = draw.uniform(-np.pi, np.pi, (surfaces, 1)) + 0.02 * draw.normal(size=(surfaces, particles))
+    offset = draw.uniform(-6, 6, (surfaces, 1)) + spread * draw.normal(size=(surfaces, particles))
+    state = np.empty((3 + 3 * surfaces, particles), kind)
+    state[:3], state[3::3], state[4::3], state[5::3] = agent, np.cos(angle), np.sin(angle), offset
+    path = [[0, -1, -1]] + [[1, s, s] for s in range(surfaces)]
+    path += [[2, s, r] for s in range(surfaces) for r in range(surfaces) if s != r]
+    place = np.array([*draw.uniform(-5, 5, 2), draw.uniform(-3, 3)], kind)
+    return state, np.array(path, np.int32), place
+
+
+def random_belief(draw, surfaces):
+    """Mean and correlated covariance of an agent and some surfaces, and all paths over them."""
+    mean = np.concatenate([draw.uniform(-4, 4, 2), draw.normal(0, 0.1, 2), draw.uniform(-3, 3, 1)])
+    lines = np.stack([draw.uniform(-3, 3, surfaces), draw.uniform(1, 6, surfaces)], -1)
+    mean = np.concatenate([mean, lines.ravel()])
+    root = 0.03 * draw.normal(size=(len(mean), len(mean)))
+    path = [[0, -1, -1, 0]] + [[1, s, s, 0] for s in range(surfaces)]
+    path += [[2, s, r, 0] for s in range(surfaces) for r in range(surfaces) if s != r]
+    return mean, root @ root.T + 1e-5 * np.eye(len(mean)), np.array(path, np.int32)
+
+
+def random_bank(draw, surfaces, anchors):
+    """Existence, owners, detections, and existence of rays: by anchors, over one surface and over two."""
+    existence = draw.choice([0.1, 0.5, 0.95, 0.999], surfaces) * draw.uniform(0.9, 1, surfaces)
+    owner = draw.choice([-1, -1, *range(anchors)], surfaces)
+    return (
+        existence, owner.astype(np.int64), draw.integers(0, 60, surfaces), draw.uniform(0, 1, anchors),
+        draw.uniform(0, 1, (anchors, surfaces)), draw.uniform(0, 1, (anchors, surfaces, surfaces)),
+    )  # fmt: skip
+
+
+def random_radio(draw, given_std=False, flat_array=False):
+    """What kernels take of a radio."""
+    here = [0.0, 0.0] if flat_array else [0.3, 0.1]
+    return np.array([0.5, 0.02 * given_std, 0.4, 0.2, *here, 30.0, draw.uniform(20, 90), 200.0, 2.0, 1.5])
+
+
+def random_table(draw, count, near=None, off=0.05):
+    """Measurements as kernels take them, every second one next to one of the values `near` (L, 3)."""
+    table = np.zeros((count, 9))
+    table[:, :3] = draw.uniform([1, -3, -3], [9, 3, 3], (count, 3))
+    if near is not None and len(near) and count:  # across the wrap of an angle, too
+        chosen = near[draw.integers(0, len(near), len(table[::2]))]
+        table[::2, :3] = chosen + np.array([off, 2 * off, 2 * np.pi - 2 * off])
+    table[:, 3:6] = draw.choice([0.0, 0.0, -1.0, 0.05], (count, 3))
+    table[:, :3][table[:, 3:6] < 0] = 0.0
+    table[:, 6] = draw.choice([-1.0, 2.5, 8.0, 30.0], count)
+    table[:, 7], table[:, 8] = draw.integers(0, 2, count), draw.uniform(0, 1, count)
+    return table
+
+
+def detection_table():
+    """p_d over ``0, 0.5, ...``."""
+    return 1 / (1 + np.exp(-(0.5 * np.arange(80) - 4))), 0.5

@@ -1,0 +1,246 @@
+"""Kernels that list rays, propose births, tidy surfaces and teach cells, against their twins."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from kernel_worlds import (
+    BINS,
+    detection_table,
+    random_bank,
+    random_belief,
+    random_radio,
+    random_table,
+    random_world,
+)
+
+from gridslam import runtime, twins
+from gridslam.geometry import line_between, mirror, wrap
+from gridslam.inference.proposals import SAMPLES
+from gridslam.signal import REFLECTION_BINS
+
+runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
+seeds = st.integers(0, 2**32 - 1)
+
+
+def places_of(draw, anchors):
+    return np.column_stack([draw.uniform(-5, 5, (anchors, 2)), draw.uniform(-3, 3, anchors)])
+
+
+@given(seeds, st.integers(0, 4), st.integers(0, 2))
+@settings(max_examples=40, deadline=None)
+def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces):
+    from gridslam.kernels.rays import foresee
+
+    draw, anchors = np.random.default_rng(seed), 2
+    mean, covariance, _ = random_belief(draw, surfaces)
+    surface, owner, _, sight, single, double = random_bank(draw, surfaces, anchors)
+    into = 1, bounces, mean, covariance, places_of(draw, anchors), surface, owner, sight, single, double
+    room = 1 + surfaces**2
+    path, existence, together = np.zeros((room, 4), np.int32), np.zeros(room), np.zeros(room)
+    predicted, found = np.zeros((room, 12)), np.zeros(1, np.int32)
+    foresee(*into, path, existence, together, predicted, found)
+    count = int(found[0])
+    rays, own, both, whole = twins.foresee(*into)
+    np.testing.assert_array_equal(path[:count], rays)
+    np.testing.assert_allclose(existence[:count], own, rtol=1e-6)
+    np.testing.assert_allclose(together[:count], both, rtol=1e-9)
+    far = whole[:, 0] > 0.1  # next to its image, an agent has no direction to it
+    predicted = predicted[:count][far]
+    np.testing.assert_allclose(predicted[:, 0], whole[far, 0], rtol=1e-9)
+    np.testing.assert_allclose(wrap(predicted[:, 1:3] - whole[far, 1:3]), 0, atol=1e-6)
+    np.testing.assert_allclose(predicted[:, 3:], whole[far, 3:], rtol=1e-6, atol=1e-9)
+
+
+@given(seeds, st.integers(0, 4), st.sampled_from([1, 2]))
+@settings(max_examples=40, deadline=None)
+def test_reported_paths_equal_their_twin(seed, surfaces, bounces):
+    from gridslam.kernels.rays import report
+
+    draw, anchors = np.random.default_rng(seed), 2
+    mean, _, _ = random_belief(draw, surfaces)
+    surface, owner, _, sight, single, double = random_bank(draw, surfaces, anchors)
+    state = np.concatenate([mean[[0, 1, 4]], np.zeros(3 * surfaces)])
+    state[3::3], state[4::3], state[5::3] = np.cos(mean[5::2]), np.sin(mean[5::2]), mean[6::2]
+    into = bounces, 0.2, mean, places_of(draw, anchors), surface, owner, sight, single, double, state[:, None]
+    room = anchors * (1 + surfaces**2)
+    path, told = np.zeros((room, 4), np.int32), np.zeros((room, 4))
+    drawn, found = np.zeros((room, 13)), np.zeros(1, np.int32)
+    report(*into, path, told, drawn, found)
+    count = int(found[0])
+    rays, numbers, corners = twins.report(*into)
+    np.testing.assert_array_equal(path[:count], rays)
+    far = numbers[:, 1] > 0.1
+    np.testing.assert_allclose(told[:count, :2], numbers[:, :2], rtol=1e-9)
+    np.testing.assert_allclose(wrap(told[:count, 2:] - numbers[:, 2:])[far], 0, atol=1e-6)
+    near = np.abs(corners).max((1, 2), initial=0) < 1e3
+    np.testing.assert_allclose(drawn[:count, :8].reshape(-1, 4, 2)[near], corners[near], rtol=1e-6, atol=1e-6)
+
+
+@given(seeds, st.integers(0, 3), st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_loud_measurements_near_a_path_equal_their_twin(seed, surfaces, given_std):
+    from gridslam.kernels.rays import near
+
+    draw, anchors = np.random.default_rng(seed), 2
+    mean, covariance, path = random_belief(draw, surfaces)
+    surface, owner, *_ = random_bank(draw, surfaces, anchors)
+    places = places_of(draw, anchors)
+    start = np.append(0, np.cumsum(draw.integers(0, 4, anchors))).astype(np.int32)
+    value, _, _ = twins.predict(mean, covariance, path[: 1 + surfaces], places)
+    heard = random_table(draw, int(start[-1]), value, draw.choice([0.01, 0.4]))
+    radio = np.stack([random_radio(draw, given_std) for _ in range(anchors)])
+    claimed = np.full(len(heard), -1, np.int32)
+    into = mean, covariance, places, surface, owner, start, heard, radio
+    near(*into, claimed)
+    np.testing.assert_array_equal(claimed, twins.near(*into))
+
+
+@given(seeds, st.booleans(), st.sampled_from([SAMPLES // 2, SAMPLES, 2 * SAMPLES]))
+@settings(max_examples=25, deadline=None)
+def test_birth_proposals_equal_their_twin(seed, with_departure, particles):
+    from gridslam.kernels.births import propose
+
+    draw = np.random.default_rng(seed)
+    state, _, place = random_world(draw, particles, np.float32, surfaces=2)
+    place, radio = place.astype(np.float64), random_radio(draw)
+    mean = np.concatenate([state[:2, 0], [0.0, 0.0], state[2:3, 0], twins.lines_of(state)[:, 0].ravel()])
+    mean = mean.astype(np.float64)
+    heard = random_table(draw, 5)
+    heard[:, 4] = 0.3 if with_departure else -1.0
+    known = np.array([[-1, -1], [-1, 0], [0, -1], [1, -1], [-1, 1]], np.int32)[: draw.choice([1, 5])]
+    explained, noise = draw.choice([0.0, 1.0, 1e4], 5), draw.normal(size=(2, SAMPLES))
+    ratio, line = np.full((5, len(known)), np.nan), np.full((5, len(known), 2), np.nan)
+    into = state, noise, mean, heard, explained, known, place, radio, 0.1 / (4 * np.pi * 8)
+    propose(*into, ratio, line)
+    expected, lines = twins.propose(*into)
+    sure = (
+        np.abs(expected - np.maximum(1e-3, 1e-3 * explained)[:, None]) > 1e-4
+    )  # not next to what is dropped
+    np.testing.assert_allclose(ratio[sure], expected[sure], rtol=3e-3, atol=2e-3)
+    born = (ratio > 0) & (expected > 0)
+    turned = np.cos(line[born][:, 0] - lines[born][:, 0])  # one line has two normals
+    np.testing.assert_allclose(np.abs(turned), 1, atol=1e-6)
+    np.testing.assert_allclose(np.sign(turned) * line[born][:, 1], lines[born][:, 1], atol=1e-5)
+
+
+@given(seeds, st.integers(0, 3))
+@settings(max_examples=40, deadline=None)
+def test_a_glance_at_births_equals_its_twin(seed, surfaces):
+    from gridslam.kernels.births import glance
+    from gridslam.kernels.bundles import LANES, LINES, PLACES
+
+    draw = np.random.default_rng(seed)
+    mean, _, _ = random_belief(draw, surfaces)
+    places, shape = places_of(draw, 2), (17, 23)
+    occupied = draw.uniform(0.001, 0.5, (2, *shape)).astype(np.float32)
+    frame = np.array([-4.0, -3.0, 0.41, 0.1, 12.0, 0.0])  # much is outside
+    hit = np.array([[-1, -1]] * 3 + [p for s in range(surfaces) for p in ((-1, s), (s, -1))], np.int32)
+    fresh = np.stack([draw.uniform(-3, 3, len(hit)), draw.uniform(-5, 5, len(hit))], -1)
+    validity = np.full(len(hit), np.nan)
+    glance(
+        mean, hit, fresh, 1, places, occupied, frame, np.empty((1, LINES, LANES)),
+        np.empty((1, PLACES, LANES), np.int32), np.empty((6 + 3 * surfaces, 1)), np.empty((1, 4), np.int32),
+        np.empty((1, 14)), validity,
+    )  # fmt: skip
+    expected = twins.glance(mean, hit, fresh, 1, places, occupied, frame)
+    np.testing.assert_allclose(validity, expected, rtol=1e-5)
+
+
+@given(seeds, st.integers(0, 5))
+@settings(max_examples=80, deadline=None)
+def test_duplicates_equal_their_twin(seed, surfaces):
+    from gridslam.kernels.tidying import duplicate
+
+    draw = np.random.default_rng(seed)
+    mean, covariance, _ = random_belief(draw, surfaces)
+    foot, owner = draw.uniform(-3, 3, surfaces), draw.choice([-1, 0], surfaces).astype(np.int64)
+    for copy in range(1, surfaces, 2):  # nearly one line with the one before, maybe by its opposite normal
+        mean[5 + 2 * copy : 7 + 2 * copy] = mean[3 + 2 * copy : 5 + 2 * copy] + 0.1 * draw.normal(size=2)
+        if draw.random() < 0.5:
+            mean[5 + 2 * copy], mean[6 + 2 * copy] = wrap(mean[5 + 2 * copy] + np.pi), -mean[6 + 2 * copy]
+    found, tie = np.full(2, -9, np.int32), np.full((2, 5), np.nan)
+    duplicate(mean, covariance, foot, owner, found, tie)
+    expected = twins.duplicate(mean, covariance, foot, owner)
+    if expected is None:
+        assert found.tolist() == [-1, -1]
+        return
+    older, younger, jacobian, residual = expected
+    assert found.tolist() == [older, younger]
+    entry = [5 + 2 * older, 6 + 2 * older, 5 + 2 * younger, 6 + 2 * younger]
+    np.testing.assert_allclose(tie[:, :4], jacobian[:, entry], atol=1e-6)
+    np.testing.assert_allclose(tie[:, 4], residual, atol=1e-6)
+
+
+@given(seeds, st.integers(2, 6))
+@settings(max_examples=80, deadline=None)
+def test_ghosts_equal_their_twin(seed, surfaces):
+    from gridslam.kernels.tidying import haunt
+
+    draw, anchors = np.random.default_rng(seed), 2
+    mean, covariance, _ = random_belief(draw, surfaces)
+    existence, _, _, _, single, _ = random_bank(draw, surfaces, anchors)
+    covariance *= draw.choice([0.01, 1.0, 30.0])
+    places, seen = places_of(draw, anchors)[:, :2].copy(), draw.choice([3, 12, 60], surfaces)
+    existence[:2], seen[:2], single[:] = 0.999, 60, draw.choice([0.05, 0.9], single.shape, p=[0.8, 0.2])
+    lines = mean[5:].reshape(-1, 2)
+    for ghost in range(2, surfaces):  # at or near where the double bounce of the first two seems to come from
+        image = mirror(lines[0], mirror(lines[1], places[0]))
+        line = line_between(places[0], image + draw.choice([0.0, 0.1, 0.6]) * draw.normal(size=2))
+        mean[5 + 2 * ghost : 7 + 2 * ghost] = line
+        existence[ghost] = draw.choice([0.5, 0.99])
+    ghosts = np.full(surfaces, -1, np.int32)
+    into = mean, covariance, existence, seen.astype(np.int64), single, places
+    haunt(*into, ghosts)
+    np.testing.assert_array_equal(ghosts, twins.haunt(*into))
+
+
+@given(seeds, st.sampled_from([1, 5, 48]))
+@settings(max_examples=30, deadline=None)
+def test_coefficients_recalled_and_learned_equal_their_twins(seed, rays):
+    from gridslam.kernels.coefficients import BINS as OWN
+    from gridslam.kernels.coefficients import learn, recall
+    from gridslam.kernels.paths import polylines
+
+    assert len(REFLECTION_BINS) == OWN == BINS, "kernels can't import it, and hold so many on the stack"
+    draw = np.random.default_rng(seed)
+    state, path, place = random_world(draw, rays, np.float64, surfaces=3)
+    path, drawn = np.pad(path, ((0, 0), (0, 1))), np.zeros((len(path) * rays, 13))
+    polylines(state, path, place[None], drawn)
+    drawn = np.pad(drawn, ((0, 0), (0, 1)))
+    held = draw.normal(0, draw.choice([0.1, 30.0]), (9, 11, BINS))  # some so sure that all else is impossible
+    surface = draw.dirichlet(np.full(BINS, 0.2), 3)
+    frame = np.array([-3.0, -2.0, 0.7, 0.05])  # some hits are outside
+    belief = np.full((len(path), 2 * BINS), np.nan)
+    recall(drawn, path, held, surface, frame, belief)
+    np.testing.assert_allclose(belief.sum(1), 1, rtol=1e-9)
+    np.testing.assert_allclose(belief, twins.recall(drawn, path, held, surface, frame), atol=1e-9)
+    told = draw.uniform(0, 1, (5, len(path)))
+    told[0], told[3] = draw.integers(0, 2, len(path)), draw.choice([0.0, 0.01, 0.6, 1.2], len(path))
+    told[4] *= 12
+    pair = np.sort(draw.integers(0, len(path), 6)).astype(np.int32)
+    said = np.stack([draw.choice([-1.0, 2.5, 9.0, 40.0], 6), draw.choice([1e-5, 0.3, 1.0], 6)])
+    (table, step), radio = detection_table(), random_radio(draw)
+    into = drawn, path, told, pair, said, table, step, radio, frame
+    beliefs, cells = twins.learn(*into, surface, held)
+    learn(*into, np.empty(3), surface, held)
+    np.testing.assert_allclose(surface, beliefs, rtol=1e-5, atol=1e-12)
+    np.testing.assert_allclose(held, cells, rtol=1e-6, atol=1e-5)
+
+
+@given(seeds, st.integers(1, 140), st.integers(0, 3))
+@settings(max_examples=30, deadline=None)
+def test_absorbed_messages_equal_their_twin(seed, columns, slabs):
+    from gridslam.kernels.occupancy import absorb
+
+    draw, shape = np.random.default_rng(seed), (3, columns)
+    message, before = draw.normal(0, 3, (slabs, *shape)), draw.normal(0, 8, shape)
+    message[:, draw.random(shape) < 0.5] = 0.0
+    clear, observed = (draw.random((2, *shape)) < 0.2).astype(np.uint8)
+    evidence, occupied = np.full(shape, np.nan), np.full((2, *shape), np.nan, np.float32)
+    expected = twins.absorb(message, before, clear, -2.0, 12.0, observed)
+    absorb(message, before, clear, -2.0, 12.0, evidence, observed, occupied)
+    np.testing.assert_allclose(evidence, expected[0], rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(observed, expected[1])
+    np.testing.assert_allclose(occupied, expected[2], rtol=1e-4)
+    assert not message.any()
