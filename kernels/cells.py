@@ -71,8 +71,10 @@ def cast(
     occupied: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [2, ny, nx] o of a traversed cell, of a hit one in V
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [6] origin x, y, side, factor outside, clip, least share
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 14] out: corners, normals, possible or not, V
-    seen: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 6] out: mean V where possible, share of states at which
-    # it is, mean of the first and of the second corner
+    seen: ti.types.ndarray(
+        dtype=ti.f64, ndim=2
+    ),  # [L, 6] out: mean V where possible, share of states where it
+    # is, mean of the first and of the second corner
     line: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [SLABS, LINES, LANES] scratch
     place: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [SLABS, PLACES, LANES] scratch
     scratch: ti.types.ndarray(dtype=ti.f32, ndim=4),  # [SLABS, ny, nx, 3] zero on entry and exit

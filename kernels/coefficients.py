@@ -11,8 +11,8 @@ from gridslam.kernels.radio import AT_1M, SAMPLES, log_rician
 BINS = 20
 """Bins of a coefficient's belief; products of two have twice as many nodes."""
 SEND, THERE, CHANCE, SHARE, LENGTH = range(5)
-"""Rows of `told`: whether a path says anything of cells; existence of its surfaces; chance that it is there to be
-heard; probability that it caused a measurement; its length."""
+"""Rows of `told`: whether a path says anything of cells; existence of its surfaces; chance that it is there;
+probability that it caused a measurement; its length."""
 FAINT = 1e-3
 """Probability of an association below which it says nothing about coefficients."""
 AUDIBLE = 0.05

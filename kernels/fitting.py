@@ -1,4 +1,4 @@
-"""How well measurements fit the paths that surely caused them: what a filter learns of itself and its radio."""
+"""How well measurements fit the paths that surely caused them: what a filter learns of itself and radio."""
 
 import taichi as ti
 

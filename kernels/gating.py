@@ -31,7 +31,7 @@ def gate(
     kept: ti.f64,  # share of the belief's covariance that each particle keeps
     density: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [2, M, K] scratch
     detected: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] out: p_d
-    strength: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [2, L, M] out: amplitude's ratio to clutter, its mean
+    strength: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [2, L, M] out: amplitude's ratio to clutter; mean
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] out: where the pairs of each path begin
     index: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L M, 2] out: path and measurement
     pair: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L M, 8] out: z, variances, density, determinant
@@ -41,7 +41,18 @@ def gate(
     ti.loop_config(serialize=True)
     for _ in range(1):
         weigh(
-            belief, nodes, spreading, predicted, worth, heard, chance, step, radio, density, detected, strength
+            belief,
+            nodes,
+            spreading,
+            predicted,
+            worth,
+            heard,
+            chance,
+            step,
+            radio,
+            density,
+            detected,
+            strength,
         )
         known = 0
         start[0] = 0

@@ -219,8 +219,6 @@ def correct(
             total += beta[row, m] * nu[row, m]
         sure[row] = total / (total + odds[3, row])
     for turn in range(sorted_by(sure, UNHEARD, path.shape[0], order)):
-        correct_by(
-            order[turn], mean, covariance, path, start, index, pair, odds, nu, place, scratch, share
-        )
+        correct_by(order[turn], mean, covariance, path, start, index, pair, odds, nu, place, scratch, share)
     for k in range(share.shape[0]):
         responsible[index[k, 0], index[k, 1]] = share[k]

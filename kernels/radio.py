@@ -5,8 +5,8 @@ import taichi as ti
 from gridslam.kernels.functions import cos_of, decay_of, logarithm_of, sin_of
 
 SCALE, GIVEN, THERE, HERE, SPAN, AT_1M, SAMPLES, THRESHOLD, FALSE_ALARMS = 0, 1, 2, 4, 6, 7, 8, 9, 10
-"""Places of `SignalModel.numbers`: sigma_d times u; sigma_d if given, else 0; apertures of anchor and agent (2
-each); longest distance; u at 1 m; number of samples; threshold; mean clutter."""
+"""Places of `SignalModel.numbers`: sigma_d times u; sigma_d if given, else 0; apertures of anchor and agent
+(2 each); longest distance; u at 1 m; number of samples; threshold; mean clutter."""
 FLOOR = -25.0
 """Log of the Rayleigh density that clutter has at least, or a ratio to it would overflow."""
 TURN_SQUARED = 39.47841760435743

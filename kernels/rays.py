@@ -106,7 +106,7 @@ def report(
                             path[n, 0], path[n, 1], path[n, 3] = kind, last, anchor
                             path[n, 2] = first if kind > 0 else -1
                             draw_path(state, path, places, n, 0, drawn)
-                            value, slope = path_of(mean, place, kind, last, first)
+                            value = path_of(mean, place, kind, last, first)[0]
                             told[n, 0] = chance
                             for q in ti.static(range(3)):
                                 told[n, 1 + q] = value[q]

@@ -32,7 +32,7 @@ def duplicate(
     found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] out: older and younger, -1 for none
     tie: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, 5] out: derivatives by the lines of both; residual
 ):
-    """Find the youngest surface that is one with an older one, by gap at the place where it was hit and turn."""
+    """Find the youngest surface that is one with an older one: by turn, and gap where it was hit."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         found[0], found[1] = -1, -1
@@ -110,7 +110,7 @@ def fit_for_it(s, covariance: ti.template(), surface: ti.template(), seen: ti.te
 def explains(
     g, s, r, mean: ti.template(), covariance: ti.template(), single: ti.template(), places: ti.template()
 ):
-    """Whether the double bounce over last `s` and first `r` makes the virtual anchor of `g`, for any anchor."""
+    """Whether the double bounce over last `s` and first `r` makes the virtual anchor of `g`, any anchor's."""
     yes, most = False, ti.cast(0.0, ti.f64)
     for anchor in range(places.shape[0]):
         most = ti.max(most, single[anchor, g])
