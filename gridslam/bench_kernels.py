@@ -32,7 +32,7 @@ class KernelSpeed:
     ----------
     name, scene, unit : str
         The scene in which the case was taken, and what is counted: "path-particle", "cell visit", "path-ray",
-        "path", "pair", "sample", "measurement", "cell".
+        "path", "pair", "sample", "measurement", "cell", "entry".
     units : int
         How many of them the case has.
     kernel_s, twin_s : float
@@ -174,11 +174,11 @@ CONTESTS = {
     "glance": Contest("path", twins.glance, lambda case: len(case["hit"]), ("hit",)),
     "haunt": Contest("pair", twins.haunt, lambda case: len(case["surface"]) ** 2, ("surface",)),
     "learn": Contest("path", twins.learn, _paths, changes=("surface", "held")),
-    "near": Contest("measurement", twins.near, lambda case: len(case["heard"]), ("places",)),
+    "near": Contest("measurement", twins.near, lambda case: len(case["heard"]), ("path", "heard")),
     "polylines": Contest("path-ray", twins.polylines, _path_particles),
+    "prepare": Contest("entry", twins.prepare, lambda case: case["covariance"].size, ("mean",)),
     "propose": Contest("sample", twins.propose, _samples, ("heard",)),
     "recall": Contest("path", twins.recall, _paths),
-    "report": Contest("path", twins.report, _listed, ("places",), size=_surfaces),
     "update": Contest(
         "path", twins.update, _paths, ("path", "share", "heard"),
         changes=("mean", "covariance", "surface", "sight", "single", "double", "sums"),

@@ -11,3 +11,6 @@ UNMEASURED = 1e12
 
 FAINTEST = 0.3
 """Amplitude below which accuracy is taken to get no worse: nothing fainter is detected."""
+
+OFTEN = 10
+"""Detections from which on a surface may take a ghost's place."""

@@ -3,7 +3,7 @@
 import taichi as ti
 
 from gridslam.kernels import PATH_BLOCK
-from gridslam.kernels.gaussian import MEASURED, innovation_of
+from gridslam.kernels.gaussian import MEASURED, innovation_of, inverse_of
 from gridslam.kernels.radio import AT_1M, SAMPLES, THRESHOLD
 
 SURE = 0.9
@@ -27,37 +27,39 @@ def fit(
     `kernels.updates.update`.
     """
     paths, count = path.shape[0], blocks.shape[1]
+    add = ti.Vector.zero(ti.f64, 8)
     for m in range(heard.shape[0]):
         if heard[m, 7] > 0.5:
             total = ti.cast(0.0, ti.f64)
             for row in range(paths):
                 total += responsible[row, m]
-            sums[6] += ti.min(total, 1.0)
-            sums[7] += 1.0
+            add[6] += ti.min(total, 1.0)
+            add[7] += 1.0
     for k in range(share.shape[0]):
         if share[k] > SURE:
             row, m = index[k, 0], index[k, 1]
-            value = ti.Vector([predicted[row, 0], predicted[row, 1], predicted[row, 2]], dt=ti.f64)
-            core = ti.Matrix.zero(ti.f64, 3, 3)
-            for i in ti.static(range(3)):
-                for j in ti.static(range(3)):
+            core, value = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)
+            for i in range(3):
+                value[i] = predicted[row, i]
+                for j in range(3):
                     core[i, j] = predicted[row, 3 + 3 * i + j]
             gap, noisy = innovation_of(pair, k, value, core)
-            sums[0] += ti.min(gap.dot(noisy.inverse() @ gap), WORST)
-            for i in ti.static(range(3)):
-                sums[1] += 1.0 if pair[k, 3 + i] < MEASURED else 0.0
+            inverse, _determinant = inverse_of(noisy)
+            add[0] += ti.min(gap.dot(inverse @ gap), WORST)
+            for i in range(3):
+                add[1] += 1.0 if pair[k, 3 + i] < MEASURED else 0.0
             if path[row, 0] == 0:
                 if pair[k, 4] < MEASURED:
-                    sums[2] += (turned - gap[1]) / noisy[1, 1]
-                    sums[3] += 1 / noisy[1, 1]
+                    add[2] += (turned - gap[1]) / noisy[1, 1]
+                    add[3] += 1 / noisy[1, 1]
                 amplitude = heard[m, 6]
                 if pair[k, 3] < MEASURED and amplitude >= 0:
                     level = radio[AT_1M] / ti.max(pair[k, 0], 1e-3)
                     square = 0.5 + level * level / (4 * radio[SAMPLES])
                     measured = ti.sqrt(ti.max(amplitude * amplitude - square, 0.0))
                     if measured > 2 * radio[THRESHOLD]:  # fainter ones are biased by the threshold
-                        sums[4] += level * measured / square
-                        sums[5] += level * level / square
+                        add[4] += level * measured / square
+                        add[5] += level * level / square
             mean, squares = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
             for block in range(count):
                 mean += blocks[paths + k, block] / count
@@ -67,4 +69,8 @@ def fit(
             # blocks are sums of independent weights, so their spread tells that of the weights
             spread = ti.min(PATH_BLOCK * squares / ti.max(mean * mean, 1e-200), 1e12)
             number = ti.max(count * PATH_BLOCK / (1 + spread), 1.0)
-            sums[8] = ti.min(sums[8], number)
+            fewest = sums[8]
+            sums[8] = ti.min(fewest, number)
+    for n in range(8):
+        before = sums[n]
+        sums[n] = before + add[n]

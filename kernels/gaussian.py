@@ -95,6 +95,18 @@ def spread_of(slope, entry, covariance: ti.template()):
 
 
 @ti.func
+def inverse_of(m):
+    """Inverse of a symmetric 3 x 3 matrix, and its determinant."""
+    i00, i11, i22 = m[1, 1] * m[2, 2] - m[1, 2] ** 2, m[0, 0] * m[2, 2] - m[0, 2] ** 2, 0 * m[0, 0]
+    i22 = m[0, 0] * m[1, 1] - m[0, 1] ** 2
+    i01, i02 = m[0, 2] * m[1, 2] - m[0, 1] * m[2, 2], m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
+    i12 = m[0, 1] * m[0, 2] - m[1, 2] * m[0, 0]
+    determinant = m[0, 0] * i00 + m[0, 1] * i01 + m[0, 2] * i02
+    inverse = ti.Matrix([[i00, i01, i02], [i01, i11, i12], [i02, i12, i22]], dt=ti.f64) / determinant
+    return inverse, determinant
+
+
+@ti.func
 def innovation_of(pair: ti.template(), k, value, core):
     """Measured minus predicted, 0 where nothing was measured, and its covariance."""
     gap, noisy = ti.Vector.zero(ti.f64, 3), core
@@ -158,10 +170,10 @@ def correct_by(
         for k in range(start[row], start[row + 1]):
             if walk == 0 or share[k] > UNMOVED * total:
                 gap, noisy = innovation_of(pair, k, value, core)
-                inverse = noisy.inverse()
+                inverse, determinant = inverse_of(noisy)
                 g = inverse @ gap
                 if walk == 0:
-                    scale = ti.sqrt((2 * PI) ** 3 * noisy.determinant())
+                    scale = ti.sqrt((2 * PI) ** 3 * determinant)
                     density = pair[k, 6] * decay_of(-0.5 * gap.dot(g)) / scale
                     share[k] = odds[2, row] * nu[row, index[k, 1]] * density
                     total += share[k]

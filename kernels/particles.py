@@ -1,9 +1,10 @@
-"""Particles of the joint belief: mean and root of the covariance applied to fixed normal points."""
+"""Particles and samples of the joint belief: mean and root of the covariance applied to normal points."""
 
 import taichi as ti
 
 from gridslam.kernels import PATH_BLOCK
-from gridslam.kernels.functions import turn_of, wrapped
+from gridslam.kernels.functions import cos_of, sin_of, turn_of, wrapped
+from gridslam.kernels.launching import quick
 
 BLOCK = PATH_BLOCK
 AGENT = 5
@@ -48,3 +49,53 @@ def draw_block(at, root: ti.template(), base: ti.template(), points: ti.template
                 out = 5 + (row - AGENT) // 2 * 3
                 for i in range(BLOCK):
                     state[out, at + i] = mean + gap[i]
+
+
+@quick
+@ti.kernel
+def prepare(
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]
+    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
+    share: ti.f64,  # of the root that particles are drawn with
+    points: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, R] standard normal
+    rooted: ti.i32,  # whether `whole` is given
+    whole: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N] in/out: root of the covariance, lower triangular
+    root: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, N] out: share of it, for `draw_block`
+    base: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, 3] out: mean, and its cosine and sine
+    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, R] out: samples ``mean + whole points``
+    failed: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: whether the covariance is singular
+):
+    """Take the root of a covariance (Cholesky's), and draw some exact samples with it."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        size, bad = mean.shape[0], 0
+        for j in range(size if rooted == 0 else 0):
+            for i in range(j):
+                whole[i, j] = 0.0
+            for i in range(j, size):
+                rest = covariance[i, j]
+                for k in range(j):
+                    rest -= whole[i, k] * whole[j, k]
+                if i == j:
+                    if not (rest > 0):
+                        bad, rest = 1, ti.cast(1.0, ti.f64)
+                    whole[j, j] = ti.sqrt(rest)
+                else:
+                    whole[i, j] = rest / whole[j, j]
+        failed[0] = bad
+        for i in range(size):
+            base[i, 0] = ti.cast(mean[i], ti.f32)
+            base[i, 1], base[i, 2] = ti.cast(cos_of(mean[i]), ti.f32), ti.cast(sin_of(mean[i]), ti.f32)
+            for j in range(size):
+                root[i, j] = ti.cast(share * whole[i, j], ti.f32)
+            for k in range(points.shape[1] if i != 2 and i != 3 else 0):
+                at = mean[i]
+                for j in range(i + 1):
+                    at += whole[i, j] * points[j, k]
+                if i < AGENT:
+                    state[ti.min(i, 2), k] = at
+                elif i % 2 == 1:
+                    out = 3 + (i - AGENT) // 2 * 3
+                    state[out, k], state[out + 1, k] = cos_of(at), sin_of(at)
+                else:
+                    state[5 + (i - AGENT) // 2 * 3, k] = at

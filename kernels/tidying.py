@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from gridslam.kernels import OFTEN
 from gridslam.kernels.functions import PI, cos_of, sin_of, wrapped
 from gridslam.kernels.gaussian import mirror_of
 from gridslam.kernels.launching import quick
@@ -10,8 +11,8 @@ ALIKE = 0.5
 """Turn (rad) and gap (m) within which two surfaces may be one."""
 SLACK, LIKELY = (1e-4, 2.5e-5), 9.0
 """Variances of gap and turn that are always allowed; squared distance up to which they are one."""
-SURE, OFTEN, SHARP_M = 0.9, 10, 0.1
-"""Existence, detections and deviation of the offset from which on a surface may take another's place."""
+SURE, SHARP_M = 0.9, 0.1
+"""Existence and deviation of the offset from which on a surface may take another's place; so is `OFTEN`."""
 OFTENER = 2
 """How many times as often as the ghost each of the two was seen: a ghost goes silent when they are found."""
 HEARD_ELSEWHERE = 0.3

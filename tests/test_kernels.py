@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 from kernel_worlds import random_world
 
 from gridslam import runtime, twins
+from gridslam.inference.belief import Belief
+from gridslam.inference.particles import sample
 from gridslam.kernels import PATH_BLOCK
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
@@ -138,3 +140,33 @@ def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
     table, start, place = np.zeros((0, 4), np.int32), np.zeros(1, np.int32), np.zeros(3, np.float32)
     evaluate(root, base, points, state, table, start, pair, place, out)
     np.testing.assert_allclose(state, twins.draw(root, base, points), atol=1e-5)
+
+
+@given(seeds, st.integers(0, 6), st.sampled_from([0, 1, 48]))
+@settings(max_examples=30, deadline=None)
+def test_a_prepared_root_and_its_samples_equal_their_twin(seed, surfaces, count):
+    from gridslam.kernels.particles import prepare
+
+    draw, size = np.random.default_rng(seed), 5 + 2 * surfaces
+    square = draw.normal(size=(size, size))
+    mean, covariance = draw.normal(0, 3, size), square @ square.T + 1e-3 * np.eye(size)
+    points = draw.normal(size=(size, count))
+    whole, root = np.full((size, size), np.nan), np.full((size, size), np.nan, np.float32)
+    base, state = np.full((size, 3), np.nan, np.float32), np.full((3 + 3 * surfaces, count), np.nan)
+    failed = np.full(1, 9, np.int32)
+    out = whole, root, base, state
+    prepare(mean, covariance, 0.9, points, 0, *out, failed)
+    assert failed[0] == 0
+    for found, wanted in zip(out, twins.prepare(mean, covariance, 0.9, points), strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-6)
+    given = np.tril(draw.normal(size=(size, size)))
+    prepare(mean, covariance, 0.9, points, 1, given.copy(), *out[1:], failed)
+    base = np.stack([mean, np.cos(mean), np.sin(mean)], -1)
+    np.testing.assert_allclose(state, twins.draw(given, base, points), atol=1e-6)
+
+
+def test_the_root_of_a_singular_covariance_is_taken_another_way():
+    spread = np.diag([0.1, 0.0, 0.3, 0.2, 0.0])
+    cloud = sample(Belief(np.arange(5.0), spread), 4000, np.random.default_rng(2))
+    np.testing.assert_allclose(cloud.state[1:], [[1.0] * 4000, [4.0] * 4000], atol=1e-7)
+    assert cloud.state[0].std() == pytest.approx(np.sqrt(0.1), rel=0.05)

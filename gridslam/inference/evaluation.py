@@ -157,7 +157,7 @@ def evaluate(
     rays.check(rows // 3 - 1, heard.anchor + 1)
     state = runtime.room((rows, particles))
     blocks = np.empty((count + len(pairs), particles // PATH_BLOCK), np.float32)
-    place = np.array([*heard.place, heard.facing], np.float32)
+    place = heard.spot.astype(np.float32)
     launch(
         recipe.root, recipe.base, recipe.points, state, rays.table, pairs.start, pairs.table, place, blocks
     )

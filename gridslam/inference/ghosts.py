@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.inference.belief import Belief, keep
 from gridslam.inference.surfaces import Bank
+from gridslam.kernels import OFTEN
 
 Array = NDArray[np.float64]
 
@@ -32,6 +33,8 @@ def lay(bank: Bank, belief: Belief, places: Array) -> tuple[Bank, Belief]:
 
     if len(belief.lines) != len(bank) or len(places) != len(bank.single):
         raise ValueError("surfaces or anchors don't belong together")
+    if np.count_nonzero(bank.seen >= OFTEN) < 2:
+        return bank, belief
     ghost = np.empty(len(bank), np.int32)
     haunt(belief.mean, belief.covariance, bank.existence, bank.seen, bank.single, places, ghost)
     if not ghost.any():

@@ -4,10 +4,13 @@ They are drawn from the correlated belief whenever it is needed, from one fixed 
 that nothing degenerates and a run repeats bit for bit. Each stands for a small Gaussian instead of a point
 (a regularised particle filter): a share h^2 of the covariance is kept for the likelihood, by which a few
 particles suffice where a likelihood is sharp, and in the linear case the mean is exact for any number.
+
+Owner of the kernel that takes the root of the covariance.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,6 +69,8 @@ class Recipe:
         P.
     kept : float
         Share of the covariance that each particle keeps to itself.
+    few : Cloud
+        Exact samples of the same belief.
     """
 
     root: Single
@@ -73,6 +78,7 @@ class Recipe:
     points: runtime.Resident
     count: int
     kept: float
+    few: Cloud
 
     @property
     def room(self) -> tuple[int, int]:
@@ -80,25 +86,35 @@ class Recipe:
         return 3 + 3 * ((len(self.root) - AGENT) // 2), self.count
 
 
-def cloud_of(belief: Belief, deviation: Array) -> Cloud:
-    """States ``mean + deviation`` (N, P) in double precision, nothing kept."""
-    states = deviation + belief.mean[:, None]
-    state = np.empty((3 + 3 * len(belief.lines), states.shape[1]))
-    state[:2], state[2] = states[:2], states[4]
-    angle = states[AGENT::2]
-    state[3::3], state[4::3], state[5::3] = np.cos(angle), np.sin(angle), states[AGENT + 1 :: 2]
-    return Cloud(state, 0.0)
-
-
 def at_mean(belief: Belief) -> Cloud:
     """The belief's mean as a single sample."""
-    return cloud_of(belief, np.zeros((len(belief.mean), 1)))
+    mean = belief.mean
+    state = np.empty((3 + 3 * len(belief.lines), 1))
+    state[:2, 0], state[2, 0], angle = mean[:2], mean[4], mean[AGENT::2]
+    state[3::3, 0], state[4::3, 0], state[5::3, 0] = np.cos(angle), np.sin(angle), mean[AGENT + 1 :: 2]
+    return Cloud(state, 0.0)
 
 
 def sample(belief: Belief, count: int, draw: np.random.Generator) -> Cloud:
     """Draw exact samples (nothing kept)."""
-    points = draw.standard_normal((len(belief.mean), count))
-    return cloud_of(belief, belief.root @ points)
+    return _prepared(belief, 0.0, draw.standard_normal((len(belief.mean), count)))[2]
+
+
+def _prepared(belief: Belief, kept: float, points: Array) -> tuple[Single, Single, Cloud]:
+    """Root and base as of a `Recipe`, and exact samples by standard normal `points` (N, R)."""
+    runtime.start()
+    from gridslam.kernels.particles import prepare
+
+    mean, covariance, size = belief.mean, belief.covariance, len(belief.mean)
+    whole, root = np.empty((size, size)), np.empty((size, size), np.float32)
+    base, failed = np.empty((size, 3), np.float32), np.empty(1, np.int32)
+    state = np.empty((3 + 3 * len(belief.lines), points.shape[1]))
+    share = math.sqrt(1 - kept)
+    prepare(mean, covariance, share, points, 0, whole, root, base, state, failed)
+    if failed[0]:
+        whole = np.ascontiguousarray(belief.root)
+        prepare(mean, covariance, share, points, 1, whole, root, base, state, failed)
+    return root, base, Cloud(state, 0.0)
 
 
 def needed(belief: Belief) -> float:
@@ -138,8 +154,8 @@ class Particles:
         self._points = np.zeros((0, self.count), np.float32)
         self._held: runtime.Resident = self._points
 
-    def recipe(self, belief: Belief) -> Recipe:
-        """How to draw the particles of a belief."""
+    def recipe(self, belief: Belief, few: Array | None = None) -> Recipe:
+        """How to draw the particles of a belief; some exact samples by points `few` (N, R) come with it."""
         size, count = len(belief.mean), self.count
         if size > len(self._points):
             fresh = [self._column(n) for n in range(len(self._points), size)]
@@ -149,9 +165,10 @@ class Particles:
             count = min(count, -int(-needed(belief) // PORTION) * PORTION)
         self.drawn = count
         kept = float(count ** (-2 / 7))  # Silverman's rule for a path's three parameters
-        root = (np.sqrt(1 - kept) * belief.root).astype(np.float32, order="C")
-        base = np.stack([belief.mean, np.cos(belief.mean), np.sin(belief.mean)], -1, dtype=np.float32)
-        return Recipe(root, base, self._held, count, kept)
+        if few is None:
+            few = np.empty((size, 0))
+        root, base, samples = _prepared(belief, kept, few)
+        return Recipe(root, base, self._held, count, kept, samples)
 
     def _column(self, number: int) -> Single:
         values = np.random.default_rng([self._seed, PURPOSE, number]).standard_normal(self.count)

@@ -42,6 +42,10 @@ class Polylines:
         """Anchor, interaction points, agent, which repeats where there are fewer bounces, (L, R, 4, 2) m."""
         return self.drawn[..., :8].reshape(*self.drawn.shape[:2], 4, 2)
 
+    def take(self, rows: NDArray[np.intp]) -> Polylines:
+        """Some of the paths."""
+        return Polylines(self.bounces[rows], self.drawn[rows], self.seen[rows])
+
     @property
     def possible(self) -> Array:
         """Share of the states at which the path is possible; else it is drawn as a point, (L,)."""

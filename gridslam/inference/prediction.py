@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.inference.belief import Belief
-from gridslam.inference.rays import Rays
+from gridslam.inference.rays import P_APPEAR, P_STAY, Rays
 from gridslam.inference.surfaces import Bank
 
 Array = NDArray[np.float64]
@@ -50,17 +50,34 @@ def foresee(
     anchors : (J, 3)
         x, y (m) and orientation (rad).
     """
+    if not 0 <= anchor < len(anchors):
+        raise ValueError("there is no such anchor")
+    return _listed(bank, sight, belief, anchors, anchor, most_bounces, P_STAY, P_APPEAR)
+
+
+def paths_now(
+    bank: Bank, sight: Array, belief: Belief, anchors: Array, most_bounces: int
+) -> tuple[Rays, Prediction]:
+    """All paths worth a look from any anchor, anchor by anchor, with their existence as it is now."""
+    return _listed(bank, sight, belief, anchors, -1, most_bounces, 1.0, 0.0)
+
+
+def _listed(
+    bank: Bank, sight: Array, belief: Belief, anchors: Array, anchor: int, most_bounces: int, stay: float,
+    appear: float,
+) -> tuple[Rays, Prediction]:  # fmt: skip
     runtime.start()
     from gridslam.kernels.rays import foresee as launch
 
-    if len(belief.lines) != len(bank) or not 0 <= anchor < len(anchors) == len(sight):
+    if len(belief.lines) != len(bank) or len(anchors) != len(sight):
         raise ValueError("surfaces or anchors don't belong together")
-    room = 1 + len(bank) ** 2  # line of sight, S single and S (S - 1) double bounces
+    # line of sight, S single and S (S - 1) double bounces
+    room = (len(anchors) if anchor < 0 else 1) * (1 + len(bank) ** 2)
     table, found = np.empty((room, 4), np.int32), np.empty(1, np.int32)
     existence, surfaces, predicted = np.empty(room), np.empty(room), np.empty((room, 12))
     launch(
-        anchor, most_bounces, belief.mean, belief.covariance, anchors, bank.existence, bank.owner, sight,
-        bank.single, bank.double, table, existence, surfaces, predicted, found,
+        anchor, most_bounces, stay, appear, belief.mean, belief.covariance, anchors, bank.existence,
+        bank.owner, sight, bank.single, bank.double, table, existence, surfaces, predicted, found,
     )  # fmt: skip
     count = int(found[0])
     return Rays(table[:count], existence[:count], surfaces[:count]), Prediction(predicted[:count])

@@ -59,7 +59,7 @@ def propose(
     if ratio.size:
         launch(
             cloud.state, _noise(len(known)), belief.mean, heard.table, explained, known,
-            np.array([*heard.place, heard.facing]), radio, births / (4 * np.pi * radius_m), ratio, line,
+            heard.spot, radio, births / (4 * np.pi * radius_m), ratio, line,
         )  # fmt: skip
     measurement, hypothesis = ratio.nonzero()
     return Births(

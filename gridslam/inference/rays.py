@@ -9,8 +9,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gridslam.inference.surfaces import Bank
-
 Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 P_STAY, P_APPEAR = 0.95, 0.005
@@ -90,14 +88,3 @@ class Rays:
     def take(self, rows: NDArray[np.intp]) -> Rays:
         """Some of the rays."""
         return Rays(self.table[rows], self.existence[rows], self.surfaces[rows])
-
-
-def short_rays(bank: Bank, sight: Array) -> Rays:
-    """Lines of sight and single bounces of all anchors, as they are now."""
-    anchors, count = bank.single.shape
-    anchor, surface = np.repeat(np.arange(anchors), count + 1), np.tile(np.arange(-1, count), anchors)
-    chance = np.concatenate([[1.0], bank.existence])[surface + 1]
-    owner = np.concatenate([[-1], bank.owner])[surface + 1]
-    existence = np.concatenate([sight[:, None], bank.single], 1).ravel()
-    own = (owner == -1) | (owner == anchor)
-    return Rays.of(anchor, surface >= 0, surface, surface, existence, chance * own)

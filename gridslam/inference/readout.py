@@ -1,4 +1,4 @@
-"""What users see of a belief: surfaces and paths as tables of their own; owner of the kernel for paths."""
+"""What users see of a belief: surfaces and paths as tables of their own."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam import runtime
 from gridslam.estimates import PathEstimate, SurfaceEstimate
 from gridslam.inference.belief import Belief
 from gridslam.inference.particles import at_mean
+from gridslam.inference.polylines import draw_paths
+from gridslam.inference.prediction import paths_now
 from gridslam.inference.rays import Rays
 from gridslam.inference.surfaces import Bank, canonical_lines
 from gridslam.signal import REFLECTION_BINS
@@ -43,30 +44,23 @@ def path_estimate(
     strength : callable
         Amplitudes (L,) of rays of given distances (L,).
     """
-    runtime.start()
-    from gridslam.kernels.rays import report
-
-    if len(belief.lines) != len(bank) or len(anchors) != len(sight):
-        raise ValueError("surfaces or anchors don't belong together")
-    room = len(anchors) * (1 + len(bank) ** 2)
-    table, told = np.empty((room, 4), np.int32), np.empty((room, 4))
-    drawn, found = np.empty((room, 13)), np.empty(1, np.int32)
-    report(
-        most_bounces, BELIEVED, belief.mean, anchors, bank.existence, bank.owner, sight, bank.single,
-        bank.double, at_mean(belief).state, table, told, drawn, found,
-    )  # fmt: skip
-    count = int(found[0])
-    rays = Rays(table[:count], told[:count, 0], np.ones(count))
-    points = drawn[:count, :8].reshape(-1, 4, 2).copy()
+    rays, predicted = paths_now(bank, sight, belief, anchors, most_bounces)
+    believed = np.flatnonzero(rays.existence * rays.surfaces > BELIEVED)
+    rays, value = rays.take(believed), predicted.value[believed]
+    drawn = draw_paths(rays, at_mean(belief), anchors)
+    if not drawn.possible.all():
+        good = np.flatnonzero(drawn.possible)
+        rays, value, drawn = rays.take(good), value[good], drawn.take(good)
+    points = drawn.corners[:, 0]
     points[rays.bounces < 2, 2], points[rays.bounces < 1, 1] = np.nan, np.nan
     identity = np.append(bank.identity, -1)
     return PathEstimate(
         rays.anchor.astype(np.intp),
         identity[rays.table[:, 1:3]],
-        told[:count, 1].copy(),
-        told[:count, 2].copy(),
-        told[:count, 3].copy(),
-        strength(rays, told[:count, 1]),
-        told[:count, 0].copy(),
+        value[:, 0],
+        value[:, 1],
+        value[:, 2],
+        strength(rays, value[:, 0]),
+        rays.existence * rays.surfaces,
         points,
     )

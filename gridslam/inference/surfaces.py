@@ -25,6 +25,8 @@ BINS = len(REFLECTION_BINS)
 FRESH_SINGLE, FRESH_DOUBLE, FRESH_BEARER = 0.5, 0.3, 0.98
 """Existence of a new surface's rays: single bounces, double bounces, and the ray that bore it."""
 MOST_SURFACES = 24
+CONFIRMED = ((60, 8), (25, 6), (5, 2))
+"""Ages from which on a surface must have been seen so often."""
 SETTLED = 100
 """Age and number of sightings of a surface that an earlier agent left."""
 
@@ -119,11 +121,11 @@ class Bank:
 def evolve(bank: Bank, survival: float, walk: float) -> None:
     """Surfaces survive, and their coefficients walk by `walk` per step (paper 003, section III-C)."""
     bank.existence = bank.existence * survival
-    spread = (walk * BINS) ** 2 / 2
-    step = spread * (bank.reflection[:, 1:] - bank.reflection[:, :-1])
-    bank.reflection = bank.reflection.copy()
-    bank.reflection[:, :-1] += step
-    bank.reflection[:, 1:] -= step
+    if walk:
+        step = 0.5 * (walk * BINS) ** 2 * np.diff(bank.reflection)
+        bank.reflection = bank.reflection.copy()
+        bank.reflection[:, :-1] += step
+        bank.reflection[:, 1:] -= step
     bank.age = bank.age + 1
 
 
@@ -159,14 +161,20 @@ def prune(bank: Bank, belief: Belief, threshold: float) -> tuple[Bank, Belief]:
 
     Without confirmation a false birth hides: once its rays are believed blocked, no miss counts against it.
     """
-    floor = np.where((bank.age >= 3) & (bank.seen < 3), max(threshold, 0.3), threshold)
-    confirmed = bank.seen >= np.select([bank.age >= 60, bank.age >= 25, bank.age >= 5], [8, 6, 2], 0)
-    good = (bank.existence >= floor) & confirmed
+    told = zip(bank.existence.tolist(), bank.age.tolist(), bank.seen.tolist(), strict=True)
+    kept = [
+        existence >= (max(threshold, 0.3) if age >= 3 and seen < 3 else threshold)
+        and seen >= next((least for after, least in CONFIRMED if age >= after), 0)
+        for existence, age, seen in told
+    ]
+    if all(kept) and len(kept) <= MOST_SURFACES:
+        return bank, belief
+    good = np.array(kept)
     if good.sum() > MOST_SURFACES:
         order = np.argsort(-bank.existence * good, kind="stable")
         good = np.zeros(len(bank), dtype=bool)
         good[order[:MOST_SURFACES]] = True
-    return (bank, belief) if good.all() else (bank.take(good), keep(belief, good))
+    return bank.take(good), keep(belief, good)
 
 
 def merge(bank: Bank, belief: Belief) -> tuple[Bank, Belief]:

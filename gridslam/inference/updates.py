@@ -50,7 +50,7 @@ def update(
     share, responsible, worth = np.empty(len(pairs)), np.empty(nu.shape), np.empty(len(rays))
     launch(
         mean, covariance, rays.table, pairs.start, pairs.index, pairs.pair, said.prior, said.odds, said.ratio,
-        said.beta, nu, np.array([*heard.place, heard.facing]), predicted.whole, heard.table, said.blocks,
+        said.beta, nu, heard.spot, predicted.whole, heard.table, said.blocks,
         radio, float(watch.taken[heard.anchor]), np.empty((len(mean), 6)), np.empty(len(rays) + len(bank)),
         np.empty(len(rays), np.int32), bank.existence, sight, bank.single, bank.double, share,
         responsible, worth, watch.fits[heard.anchor],

@@ -54,7 +54,8 @@ class AdaptiveSlam(SurfaceSlam):
         distance = predicted.value[:, 0]
         amplitudes = self.amplitudes.predict(rays, self.bank.identity, distance)
         # measurement evaluation, births, data association, updates of agent, surfaces and rays
-        said = self._exchange(heard, rays, predicted, amplitudes, np.ones(len(rays)))
+        recipe = self.particles.recipe(self.belief)
+        said = self._exchange(heard, rays, predicted, amplitudes, np.ones(len(rays)), recipe)
         # amplitudes, eq. (26); what was seen; new surfaces
         self.amplitudes.correct(
             rays, self.bank.identity, amplitudes, distance, heard, said.responsible, self.detected

@@ -67,11 +67,11 @@ class GridSlam(SurfaceSlam):
         rays, predicted = foresee(
             self.bank, self.sight, self.belief, self.anchors, heard.anchor, self.most_bounces
         )
-        few = sample(self.belief, RAYS, self._draw)
-        drawn = self.cells.see(rays, few, self.anchors)
+        recipe = self.particles.recipe(self.belief, self._draw.standard_normal((len(self.belief.mean), RAYS)))
+        drawn = self.cells.see(rays, recipe.few, self.anchors)
         amplitudes = reflected(rays, self.bank, drawn, self.cells, self.signal)
         # measurement evaluation, births, data association, updates of agent, surfaces and rays
-        said = self._exchange(heard, rays, predicted, amplitudes, drawn.validity)
+        said = self._exchange(heard, rays, predicted, amplitudes, drawn.validity, recipe)
         # what cells and coefficients are to be told; new surfaces
         distance = predicted.value[:, 0]
         self._to_tell.append(Told.of(heard, rays, distance, said.chance, said.worth, said.pairs, said.share))

@@ -20,10 +20,10 @@ from gridslam.inference.births import Births, bear, birth_reflection
 from gridslam.inference.evaluation import Pairs, evaluate, gate
 from gridslam.inference.heard import Heard, hear
 from gridslam.inference.likelihood import AmplitudeBelief, DetectionTable
-from gridslam.inference.particles import Particles
-from gridslam.inference.prediction import Prediction
+from gridslam.inference.particles import Particles, Recipe
+from gridslam.inference.prediction import Prediction, paths_now
 from gridslam.inference.proposals import propose
-from gridslam.inference.rays import Rays, short_rays
+from gridslam.inference.rays import Rays
 from gridslam.inference.readout import path_estimate, surface_estimate
 from gridslam.inference.surfaces import Bank
 from gridslam.inference.updates import update
@@ -199,11 +199,10 @@ class SurfaceSlam:
         vague = relocation.is_vague(self.belief)
         if count < ENOUGH and not vague:
             return
-        near = relocation.near_paths(scans, self.belief, self.bank, self.anchors, self.told)
-        lost = self.watch.lost(count, near)
+        rays, predicted = paths_now(self.bank, self.sight, self.belief, self.anchors, most_bounces=1)
+        lost = self.watch.lost(count, relocation.near_paths(scans, rays, predicted, self.told))
         if not (lost or vague):
             return
-        rays = short_rays(self.bank, self.sight)
         sources = relocation.sources(rays, self.belief, self.places, self.bank.reflection @ REFLECTION_BINS)
         belief = self.belief
         if lost:
@@ -229,19 +228,22 @@ class SurfaceSlam:
         return associate(beta, missed, new)
 
     def _exchange(
-        self, heard: Heard, rays: Rays, predicted: Prediction, amplitudes: AmplitudeBelief, validity: Array
-    ) -> Messages:
+        self, heard: Heard, rays: Rays, predicted: Prediction, amplitudes: AmplitudeBelief, validity: Array,
+        recipe: Recipe,
+    ) -> Messages:  # fmt: skip
         """Evaluate and associate measurements; update agent, surfaces and the existence of rays.
 
         Parameters
         ----------
         validity : (L,)
             V: probability that the path is open.
+        recipe : Recipe
+            Of the particles.
         """
         signal = self.signal
         # measurement evaluation
         worth = rays.existence * rays.surfaces * validity
-        recipe, radio = self.particles.recipe(self.belief), signal.numbers[heard.anchor]
+        radio = signal.numbers[heard.anchor]
         pairs, detected = gate(predicted, heard, amplitudes, worth, self.detected, radio, recipe.kept)
         # clutter level, by what no path can have caused
         near = np.zeros(len(heard), dtype=bool)

@@ -8,13 +8,13 @@ from gridslam.twins.births import glance, likely, propose
 from gridslam.twins.cells import absorb, cast, cells_of, learn, recall
 from gridslam.twins.gaussian import correct, predict
 from gridslam.twins.messages import associate, enter, gate, log_rician, weigh
-from gridslam.twins.paths import draw, evaluate, lines_of, polylines
-from gridslam.twins.rays import foresee, near, report
+from gridslam.twins.paths import draw, evaluate, lines_of, polylines, prepare
+from gridslam.twins.rays import foresee, near
 from gridslam.twins.tidying import duplicate, haunt
 from gridslam.twins.updates import effective_sample_size, exist, fit, update
 
 __all__ = [
     "absorb", "associate", "cast", "cells_of", "correct", "draw", "duplicate", "effective_sample_size",
     "enter", "evaluate", "exist", "fit", "foresee", "gate", "glance", "haunt", "learn", "likely", "lines_of",
-    "log_rician", "near", "polylines", "predict", "propose", "recall", "report", "trace", "update", "weigh",
+    "log_rician", "near", "polylines", "predict", "prepare", "propose", "recall", "trace", "update", "weigh",
 ]  # fmt: skip

@@ -49,9 +49,17 @@ def evaluate(
 def draw(root: Array, base: Array, points: Array) -> Array:
     """Twin of `kernels.particles.draw_block`: states (3 + 3 S, P) of ``base + root points``."""
     states = base[:, :1].astype(np.float64) + root.astype(np.float64) @ points[: len(root)]
-    lines = states[5:].reshape(-1, 2, states.shape[1])
+    surfaces = (len(states) - 5) // 2
+    lines = states[5:].reshape(surfaces, 2, states.shape[1])
     bent = np.stack([np.cos(lines[:, 0]), np.sin(lines[:, 0]), lines[:, 1]], 1)
-    return np.concatenate([states[[0, 1, 4]], bent.reshape(-1, states.shape[1])])
+    return np.concatenate([states[[0, 1, 4]], bent.reshape(3 * surfaces, states.shape[1])])
+
+
+def prepare(mean: Array, covariance: Array, share: float, points: Array) -> tuple[Array, Array, Array, Array]:
+    """Twin of `kernels.particles.prepare`: root of the covariance, share of it, base, and samples' states."""
+    whole: Array = np.linalg.cholesky(covariance).astype(np.float64)
+    base: Array = np.stack([mean, np.cos(mean), np.sin(mean)], -1)
+    return whole, share * whole, base, draw(whole, base, points)
 
 
 def polylines(state: Array, path: Whole, places: Array) -> tuple[Array, Array]:
