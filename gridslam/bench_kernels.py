@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import itertools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -180,7 +181,7 @@ CONTESTS = {
     "propose": Contest("sample", twins.propose, _samples, ("heard",)),
     "recall": Contest("path", twins.recall, _paths),
     "update": Contest(
-        "path", twins.update, _paths, ("path", "share", "heard"),
+        "path", twins.update, _paths, ("path", "share", "heard", "beta"),
         changes=("mean", "covariance", "surface", "sight", "single", "double", "sums"),
     ),
 }  # fmt: skip
@@ -189,7 +190,8 @@ CONTESTS = {
 def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Case]:
     """Run grid SLAM for some steps, then keep each kernel's largest launch of the next few.
 
-    Of a kernel that grid SLAM doesn't launch, that of adaptive SLAM is kept.
+    Of a kernel that grid SLAM doesn't launch, that of adaptive SLAM is kept. Association is part of updates
+    in both, of which it is taken out.
 
     Parameters
     ----------
@@ -201,7 +203,12 @@ def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Ca
     """
     runtime.start()
     scans = list(simulate(scene, scene.agents[0].name, seed=1))[: steps + watched]
-    return _launches("adaptive", scene, scans, steps) | _launches("grid", scene, scans, steps)
+    found = _launches("adaptive", scene, scans, steps) | _launches("grid", scene, scans, steps)
+    own = ("beta", "new", "rounds", "message", "claimed")
+    alone = {name: _copy(found["update"][name]) for name in own}
+    alone["missed"] = found["update"]["odds"][3:].copy()
+    names = inspect.signature(kernels()["associate"]).parameters
+    return found | {"associate": {name: alone[name] for name in names}}
 
 
 def _launches(method: str, scene: Scene, scans: Sequence[Scan], steps: int) -> dict[str, Case]:
@@ -260,7 +267,9 @@ def compete(name: str, scene: str, case: Case, seconds: float) -> KernelSpeed:
     wanted = {key: known[key] for key in inspect.signature(contest.twin).parameters}
     launch(idle)
     took = repeated(lambda: launch(used), seconds, before=restore)
-    nothing = repeated(lambda: launch(idle), 0.1 * seconds)
+    # every array is another one than the time before, as in a filter
+    idles = itertools.cycle([idle, {name: _copy(value) for name, value in idle.items()}])
+    nothing = repeated(lambda: launch(next(idles)), 0.1 * seconds)
     twin = float(np.median(repeated(lambda: contest.twin(**wanted), seconds, 1)))
     median = float(np.median(took))
     return KernelSpeed(

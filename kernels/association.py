@@ -8,6 +8,10 @@ from gridslam.kernels.launching import quick
 LEAST_POSSIBLE = 1e-3
 """Share of particles at which a path is possible that ratios are divided by at least."""
 ROOT_TURN_CUBED = 15.749609945722419
+CLAIM, NU, RESPONSIBLE = range(3)
+"""Messages between a path and a measurement: there, back, and the probability that one caused the other."""
+SETTLED = 1e-6
+"""Change of a message that counts as none."""
 
 
 @quick
@@ -53,45 +57,56 @@ def enter(
             explained[m] += beta[row, m]
 
 
+@ti.func
+def exchange(
+    beta: ti.template(), missed: ti.template(), own, new: ti.template(), rounds, message: ti.template(),
+    claimed: ti.template(),
+):  # fmt: skip
+    """Exchange messages between paths and measurements until they stay as they are.
+
+    Row `own` of `missed` holds the paths' message for "caused none". Arguments else as of `associate`.
+    """
+    paths, heard = beta.shape[0], beta.shape[1]
+    for row in range(paths):
+        for m in range(heard):
+            message[NU, row, m], message[CLAIM, row, m] = 1 / new[m], 0.0
+    change, left = ti.cast(1e300, ti.f64), rounds
+    while left > 0 and change >= SETTLED:
+        left -= 1
+        change = 0.0
+        for row in range(paths):
+            total = ti.cast(0.0, ti.f64)
+            for m in range(heard):
+                total += beta[row, m] * message[NU, row, m]
+            for m in range(heard):
+                others = ti.max(total - beta[row, m] * message[NU, row, m], 0.0)
+                message[CLAIM, row, m] = beta[row, m] / (missed[own, row] + others)
+        for m in range(heard):
+            total = ti.cast(0.0, ti.f64)
+            for row in range(paths):
+                total += message[CLAIM, row, m]
+            for row in range(paths):
+                fresh = 1 / (new[m] + ti.max(total - message[CLAIM, row, m], 0.0))
+                change = ti.max(change, ti.abs(fresh - message[NU, row, m]))
+                message[NU, row, m] = fresh
+    for m in range(heard):
+        total = ti.cast(0.0, ti.f64)
+        for row in range(paths):
+            total += message[CLAIM, row, m]
+        claimed[m] = total
+
+
 @quick
 @ti.kernel
 def associate(
     beta: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, M] path: "caused measurement m"
-    missed: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] path: "caused none"
+    missed: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [1, L] path: "caused none"
     new: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [M] measurement: "caused by no legacy path"
-    limit: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [2] rounds at most; change that counts as none
-    claim: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, M] out: from path to measurement
-    nu: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, M] out: from measurement to path
-    claimed: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [M] out: sum of `claim`
+    rounds: ti.i32,  # at most
+    message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [2, L, M] out: from path to measurement, and back
+    claimed: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [M] out: sum of what paths claim
 ):
-    """Exchange messages between paths and measurements until they stay as they are."""
+    """Data association by itself; a filter has it done with its updates."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        paths, heard = beta.shape[0], beta.shape[1]
-        for row in range(paths):
-            for m in range(heard):
-                nu[row, m], claim[row, m] = 1 / new[m], 0.0
-        change, left = ti.cast(1e300, ti.f64), ti.cast(limit[0], ti.i32)
-        while left > 0 and change >= limit[1]:
-            left -= 1
-            change = 0.0
-            for row in range(paths):
-                total = ti.cast(0.0, ti.f64)
-                for m in range(heard):
-                    total += beta[row, m] * nu[row, m]
-                for m in range(heard):
-                    others = ti.max(total - beta[row, m] * nu[row, m], 0.0)
-                    claim[row, m] = beta[row, m] / (missed[row] + others)
-            for m in range(heard):
-                total = ti.cast(0.0, ti.f64)
-                for row in range(paths):
-                    total += claim[row, m]
-                for row in range(paths):
-                    fresh = 1 / (new[m] + ti.max(total - claim[row, m], 0.0))
-                    change = ti.max(change, ti.abs(fresh - nu[row, m]))
-                    nu[row, m] = fresh
-        for m in range(heard):
-            total = ti.cast(0.0, ti.f64)
-            for row in range(paths):
-                total += claim[row, m]
-            claimed[m] = total
+        exchange(beta, missed, 0, new, rounds, message, claimed)

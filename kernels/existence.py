@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from gridslam.kernels.association import NU
 from gridslam.kernels.functions import decay_of, logarithm_of
 
 SUREST = 1e-7
@@ -16,9 +17,9 @@ def renewed(before, after):
 
 @ti.func
 def exist(
-    path: ti.template(), prior: ti.template(), odds: ti.template(), ratio: ti.template(), nu: ti.template(),
-    log: ti.template(), surface: ti.template(), sight: ti.template(), single: ti.template(),
-    double: ti.template(), worth: ti.template(),
+    path: ti.template(), prior: ti.template(), odds: ti.template(), ratio: ti.template(),
+    message: ti.template(), log: ti.template(), surface: ti.template(), sight: ti.template(),
+    single: ti.template(), double: ti.template(), worth: ti.template(),
 ):  # fmt: skip
     """Update rays, then surfaces by all paths that meet them.
 
@@ -26,13 +27,13 @@ def exist(
     `kernels.updates.update`.
     """
     for s in range(surface.shape[0]):
-        log[s] = 0.0
+        log[s, 0] = 0.0
     for row in range(path.shape[0]):
         bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
         said = 1 - prior[3, row]
         for m in range(ratio.shape[1]):
-            said += nu[row, m] * ratio[row, m]
-        worth[row] = said
+            said += message[NU, row, m] * ratio[row, m]
+        worth[0, row] = said
         chance = prior[1, row] * odds[0, row]
         ahead = prior[0, row] * (chance * said + 1 - chance)
         after = ahead / (ahead + 1 - prior[0, row])
@@ -41,15 +42,15 @@ def exist(
             sight[anchor] = renewed(sight[anchor], after)
         elif bounces == 1:
             single[anchor, last] = renewed(single[anchor, last], after)
-            before = log[last]
-            log[last] = before + logarithm_of(ti.max(whole, 1e-12))
+            before = log[last, 0]
+            log[last, 0] = before + logarithm_of(ti.max(whole, 1e-12))
         else:
             double[anchor, last, first] = renewed(double[anchor, last, first], after)
-            by_last, by_first, before = surface[last], surface[first], log[last]
-            log[last] = before + logarithm_of(ti.max(by_first * whole + 1 - by_first, 1e-12))
-            before = log[first]
-            log[first] = before + logarithm_of(ti.max(by_last * whole + 1 - by_last, 1e-12))
+            by_last, by_first, before = surface[last], surface[first], log[last, 0]
+            log[last, 0] = before + logarithm_of(ti.max(by_first * whole + 1 - by_first, 1e-12))
+            before = log[first, 0]
+            log[first, 0] = before + logarithm_of(ti.max(by_last * whole + 1 - by_last, 1e-12))
     for s in range(surface.shape[0]):
         there, gone = logarithm_of(ti.max(surface[s], 1e-12)), logarithm_of(ti.max(1 - surface[s], 1e-9))
-        total = ti.max(ti.min(there - gone + log[s], 40.0), -40.0)
+        total = ti.max(ti.min(there - gone + log[s, 0], 40.0), -40.0)
         surface[s] = ti.min(1 / (1 + decay_of(-total)), 1 - SUREST)

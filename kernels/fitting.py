@@ -3,6 +3,7 @@
 import taichi as ti
 
 from gridslam.kernels import PATH_BLOCK
+from gridslam.kernels.association import RESPONSIBLE
 from gridslam.kernels.gaussian import MEASURED, innovation_of, inverse_of
 from gridslam.kernels.radio import AT_1M, SAMPLES, THRESHOLD
 
@@ -18,7 +19,7 @@ the least effective number of particles."""
 @ti.func
 def fit(
     path: ti.template(), index: ti.template(), pair: ti.template(), predicted: ti.template(),
-    share: ti.template(), responsible: ti.template(), heard: ti.template(), blocks: ti.template(),
+    share: ti.template(), message: ti.template(), heard: ti.template(), blocks: ti.template(),
     radio: ti.template(), turned, sums: ti.template(),
 ):  # fmt: skip
     """Add what the pairs say that are sure; explained are the loud measurements that some path caused.
@@ -32,7 +33,7 @@ def fit(
         if heard[m, 7] > 0.5:
             total = ti.cast(0.0, ti.f64)
             for row in range(paths):
-                total += responsible[row, m]
+                total += message[RESPONSIBLE, row, m]
             add[6] += ti.min(total, 1.0)
             add[7] += 1.0
     for k in range(share.shape[0]):

@@ -6,6 +6,7 @@ State: [x, y, vx, vy, heading, angle_1, offset_1, ...]. A path depends on seven 
 import taichi as ti
 
 from gridslam.kernels import UNMEASURED
+from gridslam.kernels.association import NU, RESPONSIBLE
 from gridslam.kernels.functions import PI, bearing_of, cos_of, decay_of, sin_of, wrapped
 
 MEASURED = 0.1 * UNMEASURED
@@ -136,16 +137,19 @@ def predict_by(
 
 
 @ti.func
-def sorted_by(value: ti.template(), least, among, order: ti.template()):
-    """Numbers of the values of `least` or more, largest first, equal ones as they stand; how many."""
+def sorted_by(rank: ti.template(), least, among):
+    """Write numbers of values in row 1 to row 2, largest first, equal ones as they stand; return how many.
+
+    The first `among` values are looked at, and those below `least` left out.
+    """
     count = 0
     for row in range(among):
-        if value[row] >= least:
+        if rank[1, row] >= least:
             at = count
-            while at > 0 and value[order[ti.max(at - 1, 0)]] < value[row]:
-                order[at] = order[at - 1]
+            while at > 0 and rank[1, ti.cast(rank[2, ti.max(at - 1, 0)], ti.i32)] < rank[1, row]:
+                rank[2, at] = rank[2, at - 1]
                 at -= 1
-            order[at] = row
+            rank[2, at] = row
             count += 1
     return count
 
@@ -153,8 +157,8 @@ def sorted_by(value: ti.template(), least, among, order: ti.template()):
 @ti.func
 def correct_by(
     row, mean: ti.template(), covariance: ti.template(), path: ti.template(), start: ti.template(),
-    index: ti.template(), pair: ti.template(), odds: ti.template(), nu: ti.template(), place: ti.template(),
-    scratch: ti.template(), share: ti.template(),
+    index: ti.template(), pair: ti.template(), odds: ti.template(), message: ti.template(),
+    place: ti.template(), scratch: ti.template(), share: ti.template(),
 ):  # fmt: skip
     """Correct by one path."""
     size = mean.shape[0]
@@ -175,7 +179,7 @@ def correct_by(
                 if walk == 0:
                     scale = ti.sqrt((2 * PI) ** 3 * determinant)
                     density = pair[k, 6] * decay_of(-0.5 * gap.dot(g)) / scale
-                    share[k] = odds[2, row] * nu[row, index[k, 1]] * density
+                    share[k] = odds[2, row] * message[NU, row, index[k, 1]] * density
                     total += share[k]
                 else:
                     part = share[k] / total
@@ -212,9 +216,9 @@ def correct_by(
 @ti.func
 def correct(
     mean: ti.template(), covariance: ti.template(), path: ti.template(), start: ti.template(),
-    index: ti.template(), pair: ti.template(), odds: ti.template(), beta: ti.template(), nu: ti.template(),
-    place: ti.template(), scratch: ti.template(), sure: ti.template(), order: ti.template(),
-    share: ti.template(), responsible: ti.template(),
+    index: ti.template(), pair: ti.template(), odds: ti.template(), beta: ti.template(),
+    message: ti.template(), place: ti.template(), scratch: ti.template(), rank: ti.template(),
+    share: ti.template(),
 ):  # fmt: skip
     """Correct by the paths one after the other, surest first, each moment-matched over its measurements.
 
@@ -227,10 +231,11 @@ def correct(
     for row in range(path.shape[0]):
         total = ti.cast(0.0, ti.f64)
         for m in range(beta.shape[1]):
-            responsible[row, m] = 0.0
-            total += beta[row, m] * nu[row, m]
-        sure[row] = total / (total + odds[3, row])
-    for turn in range(sorted_by(sure, UNHEARD, path.shape[0], order)):
-        correct_by(order[turn], mean, covariance, path, start, index, pair, odds, nu, place, scratch, share)
+            message[RESPONSIBLE, row, m] = 0.0
+            total += beta[row, m] * message[NU, row, m]
+        rank[1, row] = total / (total + odds[3, row])
+    for turn in range(sorted_by(rank, UNHEARD, path.shape[0])):
+        row = ti.cast(rank[2, turn], ti.i32)
+        correct_by(row, mean, covariance, path, start, index, pair, odds, message, place, scratch, share)
     for k in range(share.shape[0]):
-        responsible[index[k, 0], index[k, 1]] = share[k]
+        message[RESPONSIBLE, index[k, 0], index[k, 1]] = share[k]

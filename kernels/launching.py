@@ -5,6 +5,7 @@ only what machine code relies on, and hands over the arrays' addresses. Before, 
 notes for every expression where it stands, which takes half the time and serves its complaints alone.
 """
 
+import gc
 import threading
 from contextlib import contextmanager
 from ctypes import c_void_p
@@ -57,12 +58,20 @@ def quick(kernel):
 
 
 def _first(kernel, arguments):
-    """The first launch of all; should it fail, once more with places of expressions in the complaint."""
+    """The first launch of all; should it fail, once more with places of expressions in the complaint.
+
+    What Taichi makes of a kernel's source stays, so collecting garbage meanwhile finds none.
+    """
+    collects = gc.isenabled()
+    gc.disable()
     try:
         with _placeless():
             return kernel(*arguments)
     except Exception:
         return kernel(*arguments)
+    finally:
+        if collects:
+            gc.enable()
 
 
 @contextmanager
@@ -98,6 +107,7 @@ def _hand_over(context, handed, place, value, kind):
         (context.set_arg_float if kind is float else context.set_arg_int)((place,), value)
     elif isinstance(value, ti.Ndarray) and (to_numpy_type(value.dtype), len(value.shape)) == kind:
         context.set_arg_ndarray((place,), value.arr)
+        handed[place] = None
     else:
         return False
     return True

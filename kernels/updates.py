@@ -1,7 +1,8 @@
-"""Updates of agent, surfaces and rays by what an anchor heard, once its measurements are associated."""
+"""Data association of what an anchor heard, and the updates of agent, surfaces and rays by it."""
 
 import taichi as ti
 
+from gridslam.kernels.association import exchange
 from gridslam.kernels.existence import exist
 from gridslam.kernels.fitting import fit
 from gridslam.kernels.gaussian import correct
@@ -21,31 +22,34 @@ def update(
     odds: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, L] as `association.enter` leaves them
     ratio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, M] likewise
     beta: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, M] messages into the association
-    nu: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, M] and out of it
+    new: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [M] measurement: "caused by no legacy path"
+    rounds: ti.i32,  # of association at most; 0 where it was done elsewhere
     place: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [3] anchor x, y, orientation
     predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 12] value (3) and spread (9) of every path
     heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
     blocks: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L + K, P / BLOCK] as `paths.evaluate` leaves them
     radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `kernels.radio`
     turned: ti.f64,  # rad, by which the anchor is taken to be turned
-    scratch: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, 6]
-    rest: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L + S or more] scratch
-    order: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L] scratch
+    scratch: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, 6] scratch
+    message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [3, L, M] out: see `association.CLAIM` and so on; `NU`
+    # is given if association was done elsewhere
+    claimed: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [M] out, or given: what paths claim of measurements
     surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] in/out: existence
     sight: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J] in/out: existence of lines of sight
     single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] in/out: of rays over one surface
     double: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [J, S, S] in/out: over (last, first)
     share: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K] out: probability of each association
-    responsible: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, M] out: the same by path and measurement
-    worth: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] out: mean of sum_m nu_m g_m + 1 - p_d
+    worth: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3, L] out: mean of sum_m nu_m g_m + 1 - p_d; scratch
     sums: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [9] in/out: see `fitting.SUMS`
 ):
-    """Correct agent and surfaces, update what exists, and note how well all that fits."""
+    """Associate, correct agent and surfaces, update what exists, and note how well all that fits."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        correct(
-            mean, covariance, path, start, index, pair, odds, beta, nu, place, scratch, rest, order, share,
-            responsible,
-        )  # fmt: skip
-        fit(path, index, pair, predicted, share, responsible, heard, blocks, radio, turned, sums)
-        exist(path, prior, odds, ratio, nu, rest, surface, sight, single, double, worth)
+        if rounds > 0:
+            exchange(beta, odds, 3, new, rounds, message, claimed)
+        for m in range(claimed.shape[0]):  # what is given is read, or a GPU wouldn't get it
+            given = claimed[m]
+            claimed[m] = ti.max(given, 0.0)
+        correct(mean, covariance, path, start, index, pair, odds, beta, message, place, scratch, worth, share)
+        fit(path, index, pair, predicted, share, message, heard, blocks, radio, turned, sums)
+        exist(path, prior, odds, ratio, message, scratch, surface, sight, single, double, worth)

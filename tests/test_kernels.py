@@ -116,6 +116,31 @@ def test_a_quick_launch_is_the_same_and_refuses_what_it_was_not_compiled_for():
         polylines(state, path, places)
 
 
+def test_a_launch_takes_what_it_is_given_whatever_it_was_given_before():
+    import taichi as ti
+
+    from gridslam.kernels.paths import polylines
+
+    draw, places = np.random.default_rng(4), np.zeros((1, 3))
+    path = np.array([[1, 0, 0, 0], [2, 0, 1, 0]], np.int32)
+    mine, out = draw.normal(size=(9, 5)), np.zeros((10, 13))
+    for _ in range(2):  # the first may have to compile
+        polylines(mine, path, places, out)
+    first = out.copy()
+    held = ti.ndarray(ti.f64, (9, 5))
+    held.from_numpy(2 * mine)
+    polylines(held, path, places, out)
+    assert (out != first).any()
+    polylines(mine, path, places, out)  # at the place that it had two launches before
+    np.testing.assert_array_equal(out, first)
+    mine *= 2
+    polylines(mine, path, places, out)
+    assert (out != first).any()
+    polylines(mine[:, :0].copy(), path, places, out[:0])
+    polylines(0.5 * mine, path, places, out)
+    np.testing.assert_array_equal(out, first)
+
+
 def test_a_kernel_of_another_taichi_is_launched_as_it_is():
     from gridslam.kernels.launching import quick
 

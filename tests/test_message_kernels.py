@@ -100,18 +100,17 @@ def test_association_messages_equal_their_twin(seed, paths, count):
         draw.random((paths, count)) < 0.6
     )
     missed, new = draw.uniform(1e-6, 1, paths), 1 + draw.exponential(1.0, count)
-    limit = np.array([draw.choice([1, 7, 100]), 1e-6])
-    claim, nu = np.full((2, paths, count), np.nan)
-    claimed = np.full(count, np.nan)
-    associate(beta, missed, new, limit, claim, nu, claimed)
-    expected = twins.associate(beta, missed, new, limit)
-    for found, wanted in zip((claim, nu, claimed), expected, strict=True):
+    rounds = int(draw.choice([1, 7, 100]))
+    message, claimed = np.full((2, paths, count), np.nan), np.full(count, np.nan)
+    associate(beta, missed[None], new, rounds, message, claimed)
+    expected = twins.associate(beta, missed[None], new, rounds)
+    for found, wanted in zip((*message, claimed), expected, strict=True):
         np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-9)
 
 
-@given(seeds, st.integers(0, 3))
-@settings(max_examples=40, deadline=None)
-def test_updates_equal_their_twin(seed, surfaces):
+@given(seeds, st.integers(0, 3), st.sampled_from([0, 100]))
+@settings(max_examples=60, deadline=None)
+def test_updates_equal_their_twin(seed, surfaces, rounds):
     from gridslam.kernels.fitting import SUMS
     from gridslam.kernels.updates import update
 
@@ -143,18 +142,20 @@ def test_updates_equal_their_twin(seed, surfaces):
     sums = np.append(draw.uniform(0, 1, SUMS - 1), 150.0)
     into = {
         "mean": mean, "covariance": covariance, "path": path, "start": start, "index": chosen, "pair": pair,
-        "prior": prior, "odds": odds, "ratio": ratio, "beta": beta, "nu": nu, "place": place,
-        "predicted": predicted, "heard": heard, "blocks": blocks, "radio": random_radio(draw), "turned": 0.01,
+        "prior": prior, "odds": odds, "ratio": ratio, "beta": beta, "new": 1 + draw.exponential(1.0, count),
+        "rounds": rounds, "place": place, "predicted": predicted, "heard": heard, "blocks": blocks,
+        "radio": random_radio(draw), "turned": 0.01,
     }  # fmt: skip
+    messages = {"message": np.stack([nu, nu, nu]), "claimed": draw.uniform(0, 1, count)}
     kept = {"surface": surface, "sight": sight, "single": single, "double": double}
     out = {
-        "share": np.full(len(chosen), np.nan), "responsible": np.full(nu.shape, np.nan),
-        "worth": np.full(len(path), np.nan), "sums": sums,
+        "share": np.full(len(chosen), np.nan), "worth": np.full((3, len(path)), np.nan), "sums": sums,
     }  # fmt: skip
-    expected = twins.update(**into, **kept, sums=sums)
-    scratch = np.empty((len(mean), 6)), np.empty(len(path) + surfaces), np.empty(len(path), np.int32)
-    update(*into.values(), *scratch, *kept.values(), *out.values())
-    found = into | kept | out
+    expected = twins.update(**into, **messages, **kept, sums=sums)
+    scratch = np.empty((len(mean), 6))
+    update(*into.values(), scratch, *messages.values(), *kept.values(), *out.values())
+    found = into | messages | kept | out
+    found["worth"], found["message"] = found["worth"][0], found["message"][1:]
     for name, wanted in expected.items():
         np.testing.assert_allclose(found[name], wanted, rtol=1e-5, atol=1e-7, err_msg=name)
     assert np.linalg.eigvalsh(covariance).min() > -1e-9
@@ -167,18 +168,16 @@ def test_equally_sure_paths_are_taken_as_they_stand():
     from gridslam.kernels.gaussian import sorted_by
 
     @ti.kernel
-    def order_of(
-        value: ti.types.ndarray(dtype=ti.f64, ndim=1), order: ti.types.ndarray(dtype=ti.i32, ndim=1)
-    ) -> ti.i32:
+    def order_of(rank: ti.types.ndarray(dtype=ti.f64, ndim=2)) -> ti.i32:
         count = 0
         for _ in range(1):
-            count = sorted_by(value, 0.25, value.shape[0], order)
+            count = sorted_by(rank, 0.25, rank.shape[1])
         return count
 
-    value = np.array([0.5, 0.1, 0.9, 0.5, 0.25, 0.9, 0.0])
-    order = np.full(len(value), -1, np.int32)
-    assert order_of(value, order) == 5
-    assert order.tolist() == [2, 5, 0, 3, 4, -1, -1]
+    rank = np.full((3, 7), -1.0)
+    rank[1] = [0.5, 0.1, 0.9, 0.5, 0.25, 0.9, 0.0]
+    assert order_of(rank) == 5
+    assert rank[2].tolist() == [2, 5, 0, 3, 4, -1, -1]
 
 
 def test_effective_sample_size_is_all_of_equal_weights_and_follows_their_spread():

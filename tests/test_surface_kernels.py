@@ -36,9 +36,8 @@ def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, onl
     mean, covariance, _ = random_belief(draw, surfaces)
     surface, owner, _, sight, single, double = random_bank(draw, surfaces, anchors)
     change = (0.95, 0.005) if only >= 0 else (1.0, 0.0)
-    into = (
-        only, bounces, *change, mean, covariance, places_of(draw, anchors), surface, owner, sight, single, double,
-    )  # fmt: skip
+    bank = surface, owner, sight, single, double
+    into = only, bounces, *change, mean, covariance, places_of(draw, anchors), *bank
     room = anchors * (1 + surfaces**2)
     path, existence, together = np.zeros((room, 4), np.int32), np.zeros(room), np.zeros(room)
     predicted, found = np.zeros((room, 12)), np.zeros(1, np.int32)

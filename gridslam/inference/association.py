@@ -13,9 +13,11 @@ from gridslam import runtime
 Array = NDArray[np.float64]
 
 
-def associate(
-    beta: Array, missed: Array, new: Array, rounds: int = 100, tolerance: float = 1e-6
-) -> tuple[Array, Array]:
+ROUNDS = 100
+"""At most."""
+
+
+def associate(beta: Array, missed: Array, new: Array, rounds: int = ROUNDS) -> tuple[Array, Array]:
     """Messages of the association graph (paper 002, supporting document).
 
     Parameters
@@ -37,6 +39,6 @@ def associate(
     from gridslam.kernels.association import associate as launch
 
     beta = np.ascontiguousarray(beta)
-    (claim, nu), claimed = np.empty((2, *beta.shape)), np.empty(beta.shape[1])
-    launch(beta, missed, new, np.array([rounds, tolerance]), claim, nu, claimed)
-    return nu, claimed
+    message, claimed = np.empty((2, *beta.shape)), np.empty(beta.shape[1])
+    launch(beta, missed[None], new, rounds, message, claimed)
+    return message[1], message[0].sum(0)  # a device that bounds loops may not come to the sums

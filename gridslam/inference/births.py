@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,12 @@ class Births:
     def __len__(self) -> int:
         return len(self.ratio)
 
+    @classmethod
+    @cache
+    def none(cls) -> Births:
+        """No hypotheses."""
+        return cls(np.zeros(0, np.intp), np.zeros((0, 2), np.int32), np.zeros((0, 2)), np.zeros(0))
+
     def weighed(self, validity: Array) -> Births:
         """The same with every hypothesis weighed by the validity (B,) of its path in the grid."""
         return replace(self, ratio=self.ratio * validity)
@@ -64,7 +71,9 @@ class Births:
         least : float
             Probability of being new below which a measurement bears nothing.
         """
-        followed = []
+        followed: list[tuple[int, float]] = []
+        if not len(self):
+            return followed
         born = self.per_measurement(len(claimed))
         chance = born / (1 + born + claimed)
         for row in np.argsort(-chance, kind="stable"):

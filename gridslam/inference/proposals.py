@@ -62,6 +62,8 @@ def propose(
             heard.spot, radio, births / (4 * np.pi * radius_m), ratio, line,
         )  # fmt: skip
     measurement, hypothesis = ratio.nonzero()
+    if not len(measurement):
+        return Births.none()
     return Births(
         measurement, known[hypothesis], line[measurement, hypothesis], ratio[measurement, hypothesis]
     )

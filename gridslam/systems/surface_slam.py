@@ -14,7 +14,6 @@ from gridslam.estimates import Estimate, SurfaceEstimate
 from gridslam.frames import fitted, stamped
 from gridslam.geometry import unit, wrap
 from gridslam.inference import ghosts, relocation, surfaces
-from gridslam.inference.association import associate
 from gridslam.inference.belief import AGENT, Belief, append, predict, separated
 from gridslam.inference.births import Births, bear, birth_reflection
 from gridslam.inference.evaluation import Pairs, evaluate, gate
@@ -223,9 +222,9 @@ class SurfaceSlam:
         """The births as what is known of the space between allows them."""
         return births
 
-    def _associate(self, heard: Heard, beta: Array, missed: Array, new: Array) -> tuple[Array, Array]:
-        """Data association of the rays, and of whatever else a system keeps that may cause measurements."""
-        return associate(beta, missed, new)
+    def _associate(self, heard: Heard, beta: Array, missed: Array, new: Array) -> tuple[Array, Array] | None:
+        """Messages (nu, claimed) of a data association of a system's own; None for that of the papers."""
+        return None
 
     def _exchange(
         self, heard: Heard, rays: Rays, predicted: Prediction, amplitudes: AmplitudeBelief, validity: Array,
@@ -255,7 +254,7 @@ class SurfaceSlam:
             radio = signal.numbers[heard.anchor]
         prior = np.array([rays.existence, rays.surfaces, validity, detected])
         cloud, said = evaluate(rays, recipe, pairs, heard, prior)
-        # births and data association
+        # births
         births = self._reachable(
             heard,
             propose(
@@ -263,10 +262,11 @@ class SurfaceSlam:
                 self.radius_m, self.most_bounces,
             ),
         )  # fmt: skip
-        nu, claimed = self._associate(heard, said.beta, said.missed, 1 + births.per_measurement(len(heard)))
-        # updates
-        self.belief, share, responsible, worth = update(
-            self.belief, self.bank, self.sight, rays, predicted, pairs, heard, said, nu, self.watch,
+        new = 1 + births.per_measurement(len(heard))
+        given = self._associate(heard, said.beta, said.missed, new)
+        # association, updates
+        self.belief, share, responsible, worth, claimed = update(
+            self.belief, self.bank, self.sight, rays, predicted, pairs, heard, said, new, given, self.watch,
             self.told.numbers[heard.anchor],
         )  # fmt: skip
         return Messages(said.chance, worth, pairs, share, responsible, births, claimed)

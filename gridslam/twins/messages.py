@@ -113,19 +113,19 @@ def enter(
     return found, beta, odds, beta.sum(0)
 
 
-def associate(beta: Array, missed: Array, new: Array, limit: Array) -> tuple[Array, Array, Array]:
+def associate(beta: Array, missed: Array, new: Array, rounds: int) -> tuple[Array, Array, Array]:
     """Twin of `kernels.association.associate`: messages from paths and measurements; sums of the former."""
     paths, heard = beta.shape
     nu = np.broadcast_to(1 / new, (paths, heard)).copy()
     claim = np.zeros_like(nu)
-    for _ in range(int(limit[0]) if paths and heard else 0):
+    for _ in range(rounds if paths and heard else 0):
         weight = beta * nu
         others = np.maximum(weight.sum(1, keepdims=True) - weight, 0.0)
-        claim = beta / (missed[:, None] + others)
+        claim = beta / (missed[0][:, None] + others)
         rest = np.maximum(claim.sum(0, keepdims=True) - claim, 0.0)
         fresh = 1 / (new + rest)
         change = np.abs(fresh - nu).max()
         nu = fresh
-        if change < limit[1]:
+        if change < 1e-6:
             break
     return claim, nu, claim.sum(0)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from gridslam.geometry import wrap
 from gridslam.twins.gaussian import correct
+from gridslam.twins.messages import associate
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
@@ -83,11 +84,14 @@ def effective_sample_size(blocks: Array) -> Array:
 
 def update(
     mean: Array, covariance: Array, path: Whole, start: Whole, index: Whole, pair: Array, prior: Array,
-    odds: Array, ratio: Array, beta: Array, nu: Array, place: Array, predicted: Array, heard: Array,
-    blocks: Array, radio: Array, turned: float, surface: Array, sight: Array, single: Array, double: Array,
-    sums: Array,
+    odds: Array, ratio: Array, beta: Array, new: Array, rounds: int, place: Array, predicted: Array,
+    heard: Array, blocks: Array, radio: Array, turned: float, message: Array, claimed: Array, surface: Array,
+    sight: Array, single: Array, double: Array, sums: Array,
 ) -> dict[str, Array]:  # fmt: skip
     """Twin of `kernels.updates.update`: what it writes, by the names of its arguments."""
+    _, nu, _ = message
+    if rounds:
+        _, nu, claimed = associate(beta, odds[3:], new, rounds)
     mean, covariance, share, responsible = correct(
         mean, covariance, path, start, index, pair, odds, beta, nu, place
     )
@@ -95,5 +99,6 @@ def update(
     there = exist(path, prior, odds, ratio, nu, surface, sight, single, double)
     told = dict(zip(("surface", "sight", "single", "double", "worth"), there, strict=True))
     return told | {
-        "mean": mean, "covariance": covariance, "share": share, "responsible": responsible, "sums": after
+        "mean": mean, "covariance": covariance, "share": share, "sums": after, "claimed": claimed,
+        "message": np.stack([nu, responsible]),
     }  # fmt: skip
