@@ -19,7 +19,7 @@ from gridslam.mapping import METHODS
 from gridslam.scene import Scene
 
 Tell = Callable[[str, int, int], None]
-VERSION = 2
+VERSION = 3
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,8 @@ class Plan:
         Particles on `canyon`.
     before, timed, watched : int
         Steps before anything is timed, steps of which the median is taken, steps that are split by stage.
+    later : int
+        Steps before `canyon` is timed once more, when most of its surfaces are known.
     kernel_particles, kernel_before : int
         Particles and steps at which the kernels' cases are taken.
     kernel_s : float
@@ -54,6 +56,7 @@ class Plan:
     canyon: int = 10_000
     before: int = 12
     timed: int = 20
+    later: int = 150
     watched: int = 6
     kernel_particles: int = 10_000
     kernel_before: int = 60
@@ -67,8 +70,8 @@ class Plan:
 
 
 QUICK = Plan(
-    particles=(256, 1_024), canyon=256, before=1, timed=2, watched=1, kernel_particles=256, kernel_before=2,
-    kernel_s=0.01, growth_particles=256, surfaces=(3, 4), false_alarms=(2.0, 8.0), cell_m=(0.2, 0.1),
+    particles=(256, 1_024), canyon=256, before=1, timed=2, later=3, watched=1, kernel_particles=256,
+    kernel_before=2, kernel_s=0.01, growth_particles=256, surfaces=(3, 4), false_alarms=(2.0, 8.0), cell_m=(0.2, 0.1),
     steps=(2, 4), repeats=1,
 )  # fmt: skip
 """Everything once, in seconds: to see that it works, not to believe its numbers."""
@@ -82,6 +85,8 @@ class StepSpeed:
     ----------
     method, scene : str
     particles : int
+    first : int
+        Number of the first step that was timed.
     step_ms : float
         Median.
     steps_per_s : float
@@ -100,6 +105,7 @@ class StepSpeed:
     method: str
     scene: str
     particles: int
+    first: int
     step_ms: float
     steps_per_s: float
     cpu_ms: float
@@ -153,9 +159,10 @@ def measure(
     """
     plan, began = plan or Plan(), time.perf_counter()
     here = machine(runtime.start(device, threads))
-    kinds = [("grid", "alcove", n) for n in plan.particles] + [("grid", "canyon", plan.canyon)]
-    kinds += [("adaptive", "alcove", n) for n in plan.particles]
-    parts = ["start-up", "kernels", *(f"{method}, {name}, {n} particles" for method, name, n in kinds)]
+    kinds = [("grid", "alcove", n, plan.before) for n in plan.particles]
+    kinds += [("grid", "canyon", plan.canyon, before) for before in (plan.before, plan.later)]
+    kinds += [("adaptive", "alcove", n, plan.before) for n in plan.particles]
+    parts = ["start-up", "kernels", *(f"{method}, {name}, {n} particles" for method, name, n, _ in kinds)]
     parts += ["growth"]
     todo = iter(range(len(parts)))
 
@@ -175,9 +182,10 @@ def measure(
     large = largest_launches(canyon, plan.kernel_before)["cast"]
     kernels.append(compete("cast", "canyon", large, plan.kernel_s))
     steps = []
-    for method, name, particles in kinds:
+    for method, name, particles, before in kinds:
         next_part()
-        steps.append(_steps(Scene.load(name).with_filter(particles=particles), method, plan, launch))
+        scene = Scene.load(name).with_filter(particles=particles)
+        steps.append(_steps(scene, method, plan, before, launch))
     next_part()
     on_alcove = [s for s in steps if (s.method, s.scene) == ("grid", "alcove")]
     by_particles = fitted(
@@ -191,23 +199,24 @@ def measure(
     return Speed(plan, here, tuple(kernels), tuple(steps), grown, started, time.perf_counter() - began)
 
 
-def _steps(scene: Scene, method: str, plan: Plan, launch: dict[str, float]) -> StepSpeed:
-    """Run a method from the start, time some steps, and split some more by stage."""
-    scans = heard(scene, plan.before + plan.timed + plan.watched)
+def _steps(scene: Scene, method: str, plan: Plan, before: int, launch: dict[str, float]) -> StepSpeed:
+    """Run a method from the start, time the steps after `before`, and split some more by stage."""
+    scans = heard(scene, before + plan.timed + plan.watched)
     memory, slam = PeakMemory(), METHODS[method](scene, seed=1)
     course = run(slam.step, scans[: -plan.watched], memory)
     with Stopwatch().watching() as watch:
         whole = sum(run(slam.step, scans[-plan.watched :], memory).took)
     stages = watch.of_step(whole, plan.watched, launch)
     in_kernels = sum(seconds for name, seconds in stages.items() if name.startswith(KERNEL))
-    median = float(np.median(course.took[plan.before :]))
+    median = float(np.median(course.took[before:]))
     return StepSpeed(
         method=method,
         scene=scene.name,
         particles=scene.filter.particles,
+        first=before + 1,
         step_ms=1e3 * median,
         steps_per_s=1 / median,
-        cpu_ms=1e3 * float(np.median(course.cpu[plan.before :])),
+        cpu_ms=1e3 * float(np.median(course.cpu[before:])),
         peak_memory_mb=memory.look(),
         stages_ms={name: 1e3 * seconds for name, seconds in stages.items()},
         not_kernel_share=1 - in_kernels / sum(stages.values()),

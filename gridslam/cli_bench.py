@@ -124,6 +124,7 @@ def _steps(steps: tuple[StepSpeed, ...]) -> Table:
         "method",
         "scene",
         "particles",
+        "from\nstep",
         "ms/step\nmedian",
         "steps/s",
         "CPU\nms/step",
@@ -133,7 +134,7 @@ def _steps(steps: tuple[StepSpeed, ...]) -> Table:
     )
     for s in steps:
         table.add_row(
-            s.method, s.scene, str(s.particles), f"{s.step_ms:.1f}", f"{s.steps_per_s:.1f}",
+            s.method, s.scene, str(s.particles), str(s.first), f"{s.step_ms:.1f}", f"{s.steps_per_s:.1f}",
             f"{s.cpu_ms:.1f}", f"{s.peak_memory_mb:.0f}", f"{s.not_kernel_share:.0%}",
         )  # fmt: skip
     return table
@@ -143,7 +144,9 @@ def _stages(steps: tuple[StepSpeed, ...]) -> Table:
     """Milliseconds by stage; a column per kind of run, kernels first."""
     names = list(dict.fromkeys(name for s in steps for name in s.stages_ms))
     names.sort(key=lambda name: not name.startswith("kernel "))
-    table = _table("ms\nby\nstage", *(f"{s.method}\n{s.scene}\n{s.particles}" for s in steps))
+    table = _table(
+        "ms\nby\nstage\n", *(f"{s.method}\n{s.scene}\n{s.particles}\nfrom {s.first}" for s in steps)
+    )
     for name in names:
         table.add_row(name, *(f"{s.stages_ms.get(name, 0.0):.1f}" for s in steps))
     return table

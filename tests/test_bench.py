@@ -53,7 +53,7 @@ def test_everything_is_in_the_json_as_positive_finite_numbers(quick):
     assert all(n >= 0 and math.isfinite(n) for n in numbers(stages))
     assert all(n > 0 and math.isfinite(n) for n in numbers(found))
     assert [(s["method"], s["scene"], s["particles"]) for s in found["steps"]] == [
-        ("grid", "alcove", 256), ("grid", "alcove", 1024), ("grid", "canyon", 256),
+        ("grid", "alcove", 256), ("grid", "alcove", 1024), ("grid", "canyon", 256), ("grid", "canyon", 256),
         ("adaptive", "alcove", 256), ("adaptive", "alcove", 1024),
     ]  # fmt: skip
 

@@ -74,16 +74,21 @@ def predict(
     mean[:2] += dt * mean[2:4]
     covariance[:2] += dt * covariance[2:4]
     covariance[:, :2] += dt * covariance[:, 2:4]
-    push = acceleration * np.array([0.5 * dt**2, dt])
-    for axis in range(2):
-        covariance[axis : axis + 3 : 2, axis : axis + 3 : 2] += push[:, None] * push
+    place, speed = 0.5 * acceleration * dt**2, acceleration * dt
+    for axis in (0, 1):
+        covariance[axis, axis] += place**2
+        covariance[axis + 2, axis + 2] += speed**2
+        covariance[axis, axis + 2] += place * speed
+        covariance[axis + 2, axis] += place * speed
     covariance[4, 4] += heading**2
     # a turn by w about the point at tangential coordinate t changes the offset by t w
-    angle, turn = np.arange(AGENT, len(mean), 2), (shift / 5.0) ** 2
-    covariance[angle, angle] += turn
-    covariance[angle, angle + 1] += turn * feet
-    covariance[angle + 1, angle] += turn * feet
-    covariance[angle + 1, angle + 1] += turn * feet**2 + shift**2
+    size, turn = len(mean), (shift / 5.0) ** 2
+    entries, on, lever = covariance.reshape(-1), 2 * (size + 1), turn * feet
+    angle = AGENT * (size + 1)  # where angle, and offset after it, of the first surface stand on the diagonal
+    entries[angle::on] += turn
+    entries[angle + 1 :: on][: len(feet)] += lever
+    entries[angle + size :: on] += lever
+    entries[angle + size + 1 :: on] += lever * feet + shift**2
     return Belief(mean, covariance)
 
 

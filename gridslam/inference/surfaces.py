@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.geometry import canonical, unit
-from gridslam.inference.belief import Belief, keep, slots, update
+from gridslam.inference.belief import AGENT, Belief, keep, slots, update
 from gridslam.signal import REFLECTION_BINS
 
 if TYPE_CHECKING:
@@ -212,8 +212,8 @@ def merge(bank: Bank, belief: Belief) -> tuple[Bank, Belief]:
 def canonical_lines(belief: Belief) -> tuple[Array, Array]:
     """Lines with offset >= 0 and their covariances, for users."""
     lines = belief.lines
-    index = slots(np.arange(len(lines)))
-    covariance = belief.covariance[index[:, :, None], index[:, None, :]]
+    joint = belief.covariance[AGENT:, AGENT:].reshape(len(lines), 2, len(lines), 2)
+    covariance = np.einsum("iaib->iab", joint)
     flip = np.where(lines[:, 1] < 0, -1.0, 1.0)
     sign = np.stack([np.ones_like(flip), flip], -1)
     return canonical(lines), covariance * sign[:, :, None] * sign[:, None, :]

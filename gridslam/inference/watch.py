@@ -234,5 +234,5 @@ class Watch:
 def innovation_band(freedom: float) -> tuple[float, float]:
     """Band of the mean normalised innovation squared with 0.998 probability (Wilson and Hilferty)."""
     part = 2 / (9 * max(freedom, 1.0))
-    low, high = (float(max(1 - part + side * 3.09 * np.sqrt(part), 0.0) ** 3) for side in (-1, 1))
-    return low, high
+    reach = 3.09 * math.sqrt(part)
+    return max(1 - part - reach, 0.0) ** 3, (1 - part + reach) ** 3

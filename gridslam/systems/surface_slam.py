@@ -117,20 +117,19 @@ class SurfaceSlam:
     def step(self, scan: Scan) -> Estimate:
         """Take in what was heard at one step and return what is believed now."""
         began = time.perf_counter()
-        with runtime.one_blas_thread():
-            self._move(scan.time_s)
-            self.watch.begin(len(scan))
-            self._face(self.watch.turned)
-            scans = hear(scan, self.places, self.facings, self.told.threshold)
-            self._find_again(scans)
-            for heard in scans:
-                self.signal = self.watch.tuned(self.told, heard.anchor)
-                self._take_in(heard)
-                if not self.settings.correlated:
-                    self.belief = separated(self.belief)
-            self.watch.judge()
-            self._tidy()
-            return self._estimate(scan, time.perf_counter() - began)
+        self._move(scan.time_s)
+        self.watch.begin(len(scan))
+        self._face(self.watch.turned)
+        scans = hear(scan, self.places, self.facings, self.told.threshold)
+        self._find_again(scans)
+        for heard in scans:
+            self.signal = self.watch.tuned(self.told, heard.anchor)
+            self._take_in(heard)
+            if not self.settings.correlated:
+                self.belief = separated(self.belief)
+        self.watch.judge()
+        self._tidy()
+        return self._estimate(scan, time.perf_counter() - began)
 
     def _take_in(self, heard: Heard) -> None:
         """Messages of one anchor."""
@@ -206,10 +205,11 @@ class SurfaceSlam:
         belief = self.belief
         if lost:
             belief = relocation.freed(belief, self.elapsed, self.settings.acceleration_mps2)
-        fix = relocation.find_pose(
-            belief, self.belief, sources, scans, self.detected, self.watch.tuned(self.told, 0),
-            self._stream(len(scans), 2),
-        )  # fmt: skip
+        with runtime.one_blas_thread():
+            fix = relocation.find_pose(
+                belief, self.belief, sources, scans, self.detected, self.watch.tuned(self.told, 0),
+                self._stream(len(scans), 2),
+            )  # fmt: skip
         if fix is not None and fix.clear and (fix.better or not lost):
             self.belief = relocation.moved(belief, fix, self.start_velocity)
             self.watch.found(lost)
