@@ -71,8 +71,8 @@ class Plan:
 
 QUICK = Plan(
     particles=(256, 1_024), canyon=256, before=1, timed=2, later=3, watched=1, kernel_particles=256,
-    kernel_before=2, kernel_s=0.01, growth_particles=256, surfaces=(3, 4), false_alarms=(2.0, 8.0), cell_m=(0.2, 0.1),
-    steps=(2, 4), repeats=1,
+    kernel_before=2, kernel_s=0.01, growth_particles=256, surfaces=(3, 4), false_alarms=(2.0, 8.0),
+    cell_m=(0.2, 0.1), steps=(2, 4), repeats=1,
 )  # fmt: skip
 """Everything once, in seconds: to see that it works, not to believe its numbers."""
 
