@@ -7,15 +7,17 @@ import math
 import os
 from dataclasses import fields
 
+import numpy as np
+
+from gridslam.errors import InputError
 from gridslam.files import get, get_attributes, put, put_attributes, reading_h5, subgroup, writing_h5
-from gridslam.inference.belief import Belief
-from gridslam.inference.surfaces import Bank
+from gridslam.inference.belief import AGENT, Belief
+from gridslam.inference.surfaces import BINS, Bank
 from gridslam.inference.watch import Watch
 from gridslam.scene import Scene
 from gridslam.systems.grid import GridSlam
 
 FORMAT = "gridslam-checkpoint"
-BANK_DIMENSIONS = {"reflection": 2, "single": 2, "extent": 2, "double": 3}
 
 
 def save(slam: GridSlam, path: str | os.PathLike[str]) -> None:
@@ -67,18 +69,30 @@ def resume(path: str | os.PathLike[str]) -> GridSlam:
         scene = Scene.from_toml(str(kept["scene"]), f"{path}: scene")
         slam = GridSlam(scene, agent=str(kept["agent"]), seed=int(str(kept["seed"])))
         size = len(get(state, "mean", (None,)))
-        slam.belief = Belief(get(state, "mean", (size,)), get(state, "covariance", (size, size)))
-        slam.sight = get(state, "sight", (len(scene.anchors),))
+        if size < AGENT or (size - AGENT) % 2:
+            raise InputError(f"{path}: mean", f"{size} entries", f"{AGENT}, and 2 for each surface")
+        mean, covariance = get(state, "mean", (size,)), get(state, "covariance", (size, size))
+        slam.belief = Belief(_like(slam.belief.mean, mean), _like(slam.belief.mean, covariance))
+        slam.sight = _like(slam.sight, get(state, "sight", (len(scene.anchors),)))
         shape = slam.cells.shape
-        slam.cells.evidence = get(state, "evidence", shape)
-        slam.cells.observed = get(state, "observed", shape)
-        slam.cells.coefficient = get(state, "coefficient", (*shape, None))
-        rows = {f.name: get(bank, f.name, (None,) * BANK_DIMENSIONS.get(f.name, 1)) for f in fields(Bank)}
-        slam.bank = Bank(**rows)
+        slam.cells.evidence = _like(slam.cells.evidence, get(state, "evidence", shape))
+        slam.cells.observed = _like(slam.cells.observed, get(state, "observed", shape))
+        slam.cells.coefficient = get(state, "coefficient", (*shape, BINS))
+        count, anchors = max(size - AGENT, 0) // 2, len(scene.anchors)
+        several = {"reflection": (count, BINS), "extent": (count, 2), "single": (anchors, count)}
+        shapes = {"double": (anchors, count, count), **several}
+        rows = {f.name: get(bank, f.name, shapes.get(f.name, (count,))) for f in fields(Bank)}
+        slam.bank = Bank(**{name: _like(getattr(slam.bank, name), row) for name, row in rows.items()})
         slam.steps, slam.next_identity = int(str(kept["steps"])), int(str(kept["next_identity"]))
         watch = subgroup(file, "watch")
-        slam.watch = Watch(**{f.name: get(watch, f.name, (None,)) for f in fields(Watch)})
+        kept_by = {f.name: len(getattr(slam.watch, f.name)) for f in fields(Watch)}
+        slam.watch = Watch(**{name: get(watch, name, (n,)).astype(float) for name, n in kept_by.items()})
         last = float(str(kept["last_time_s"]))
         slam.last_time = None if math.isnan(last) else last
         slam.provenance = json.loads(str(kept["provenance"]))
     return slam
+
+
+def _like(array: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """The value in the type of an array, as kernels take it."""
+    return np.ascontiguousarray(value, dtype=array.dtype)

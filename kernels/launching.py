@@ -17,6 +17,7 @@ from taichi.lang.util import to_numpy_type
 
 from gridslam.kernels.device import ON_CPU
 
+_one_at_a_time = threading.RLock()
 PRIVATE = ("arguments", "compiled_kernels", "runtime")
 """What a kernel of Taichi 1.7 keeps of itself."""
 
@@ -62,16 +63,17 @@ def _first(kernel, arguments):
 
     What Taichi makes of a kernel's source stays, so collecting garbage meanwhile finds none.
     """
-    collects = gc.isenabled()
-    gc.disable()
-    try:
-        with _placeless():
+    with _one_at_a_time:
+        collects = gc.isenabled()
+        gc.disable()
+        try:
+            with _placeless():
+                return kernel(*arguments)
+        except (TypeError, ti.TaichiCompilationError):
             return kernel(*arguments)
-    except Exception:
-        return kernel(*arguments)
-    finally:
-        if collects:
-            gc.enable()
+        finally:
+            if collects:
+                gc.enable()
 
 
 @contextmanager
@@ -99,6 +101,7 @@ def _hand_over(context, handed, place, value, kind):
             return False
         here = address(value), shape
         if handed[place] != here:
+            handed[place] = None  # if an interrupt comes between, nothing is taken for handed over
             context.set_arg_external_array_with_shape((place,), here[0], value.nbytes, shape, 0)
             handed[place] = here
     elif kind is float or kind is int:
@@ -106,8 +109,8 @@ def _hand_over(context, handed, place, value, kind):
             return False
         (context.set_arg_float if kind is float else context.set_arg_int)((place,), value)
     elif isinstance(value, ti.Ndarray) and (to_numpy_type(value.dtype), len(value.shape)) == kind:
-        context.set_arg_ndarray((place,), value.arr)
         handed[place] = None
+        context.set_arg_ndarray((place,), value.arr)
     else:
         return False
     return True

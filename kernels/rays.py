@@ -18,7 +18,7 @@ ROOT_8_PI = 8.885765876316732
 @ti.kernel
 def foresee(
     only: ti.i32,  # the anchor; -1 for all, one after the other
-    bounces: ti.i32,  # at most
+    bounces: ti.i32,  # at most; single ones are always listed
     stay: ti.f64,  # probabilities that a ray stays and that one appears: 1 and 0 list them as they are
     appear: ti.f64,
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]
@@ -40,7 +40,7 @@ def foresee(
     for _ in range(1):
         count, n = surface.shape[0], 0
         for anchor in range(ti.max(only, 0), places.shape[0] if only < 0 else only + 1):
-            for kind in range(ti.min(bounces, 2) + 1):
+            for kind in range(3 if bounces > 1 else 2):
                 for s in range(1 if kind == 0 else count):
                     for r in range(count if kind == 2 else 1):
                         there, chance, together = True, sight[anchor], ti.cast(1.0, ti.f64)

@@ -10,8 +10,10 @@ import pytest
 from scene_samples import shortened
 
 import gridslam as gs
+from gridslam import checkpoint, files
 from gridslam.bounds import known_map_bound
 from gridslam.estimates import SurfaceEstimate
+from gridslam.inference.heard import hear
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 SEEDS = (1, 2, 3)
@@ -88,6 +90,36 @@ def test_a_foreign_checkpoint_is_refused(tmp_path):
     (tmp_path / "no.h5").write_text("not HDF5")
     with pytest.raises(gs.InputError):
         gs.GridSlam.resume(tmp_path / "no.h5")
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [("bank/existence", (200,)), ("bank/single", (1, 2)), ("state/mean", (6,)), ("watch/turn", (7,))],
+)
+def test_a_checkpoint_whose_parts_do_not_fit_is_refused(tmp_path, name, shape):
+    scene = shortened(gs.Scene.load("room"), 3)
+    slam = gs.GridSlam(scene, seed=4)
+    for scan in gs.simulate(scene, "agent1", 4):
+        slam.step(scan)
+    put = files.put
+
+    def spoiled(group, own, value, units):
+        found = f"{group.name.strip('/')}/{own}"
+        put(group, own, np.ones(shape) if found == name else value, units)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(checkpoint, "put", spoiled)
+        slam.save(tmp_path / "checkpoint.h5")
+    with pytest.raises(gs.InputError, match=name.split("/")[1]):
+        gs.GridSlam.resume(tmp_path / "checkpoint.h5")
+
+
+def test_rows_of_anchors_that_the_scene_lacks_are_passed_over():
+    scan = gs.Scan(0, 0.0, np.array([1, 7, -1, 0]), *(np.arange(4.0) + n for n in range(4)))
+    heard = hear(scan, np.zeros((2, 2)), np.zeros(2))
+    assert [h.amplitude.tolist() for h in heard] == [[6.0], [3.0]]
+    none = np.zeros(0)
+    assert [len(h) for h in hear(gs.Scan(0, 0.0, *[none] * 5), np.zeros((2, 2)), np.zeros(2))] == [0, 0]
 
 
 def test_the_command_line_maps_room_and_repeats_bit_for_bit(tmp_path):

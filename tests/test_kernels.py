@@ -133,6 +133,10 @@ def test_a_launch_takes_what_it_is_given_whatever_it_was_given_before():
     assert (out != first).any()
     polylines(mine, path, places, out)  # at the place that it had two launches before
     np.testing.assert_array_equal(out, first)
+    with pytest.raises(Exception, match=r"path|float|array"):  # handed over in part
+        polylines(3 * mine, path.astype(float), places, out)
+    polylines(mine, path, places, out)
+    np.testing.assert_array_equal(out, first)
     mine *= 2
     polylines(mine, path, places, out)
     assert (out != first).any()

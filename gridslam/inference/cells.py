@@ -167,6 +167,7 @@ class Cells:
         from gridslam.kernels.occupancy import absorb
 
         fresh, odds = np.empty(self.shape), float(np.log(self.prior / (1 - self.prior)))
+        self._stale = True  # until all of it is done
         absorb(
             message, self._evidence, self._clear, odds, EVIDENCE_CLIP, fresh,
             self.observed.view(np.uint8), self._occupied,

@@ -81,7 +81,9 @@ def hear(scan: Scan, places: Array, facings: Array, threshold: float = 0.0) -> l
     threshold : float
         Amplitude from which on the radio hears anything.
     """
-    order = np.argsort(scan.anchor, kind="stable")
+    whose = np.asarray(scan.anchor, np.intp)
+    rows = np.flatnonzero((whose >= 0) & (whose < len(places)))  # others belong to no anchor of the scene
+    order = rows[np.argsort(whose[rows], kind="stable")]
     value = np.stack([scan.distance_m, scan.aod_rad, scan.aoa_rad], -1)[order]
     own = np.full(value.shape, np.nan)
     for column, std in enumerate((scan.distance_std_m, scan.aod_std_rad, scan.aoa_std_rad)):
@@ -89,7 +91,7 @@ def hear(scan: Scan, places: Array, facings: Array, threshold: float = 0.0) -> l
             own[:, column] = std[order]
     amplitude = scan.amplitude[order]
     table, spots = _table(value, own, amplitude, threshold), np.column_stack([places, facings])
-    ends = np.cumsum(np.bincount(scan.anchor, minlength=len(places))).tolist()
+    ends = np.cumsum(np.bincount(whose[rows], minlength=len(places))).tolist()
     return [
         Heard(
             anchor, places[anchor], float(facings[anchor]), value[begin:end], own[begin:end],

@@ -69,7 +69,13 @@ def _listed(
     runtime.start()
     from gridslam.kernels.rays import foresee as launch
 
-    if len(belief.lines) != len(bank) or len(anchors) != len(sight):
+    count, places = len(bank), len(anchors)
+    if not (
+        len(belief.lines) == len(bank.existence) == len(bank.owner) == count
+        and len(sight) == places
+        and bank.single.shape == (places, count)
+        and bank.double.shape == (places, count, count)
+    ):
         raise ValueError("surfaces or anchors don't belong together")
     # line of sight, S single and S (S - 1) double bounces
     room = (len(anchors) if anchor < 0 else 1) * (1 + len(bank) ** 2)

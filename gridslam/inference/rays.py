@@ -17,7 +17,7 @@ P_STAY, P_APPEAR = 0.95, 0.005
 
 @dataclass(frozen=True)
 class Rays:
-    """Paths of one anchor: line of sight first, then single, then double bounces.
+    """Paths, anchor by anchor: line of sight first, then single, then double bounces.
 
     Attributes
     ----------

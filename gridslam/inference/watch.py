@@ -46,7 +46,8 @@ class Watch:
     clutter, listened : (J,)
         Clutter heard, and steps listened to, with forgetting.
     misfit, freedom : (1,)
-        Normalised innovations squared of sure associations, and their degrees of freedom.
+        Normalised innovations squared of sure associations, and their degrees of freedom: numbers measured
+        with finite deviations.
     explained, loud : (1,)
         Measurements too loud for clutter that known paths explain, and all such.
     usual, near : (1,)

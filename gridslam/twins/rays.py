@@ -18,7 +18,7 @@ def listed(
     anchor: int, bounces: int, surface: Array, owner: Long, sight: Array, single: Array, double: Array
 ) -> tuple[Whole, Array, Array]:
     """All paths of an anchor (L, 4), and the existences of rays and of surfaces, (L,) both."""
-    own = np.flatnonzero(((owner == -1) | (owner == anchor)) & (bounces > 0))
+    own = np.flatnonzero((owner == -1) | (owner == anchor))
     strong = np.flatnonzero(surface > STRONG)
     pairs = [(s, r) for s in strong for r in strong if s != r and bounces > 1]
     last, first = np.array(pairs, int).reshape(-1, 2).T
