@@ -14,3 +14,7 @@ FAINTEST = 0.3
 
 OFTEN = 10
 """Detections from which on a surface may take a ghost's place."""
+
+OFTENER = 2
+"""How many times as often as a ghost each of the two was seen that take its place: it goes silent when they
+are found."""

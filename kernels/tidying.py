@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from gridslam.kernels import OFTEN
+from gridslam.kernels import OFTEN, OFTENER
 from gridslam.kernels.functions import PI, cos_of, sin_of, wrapped
 from gridslam.kernels.gaussian import mirror_of
 from gridslam.kernels.launching import quick
@@ -12,9 +12,7 @@ ALIKE = 0.5
 SLACK, LIKELY = (1e-4, 2.5e-5), 9.0
 """Variances of gap and turn that are always allowed; squared distance up to which they are one."""
 SURE, SHARP_M = 0.9, 0.1
-"""Existence and deviation of the offset from which on a surface may take another's place; so is `OFTEN`."""
-OFTENER = 2
-"""How many times as often as the ghost each of the two was seen: a ghost goes silent when they are found."""
+"""Existence and deviation of the offset from which on a surface may take another's place."""
 HEARD_ELSEWHERE = 0.3
 """Existence of another anchor's ray at which a surface isn't a ghost."""
 NEAR_M, SLACK_M, GATE = 0.5, 0.02, 9.0

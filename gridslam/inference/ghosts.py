@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.inference.belief import Belief, keep
 from gridslam.inference.surfaces import Bank
-from gridslam.kernels import OFTEN
+from gridslam.kernels import OFTEN, OFTENER
 
 Array = NDArray[np.float64]
 
@@ -33,8 +33,9 @@ def lay(bank: Bank, belief: Belief, places: Array) -> tuple[Bank, Belief]:
 
     if len(belief.lines) != len(bank) or len(places) != len(bank.single):
         raise ValueError("surfaces or anchors don't belong together")
-    if np.count_nonzero(bank.seen >= OFTEN) < 2:
-        return bank, belief
+    often = sorted(bank.seen.tolist())
+    if len(often) < 3 or often[-2] < OFTEN or often[-2] <= OFTENER * often[0]:
+        return bank, belief  # no two that were seen so much more often than a third
     ghost = np.empty(len(bank), np.int32)
     haunt(belief.mean, belief.covariance, bank.existence, bank.seen, bank.single, places, ghost)
     if not ghost.any():

@@ -85,7 +85,7 @@ def hear(scan: Scan, places: Array, facings: Array, threshold: float = 0.0) -> l
     rows = np.flatnonzero((whose >= 0) & (whose < len(places)))  # others belong to no anchor of the scene
     order = rows[np.argsort(whose[rows], kind="stable")]
     value = np.stack([scan.distance_m, scan.aod_rad, scan.aoa_rad], -1)[order]
-    own = np.full(value.shape, np.nan)
+    own = np.full_like(value, np.nan)
     for column, std in enumerate((scan.distance_std_m, scan.aod_std_rad, scan.aoa_std_rad)):
         if std is not None:
             own[:, column] = std[order]
@@ -105,8 +105,10 @@ def _table(value: Array, own_std: Array, amplitude: Array, threshold: float) -> 
     table = np.empty((len(amplitude), 9))
     missing = np.isnan(value)
     table[:, :3] = np.where(missing, 0.0, value)
-    table[:, 3:6] = np.where(np.isnan(own_std), 0.0, np.maximum(own_std, LEAST_STD))
-    table[:, 3:6][missing] = -1.0
+    std = table[:, 3:6]
+    np.fmax(own_std, LEAST_STD, out=std)  # of NaN and a number the number
+    std[np.isnan(own_std)] = 0.0
+    std[missing] = -1.0
     silent = np.isnan(amplitude)
     table[:, 6] = np.where(silent, -1.0, amplitude)
     excess = amplitude**2 - threshold**2
