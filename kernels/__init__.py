@@ -18,3 +18,10 @@ OFTEN = 10
 OFTENER = 2
 """How many times as often as a ghost each of the two was seen that take its place: it goes silent when they
 are found."""
+
+USUAL_REFLECTION = 0.7
+"""Coefficient of a known surface, where no better one is at hand."""
+
+SUMS = 9
+"""What `kernels.fitting` sums up of an anchor: misfit, degrees of freedom; turn and its precision; gain times
+its precision and that; explained, loud; and the least effective number of particles."""

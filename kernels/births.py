@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from gridslam.kernels import FAINTEST
+from gridslam.kernels import FAINTEST, USUAL_REFLECTION
 from gridslam.kernels.bundles import ENTRY, EXIT, FROM, HIT, LEG, LINE, MET, SLOPE, TO, lay_legs, meet_cells
 from gridslam.kernels.device import SPREAD
 from gridslam.kernels.functions import (
@@ -24,8 +24,6 @@ from gridslam.kernels.radio import AT_1M, FALSE_ALARMS, SAMPLES, clutter_of, dev
 ROOT_TURN = 2.5066282746310002
 BINS = 20
 """Bins of the new surface's unknown coefficient."""
-USUAL = 0.7
-"""Coefficient of a known surface."""
 FAINT, EXPLAINED = 1e-3, 1e-3
 """Ratios to clutter, and to the measurement's known causes, below which a birth isn't looked at."""
 DOUBLE_SHARE = 0.5
@@ -111,7 +109,7 @@ def propose(
                 std = known_std(radio, heard, m, usual)
                 clutter = radio[FALSE_ALARMS] * clutter_of(radio, amplitude)
                 level[0] = mean_rician(radio, heard[m, 0], amplitude, 1.0) / clutter
-                level[1] = mean_rician(radio, heard[m, 0], amplitude, USUAL) / clutter
+                level[1] = mean_rician(radio, heard[m, 0], amplitude, USUAL_REFLECTION) / clutter
                 # what a hypothesis could be worth at most: the AoD right on, the image next to the anchor
                 most = ti.max(level[0], level[1]) if hypotheses > 1 else level[0]
                 keep = common * most / ROOT_TURN > least * ti.min(std[1], WIDEST)

@@ -11,9 +11,6 @@ SURE = 0.9
 """Probability from which an association counts as sure."""
 WORST = 30.0
 """Normalised innovation squared at which one path's is cut off."""
-SUMS = 9
-"""Misfit, degrees of freedom; turn and its precision; gain times its precision and that; explained, loud; and
-the least effective number of particles."""
 
 
 @ti.func

@@ -95,7 +95,7 @@ def _placeless():
 
 def _hand_over(context, handed, place, value, kind):
     """Put one argument into a launch, unless it is there from the last; whether it is of the right kind."""
-    if type(value) is np.ndarray:
+    if type(value) is np.ndarray and type(kind) is tuple:
         shape = value.shape
         if value.dtype is not kind[0] or len(shape) != kind[1] or not value.flags.c_contiguous:
             return False

@@ -40,7 +40,7 @@ def update(
     double: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [J, S, S] in/out: over (last, first)
     share: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K] out: probability of each association
     worth: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3, L] out: mean of sum_m nu_m g_m + 1 - p_d; scratch
-    sums: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [9] in/out: see `fitting.SUMS`
+    sums: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [9] in/out: see `kernels.SUMS`
 ):
     """Associate, correct agent and surfaces, update what exists, and note how well all that fits."""
     ti.loop_config(serialize=True)

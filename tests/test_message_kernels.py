@@ -8,7 +8,7 @@ from kernel_worlds import detection_table, random_bank, random_belief, random_ra
 from scipy.special import i0e
 
 from gridslam import runtime, twins
-from gridslam.kernels import PATH_BLOCK
+from gridslam.kernels import PATH_BLOCK, SUMS
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 seeds = st.integers(0, 2**32 - 1)
@@ -111,7 +111,6 @@ def test_association_messages_equal_their_twin(seed, paths, count):
 @given(seeds, st.integers(0, 3), st.sampled_from([0, 100]))
 @settings(max_examples=60, deadline=None)
 def test_updates_equal_their_twin(seed, surfaces, rounds):
-    from gridslam.kernels.fitting import SUMS
     from gridslam.kernels.updates import update
 
     draw = np.random.default_rng(seed)

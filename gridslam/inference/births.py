@@ -12,10 +12,10 @@ from gridslam.geometry import course, mirror, trace, wrap
 from gridslam.inference.belief import Belief, birth_line, give_birth, slots, update
 from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import deviations
+from gridslam.kernels import USUAL_REFLECTION
 from gridslam.signal import REFLECTION_BINS, SignalModel
 
 Array = NDArray[np.float64]
-USUAL_REFLECTION = 0.7
 RIVAL = 0.2
 """Share of a measurement's births from which on the second likeliest is followed, too."""
 REACH, TRIALS = 4.0, 41

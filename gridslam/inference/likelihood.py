@@ -73,24 +73,11 @@ def deviations(
     angles : (n, 2) rad
         AoD and AoA, on which the arrays' aperture depends.
     """
-    aperture = signal.anchor_aperture[heard.anchor]
-    return accuracy(heard.value[measurement], heard.own_std[measurement], amplitude, angles, aperture, signal)
-
-
-def accuracy(
-    value: Array, own_std: Array, amplitude: Array, angles: Array, aperture: Array, signal: SignalModel
-) -> Array:
-    """As `deviations`, of measurements `value` and deviations `own_std` that came with them, (n, 3) both.
-
-    Parameters
-    ----------
-    aperture : (2,) or (n, 2)
-        Mean square extents of the anchors' arrays.
-    """
+    value, own_std = heard.value[measurement], heard.own_std[measurement]
     amplitude = np.maximum(amplitude, FAINTEST)
     fisher = np.empty((len(value), 3))
     fisher[:, 0] = signal.distance_std(amplitude)
-    fisher[:, 1] = signal.angle_std(amplitude, angles[:, 0], aperture)
+    fisher[:, 1] = signal.angle_std(amplitude, angles[:, 0], signal.anchor_aperture[heard.anchor])
     fisher[:, 2] = signal.angle_std(amplitude, angles[:, 1], signal.agent_aperture)
     std = np.where(np.isnan(own_std), fisher, own_std)
     return np.where(np.isnan(value), np.inf, std)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gridslam.estimates import Health
 from gridslam.inference.heard import Heard
+from gridslam.kernels import SUMS
 from gridslam.signal import SignalModel
 
 Array = NDArray[np.float64]
@@ -31,8 +32,6 @@ TURN_STD, KEEP_TURN, BEYOND_DOUBT = 0.02, 0.995, 3.5
 SILENT, LOST, MISFIT, LOUD_CLUTTER, FEW, VAGUE_M = 5, 0.5, 1.7, 3.0, 3.0, 1.0
 """When something is amiss: steps of silence; share of the usual explained; ratio of innovations to what is
 expected; of clutter; effective particles; position's standard deviation."""
-SUMS = 9
-"""Numbers that `kernels.fitting` sums up."""
 AFRESH, ENOUGH = 5, 4
 """Steps for which a new start is told of; loud measurements that are needed to call it for."""
 
