@@ -3,7 +3,7 @@
 import taichi as ti
 
 from gridslam.kernels import FAINTEST, USUAL_REFLECTION
-from gridslam.kernels.bundles import ENTRY, EXIT, FROM, HIT, LEG, LINE, MET, SLOPE, TO, lay_legs, meet_cells
+from gridslam.kernels.bundles import LANES, lay_leg, meet_cells, rows_alone
 from gridslam.kernels.device import SPREAD
 from gridslam.kernels.functions import (
     TURN,
@@ -209,25 +209,22 @@ def alone(
 ):  # fmt: skip
     """V of the one ray that is drawn: a bundle of one, which needs none of what makes bundles fast."""
     ny, nx = occupied.shape[1], occupied.shape[2]
-    _ = meet_cells(drawn, 0, 1, count, frame, occupied, 0, line, place)
-    plan = lay_legs(drawn, 0, 1, count, frame, 0, line, place)
-    through = line[0, MET, 0] * line[0, MET + 1, 0]
+    meet_cells(drawn, 0, 1, count, frame, occupied, 0, line, place)
+    through = line[0, 0, 0] * line[0, 1, 0]
+    start, stop = ti.Vector([0] * LANES), ti.Vector([0] * LANES)
+    entry, leave = ti.Vector([0] * LANES), ti.Vector([0] * LANES)
+    base, slope = ti.Vector([0.0] * LANES, dt=ti.f64), ti.Vector([0.0] * LANES, dt=ti.f64)
     for corner in range(count + 1):
-        leg, flat = corner * LEG, plan[corner, 0] > 0.5
+        plan = lay_leg(drawn, 0, 1, corner, frame, base, slope, start, stop, entry, leave)
+        flat = plan[0] > 0.5
         columns, rows = (nx if flat else ny), (ny if flat else nx)
-        base, slope = line[0, corner * LINE, 0], line[0, corner * LINE + SLOPE, 0]
-        start, stop = place[0, leg + FROM, 0], place[0, leg + TO, 0]
-        for c in range(ti.max(start, 0), ti.min(stop, columns - 1) + 1):
-            came, goes = place[0, leg + ENTRY, 0], place[0, leg + EXIT, 0]
-            if c > start:
-                came = ti.cast(ti.floor(base + slope * c), ti.i32)
-            if c < stop:
-                goes = ti.cast(ti.floor(base + slope * (c + 1)), ti.i32)
-            for r in range(ti.max(ti.min(came, goes), 0), ti.min(ti.max(came, goes), rows - 1) + 1):
+        for c in range(ti.max(start[0], 0), ti.min(stop[0], columns - 1) + 1):
+            lowest, highest = rows_alone(c, base, slope, start, stop, entry, leave)
+            for r in range(ti.max(lowest, 0), ti.min(highest, rows - 1) + 1):
                 ix, iy = (c if flat else r), (r if flat else c)
                 met = False
                 for n in range(3 * count):
-                    met = met or place[0, HIT + n, 0] == iy * nx + ix
+                    met = met or place[0, n, 0] == iy * nx + ix
                 if not met:
                     through *= 1 - occupied[0, iy, ix]
     return through

@@ -11,22 +11,7 @@ own states above that. So a ray is walked twice at most: for V, and to add V to 
 
 import taichi as ti
 
-from gridslam.kernels.bundles import (
-    BASE,
-    ENTRY,
-    EXIT,
-    FAR,
-    FROM,
-    HIT,
-    LANES,
-    LEG,
-    LINE,
-    MET,
-    SLOPE,
-    TO,
-    lay_legs,
-    meet_cells,
-)
+from gridslam.kernels.bundles import FAR, LANES, OWN, PLACES, lay_leg, meet_cells, rows_alone
 from gridslam.kernels.device import SPREAD
 from gridslam.kernels.functions import log_of
 from gridslam.kernels.launching import quick
@@ -61,6 +46,38 @@ def crossed(slab, ix, iy, add, scratch: ti.template(), touched: ti.template(), c
     return n
 
 
+@ti.func
+def mark(place: ti.template(), slab, live, value, met: ti.template()):
+    """Mark the cells that rays meet, or unmark them."""
+    for i in range(live):
+        for n in ti.static(range(PLACES)):
+            if place[slab, n, i] >= 0:
+                met[slab, place[slab, n, i]] = value
+
+
+@ti.func
+def spare(place: ti.template(), slab, count, cell, low: ti.template(), since: ti.template()):
+    """Copy where rays begin, except that those that meet the cell begin where they never come to."""
+    for i in range(LANES):
+        since[i] = low[i]
+    for n in range(3 * count):
+        for i in range(LANES):
+            since[i] = ti.select(place[slab, n, i] == cell, FAR, since[i])
+
+
+@ti.func
+def cross_row(walk, r, low: ti.template(), high: ti.template(), free, through: ti.template()):
+    """Take the rays from `low` to `high` through a cell in row `r`; on the second walk, sum up their V."""
+    total = 0.0
+    if walk == 0:
+        for i in range(LANES):
+            through[i] *= ti.select((low[i] <= r) & (r <= high[i]), free, 1.0)
+    else:
+        for i in range(LANES):
+            total += ti.select((low[i] <= r) & (r <= high[i]), through[i], 0.0)
+    return total
+
+
 @quick
 @ti.kernel
 def cast(
@@ -79,6 +96,7 @@ def cast(
     place: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [SLABS, PLACES, LANES] scratch
     scratch: ti.types.ndarray(dtype=ti.f32, ndim=4),  # [SLABS, ny, nx, 3] zero on entry and exit
     touched: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [SLABS, ny * nx + 1, 2] scratch
+    met: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [SLABS, ny * nx] zero on entry and exit
     message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [SLABS, ny, nx] in/out: sum of log ratios
 ):
     """Draw and cast the rays of all paths; add the log ratios to `message` of those that are to send.
@@ -105,109 +123,103 @@ def cast(
                 send = factor[row, 1] > 0.5 and a != 1.0 and possible > frame[5] * rays
                 for group in range((rays + LANES - 1) // LANES if possible > 0 else 0):
                     first, live = row * rays + group * LANES, ti.min(LANES, rays - group * LANES)
-                    through, only = ti.Vector([1.0] * LANES), ti.Vector([0.0] * LANES)
+                    through, since = ti.Vector([1.0] * LANES), ti.Vector([0] * LANES)
                     low, high, enter = ti.Vector([0] * LANES), ti.Vector([0] * LANES), ti.Vector([0] * LANES)
                     start, stop = ti.Vector([0] * LANES), ti.Vector([0] * LANES)
                     entry, leave = ti.Vector([0] * LANES), ti.Vector([0] * LANES)
                     base = ti.Vector([0.0] * LANES, dt=ti.f64)
                     slope = ti.Vector([0.0] * LANES, dt=ti.f64)
-                    met_at = ti.Vector([0] * LANES)
-                    box = meet_cells(drawn, first, live, count, frame, occupied, slab, line, place)
-                    plan = lay_legs(drawn, first, live, count, frame, slab, line, place)
+                    meet_cells(drawn, first, live, count, frame, occupied, slab, line, place)
+                    mark(place, slab, live, 1, met)
                     common, whole = ti.cast(1.0, ti.f64), ti.cast(0.0, ti.f32)
-                    for walk in range(2):  # 0: V; 1: add it to the cells
-                        if walk == 0 or (send and whole > 0):
-                            for corner in range(count + 1):
-                                leg, flat = corner * LEG, plan[corner, 0] > 0.5
-                                columns, rows = (nx if flat else ny), (ny if flat else nx)
-                                begin = ti.max(ti.cast(plan[corner, 1], ti.i32), 0)
-                                end = ti.min(ti.cast(plan[corner, 2], ti.i32), columns - 1)
-                                inner, outer = plan[corner, 3], plan[corner, 4]
-                                turn = 0 if flat else 2
-                                for i in range(LANES):  # copies on the stack: loops over them vectorise
-                                    start[i], stop[i] = place[slab, leg + FROM, i], place[slab, leg + TO, i]
-                                    entry[i] = place[slab, leg + ENTRY, i]
-                                    leave[i] = place[slab, leg + EXIT, i]
-                                    base[i] = line[slab, corner * LINE + BASE, i]
-                                    slope[i] = line[slab, corner * LINE + SLOPE, i]
-                                fresh, same, was = False, False, 0
-                                for c in range(begin, end + 1):
-                                    # between the extremes of the rays at both ends there is no other row
-                                    past = c + 1 - inner
-                                    least = ti.floor(plan[corner, 5] + past * plan[corner, 6])
-                                    most = ti.floor(plan[corner, 7] + past * plan[corner, 8])
-                                    one = least == most and past >= 0 and c + 1 <= outer
-                                    will = ti.cast(least, ti.i32)
-                                    boxed = False
-                                    for b in ti.static(range(2)):
-                                        if c >= box[b, turn] and c <= box[b, turn + 1]:
-                                            boxed = True
-                                    if same and one and not boxed:
-                                        fresh = False
-                                        lowest, highest = ti.max(ti.min(was, will), 0), ti.max(was, will)
-                                        for r in range(lowest, ti.min(highest, rows - 1) + 1):
-                                            ix, iy = (c if flat else r), (r if flat else c)
+                    for walk in range(2 if send else 1):  # 0: V; 1: add it to the cells
+                        for corner in range(count + 1 if walk == 0 or whole > 0 else 0):
+                            plan = lay_leg(
+                                drawn, first, live, corner, frame, base, slope, start, stop, entry, leave
+                            )
+                            flat = plan[0] > 0.5
+                            columns, rows = (nx if flat else ny), (ny if flat else nx)
+                            begin = ti.max(ti.cast(plan[1], ti.i32), 0)
+                            end = ti.min(ti.cast(plan[2], ti.i32), columns - 1)
+                            inner, outer = plan[3], plan[4]
+                            fresh, same, was = False, False, 0
+                            for c in range(begin, end + 1):
+                                # between the extremes of the rays at both ends there is no other row
+                                past = c + 1 - inner
+                                least = ti.floor(plan[5] + past * plan[6])
+                                most = ti.floor(plan[7] + past * plan[8])
+                                one = least == most and past >= 0 and c + 1 <= outer
+                                will = ti.cast(least, ti.i32)
+                                lowest, highest = ti.max(ti.min(was, will), 0), ti.max(was, will)
+                                highest = ti.min(highest, rows - 1)
+                                together = same and one and highest - lowest < 2
+                                if together and lowest <= highest:  # a cell that a ray meets is looked at
+                                    step = nx if flat else 1
+                                    cell = lowest * step + c * (nx + 1 - step)
+                                    end_cell = cell + (highest - lowest) * step
+                                    together = met[slab, cell] == 0 and met[slab, end_cell] == 0
+                                if ti.static(LANES == 1):
+                                    together = True
+                                    lowest, highest = rows_alone(c, base, slope, start, stop, entry, leave)
+                                    lowest, highest = ti.max(lowest, 0), ti.min(highest, rows - 1)
+                                if together:
+                                    fresh = False
+                                    for r in range(lowest, highest + 1):
+                                        ix, iy = (c if flat else r), (r if flat else c)
+                                        spared = False
+                                        if ti.static(LANES == 1):
+                                            spared = met[slab, iy * nx + ix] != 0
+                                        if not spared:
                                             if walk == 0:
                                                 common *= 1 - ti.cast(occupied[0, iy, ix], ti.f64)
                                             else:
                                                 known = crossed(slab, ix, iy, whole, scratch, touched, known)
-                                    else:
-                                        if not fresh:
-                                            for i in range(LANES):
-                                                enter[i] = ti.cast(ti.floor(base[i] + slope[i] * c), ti.i32)
-                                        fresh = True
+                                else:
+                                    if not fresh:
                                         for i in range(LANES):
-                                            goes = ti.cast(ti.floor(base[i] + slope[i] * (c + 1)), ti.i32)
-                                            goes = ti.select(c >= stop[i], leave[i], goes)
-                                            came = ti.select(c <= start[i], entry[i], enter[i])
-                                            here = (c >= start[i]) & (c <= stop[i])
-                                            low[i] = ti.select(here, ti.min(came, goes), FAR)
-                                            high[i] = ti.select(here, ti.max(came, goes), -FAR)
-                                            enter[i] = goes
-                                        bottom, top = FAR, -FAR
-                                        for i in range(LANES):
-                                            bottom, top = ti.min(bottom, low[i]), ti.max(top, high[i])
-                                        for r in range(ti.max(bottom, 0), ti.min(top, rows - 1) + 1):
-                                            ix, iy = (c if flat else r), (r if flat else c)
-                                            for i in range(LANES):
-                                                only[i] = ti.select((low[i] <= r) & (r <= high[i]), 1.0, 0.0)
-                                            for b in ti.static(range(2)):  # a met cell isn't traversed
-                                                across = c >= box[b, turn] and c <= box[b, turn + 1]
-                                                if across and r >= box[b, 2 - turn] and r <= box[b, 3 - turn]:
-                                                    for n in range(3 * b, 3 * b + 3):
-                                                        for i in range(LANES):
-                                                            met_at[i] = place[slab, HIT + n, i]
-                                                        for i in range(LANES):
-                                                            met = met_at[i] == iy * nx + ix
-                                                            only[i] *= ti.select(met, 0.0, 1.0)
-                                            if walk == 0:
-                                                free = 1 - occupied[0, iy, ix]
-                                                for i in range(LANES):
-                                                    through[i] *= ti.select(only[i] > 0.5, free, 1.0)
-                                            else:
-                                                add = 0.0
-                                                for i in range(LANES):
-                                                    add += only[i] * through[i]
-                                                known = crossed(slab, ix, iy, add, scratch, touched, known)
-                                    same, was = one, will
-                            if walk == 0:
-                                for i in range(live):
-                                    k, v = first + i, ti.cast(0.0, ti.f64)
-                                    if drawn[k, 12] > 0.5:
-                                        v = through[i] * common
-                                        drawn[k, 13] = v * line[slab, MET, i] * line[slab, MET + 1, i]
-                                        open_to += drawn[k, 13]
-                                        v *= line[slab, MET + 2, i] * line[slab, MET + 3, i]
-                                    total += v * a + 1 - v
-                                    through[i] = ti.cast(v, ti.f32)
-                                    whole += through[i]
+                                            enter[i] = ti.cast(ti.floor(base[i] + slope[i] * c), ti.i32)
+                                    fresh = True
+                                    for i in range(LANES):
+                                        goes = ti.cast(ti.floor(base[i] + slope[i] * (c + 1)), ti.i32)
+                                        goes = ti.select(c >= stop[i], leave[i], goes)
+                                        came = ti.select(c <= start[i], entry[i], enter[i])
+                                        here = (c >= start[i]) & (c <= stop[i])
+                                        low[i] = ti.select(here, ti.min(came, goes), FAR)
+                                        high[i] = ti.select(here, ti.max(came, goes), -FAR)
+                                        enter[i] = goes
+                                    bottom, top = FAR, -FAR
+                                    for i in range(LANES):
+                                        bottom, top = ti.min(bottom, low[i]), ti.max(top, high[i])
+                                    for r in range(ti.max(bottom, 0), ti.min(top, rows - 1) + 1):
+                                        ix, iy = (c if flat else r), (r if flat else c)
+                                        free, add = 1 - occupied[0, iy, ix], 0.0
+                                        if met[slab, iy * nx + ix] == 0:
+                                            add = cross_row(walk, r, low, high, free, through)
+                                        else:  # rays that meet a cell don't traverse it
+                                            spare(place, slab, count, iy * nx + ix, low, since)
+                                            add = cross_row(walk, r, since, high, free, through)
+                                        if walk == 1:
+                                            known = crossed(slab, ix, iy, add, scratch, touched, known)
+                                same, was = one, will
+                        if walk == 0:
+                            for i in range(live):
+                                k, v = first + i, ti.cast(0.0, ti.f64)
+                                if drawn[k, 12] > 0.5:
+                                    v = through[i] * common
+                                    drawn[k, 13] = v * line[slab, 0, i] * line[slab, 1, i]
+                                    open_to += drawn[k, 13]
+                                    v *= line[slab, OWN, i] * line[slab, OWN + 1, i]
+                                total += v * a + 1 - v
+                                through[i] = ti.cast(v, ti.f32)
+                                whole += through[i]
+                    mark(place, slab, live, 0, met)
                     if send:
                         for i in range(live):
                             for b in range(count):
-                                v, own = ti.cast(through[i], ti.f64), line[slab, MET + 2 + b, i]
+                                v, own = ti.cast(through[i], ti.f64), line[slab, OWN + b, i]
                                 v1 = v / ti.max(own, 1e-12)
                                 for n in range(3 * b, 3 * b + 3):
-                                    cell = place[slab, HIT + n, i]
+                                    cell = place[slab, n, i]
                                     if cell >= 0 and v > 0:
                                         ix, iy = cell % nx, cell // nx
                                         v0 = v1 * (1 - (1 - own) / (1 - occupied[0, iy, ix]))

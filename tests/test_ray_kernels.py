@@ -25,6 +25,7 @@ def launch_cast(state, path, place, worth, traversed, hit, frame):
         np.zeros((slabs, *shape, 3), np.float32),
         np.zeros((slabs, traversed.size + 1, 2), np.int32),
     )
+    met = np.zeros((slabs, traversed.size), np.int32)
     line = np.full((slabs, LINES, LANES), np.nan)
     spot = np.full((slabs, PLACES, LANES), -(2**31), np.int32)
     occupied = np.stack([traversed, hit]).astype(np.float32)
@@ -32,9 +33,10 @@ def launch_cast(state, path, place, worth, traversed, hit, frame):
     table = np.pad(path, ((0, 0), (0, 1)))
     cast(
         state, table, np.append(place, 0.0)[None], factor, occupied, np.append(frame, [0.1, 12.0, 0.0]),
-        drawn, seen, line, spot, scratch, touched, message,
+        drawn, seen, line, spot, scratch, touched, met, message,
     )  # fmt: skip
-    assert not scratch.any(), "scratch is left as it was found"
+    for array in (scratch, met):
+        assert not array.any(), "scratch is left as it was found"
     whole = drawn.reshape(len(path), rays, 14)
     possible = whole[..., 12].mean(1)
     through = (whole[..., 12] * whole[..., 13]).mean(1)

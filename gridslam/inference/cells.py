@@ -53,6 +53,7 @@ class Cells:
         self._place = runtime.room((slabs, PLACES, LANES), np.int32)
         self._scratch = runtime.resident(np.zeros((slabs, *shape, 3), np.float32))
         self._touched = runtime.resident(np.zeros((slabs, shape[0] * shape[1] + 1, 2), np.int32))
+        self._met = runtime.resident(np.zeros((slabs, shape[0] * shape[1]), np.int32))
         self._message = runtime.resident(np.zeros((slabs, *shape)))
         self._frame = (*self.origin.tolist(), cell, OUTSIDE, EVIDENCE_CLIP)
 
@@ -147,6 +148,7 @@ class Cells:
                 self._place,
                 self._scratch,
                 self._touched,
+                self._met,
                 self._message,
             )
         return Polylines(rays.bounces, drawn, seen)
