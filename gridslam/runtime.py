@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import threading
 import warnings
 from collections.abc import Iterator
 from functools import cache
@@ -21,6 +22,7 @@ Resident = Any
 """An array where the device has it: NumPy's on the CPU, Taichi's on a GPU."""
 
 _started: str | None = None
+_spare = threading.local()
 
 
 def start(device: str = "auto", threads: int | None = None) -> str:
@@ -73,6 +75,15 @@ def room(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> Resident:
     from taichi.lang.util import to_taichi_type
 
     return ti.ndarray(to_taichi_type(np.dtype(dtype)), shape)
+
+
+def scratch(site: str, shape: tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray[Any]:
+    """An array for one launch, with anything in it: this thread's last one of the site, if it fits."""
+    kept = _spare.__dict__
+    array = kept.get(site)
+    if array is None or array.shape != shape:
+        array = kept[site] = np.empty(shape, dtype)
+    return array
 
 
 def on_host(held: Resident) -> NDArray[Any]:

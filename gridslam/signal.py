@@ -65,14 +65,21 @@ class SignalModel:
     @cached_property
     def numbers(self) -> Array:
         """What kernels take of the radio, (J, 11), by anchors; see `gridslam.kernels.radio`."""
-        given = 0.0 if self.given_distance_std is None else self.given_distance_std
-        own = [
-            self.distance_scale, given, 0.0, 0.0, *self.agent_aperture, self.max_distance_m,
-            self.amplitude_at_1m, self.samples, self.threshold, self.false_alarms,
-        ]  # fmt: skip
-        table = np.tile(np.array(own, np.float64), (len(self.anchor_aperture), 1))
-        table[:, 2:4] = self.anchor_aperture
-        return table
+        return np.array([self.radio(anchor) for anchor in range(len(self.anchor_aperture))]).reshape(-1, 11)
+
+    def radio(self, anchor: int) -> Array:
+        """One anchor's row of `numbers`, (11,); kept, so don't change it."""
+        if anchor not in self._radios:
+            given = 0.0 if self.given_distance_std is None else self.given_distance_std
+            self._radios[anchor] = np.array([
+                self.distance_scale, given, *self.anchor_aperture[anchor], *self.agent_aperture,
+                self.max_distance_m, self.amplitude_at_1m, self.samples, self.threshold, self.false_alarms,
+            ])  # fmt: skip
+        return self._radios[anchor]
+
+    @cached_property
+    def _radios(self) -> dict[int, Array]:
+        return {}
 
     def amplitude(self, distance: Array | float, reflection: Array | float = 1.0) -> Array:
         """Predicted normalised amplitude, paper 003 eq. (2)."""

@@ -1,7 +1,8 @@
 """Launches without Taichi's look at every argument, which takes longer than most of these kernels run.
 
 A call of a `ti.kernel` inspects each array anew, some 25 us apiece. Once a kernel is compiled, `quick` checks
-only what machine code relies on, and hands over the arrays' addresses. Before, Taichi reads the kernel and
+only what machine code relies on, and hands over the arrays' addresses, of those that it doesn't hold from the
+launch before. At first, Taichi reads the kernel and
 notes for every expression where it stands, which takes half the time and serves its complaints alone.
 """
 
@@ -18,6 +19,7 @@ from taichi.lang.util import to_numpy_type
 from gridslam.kernels.device import ON_CPU
 
 _one_at_a_time = threading.RLock()
+ndarray, HEAD = np.ndarray, object.__basicsize__
 PRIVATE = ("arguments", "compiled_kernels", "runtime")
 """What a kernel of Taichi 1.7 keeps of itself."""
 
@@ -34,6 +36,7 @@ def quick(kernel):
     if not all(hasattr(primal, name) for name in PRIVATE):
         return kernel  # a Taichi that keeps these elsewhere
     kinds = [_kind(argument.annotation) for argument in primal.arguments]
+    places = [(place,) for place in range(len(kinds))]
     own = threading.local()
 
     @wraps(kernel)
@@ -44,18 +47,28 @@ def quick(kernel):
         if len(compiled) != 1 or len(arguments) != len(kinds):
             return kernel(*arguments)
         (code,) = compiled.values()
-        kept = getattr(own, "kept", None)
-        if kept is None or kept[0] is not code or not ON_CPU:
-            kept = own.kept = code, code.make_launch_context(), [None] * len(kinds)
-        _, context, handed = kept
-        for place, value in enumerate(arguments):
-            if not _hand_over(context, handed, place, value, kinds[place]):
-                return kernel(*arguments)
         program = primal.runtime.prog
-        machine = program.compile_kernel(program.config(), program.get_device_caps(), code)
-        return program.launch_kernel(machine, context)
+        kept = getattr(own, "kept", None)
+        if kept is None or kept.code is not code or kept.program is not program:
+            kept = own.kept = _Kept(code, program, len(kinds))
+        context, handed = kept.context, kept.handed
+        if not ON_CPU:
+            context, handed = code.make_launch_context(), [None] * len(kinds)
+        for value, before, place, kind in zip(arguments, handed, places, kinds, strict=True):
+            if value is not before and not _hand_over(context, handed, place, value, kind):
+                return kernel(*arguments)
+        return program.launch_kernel(kept.machine, context)
 
     return launch
+
+
+class _Kept:
+    """What one thread keeps of a kernel: machine code, a launch, and the arguments that this holds."""
+
+    def __init__(self, code, program, count):
+        self.code, self.program = code, program
+        self.machine = program.compile_kernel(program.config(), program.get_device_caps(), code)
+        self.context, self.handed = code.make_launch_context(), [None] * count
 
 
 def _first(kernel, arguments):
@@ -94,23 +107,21 @@ def _placeless():
 
 
 def _hand_over(context, handed, place, value, kind):
-    """Put one argument into a launch, unless it is there from the last; whether it is of the right kind."""
-    if type(value) is np.ndarray and type(kind) is tuple:
-        shape = value.shape
-        if value.dtype is not kind[0] or len(shape) != kind[1] or not value.flags.c_contiguous:
+    """Put one argument into a launch; whether it is of the right kind."""
+    number = place[0]
+    handed[number] = None  # if an interrupt comes between, nothing is taken for handed over
+    if type(value) is ndarray and type(kind) is tuple:
+        if value.dtype is not kind[0] or value.ndim != kind[1] or not value.flags.c_contiguous:
             return False
-        here = address(value), shape
-        if handed[place] != here:
-            handed[place] = None  # if an interrupt comes between, nothing is taken for handed over
-            context.set_arg_external_array_with_shape((place,), here[0], value.nbytes, shape, 0)
-            handed[place] = here
+        context.set_arg_external_array_with_shape(place, address(value), value.nbytes, value.shape, 0)
+        handed[number] = value  # which keeps it where it is
     elif kind is float or kind is int:
         if type(value) is not kind:
             return False
-        (context.set_arg_float if kind is float else context.set_arg_int)((place,), value)
+        (context.set_arg_float if kind is float else context.set_arg_int)(place, value)
+        handed[number] = value
     elif isinstance(value, ti.Ndarray) and (to_numpy_type(value.dtype), len(value.shape)) == kind:
-        handed[place] = None
-        context.set_arg_ndarray((place,), value.arr)
+        context.set_arg_ndarray(place, value.arr)
     else:
         return False
     return True
@@ -123,7 +134,7 @@ def _told(array):
 
 def _read(array):
     """The same in an eighth of the time: the pointer follows what every Python object begins with."""
-    return c_void_p.from_address(id(array) + object.__basicsize__).value
+    return c_void_p.from_address(id(array) + HEAD).value
 
 
 _samples = [np.zeros(shape)[start:] for shape in (1, 7, (3, 4)) for start in (0, 1)]

@@ -55,7 +55,7 @@ class Cells:
         self._touched = runtime.resident(np.zeros((slabs, shape[0] * shape[1] + 1, 2), np.int32))
         self._met = runtime.resident(np.zeros((slabs, shape[0] * shape[1]), np.int32))
         self._message = runtime.resident(np.zeros((slabs, *shape)))
-        self._frame = (*self.origin.tolist(), cell, OUTSIDE, EVIDENCE_CLIP)
+        self._frames: dict[tuple[float, ...], Array] = {}
 
     @property
     def evidence(self) -> Array:
@@ -81,6 +81,12 @@ class Cells:
             self._fold(np.zeros((0, *self.shape)))  # messages stay for `absorb`
         return self._occupied
 
+    def frame(self, *more: float) -> Array:
+        """Origin x and y, side of a cell, and what else a kernel wants to know; kept, so don't change it."""
+        if more not in self._frames:
+            self._frames[more] = np.array([*self.origin, self.cell, *more])
+        return self._frames[more]
+
     def see(self, rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:
         """Draw rays at all states of a cloud, and cast them: V of every path, eq. (1)."""
         return self._cast(rays, cloud, anchors, np.zeros((len(rays), 2)), 0.0)
@@ -104,9 +110,10 @@ class Cells:
         if hit.max(initial=-1) >= surfaces or not 0 <= anchor < len(anchors):
             raise ValueError("a birth names a surface or an anchor that doesn't exist")
         glance(
-            mean, hit, line, anchor, anchors, self.occupied(), np.array([*self._frame, 0.0]),
-            self._line, self._place, np.empty((6 + 3 * surfaces, 1)), np.empty((1, 4), np.int32),
-            np.empty((1, 14)), validity,
+            mean, hit, line, anchor, anchors, self.occupied(), self.frame(OUTSIDE, EVIDENCE_CLIP, 0.0),
+            self._line, self._place, runtime.scratch("glance state", (6 + 3 * surfaces, 1)),
+            runtime.scratch("glance path", (1, 4), np.int32), runtime.scratch("glance drawn", (1, 14)),
+            validity,
         )  # fmt: skip
         return validity
 
@@ -141,7 +148,7 @@ class Cells:
                 anchors,
                 np.ascontiguousarray(factor, dtype=np.float64),
                 self.occupied(),
-                np.array([*self._frame, least]),
+                self.frame(OUTSIDE, EVIDENCE_CLIP, least),
                 drawn.reshape(-1, 14),
                 seen,
                 self._line,

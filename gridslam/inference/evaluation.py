@@ -111,7 +111,7 @@ def gate(
     worth : (L,)
         Paths below a millionth are left out.
     radio : (11,)
-        Row of `SignalModel.numbers` of the anchor.
+        `SignalModel.radio` of the anchor.
     kept : float
         Share of the belief's covariance that each particle keeps.
 
@@ -130,8 +130,8 @@ def gate(
     detected = np.empty(paths)
     launch(
         amplitudes.probability, nodes, float(amplitudes.spreading), predicted.whole, worth, heard.table,
-        table.chance, table.step, radio, kept, np.empty((2, count, len(nodes))), detected,
-        np.empty((2, paths, count)), start, index, pair, evaluated,
+        table.chance, table.step, radio, kept, runtime.scratch("density", (2, count, len(nodes))), detected,
+        runtime.scratch("strength", (2, paths, count)), start, index, pair, evaluated,
     )  # fmt: skip
     found = int(start[-1])
     return Pairs(index[:found], start, pair[:found], evaluated[: max(found, 1)]), detected

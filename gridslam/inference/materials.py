@@ -4,10 +4,12 @@ of both kernels."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam import runtime
 from gridslam.inference.cells import Cells
 from gridslam.inference.likelihood import DetectionTable
 from gridslam.inference.polylines import Polylines
@@ -42,7 +44,12 @@ class Reflected:
     @property
     def nodes(self) -> Array:
         """Amplitudes of the nodes at 1 m, (K,)."""
-        return self.signal.amplitude(1.0, PRODUCTS)
+        return _nodes(self.signal.amplitude_at_1m)
+
+
+@lru_cache(16)
+def _nodes(amplitude_at_1m: float) -> Array:
+    return amplitude_at_1m * PRODUCTS
 
 
 def reflected(rays: Rays, bank: Bank, drawn: Polylines, cells: Cells, signal: SignalModel) -> Reflected:
@@ -60,7 +67,7 @@ def reflected(rays: Rays, bank: Bank, drawn: Polylines, cells: Cells, signal: Si
     rays.check(len(bank), int(rays.anchor.max(initial=0)) + 1)
     belief = np.empty((len(rays), len(PRODUCTS)))
     if len(rays):
-        frame = np.array([*cells.origin, cells.cell, OTHER_MATERIAL])
+        frame = cells.frame(OTHER_MATERIAL)
         recall(drawn.flat, rays.table, cells.held, bank.reflection, frame, belief)
     return Reflected(belief, signal)
 
@@ -85,6 +92,6 @@ def learn(
     if len(rays):
         launch(
             drawn.flat, rays.table, np.array([send, rays.surfaces, told.chance, told.share, told.distance]),
-            told.path, told.said, table.chance, table.step, signal.numbers[0],
-            np.array([*cells.origin, cells.cell, 0.0]), np.empty(len(bank)), bank.reflection, cells.held,
+            told.path, told.said, table.chance, table.step, signal.radio(0),
+            cells.frame(OTHER_MATERIAL), runtime.scratch("learn", (len(bank),)), bank.reflection, cells.held,
         )  # fmt: skip

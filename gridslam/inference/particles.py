@@ -106,8 +106,8 @@ def _prepared(belief: Belief, kept: float, points: Array) -> tuple[Single, Singl
     from gridslam.kernels.particles import prepare
 
     mean, covariance, size = belief.mean, belief.covariance, len(belief.mean)
-    whole, root = np.empty((size, size)), np.empty((size, size), np.float32)
-    base, failed = np.empty((size, 3), np.float32), np.empty(1, np.int32)
+    whole, failed = runtime.scratch("root", (size, size)), runtime.scratch("no root", (1,), np.int32)
+    root, base = np.empty((size, size), np.float32), np.empty((size, 3), np.float32)
     state = np.empty((3 + 3 * len(belief.lines), points.shape[1]))
     share = math.sqrt(1 - kept)
     prepare(mean, covariance, share, points, 0, whole, root, base, state, failed)

@@ -79,7 +79,7 @@ def _listed(
         raise ValueError("surfaces or anchors don't belong together")
     # line of sight, S single and S (S - 1) double bounces
     room = (len(anchors) if anchor < 0 else 1) * (1 + len(bank) ** 2)
-    table, found = np.empty((room, 4), np.int32), np.empty(1, np.int32)
+    table, found = np.empty((room, 4), np.int32), runtime.scratch("found", (1,), np.int32)
     existence, surfaces, predicted = np.empty(room), np.empty(room), np.empty((room, 12))
     launch(
         anchor, most_bounces, stay, appear, belief.mean, belief.covariance, anchors, bank.existence,

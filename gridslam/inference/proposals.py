@@ -47,7 +47,7 @@ def propose(
     explained : (M,)
         Ratio to clutter of the measurement's known causes.
     radio : (11,)
-        Row of `SignalModel.numbers` of the anchor.
+        `SignalModel.radio` of the anchor.
     radius_m : float
         Of the region.
     """

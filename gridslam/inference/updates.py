@@ -36,7 +36,7 @@ def update(
     given : (nu, claimed), optional
         Messages out of an association done otherwise, as of `association.associate`.
     radio : (11,)
-        Row of `SignalModel.numbers` of the anchor, as told.
+        `SignalModel.radio` of the anchor, as told.
 
     Returns
     -------
@@ -58,7 +58,7 @@ def update(
     launch(
         mean, covariance, rays.table, pairs.start, pairs.index, pairs.pair, said.prior, said.odds, said.ratio,
         said.beta, new, rounds, heard.spot, predicted.whole, heard.table, said.blocks, radio,
-        float(watch.taken[heard.anchor]), np.empty((len(mean), 6)), message, claimed, bank.existence, sight,
-        bank.single, bank.double, share, worth, watch.fits[heard.anchor],
+        float(watch.taken[heard.anchor]), runtime.scratch("update", (len(mean), 6)), message, claimed,
+        bank.existence, sight, bank.single, bank.double, share, worth, watch.fits[heard.anchor],
     )  # fmt: skip
     return Belief(mean, covariance), share, message[2], worth[0], claimed

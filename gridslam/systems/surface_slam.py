@@ -242,7 +242,7 @@ class SurfaceSlam:
         signal = self.signal
         # measurement evaluation
         worth = rays.existence * rays.surfaces * validity
-        radio = signal.numbers[heard.anchor]
+        radio = signal.radio(heard.anchor)
         pairs, detected = gate(predicted, heard, amplitudes, worth, self.detected, radio, recipe.kept)
         # clutter level, by what no path can have caused
         near = np.zeros(len(heard), dtype=bool)
@@ -251,7 +251,7 @@ class SurfaceSlam:
         if level != signal.false_alarms:
             pairs = pairs.against(level / signal.false_alarms)
             signal = replace(signal, false_alarms=level)
-            radio = signal.numbers[heard.anchor]
+            radio = signal.radio(heard.anchor)
         prior = np.array([rays.existence, rays.surfaces, validity, detected])
         cloud, said = evaluate(rays, recipe, pairs, heard, prior)
         # births
@@ -267,7 +267,7 @@ class SurfaceSlam:
         # association, updates
         self.belief, share, responsible, worth, claimed = update(
             self.belief, self.bank, self.sight, rays, predicted, pairs, heard, said, new, given, self.watch,
-            self.told.numbers[heard.anchor],
+            self.told.radio(heard.anchor),
         )  # fmt: skip
         return Messages(said.chance, worth, pairs, share, responsible, births, claimed)
 
