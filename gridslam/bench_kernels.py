@@ -250,8 +250,9 @@ def compete(name: str, scene: str, case: Case, seconds: float) -> KernelSpeed:
 
     kernel, contest = kernels()[name], CONTESTS[name]
 
-    used = case | {key: case[key].copy() for key in contest.changes}
-    idle = used | {name: case[name][:0, :0] if name == "out" else case[name][:0] for name in contest.rows}
+    held = {key: runtime.on_host(value) for key, value in case.items() if hasattr(value, "shape")}
+    used = case | {key: _copy(case[key]) for key in contest.changes}
+    idle = used | {name: held[name][:0, :0] if name == "out" else held[name][:0] for name in contest.rows}
 
     def launch(arguments: Case) -> None:
         kernel(*arguments.values())
@@ -259,9 +260,13 @@ def compete(name: str, scene: str, case: Case, seconds: float) -> KernelSpeed:
 
     def restore() -> None:
         for key in contest.changes:
-            used[key][...] = case[key]
+            if isinstance(used[key], np.ndarray):
+                used[key][...] = held[key]
+            else:
+                used[key].from_numpy(held[key])
 
     launch(used)  # compiled, and in the cache; what counts its units is there
+    case = case | {key: runtime.on_host(case[key]) for key in held}
     units = contest.units(case)
     known = case | contest.given(case)
     wanted = {key: known[key] for key in inspect.signature(contest.twin).parameters}
@@ -296,4 +301,7 @@ def repeated(
 
 
 def _copy(value: Any) -> Any:
-    return value.copy() if isinstance(value, np.ndarray) else value
+    """A copy of an array, where it is."""
+    if isinstance(value, np.ndarray):
+        return value.copy()
+    return runtime.resident(value.to_numpy()) if hasattr(value, "to_numpy") else value

@@ -10,7 +10,7 @@ import pytest
 from tiny import TINY
 
 import gridslam as gs
-from gridslam import runtime
+from gridslam import bench_kernels, runtime
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
@@ -79,3 +79,16 @@ def test_resident_arrays_change_nothing(monkeypatch):
     for near, far in zip(*beliefs, strict=True):
         np.testing.assert_allclose(near, far, rtol=1e-9, atol=1e-9)
     assert beliefs[0][2].any()
+
+
+def test_kernels_compete_with_arrays_that_stay_on_a_device_too(monkeypatch):
+    runtime.start()
+    monkeypatch.setattr(runtime, "_started", "gpu")
+    cases = bench_kernels.largest_launches(gs.Scene.from_toml(TINY), 1, 2)
+    for name in ("absorb", "cast", "evaluate", "learn"):
+        assert not all(
+            isinstance(value, np.ndarray) for value in cases[name].values() if hasattr(value, "shape")
+        )
+        speed = bench_kernels.compete(name, "tiny", cases[name], 0.0)
+        assert speed.units > 0
+        assert 0 < speed.kernel_best_s <= speed.kernel_s

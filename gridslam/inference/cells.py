@@ -140,8 +140,9 @@ class Cells:
 
         rays.check(cloud.surfaces, len(anchors))
         state = cloud.state
-        drawn, seen = np.empty((len(rays), state.shape[1], 14)), np.empty((len(rays), 6))
+        drawn, seen = np.empty((0, 14)), np.empty((len(rays), 6))
         if len(rays):
+            drawn = runtime.room((len(rays) * state.shape[1], 14), np.float64)
             cast(
                 state,
                 rays.table,
@@ -149,7 +150,7 @@ class Cells:
                 np.ascontiguousarray(factor, dtype=np.float64),
                 self.occupied(),
                 self.frame(OUTSIDE, EVIDENCE_CLIP, least),
-                drawn.reshape(-1, 14),
+                drawn,
                 seen,
                 self._line,
                 self._place,

@@ -70,7 +70,8 @@ class Evaluation:
     prior : (4, L)
         Existence of the ray, that of its surfaces, V and detection probability, before.
     blocks : (L + K, P / PATH_BLOCK) float32
-        Over blocks of particles: at how many the path is possible; sums of each pair's weights.
+        Over blocks of particles: at how many the path is possible; sums of each pair's weights; where the
+        device has them.
     ratio : (L, M)
         p_d f(z | path) / (mu_fa f_fa(z)), given that the path is possible.
     beta : (L, M)
@@ -83,7 +84,7 @@ class Evaluation:
     """
 
     prior: Array
-    blocks: NDArray[np.float32]
+    blocks: runtime.Resident
     ratio: Array
     beta: Array
     odds: Array
@@ -154,9 +155,9 @@ def evaluate(
     count, (rows, particles) = len(rays), recipe.room
     if particles % PATH_BLOCK:
         raise ValueError(f"{particles} particles: whole blocks of {PATH_BLOCK} are needed")
-    rays.check(rows // 3 - 1, heard.anchor + 1)
+    rays.check(rows // 3 - 1)
     state = runtime.room((rows, particles))
-    blocks = np.empty((count + len(pairs), particles // PATH_BLOCK), np.float32)
+    blocks = runtime.room((count + len(pairs), particles // PATH_BLOCK))
     place = heard.spot.astype(np.float32)
     launch(
         recipe.root, recipe.base, recipe.points, state, rays.table, pairs.start, pairs.table, place, blocks

@@ -64,11 +64,11 @@ def reflected(rays: Rays, bank: Bank, drawn: Polylines, cells: Cells, signal: Si
     """
     from gridslam.kernels.coefficients import recall
 
-    rays.check(len(bank), int(rays.anchor.max(initial=0)) + 1)
+    rays.check(len(bank))
     belief = np.empty((len(rays), len(PRODUCTS)))
     if len(rays):
         frame = cells.frame(OTHER_MATERIAL)
-        recall(drawn.flat, rays.table, cells.held, bank.reflection, frame, belief)
+        recall(drawn.drawn, rays.table, cells.held, bank.reflection, frame, belief)
     return Reflected(belief, signal)
 
 
@@ -88,10 +88,10 @@ def learn(
     from gridslam.kernels.coefficients import learn as launch
 
     rays = told.rays
-    rays.check(len(bank), int(rays.anchor.max(initial=0)) + 1)
+    rays.check(len(bank))
     if len(rays):
         launch(
-            drawn.flat, rays.table, np.array([send, rays.surfaces, told.chance, told.share, told.distance]),
+            drawn.drawn, rays.table, np.array([send, rays.surfaces, told.chance, told.share, told.distance]),
             told.path, told.said, table.chance, table.step, signal.radio(0),
             cells.frame(OTHER_MATERIAL), runtime.scratch("learn", (len(bank),)), bank.reflection, cells.held,
         )  # fmt: skip

@@ -21,30 +21,22 @@ class Polylines:
     Attributes
     ----------
     bounces : (L,) int
-    drawn : (L, R, 13 or 14)
-        Corners (8), normals (4) and possibility as the kernel leaves them; then V, if they were cast.
+    drawn : (L R, 13 or 14)
+        Corners (8), normals (4) and possibility as the kernel leaves them, where the device has them; then V,
+        if they were cast.
     seen : (L, 6)
         Means over the states: of V where the path is possible (0 if it wasn't cast); how often that is; first
         and second corner after the anchor.
     """
 
     bounces: NDArray[np.int32]
-    drawn: Array
+    drawn: runtime.Resident
     seen: Array
-
-    @property
-    def flat(self) -> Array:
-        """`drawn` as kernels take it, (L R, 13 or 14)."""
-        return self.drawn.reshape(-1, self.drawn.shape[2])
 
     @property
     def corners(self) -> Array:
         """Anchor, interaction points, agent, which repeats where there are fewer bounces, (L, R, 4, 2) m."""
-        return self.drawn[..., :8].reshape(*self.drawn.shape[:2], 4, 2)
-
-    def take(self, rows: NDArray[np.intp]) -> Polylines:
-        """Some of the paths."""
-        return Polylines(self.bounces[rows], self.drawn[rows], self.seen[rows])
+        return runtime.on_host(self.drawn)[:, :8].reshape(len(self.bounces), -1, 4, 2)
 
     @property
     def possible(self) -> Array:
@@ -68,10 +60,10 @@ def draw_paths(rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:
     from gridslam.kernels.paths import polylines
 
     rays.check(cloud.surfaces, len(anchors))
-    state = cloud.state
-    drawn = np.zeros((len(rays), state.shape[1], 13))
-    if len(rays):
-        polylines(state, rays.table, anchors, drawn.reshape(-1, 13))
-    seen = np.zeros((len(rays), 6))
-    seen[:, 1], seen[:, 2:] = drawn[..., 12].mean(1), drawn[..., 2:6].mean(1)
+    state, count = cloud.state, len(rays)
+    drawn, seen = np.zeros((count * state.shape[1], 13)), np.zeros((count, 6))
+    if count:
+        polylines(state, rays.table, anchors, drawn)
+        own = drawn.reshape(count, -1, 13)
+        seen[:, 1], seen[:, 2:] = own[..., 12].mean(1), own[..., 2:6].mean(1)
     return Polylines(rays.bounces, drawn, seen)

@@ -69,7 +69,7 @@ def _listed(
     runtime.start()
     from gridslam.kernels.rays import foresee as launch
 
-    count, places = len(bank), len(anchors)
+    count, places = among = len(bank), len(anchors)
     if not (
         len(belief.lines) == len(bank.existence) == len(bank.owner) == count
         and len(sight) == places
@@ -86,4 +86,4 @@ def _listed(
         bank.owner, sight, bank.single, bank.double, table, existence, surfaces, predicted, found,
     )  # fmt: skip
     count = int(found[0])
-    return Rays(table[:count], existence[:count], surfaces[:count]), Prediction(predicted[:count])
+    return Rays(table[:count], existence[:count], surfaces[:count], among), Prediction(predicted[:count])

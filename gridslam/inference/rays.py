@@ -27,11 +27,14 @@ class Rays:
         Predicted existence q' of the ray alone.
     surfaces : (L,) float64
         Product of the existences of the surfaces involved.
+    among : (int, int), optional
+        How many surfaces and anchors the table was made of, if that is known.
     """
 
     table: Whole
     existence: Array
     surfaces: Array
+    among: tuple[int, int] | None = None
 
     def __len__(self) -> int:
         return len(self.table)
@@ -66,25 +69,34 @@ class Rays:
         """Anchor, (L,)."""
         return self.table[:, 3]
 
-    def check(self, surfaces: int, anchors: int) -> None:
-        """Refuse rays of a surface or anchor that isn't there: a kernel would read past its arrays."""
-        if self._highest[0] >= surfaces:
+    def check(self, surfaces: int, anchors: int | None = None) -> None:
+        """Refuse rays of a surface or anchor that isn't there: a kernel would read past its arrays.
+
+        Parameters
+        ----------
+        surfaces, anchors : int
+            How many there are; of anchors, none for a kernel that looks at none.
+        """
+        most_surfaces, most_anchors = self.among or self._named
+        if most_surfaces > surfaces:
             raise ValueError("a ray names a surface that doesn't exist")
-        if self._highest[1] >= anchors:
+        if anchors is not None and most_anchors > anchors:
             raise ValueError("a ray names an anchor that doesn't exist")
 
     @cached_property
-    def _highest(self) -> tuple[int, int]:
-        """Largest number of a surface and of an anchor."""
+    def _named(self) -> tuple[int, int]:
+        """How many surfaces and anchors there must be at least."""
         most = self.table.max(0, initial=-1)
-        return int(max(most[1], most[2])), int(most[3])
+        return int(max(most[1], most[2])) + 1, int(most[3]) + 1
 
     @classmethod
     def stack(cls, parts: Sequence[Rays]) -> Rays:
         """Join the rays of several anchors."""
         tables, existences, surfaces = zip(*((p.table, p.existence, p.surfaces) for p in parts), strict=True)
-        return cls(np.concatenate(tables), np.concatenate(existences), np.concatenate(surfaces))
+        known = [part.among or part._named for part in parts]
+        among = max(one for one, _ in known), max(one for _, one in known)
+        return cls(np.concatenate(tables), np.concatenate(existences), np.concatenate(surfaces), among)
 
     def take(self, rows: NDArray[np.intp]) -> Rays:
         """Some of the rays."""
-        return Rays(self.table[rows], self.existence[rows], self.surfaces[rows])
+        return Rays(self.table[rows], self.existence[rows], self.surfaces[rows], self.among)

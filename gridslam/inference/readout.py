@@ -48,10 +48,10 @@ def path_estimate(
     believed = np.flatnonzero(rays.existence * rays.surfaces > BELIEVED)
     rays, value = rays.take(believed), predicted.value[believed]
     drawn = draw_paths(rays, at_mean(belief), anchors)
+    points = drawn.corners[:, 0]
     if not drawn.possible.all():
         good = np.flatnonzero(drawn.possible)
-        rays, value, drawn = rays.take(good), value[good], drawn.take(good)
-    points = drawn.corners[:, 0]
+        rays, value, points = rays.take(good), value[good], points[good]
     points[rays.bounces < 2, 2], points[rays.bounces < 1, 1] = np.nan, np.nan
     identity = np.append(bank.identity, -1)
     return PathEstimate(
