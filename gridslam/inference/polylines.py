@@ -36,7 +36,9 @@ class Polylines:
     @property
     def corners(self) -> Array:
         """Anchor, interaction points, agent, which repeats where there are fewer bounces, (L, R, 4, 2) m."""
-        return runtime.on_host(self.drawn)[:, :8].reshape(len(self.bounces), -1, 4, 2)
+        count = len(self.bounces)
+        rays = self.drawn.shape[0] // max(count, 1)
+        return runtime.on_host(self.drawn)[:, :8].reshape(count, rays, 4, 2)
 
     @property
     def possible(self) -> Array:
