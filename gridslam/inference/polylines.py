@@ -37,7 +37,7 @@ class Polylines:
     def corners(self) -> Array:
         """Anchor, interaction points, agent, which repeats where there are fewer bounces, (L, R, 4, 2) m."""
         count = len(self.bounces)
-        rays = self.drawn.shape[0] // max(count, 1)
+        rays = self.drawn.shape[0] // count if count else 1
         return runtime.on_host(self.drawn)[:, :8].reshape(count, rays, 4, 2)
 
     @property
