@@ -3,7 +3,7 @@
 import taichi as ti
 
 from gridslam.kernels import FAINTEST, USUAL_REFLECTION
-from gridslam.kernels.bundles import LANES, lay_leg, meet_cells, rows_alone
+from gridslam.kernels.bundles import lay_leg, meet_cells, rows_alone
 from gridslam.kernels.device import SPREAD
 from gridslam.kernels.functions import (
     TURN,
@@ -211,9 +211,8 @@ def alone(
     ny, nx = occupied.shape[1], occupied.shape[2]
     meet_cells(drawn, 0, 1, count, frame, occupied, 0, line, place)
     through = line[0, 0, 0] * line[0, 1, 0]
-    start, stop = ti.Vector([0] * LANES), ti.Vector([0] * LANES)
-    entry, leave = ti.Vector([0] * LANES), ti.Vector([0] * LANES)
-    base, slope = ti.Vector([0.0] * LANES, dt=ti.f64), ti.Vector([0.0] * LANES, dt=ti.f64)
+    start, stop, entry, leave = ti.Vector([0]), ti.Vector([0]), ti.Vector([0]), ti.Vector([0])
+    base, slope = ti.Vector([0.0], dt=ti.f64), ti.Vector([0.0], dt=ti.f64)
     for corner in range(count + 1):
         plan = lay_leg(drawn, 0, 1, corner, frame, base, slope, start, stop, entry, leave)
         flat = plan[0] > 0.5

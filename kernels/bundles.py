@@ -37,22 +37,23 @@ def lay_leg(
     common: whether columns run along x; the first and the last column of any ray; the first and the last
     edge that all rays cross; a row that is below all rays there and its slope, one above and its slope.
     """
-    per_metre, there = 1 / frame[2], ti.Vector([0] * LANES)
-    ax, ay = ti.Vector([0.0] * LANES, dt=ti.f64), ti.Vector([0.0] * LANES, dt=ti.f64)
-    bx, by = ti.Vector([0.0] * LANES, dt=ti.f64), ti.Vector([0.0] * LANES, dt=ti.f64)
+    lanes = ti.static(base.n)
+    per_metre, there = 1 / frame[2], ti.Vector([0] * lanes)
+    ax, ay = ti.Vector([0.0] * lanes, dt=ti.f64), ti.Vector([0.0] * lanes, dt=ti.f64)
+    bx, by = ti.Vector([0.0] * lanes, dt=ti.f64), ti.Vector([0.0] * lanes, dt=ti.f64)
     for i in range(live):
         k = first + i
         ax[i], ay[i] = drawn[k, 2 * corner], drawn[k, 2 * corner + 1]
         bx[i], by[i] = drawn[k, 2 * corner + 2], drawn[k, 2 * corner + 3]
         there[i] = ti.cast(drawn[k, 12], ti.i32)
     wide, tall = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
-    for i in range(LANES):
+    for i in range(lanes):
         wide += ti.abs(bx[i] - ax[i])
         tall += ti.abs(by[i] - ay[i])
     flat = wide >= tall
     ou, ow = (frame[0] if flat else frame[1]), (frame[1] if flat else frame[0])
     begin, end, inner, outer = FAR, -FAR, -FAR, FAR
-    for i in range(LANES):
+    for i in range(lanes):
         u0, w0 = ti.select(flat, ax[i], ay[i]), ti.select(flat, ay[i], ax[i])
         u1, w1 = ti.select(flat, bx[i], by[i]), ti.select(flat, by[i], bx[i])
         u0, w0 = (u0 - ou) * per_metre, (w0 - ow) * per_metre
@@ -73,8 +74,8 @@ def lay_leg(
         inner = ti.max(inner, ti.select(is_there, one + 1, -FAR))
         outer = ti.min(outer, ti.select(is_there, other, FAR))
     lowest, highest, lower, higher = UTMOST, -UTMOST, UTMOST, -UTMOST
-    if ti.static(LANES > 1) and outer > inner:
-        for i in range(LANES):
+    if ti.static(lanes > 1) and outer > inner:
+        for i in range(lanes):
             one = ti.cast(ti.floor((base[i] + slope[i] * inner) * FINE), ti.i32)
             other = ti.cast(ti.floor((base[i] + slope[i] * outer) * FINE), ti.i32)
             is_there = there[i] > 0
@@ -117,7 +118,7 @@ def meet_cells(
 ):  # fmt: skip
     """Write the cells H_b of all rays, and their chance to reflect."""
     ny, nx, per_metre = occupied.shape[1], occupied.shape[2], 1 / frame[2]
-    for i in range(LANES):
+    for i in range(live):
         for n in ti.static(range(PLACES)):
             place[slab, n, i] = -1
         for n in ti.static(range(LINES)):
