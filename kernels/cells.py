@@ -179,17 +179,16 @@ def cast(
                                         for i in range(LANES):
                                             enter[i] = ti.cast(ti.floor(base[i] + slope[i] * c), ti.i32)
                                     fresh = True
+                                    bottom, top = FAR, -FAR
                                     for i in range(LANES):
                                         goes = ti.cast(ti.floor(base[i] + slope[i] * (c + 1)), ti.i32)
                                         goes = ti.select(c >= stop[i], leave[i], goes)
                                         came = ti.select(c <= start[i], entry[i], enter[i])
                                         here = (c >= start[i]) & (c <= stop[i])
-                                        low[i] = ti.select(here, ti.min(came, goes), FAR)
-                                        high[i] = ti.select(here, ti.max(came, goes), -FAR)
-                                        enter[i] = goes
-                                    bottom, top = FAR, -FAR
-                                    for i in range(LANES):
-                                        bottom, top = ti.min(bottom, low[i]), ti.max(top, high[i])
+                                        below = ti.select(here, ti.min(came, goes), FAR)
+                                        above = ti.select(here, ti.max(came, goes), -FAR)
+                                        low[i], high[i], enter[i] = below, above, goes
+                                        bottom, top = ti.min(bottom, below), ti.max(top, above)
                                     for r in range(ti.max(bottom, 0), ti.min(top, rows - 1) + 1):
                                         ix, iy = (c if flat else r), (r if flat else c)
                                         free, add = 1 - occupied[0, iy, ix], 0.0
