@@ -68,13 +68,15 @@ class SignalModel:
         return np.array([self.radio(anchor) for anchor in range(len(self.anchor_aperture))]).reshape(-1, 11)
 
     def radio(self, anchor: int) -> Array:
-        """One anchor's row of `numbers`, (11,); kept, so don't change it."""
+        """One anchor's row of `numbers`, (11,), read-only."""
         if anchor not in self._radios:
             given = 0.0 if self.given_distance_std is None else self.given_distance_std
-            self._radios[anchor] = np.array([
+            row = np.array([
                 self.distance_scale, given, *self.anchor_aperture[anchor], *self.agent_aperture,
                 self.max_distance_m, self.amplitude_at_1m, self.samples, self.threshold, self.false_alarms,
             ])  # fmt: skip
+            row.setflags(write=False)
+            self._radios[anchor] = row
         return self._radios[anchor]
 
     @cached_property

@@ -1,8 +1,8 @@
 """Bundles: the rays of one path side by side, leg by leg, as lines over the columns of the grid.
 
 Columns run along x, or along y where the rays rather go that way; "row" is the other coordinate. What is
-known of each ray stands beside that of the others (in "lanes"), on the stack, so that loops over them
-vectorise. From their extremes at a leg's ends follows in which columns all cross the same cells.
+known of each ray stands beside that of the others (in "lanes"), of a leg on the stack, so that loops over
+them vectorise. From their extremes at a leg's ends follows in which columns all cross the same cells.
 """
 
 import taichi as ti
@@ -83,11 +83,15 @@ def lay_leg(
             highest = ti.max(highest, ti.select(is_there, one, -UTMOST))
             lower = ti.min(lower, ti.select(is_there, other, UTMOST))
             higher = ti.max(higher, ti.select(is_there, other, -UTMOST))
-    length, one = ti.max(outer - inner, 1) * FINE, ti.cast(1.0, ti.f64)
+    one, part = (
+        ti.cast(1.0, ti.f64),
+        ti.cast(1 / FINE, ti.f64),
+    )  # whole numbers alone would give single precision
+    per_column = part / ti.max(outer - inner, 1)
     return ti.Vector([
         ti.select(flat, one, 0.0), begin, end, inner, outer,
-        lowest / FINE - NUDGE, (lower - lowest) / length,
-        (highest + 1) / FINE + NUDGE, (higher - highest) / length,
+        lowest * part - NUDGE, (lower - lowest) * per_column,
+        (highest + 1) * part + NUDGE, (higher - highest) * per_column,
     ], dt=ti.f64)  # fmt: skip
 
 
@@ -128,12 +132,12 @@ def meet_cells(
             k = first + i
             if drawn[k, 12] > 0.5:
                 away, up = drawn[k, 2 * b + 8] * frame[2], drawn[k, 2 * b + 9] * frame[2]
-                x, y = drawn[k, 2 * b + 2] - away, drawn[k, 2 * b + 3] - up
+                x, y = drawn[k, 2 * b + 2], drawn[k, 2 * b + 3]
                 clear_v, clear_m = ti.cast(1.0, ti.f64), ti.cast(1.0, ti.f64)
                 one, other = -1, -1
                 for n in range(3):  # in front of the corner, at it, behind
-                    ix, iy = cell_of(x, frame[0], per_metre), cell_of(y, frame[1], per_metre)
-                    x, y = x + away, y + up
+                    ix = cell_of(x + (n - 1) * away, frame[0], per_metre)
+                    iy = cell_of(y + (n - 1) * up, frame[1], per_metre)
                     if ix >= 0 and iy >= 0 and ix < nx and iy < ny:
                         cell = iy * nx + ix
                         if cell != one and cell != other:

@@ -1,9 +1,9 @@
 """Launches without Taichi's look at every argument, which takes longer than most of these kernels run.
 
 A call of a `ti.kernel` inspects each array anew, some 25 us apiece. Once a kernel is compiled, `quick` checks
-only what machine code relies on, and hands over the arrays' addresses, of those that it doesn't hold from the
-launch before. At first, Taichi reads the kernel and
-notes for every expression where it stands, which takes half the time and serves its complaints alone.
+only what machine code relies on, and hands over addresses; on the CPU only those of arrays that aren't the
+same objects as at the launch before. Before that, Taichi reads the kernel and notes for every expression
+where it stands, which takes half the time and serves its complaints alone.
 """
 
 import gc
@@ -19,7 +19,7 @@ from taichi.lang.util import to_numpy_type
 from gridslam.kernels.device import ON_CPU
 
 _one_at_a_time = threading.RLock()
-ndarray, HEAD = np.ndarray, object.__basicsize__
+ndarray, HEAD, NOTHING = np.ndarray, object.__basicsize__, object()
 PRIVATE = ("arguments", "compiled_kernels", "runtime")
 """What a kernel of Taichi 1.7 keeps of itself."""
 
@@ -31,6 +31,11 @@ def quick(kernel):
     ----------
     kernel : ti.kernel
         Its arguments are arrays of given type and number of dimensions, and numbers; it returns nothing.
+
+    Notes
+    -----
+    A thread keeps the arguments of its last launch of each kernel, and takes an array that it keeps for
+    unchanged: nobody may give it another shape, type or size in place.
     """
     primal = getattr(kernel, "_primal", None)
     if not all(hasattr(primal, name) for name in PRIVATE):
@@ -53,7 +58,7 @@ def quick(kernel):
             kept = own.kept = _Kept(code, program, len(kinds))
         context, handed = kept.context, kept.handed
         if not ON_CPU:
-            context, handed = code.make_launch_context(), [None] * len(kinds)
+            context, handed = code.make_launch_context(), [NOTHING] * len(kinds)
         for value, before, place, kind in zip(arguments, handed, places, kinds, strict=True):
             if value is not before and not _hand_over(context, handed, place, value, kind):
                 return kernel(*arguments)
@@ -68,7 +73,7 @@ class _Kept:
     def __init__(self, code, program, count):
         self.code, self.program = code, program
         self.machine = program.compile_kernel(program.config(), program.get_device_caps(), code)
-        self.context, self.handed = code.make_launch_context(), [None] * count
+        self.context, self.handed = code.make_launch_context(), [NOTHING] * count
 
 
 def _first(kernel, arguments):
@@ -109,7 +114,7 @@ def _placeless():
 def _hand_over(context, handed, place, value, kind):
     """Put one argument into a launch; whether it is of the right kind."""
     number = place[0]
-    handed[number] = None  # if an interrupt comes between, nothing is taken for handed over
+    handed[number] = NOTHING  # if an interrupt comes between, nothing is taken for handed over
     if type(value) is ndarray and type(kind) is tuple:
         if value.dtype is not kind[0] or value.ndim != kind[1] or not value.flags.c_contiguous:
             return False

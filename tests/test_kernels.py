@@ -114,6 +114,9 @@ def test_a_quick_launch_is_the_same_and_refuses_what_it_was_not_compiled_for():
             polylines(wrong, path, places, fast)
     with pytest.raises(Exception, match="missing"):
         polylines(state, path, places)
+    for _ in range(2):  # nothing isn't what was handed over before
+        with pytest.raises(Exception, match=r"places|None"):
+            polylines(state, path, None, fast)
 
 
 def test_a_launch_takes_what_it_is_given_whatever_it_was_given_before():

@@ -82,9 +82,10 @@ class Cells:
         return self._occupied
 
     def frame(self, *more: float) -> Array:
-        """Origin x and y, side of a cell, and what else a kernel wants to know; kept, so don't change it."""
+        """Origin x and y, side of a cell, and what else a kernel wants to know, read-only."""
         if more not in self._frames:
             self._frames[more] = np.array([*self.origin, self.cell, *more])
+            self._frames[more].setflags(write=False)
         return self._frames[more]
 
     def see(self, rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:

@@ -157,7 +157,8 @@ def evaluate(
         raise ValueError(f"{particles} particles: whole blocks of {PATH_BLOCK} are needed")
     rays.check(rows // 3 - 1)
     state = runtime.room((rows, particles))
-    blocks = runtime.room((count + len(pairs), particles // PATH_BLOCK))
+    room = (count + len(pairs), particles // PATH_BLOCK)
+    blocks = runtime.room(room) if count else np.empty(room, np.float32)  # a GPU has none without rows
     place = heard.spot.astype(np.float32)
     launch(
         recipe.root, recipe.base, recipe.points, state, rays.table, pairs.start, pairs.table, place, blocks

@@ -49,7 +49,9 @@ class Reflected:
 
 @lru_cache(16)
 def _nodes(amplitude_at_1m: float) -> Array:
-    return amplitude_at_1m * PRODUCTS
+    nodes = amplitude_at_1m * PRODUCTS
+    nodes.setflags(write=False)
+    return nodes
 
 
 def reflected(rays: Rays, bank: Bank, drawn: Polylines, cells: Cells, signal: SignalModel) -> Reflected:

@@ -22,8 +22,8 @@ class Polylines:
     ----------
     bounces : (L,) int
     drawn : (L R, 13 or 14)
-        Corners (8), normals (4) and possibility as the kernel leaves them, where the device has them; then V,
-        if they were cast.
+        Corners (8), normals (4) and possibility as the kernel leaves them; then V, and where the device has
+        them, if they were cast.
     seen : (L, 6)
         Means over the states: of V where the path is possible (0 if it wasn't cast); how often that is; first
         and second corner after the anchor.

@@ -28,7 +28,7 @@ class Rays:
     surfaces : (L,) float64
         Product of the existences of the surfaces involved.
     among : (int, int), optional
-        How many surfaces and anchors the table was made of, if that is known.
+        How many surfaces and anchors the table was made of, if that is known: it names no other ones.
     """
 
     table: Whole
