@@ -2,9 +2,9 @@
 
 import taichi as ti
 
-from gridslam.kernels import FAINTEST, USUAL_REFLECTION
+from gridslam.kernels import FAINTEST, PATH_BLOCK, USUAL_REFLECTION
 from gridslam.kernels.bundles import lay_leg, meet_cells, rows_alone
-from gridslam.kernels.device import SPREAD
+from gridslam.kernels.device import ON_CPU
 from gridslam.kernels.functions import (
     TURN,
     angle_of,
@@ -15,13 +15,17 @@ from gridslam.kernels.functions import (
     mirrored,
     sin_of,
     single_bounce,
+    turn_of,
     wrapped,
 )
 from gridslam.kernels.launching import quick
 from gridslam.kernels.paths import draw_path
 from gridslam.kernels.radio import AT_1M, FALSE_ALARMS, SAMPLES, clutter_of, deviations_of, rician
 
+BLOCK = PATH_BLOCK
 ROOT_TURN = 2.5066282746310002
+CLOSE = 1e-4
+"""Square of the distance (m^2) between a virtual and its anchor below which no line is made of them."""
 BINS = 20
 """Bins of the new surface's unknown coefficient."""
 FAINT, EXPLAINED = 1e-3, 1e-3
@@ -73,6 +77,59 @@ def line_of(mean: ti.template(), heard: ti.template(), place: ti.template(), m, 
     return bearing_of(nx, ny), 0.5 * (nx * (vx + sx) + ny * (vy + sy))
 
 
+@ti.func
+def halfway(vx, vy, sx, sy):
+    """Line halfway between two points, and the inverse of their distance: 0 if they are too close for one."""
+    dx, dy = vx - sx, vy - sy
+    square = dx * dx + dy * dy
+    per_metre = 1 / ti.sqrt(ti.max(square, CLOSE))
+    nx, ny = dx * per_metre, dy * per_metre
+    return nx, ny, 0.5 * (nx * (vx + sx) + ny * (vy + sy)), ti.select(square > CLOSE, per_metre, 0.0)
+
+
+@ti.func
+def likely(
+    at, last, first, state: ti.template(), end_x: ti.template(), end_y: ti.template(), there: ti.template(),
+    ax, ay, departure, std,
+):  # fmt: skip
+    """Sum of f(AoD) / span over the samples from `at` on, whose images are given, for one hypothesis."""
+    wx, wy, weight = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+    s = 3 + 3 * ti.max(last, first)
+    if s < 3:
+        for i in range(BLOCK):
+            k = at + i
+            nx, ny, c, per_metre = halfway(end_x[i], end_y[i], ax, ay)
+            _, _, x, y, ok = single_bounce(state[0, k], state[1, k], ax, ay, nx, ny, c)
+            wx[i], wy[i], weight[i] = x, y, ok * per_metre
+    elif last >= 0:
+        for i in range(BLOCK):
+            k = at + i
+            ex, ey, e = state[s, k], state[s + 1, k], state[s + 2, k]
+            vx, vy = mirrored(end_x[i], end_y[i], ex, ey, e)
+            nx, ny, c, per_metre = halfway(vx, vy, ax, ay)
+            _, _, x, y, ok = double_bounce(state[0, k], state[1, k], ax, ay, ex, ey, e, nx, ny, c)
+            wx[i], wy[i], weight[i] = x, y, ok * per_metre
+    else:
+        for i in range(BLOCK):
+            k = at + i
+            ex, ey, e = state[s, k], state[s + 1, k], state[s + 2, k]
+            sx, sy = mirrored(ax, ay, ex, ey, e)
+            nx, ny, c, per_metre = halfway(end_x[i], end_y[i], sx, sy)
+            _, _, x, y, ok = double_bounce(state[0, k], state[1, k], ax, ay, nx, ny, c, ex, ey, e)
+            wx[i], wy[i], weight[i] = x, y, ok * per_metre
+    total = 0.0
+    if std < 1e6:
+        for i in range(BLOCK):
+            gap = wrapped(departure - angle_of(wx[i], wy[i])) / std
+            total += there[i] * weight[i] * exp_of(-0.5 * gap * gap)
+        total /= std * ROOT_TURN
+    else:
+        for i in range(BLOCK):
+            total += there[i] * weight[i]
+        total /= TURN
+    return total
+
+
 @quick
 @ti.kernel
 def propose(
@@ -90,74 +147,58 @@ def propose(
 ):
     """Draw distance and AoA around the measurement, make the new line, and judge it by AoD and amplitude.
 
-    The mean of f(AoD) / span is taken over samples of agent, distance and AoA; amplitude and clutter are the
-    same for all. An AoD that wasn't measured has the density 1 / (2 pi).
+    The mean of f(AoD) / span is taken over samples of agent, distance and AoA, whole blocks of them;
+    amplitude and clutter are the same for all. An AoD that wasn't measured has the density 1 / (2 pi).
     """
-    for item in range(heard.shape[0] * SPREAD):
-        if item % SPREAD == 0:
-            m = item // SPREAD
-            hypotheses, samples = known.shape[0], ti.min(noise.shape[1], state.shape[1])
+    ti.loop_config(serialize=ON_CPU)  # too little work to wake other threads for
+    for m in range(heard.shape[0]):
+        hypotheses, blocks = known.shape[0], ti.min(noise.shape[1], state.shape[1]) // BLOCK
+        for h in range(hypotheses):
+            ratio[m, h] = 0.0
+        common = rate * heard[m, 0]
+        least = ti.max(ti.cast(FAINT, ti.f64), EXPLAINED * explained[m])
+        keep = heard[m, 3] >= 0 and heard[m, 5] >= 0 and hypotheses > 0
+        std, level = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64), ti.Vector([0.0, 0.0], dt=ti.f64)
+        if keep:
+            amplitude = heard[m, 6]
+            usual = amplitude if amplitude >= 0 else radio[AT_1M] / ti.max(heard[m, 0], 1e-3) * 0.5
+            std = known_std(radio, heard, m, usual)
+            clutter = radio[FALSE_ALARMS] * clutter_of(radio, amplitude)
+            level[0] = mean_rician(radio, heard[m, 0], amplitude, 1.0) / clutter
+            level[1] = mean_rician(radio, heard[m, 0], amplitude, USUAL_REFLECTION) / clutter
+            # what a hypothesis could be worth at most: the AoD right on, the image next to the anchor
+            most = ti.max(level[0], level[1]) if hypotheses > 1 else level[0]
+            keep = common * most / ROOT_TURN > least * ti.min(std[1], WIDEST)
+        reach, reach_std = ti.cast(heard[m, 0], ti.f32), ti.cast(std[0], ti.f32)
+        arrival, arrival_std = ti.cast(heard[m, 2], ti.f32), ti.cast(std[2], ti.f32)
+        departure, departure_std = ti.cast(heard[m, 1] + place[2], ti.f32), ti.cast(std[1], ti.f32)
+        ax, ay = ti.cast(place[0], ti.f32), ti.cast(place[1], ti.f32)
+        for block in range(blocks if keep else 0):
+            at, there = block * BLOCK, ti.Vector([0.0] * BLOCK)
+            end_x, end_y = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+            for i in range(BLOCK):
+                k = at + i
+                distance = reach + reach_std * ti.cast(noise[0, k], ti.f32)
+                turned = arrival + arrival_std * ti.cast(noise[1, k], ti.f32)
+                cosine, sine = turn_of(wrapped(turned + state[2, k]))
+                end_x[i], end_y[i] = state[0, k] + distance * cosine, state[1, k] + distance * sine
+                there[i] = ti.select(distance > 0, 1.0, 0.0)
             for h in range(hypotheses):
-                ratio[m, h] = 0.0
-            common = rate * heard[m, 0]
-            least = ti.max(ti.cast(FAINT, ti.f64), EXPLAINED * explained[m])
-            keep = heard[m, 3] >= 0 and heard[m, 5] >= 0 and hypotheses > 0
-            std, level = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64), ti.Vector([0.0, 0.0], dt=ti.f64)
-            if keep:
-                amplitude = heard[m, 6]
-                usual = amplitude if amplitude >= 0 else radio[AT_1M] / ti.max(heard[m, 0], 1e-3) * 0.5
-                std = known_std(radio, heard, m, usual)
-                clutter = radio[FALSE_ALARMS] * clutter_of(radio, amplitude)
-                level[0] = mean_rician(radio, heard[m, 0], amplitude, 1.0) / clutter
-                level[1] = mean_rician(radio, heard[m, 0], amplitude, USUAL_REFLECTION) / clutter
-                # what a hypothesis could be worth at most: the AoD right on, the image next to the anchor
-                most = ti.max(level[0], level[1]) if hypotheses > 1 else level[0]
-                keep = common * most / ROOT_TURN > least * ti.min(std[1], WIDEST)
-            for k in range(samples if keep else 0):
-                distance = heard[m, 0] + std[0] * noise[0, k]
-                bearing = heard[m, 2] + std[2] * noise[1, k] + state[2, k]
-                px, py = ti.cast(state[0, k], ti.f64), ti.cast(state[1, k], ti.f64)
-                ax, ay = place[0], place[1]
-                end_x, end_y = px + distance * cos_of(bearing), py + distance * sin_of(bearing)
-                for h in range(hypotheses):
-                    last, first = known[h, 0], known[h, 1]
-                    s, r = 3 + 3 * last, 3 + 3 * first
-                    vx, vy, sx, sy = end_x, end_y, ax, ay
-                    if last >= 0:
-                        vx, vy = mirrored(vx, vy, state[s, k], state[s + 1, k], state[s + 2, k])
-                    if first >= 0:
-                        sx, sy = mirrored(sx, sy, state[r, k], state[r + 1, k], state[r + 2, k])
-                    span = ti.sqrt((vx - sx) ** 2 + (vy - sy) ** 2)
-                    if span > 1e-2 and distance > 0:
-                        nx, ny = (vx - sx) / span, (vy - sy) / span
-                        c = 0.5 * (nx * (vx + sx) + ny * (vy + sy))
-                        wx, wy, ok = 0.0 * px, 0.0 * px, 0.0 * px
-                        if last < 0 and first < 0:
-                            _, _, wx, wy, ok = single_bounce(px, py, ax, ay, nx, ny, c)
-                        elif last >= 0:
-                            ex, ey, e = state[s, k], state[s + 1, k], state[s + 2, k]
-                            _, _, wx, wy, ok = double_bounce(px, py, ax, ay, ex, ey, e, nx, ny, c)
-                        else:
-                            ex, ey, e = state[r, k], state[r + 1, k], state[r + 2, k]
-                            _, _, wx, wy, ok = double_bounce(px, py, ax, ay, nx, ny, c, ex, ey, e)
-                        if ok > 0.5:
-                            density = ti.cast(1 / TURN, ti.f32)
-                            if std[1] < 1e6:
-                                toward = angle_of(ti.cast(wx, ti.f32), ti.cast(wy, ti.f32))
-                                gap = wrapped(heard[m, 1] + place[2] - toward) / std[1]
-                                density = exp_of(ti.cast(-0.5 * gap * gap, ti.f32)) / (std[1] * ROOT_TURN)
-                            so_far = ratio[m, h]
-                            ratio[m, h] = so_far + density / (span * samples)
-            for h in range(hypotheses if keep else 0):
-                last, first = known[h, 0], known[h, 1]
-                worth = common * level[0] * ratio[m, h]
-                if last >= 0 or first >= 0:
-                    worth = common * level[1] * DOUBLE_SHARE * ratio[m, h]
-                ratio[m, h] = 0.0
-                if worth > least:
-                    ratio[m, h] = worth
-                    angle, offset = line_of(mean, heard, place, m, last, first)
-                    line[m, h, 0], line[m, h, 1] = angle, offset
+                so_far = ratio[m, h]
+                more = likely(
+                    at, known[h, 0], known[h, 1], state, end_x, end_y, there, ax, ay, departure, departure_std
+                )
+                ratio[m, h] = so_far + more / (blocks * BLOCK)
+        for h in range(hypotheses if keep else 0):
+            last, first = known[h, 0], known[h, 1]
+            worth = common * level[0] * ratio[m, h]
+            if last >= 0 or first >= 0:
+                worth = common * level[1] * DOUBLE_SHARE * ratio[m, h]
+            ratio[m, h] = 0.0
+            if worth > least:
+                ratio[m, h] = worth
+                angle, offset = line_of(mean, heard, place, m, last, first)
+                line[m, h, 0], line[m, h, 1] = angle, offset
 
 
 @quick
