@@ -164,6 +164,7 @@ CONTESTS = {
         "cell visit", twins.cast, _visits, given=_cast_twin,
         size=lambda case: int((case["factor"][:, 1] > 0.5).sum()),  # those that send messages
     ),
+    "describe": Contest("path", twins.describe, _paths, ("path", "existence", "surfaces")),
     "duplicate": Contest("pair", twins.duplicate, lambda case: len(case["foot"]) ** 2, ("foot",)),
     "enter": Contest("pair", twins.enter, lambda case: case["ratio"].size, ("ratio", "blocks")),
     "evaluate": Contest(

@@ -19,7 +19,7 @@ from gridslam.kernels.functions import (
     wrapped,
 )
 from gridslam.kernels.launching import quick
-from gridslam.kernels.paths import draw_path
+from gridslam.kernels.paths import draw_path, stand_at
 from gridslam.kernels.radio import AT_1M, FALSE_ALARMS, SAMPLES, clutter_of, deviations_of, rician
 
 BLOCK = PATH_BLOCK
@@ -225,11 +225,7 @@ def glance(
     ti.loop_config(serialize=True)
     for _ in range(1):
         surfaces = (mean.shape[0] - 5) // 2
-        state[0, 0], state[1, 0], state[2, 0] = mean[0], mean[1], mean[4]
-        for s in range(surfaces):
-            angle = mean[5 + 2 * s]
-            state[3 + 3 * s, 0], state[4 + 3 * s, 0] = cos_of(angle), sin_of(angle)
-            state[5 + 3 * s, 0] = mean[6 + 2 * s]
+        stand_at(mean, state)
         own = 3 + 3 * surfaces
         for b in range(hit.shape[0]):
             state[own, 0], state[own + 1, 0] = cos_of(fresh[b, 0]), sin_of(fresh[b, 0])

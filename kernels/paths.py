@@ -8,9 +8,17 @@ import taichi as ti
 
 from gridslam.kernels import PATH_BLOCK
 from gridslam.kernels.device import ON_CPU, SPREAD
-from gridslam.kernels.functions import angle_of, double_bounce, exp_of, single_bounce, wrapped
+from gridslam.kernels.functions import (
+    angle_of,
+    cos_of,
+    double_bounce,
+    exp_of,
+    sin_of,
+    single_bounce,
+    wrapped,
+)
 from gridslam.kernels.launching import quick
-from gridslam.kernels.particles import draw_block
+from gridslam.kernels.particles import AGENT, draw_block
 
 BLOCK = PATH_BLOCK
 FINE = 4096.0
@@ -143,6 +151,16 @@ def draw_path(state: ti.template(), path: ti.template(), places: ti.template(), 
     drawn[at, 4], drawn[at, 5], drawn[at, 6], drawn[at, 7] = x2, y2, px, py
     drawn[at, 8], drawn[at, 9], drawn[at, 10], drawn[at, 11] = mx, my, nx, ny
     drawn[at, 12] = ok
+
+
+@ti.func
+def stand_at(mean: ti.template(), state: ti.template()):
+    """Write the first state as the mean of a belief."""
+    state[0, 0], state[1, 0], state[2, 0] = mean[0], mean[1], mean[4]
+    for s in range((mean.shape[0] - AGENT) // 2):
+        angle = mean[AGENT + 2 * s]
+        state[3 + 3 * s, 0], state[4 + 3 * s, 0] = cos_of(angle), sin_of(angle)
+        state[5 + 3 * s, 0] = mean[AGENT + 2 * s + 1]
 
 
 @quick

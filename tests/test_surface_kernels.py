@@ -222,3 +222,30 @@ def test_absorbed_messages_equal_their_twin(seed, columns, slabs):
     np.testing.assert_array_equal(observed, expected[1])
     np.testing.assert_allclose(occupied, expected[2], rtol=1e-4)
     assert not message.any()
+
+
+@given(seeds, st.integers(0, 5))
+@settings(max_examples=60, deadline=None)
+def test_what_users_are_told_equals_its_twin(seed, surfaces):
+    from gridslam.kernels.readout import describe
+
+    draw, anchors = np.random.default_rng(seed), 2
+    mean, covariance, _ = random_belief(draw, surfaces)
+    mean[5::2] += draw.choice([-7.0, 0.0, 9.0], surfaces)  # angles aren't kept wrapped
+    mean[6::2] *= draw.choice([-1, 1], surfaces)
+    existence, owner, _, sight, single, double = random_bank(draw, surfaces, anchors)
+    places = places_of(draw, anchors)
+    path, there, both, _ = twins.foresee(
+        -1, 2, 1.0, 0.0, mean, covariance, places, existence, owner, sight, single, double
+    )
+    extent = draw.choice([np.nan, 1.0], (surfaces, 1)) * np.sort(draw.normal(size=(surfaces, 2)))
+    into = mean, covariance, extent, draw.dirichlet(np.ones(BINS), surfaces), path, there, both, places
+    table, told = np.full((surfaces, 16), np.nan), np.full(len(path) + 1, -1, np.int32)
+    drawn = np.full((len(path), 13), np.nan)
+    describe(*into, np.full((3 + 3 * surfaces, 1), np.nan), drawn, told, table)
+    wanted, rows, corners = twins.describe(*into)
+    np.testing.assert_allclose(table[:, 1:], wanted[:, 1:], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(wrap(table[:, 0] - wanted[:, 0]), 0, atol=1e-12)
+    assert (np.abs(table[:, 0]) <= np.pi + 1e-12).all()
+    np.testing.assert_array_equal(told[1 : 1 + told[0]], rows)
+    np.testing.assert_allclose(drawn[rows, :8].reshape(-1, 4, 2), corners, rtol=1e-9, atol=1e-9)

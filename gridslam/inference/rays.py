@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -97,6 +98,6 @@ class Rays:
         among = max(one for one, _ in known), max(one for _, one in known)
         return cls(np.concatenate(tables), np.concatenate(existences), np.concatenate(surfaces), among)
 
-    def take(self, rows: NDArray[np.intp]) -> Rays:
+    def take(self, rows: NDArray[np.integer[Any]]) -> Rays:
         """Some of the rays."""
         return Rays(self.table[rows], self.existence[rows], self.surfaces[rows], self.among)

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.geometry import canonical, unit
-from gridslam.inference.belief import AGENT, Belief, keep, slots, update
+from gridslam.geometry import unit
+from gridslam.inference.belief import Belief, keep, slots, update
 from gridslam.signal import REFLECTION_BINS
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ def mark(bank: Bank, belief: Belief, rays: Rays, lines: Polylines, share: Array)
             lowest[surface] = along if not lowest[surface] <= along else lowest[surface]  # NaN: none so far
             highest[surface] = along if not highest[surface] >= along else highest[surface]
             seen.add((surface, anchor))
-    bank.extent = np.array([lowest, highest]).T
+    bank.extent = np.ascontiguousarray(np.array([lowest, highest]).T)
     for surface, _ in seen:
         bank.seen[surface] += 1
 
@@ -207,13 +207,3 @@ def merge(bank: Bank, belief: Belief) -> tuple[Bank, Belief]:
         rest = np.arange(len(bank)) != younger
         bank, belief = bank.take(rest), keep(belief, rest)
     return bank, belief
-
-
-def canonical_lines(belief: Belief) -> tuple[Array, Array]:
-    """Lines with offset >= 0 and their covariances, for users."""
-    lines = belief.lines
-    joint = belief.covariance[AGENT:, AGENT:].reshape(len(lines), 2, len(lines), 2)
-    covariance = np.einsum("iaib->iab", joint)
-    flip = np.where(lines[:, 1] < 0, -1.0, 1.0)
-    sign = np.stack([np.ones_like(flip), flip], -1)
-    return canonical(lines), covariance * sign[:, :, None] * sign[:, None, :]

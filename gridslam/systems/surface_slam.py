@@ -23,7 +23,7 @@ from gridslam.inference.particles import Particles, Recipe
 from gridslam.inference.prediction import Prediction, paths_now
 from gridslam.inference.proposals import propose
 from gridslam.inference.rays import Rays
-from gridslam.inference.readout import path_estimate, surface_estimate
+from gridslam.inference.readout import estimates, surface_estimate
 from gridslam.inference.surfaces import Bank
 from gridslam.inference.updates import update
 from gridslam.inference.watch import ENOUGH, Watch
@@ -333,12 +333,12 @@ class SurfaceSlam:
 
     def _estimate(self, scan: Scan, seconds: float) -> Estimate:
         """MMSE estimates of agent and surfaces, and the paths believed in."""
-        table, mean = surface_estimate(self.belief, self.bank), self.belief.mean
+        mean = self.belief.mean
         variance = float(self.belief.covariance[0, 0] + self.belief.covariance[1, 1])
         health = self.watch.health(self.told, np.sqrt(variance), self.particles.drawn)
-        paths = path_estimate(
-            self.belief, self.bank, self.sight, self.anchors, self.most_bounces, self._strength,
-        )  # fmt: skip
+        table, paths = estimates(
+            self.belief, self.bank, self.sight, self.anchors, self.most_bounces, self._strength
+        )
         return Estimate(
             scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[4])),
             self.belief.covariance[:AGENT, :AGENT].copy(), table, paths,

@@ -10,11 +10,13 @@ from gridslam.twins.gaussian import correct, predict
 from gridslam.twins.messages import associate, enter, gate, log_rician, weigh
 from gridslam.twins.paths import draw, evaluate, lines_of, polylines, prepare
 from gridslam.twins.rays import foresee, near
+from gridslam.twins.readout import describe
 from gridslam.twins.tidying import duplicate, haunt
 from gridslam.twins.updates import effective_sample_size, exist, fit, update
 
 __all__ = [
-    "absorb", "associate", "cast", "cells_of", "correct", "draw", "duplicate", "effective_sample_size",
-    "enter", "evaluate", "exist", "fit", "foresee", "gate", "glance", "haunt", "learn", "likely", "lines_of",
+    "absorb", "associate", "cast", "cells_of", "correct", "describe", "draw", "duplicate",
+    "effective_sample_size", "enter", "evaluate", "exist", "fit", "foresee", "gate", "glance", "haunt",
+    "learn", "likely", "lines_of",
     "log_rician", "near", "polylines", "predict", "prepare", "propose", "recall", "trace", "update", "weigh",
 ]  # fmt: skip

@@ -1,0 +1,83 @@
+"""What users are told of a belief: surfaces with their feature vectors, and the paths believed in."""
+
+import taichi as ti
+
+from gridslam.kernels.functions import cos_of, sin_of
+from gridslam.kernels.launching import quick
+from gridslam.kernels.particles import AGENT
+from gridslam.kernels.paths import draw_path, stand_at
+
+BINS = 20
+"""Bins of a coefficient's belief."""
+BELIEVED = 0.5
+"""Existence from which on a path is told of."""
+PI_HIGH, PI_LOW = 3.1415927410125732, 8.742277657347586e-08
+"""Pi is their difference: constants alone have single precision."""
+
+
+@ti.func
+def tell_surface(
+    s, mean: ti.template(), covariance: ti.template(), extent: ti.template(), reflection: ti.template(),
+    table: ti.template(),
+):  # fmt: skip
+    """Write one surface's row."""
+    pi = ti.cast(PI_HIGH, ti.f64) - ti.cast(PI_LOW, ti.f64)
+    at = AGENT + 2 * s
+    angle, offset = mean[at], mean[at + 1]
+    cosine, sine = cos_of(angle), sin_of(angle)
+    turned = offset < 0  # the same line with the normal the other way round
+    sign = ti.select(turned, -1.0, 1.0)
+    by_angle, own = covariance[at, at], covariance[at + 1, at + 1]
+    both = sign * covariance[at, at + 1]
+    angle += ti.select(turned, pi, 0 * pi)
+    table[s, 0], table[s, 1] = angle - 2 * pi * ti.floor(angle / (2 * pi) + 0.5), ti.abs(offset)
+    table[s, 2], table[s, 3], table[s, 4], table[s, 5] = by_angle, both, both, own
+    table[s, 6], table[s, 7] = 2 * offset * cosine, 2 * offset * sine
+    # derivatives of the mirror image of the origin by the line as it was
+    ax, ay, bx, by = -2 * offset * sine, 2 * offset * cosine, 2 * cosine, 2 * sine
+    cross = covariance[at, at + 1]
+    table[s, 8] = ax * ax * by_angle + 2 * ax * bx * cross + bx * bx * own
+    table[s, 9] = ax * ay * by_angle + (ax * by + ay * bx) * cross + bx * by * own
+    table[s, 10] = table[s, 9]
+    table[s, 11] = ay * ay * by_angle + 2 * ay * by * cross + by * by * own
+    first, second = 0 * pi, 0 * pi
+    for n in range(BINS):
+        level = (ti.cast(n, ti.f64) + 0.5) / BINS
+        first += level * reflection[s, n]
+        second += level * level * reflection[s, n]
+    table[s, 12], table[s, 13] = first, second - first * first
+    low, high = extent[s, 0], extent[s, 1]
+    table[s, 14], table[s, 15] = ti.select(turned, -high, low), ti.select(turned, -low, high)
+
+
+@quick
+@ti.kernel
+def describe(
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
+    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
+    extent: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 2] stretch of each surface that was hit
+    reflection: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] belief over its coefficient
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
+    existence: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] of the ray
+    surfaces: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] of all surfaces involved
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, 1] scratch
+    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 13] out, of what is believed in: see `draw_path`
+    told: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] out: how many paths are told of, and which
+    table: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 16] out: line (2) and covariance (4), SFV (2) and
+    # covariance (4), coefficient and variance, extent (2), of the line with offset >= 0
+):
+    """Describe all surfaces, and draw the believed paths that are possible, at the mean of the belief."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        for s in range(table.shape[0]):
+            tell_surface(s, mean, covariance, extent, reflection, table)
+        stand_at(mean, state)
+        count = 0
+        for row in range(path.shape[0]):
+            if existence[row] * surfaces[row] > BELIEVED:
+                draw_path(state, path, places, row, 0, drawn)
+                if drawn[row, 12] > 0.5:
+                    count += 1
+                    told[count] = row
+        told[0] = count
