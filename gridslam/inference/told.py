@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,32 @@ from gridslam.inference.rays import Rays
 Array = NDArray[np.float64]
 
 
+class Part(NamedTuple):
+    """What one anchor's measurements said.
+
+    Attributes
+    ----------
+    heard : Heard
+    rays : Rays
+    distance, chance, worth : (L,)
+        See `Told`.
+    pairs : Pairs
+    share : (K,)
+        Probability of each pair's association.
+    """
+
+    heard: Heard
+    rays: Rays
+    distance: Array
+    chance: Array
+    worth: Array
+    pairs: Pairs
+    share: Array
+
+
 @dataclass(frozen=True)
 class Told:
-    """Rays of one or more anchors, and their associations.
+    """Rays of all anchors, and their associations.
 
     Attributes
     ----------
@@ -44,31 +68,21 @@ class Told:
     said: Array
 
     @classmethod
-    def of(
-        cls,
-        heard: Heard,
-        rays: Rays,
-        distance: Array,
-        chance: Array,
-        worth: Array,
-        pairs: Pairs,
-        share: Array,
-    ) -> Told:
-        """What one anchor's measurements said; `share` (K,) is the probability of each pair."""
-        said = np.stack([heard.table[pairs.measurement, 6], share])
-        total = np.bincount(pairs.path, share, len(rays)).astype(np.float64)
-        return cls(rays, distance, chance, worth, total, pairs.path, said)
-
-    @classmethod
-    def stack(cls, parts: Sequence[Told]) -> Told:
-        """Join what several anchors said."""
+    def by(cls, parts: Sequence[Part]) -> Told:
+        """Join what all anchors said."""
         before = np.cumsum([0, *(len(part.rays) for part in parts)]).tolist()
+        rays = Rays.stack([part.rays for part in parts])
+        share = np.concatenate([part.share for part in parts])
+        path = np.concatenate(
+            [part.pairs.path + start for part, start in zip(parts, before[:-1], strict=True)]
+        )
+        amplitude = np.concatenate([part.heard.table[part.pairs.measurement, 6] for part in parts])
         return cls(
-            Rays.stack([part.rays for part in parts]),
+            rays,
             np.concatenate([part.distance for part in parts]),
             np.concatenate([part.chance for part in parts]),
             np.concatenate([part.worth for part in parts]),
-            np.concatenate([part.share for part in parts]),
-            np.concatenate([part.path + start for part, start in zip(parts, before[:-1], strict=True)]),
-            np.concatenate([part.said for part in parts], 1),
+            np.bincount(path, share, len(rays)).astype(np.float64, copy=False),
+            path,
+            np.array([amplitude, share]),
         )

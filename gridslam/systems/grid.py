@@ -15,7 +15,7 @@ from gridslam.inference.heard import Heard
 from gridslam.inference.materials import learn, reflected
 from gridslam.inference.particles import sample
 from gridslam.inference.prediction import foresee
-from gridslam.inference.told import Told
+from gridslam.inference.told import Part, Told
 from gridslam.map import Map
 from gridslam.scene import Scene
 from gridslam.systems.surface_slam import SurfaceSlam
@@ -49,7 +49,7 @@ class GridSlam(SurfaceSlam):
         super().__init__(scene, agent, seed)
         grid, free_path = scene.grid, self.settings.mean_free_path_m
         self.cells = Cells(np.array(grid.origin_m), grid.cell_m, grid.shape, free_path, self.places)
-        self._to_tell: list[Told] = []
+        self._to_tell: list[Part] = []
         self._draw = np.random.default_rng(self._stream(0, 0))
         if prior_map is not None:
             self._start_from(prior_map)
@@ -74,7 +74,7 @@ class GridSlam(SurfaceSlam):
         said = self._exchange(heard, rays, predicted, amplitudes, drawn.validity, recipe)
         # what cells and coefficients are to be told; new surfaces
         distance = predicted.value[:, 0]
-        self._to_tell.append(Told.of(heard, rays, distance, said.chance, said.worth, said.pairs, said.share))
+        self._to_tell.append(Part(heard, rays, distance, said.chance, said.worth, said.pairs, said.share))
         self._bear(heard, said.births, said.claimed)
 
     def _reachable(self, heard: Heard, births: Births) -> Births:
@@ -86,7 +86,7 @@ class GridSlam(SurfaceSlam):
 
     def _tidy(self) -> None:
         """Messages of all anchors to coefficients and cells; then merge and drop surfaces."""
-        self._tell(Told.stack(self._to_tell))
+        self._tell(Told.by(self._to_tell))
         self.cells.absorb()
         super()._tidy()
 
