@@ -52,7 +52,7 @@ def mark(place: ti.template(), slab, live, value, met: ti.template()):
     for i in range(live):
         for n in ti.static(range(PLACES)):
             if place[slab, n, i] >= 0:
-                met[slab, place[slab, n, i]] = value
+                met[slab, place[slab, n, i]] = ti.cast(value, ti.u8)
 
 
 @ti.func
@@ -96,7 +96,7 @@ def cast(
     place: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [SLABS, PLACES, LANES] scratch
     scratch: ti.types.ndarray(dtype=ti.f32, ndim=4),  # [SLABS, ny, nx, 3] zero on entry and exit
     touched: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [SLABS, ny * nx + 1, 2] scratch
-    met: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [SLABS, ny * nx] zero on entry and exit
+    met: ti.types.ndarray(dtype=ti.u8, ndim=2),  # [SLABS, ny * nx] zero on entry and exit
     message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [SLABS, ny, nx] in/out: sum of log ratios
 ):
     """Draw and cast the rays of all paths; add the log ratios to `message` of those that are to send.

@@ -25,7 +25,7 @@ def launch_cast(state, path, place, worth, traversed, hit, frame):
         np.zeros((slabs, *shape, 3), np.float32),
         np.zeros((slabs, traversed.size + 1, 2), np.int32),
     )
-    met = np.zeros((slabs, traversed.size), np.int32)
+    met = np.zeros((slabs, traversed.size), np.uint8)
     line = np.full((slabs, LINES, LANES), np.nan)
     spot = np.full((slabs, PLACES, LANES), -(2**31), np.int32)
     occupied = np.stack([traversed, hit]).astype(np.float32)

@@ -53,7 +53,7 @@ class Cells:
         self._place = runtime.room((slabs, PLACES, LANES), np.int32)
         self._scratch = runtime.resident(np.zeros((slabs, *shape, 3), np.float32))
         self._touched = runtime.resident(np.zeros((slabs, shape[0] * shape[1] + 1, 2), np.int32))
-        self._met = runtime.resident(np.zeros((slabs, shape[0] * shape[1]), np.int32))
+        self._met = runtime.resident(np.zeros((slabs, shape[0] * shape[1]), np.uint8))
         self._message = runtime.resident(np.zeros((slabs, *shape)))
         self._frames: dict[tuple[float, ...], Array] = {}
 
