@@ -4,6 +4,7 @@ import taichi as ti
 
 from gridslam.kernels import FAINTEST, PATH_BLOCK, USUAL_REFLECTION
 from gridslam.kernels.bundles import lay_leg, meet_cells, rows_alone
+from gridslam.kernels.coefficients import BINS
 from gridslam.kernels.device import ON_CPU
 from gridslam.kernels.functions import (
     TURN,
@@ -26,8 +27,6 @@ BLOCK = PATH_BLOCK
 ROOT_TURN = 2.5066282746310002
 CLOSE = 1e-4
 """Square of the distance (m^2) between a virtual and its anchor below which no line is made of them."""
-BINS = 20
-"""Bins of the new surface's unknown coefficient."""
 FAINT, EXPLAINED = 1e-3, 1e-3
 """Ratios to clutter, and to the measurement's known causes, below which a birth isn't looked at."""
 DOUBLE_SHARE = 0.5

@@ -2,13 +2,12 @@
 
 import taichi as ti
 
+from gridslam.kernels.coefficients import BINS
 from gridslam.kernels.functions import cos_of, sin_of
 from gridslam.kernels.launching import quick
 from gridslam.kernels.particles import AGENT
 from gridslam.kernels.paths import draw_path, stand_at
 
-BINS = 20
-"""Bins of a coefficient's belief."""
 BELIEVED = 0.5
 """Existence from which on a path is told of."""
 PI_HIGH, PI_LOW = 3.1415927410125732, 8.742277657347586e-08

@@ -266,3 +266,17 @@ def test_messages_of_an_interrupted_step_are_forgotten():
             cells.forget()
         cells.absorb()
         assert cells.evidence.any() != forget
+
+
+def test_rays_of_surfaces_or_anchors_that_are_not_there_are_refused():
+    one = np.ones(1)
+    bounce, sight = Rays.of(0, 1, 2, 2, one, one), Rays.of(1, 0, -1, -1, one, one)
+    both = Rays.stack([bounce, sight])
+    both.check(3, 2)
+    both.check(3)  # by a kernel that looks at no anchor
+    for rays in (bounce, both, Rays(sight.table, one, one, (3, 2))):
+        with pytest.raises(ValueError, match="surface"):
+            rays.check(2, 2)
+    for rays in (sight, both, both.take(np.array([1]))):
+        with pytest.raises(ValueError, match="anchor"):
+            rays.check(3, 1)

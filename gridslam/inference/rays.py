@@ -76,7 +76,7 @@ class Rays:
         Parameters
         ----------
         surfaces, anchors : int
-            How many there are; of anchors, none for a kernel that looks at none.
+            How many there are; of anchors, None for a kernel that looks at none.
         """
         most_surfaces, most_anchors = self.among or self._named
         if most_surfaces > surfaces:
