@@ -180,7 +180,6 @@ CONTESTS = {
     "polylines": Contest("path-ray", twins.polylines, _path_particles),
     "prepare": Contest("entry", twins.prepare, lambda case: case["covariance"].size, ("mean",)),
     "propose": Contest("sample", twins.propose, _samples, ("heard",)),
-    "recall": Contest("path", twins.recall, _paths),
     "update": Contest(
         "path", twins.update, _paths, ("path", "share", "heard", "beta"),
         changes=("mean", "covariance", "surface", "sight", "single", "double", "sums"),

@@ -1,4 +1,4 @@
-"""Ray casting through grid cells and the messages to cells (paper 003, eqs. (1), (43)-(45)).
+"""Ray casting through grid cells and the messages to cells (paper 003, eqs. (1), (2), (43)-(45)).
 
 A ray is the polyline anchor, interaction points, agent. It traverses cells T and meets cells H_b at
 bounce b. The rays of one path run side by side, so they are walked together (`kernels.bundles`). Every slab
@@ -12,6 +12,7 @@ own states above that. So a ray is walked twice at most: for V, and to add V to 
 import taichi as ti
 
 from gridslam.kernels.bundles import FAR, LANES, OWN, PLACES, lay_leg, meet_cells, rows_alone
+from gridslam.kernels.coefficients import recall
 from gridslam.kernels.device import SPREAD
 from gridslam.kernels.functions import log_of
 from gridslam.kernels.launching import quick
@@ -86,12 +87,16 @@ def cast(
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
     factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 2]  A of the path, and whether to send messages
     occupied: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [2, ny, nx] o of a traversed cell, of a hit one in V
-    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [6] origin x, y, side, factor outside, clip, least share
+    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] origin x, y, side; factor outside, clip, least share;
+    # how likely a wall is of another material where it is hit next
+    held: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [ny, nx, BINS] log-likelihood of coefficients in cells
+    surface: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] beliefs about coefficients of surfaces
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 14] out: corners, normals, possible or not, V
     seen: ti.types.ndarray(
         dtype=ti.f64, ndim=2
     ),  # [L, 6] out: mean V where possible, share of states where it
     # is, mean of the first and of the second corner
+    belief: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L or 0, 2 BINS] out: over products of coefficients
     line: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [SLABS, LINES, LANES] scratch
     place: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [SLABS, PLACES, LANES] scratch
     scratch: ti.types.ndarray(dtype=ti.f32, ndim=4),  # [SLABS, ny, nx, 3] zero on entry and exit
@@ -102,6 +107,7 @@ def cast(
     """Draw and cast the rays of all paths; add the log ratios to `message` of those that are to send.
 
     A path sends only if it is possible at more than the least share of its states; an impossible ray has V 0.
+    Where rays meet walls, cells and surfaces tell of coefficients, if there is room for that.
     """
     for item in range(message.shape[0] * SPREAD):
         if item % SPREAD == 0:
@@ -233,6 +239,8 @@ def cast(
                 seen[row, 0], seen[row, 1] = open_to / ti.max(possible, 1), possible / ti.cast(rays, ti.f64)
                 for n in ti.static(range(4)):
                     seen[row, 2 + n] = middle[n]
+                if belief.shape[0] > 0:
+                    recall(drawn, path, held, surface, frame, row, rays, belief)
                 for n in range(known):
                     ix, iy = touched[slab, n, 0], touched[slab, n, 1]
                     o, lift = ti.cast(occupied[0, iy, ix], ti.f64), (a - 1) * scratch[slab, iy, ix, 0]

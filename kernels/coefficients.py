@@ -8,8 +8,9 @@ from gridslam.kernels.functions import decay_of, logarithm_of
 from gridslam.kernels.launching import quick
 from gridslam.kernels.radio import AT_1M, SAMPLES, log_rician
 
-BINS = 20
-"""Bins of a coefficient's belief; products of two have twice as many nodes."""
+BINS, OTHER = 20, 6
+"""Bins of a coefficient's belief, products of two have twice as many nodes; where `kernels.cells.cast` is told
+how likely a wall is of another material where it is hit next."""
 SEND, THERE, CHANCE, SHARE, LENGTH = range(5)
 """Rows of `told`: whether a path says anything of cells; existence of its surfaces; chance that it is there;
 probability that it caused a measurement; its length."""
@@ -43,46 +44,39 @@ def local_belief(
         total += at[n]
     for n in range(BINS):
         own = at[n] / total if total > 1e-12 else 1 / ti.cast(BINS, ti.f64)
-        at[n] = (1 - frame[3]) * own + frame[3] / BINS
+        at[n] = (1 - frame[OTHER]) * own + frame[OTHER] / BINS
     return at
 
 
-@quick
-@ti.kernel
+@ti.func
 def recall(
-    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 14] as cast
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
-    held: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [ny, nx, BINS] log-likelihood that cells hold
-    surface: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] beliefs of surfaces
-    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [4] origin x, y, side; share of another material
-    belief: ti.types.ndarray(
-        dtype=ti.f64, ndim=2
-    ),  # [L, 2 BINS] out: over products; node n is (n + 1) / 2 BINS
-):
-    """Belief over the product of the coefficients along every path (paper 003, eq. (2))."""
-    ti.loop_config(serialize=True)
-    for row in range(path.shape[0]):
-        bounces, nodes = path[row, 0], 2 * BINS
-        rays = drawn.shape[0] // path.shape[0]
-        for n in range(nodes):
-            belief[row, n] = 0.0
-        if bounces == 0:
-            belief[row, nodes - 1] = 1.0
-        elif bounces == 1:
-            last = local_belief(drawn, path, held, surface, frame, row, rays, 1, path[row, 1])
-            for n in range(BINS):
-                belief[row, 2 * n] = last[n]
-        else:
-            first = local_belief(drawn, path, held, surface, frame, row, rays, 1, path[row, 2])
-            last = local_belief(drawn, path, held, surface, frame, row, rays, 2, path[row, 1])
-            for i in range(BINS):
-                for j in range(BINS):  # the product of two bins' centres lies between two nodes
-                    place = ti.cast((2 * i + 1) * (2 * j + 1), ti.f64) / (2 * BINS) - 1
-                    low = ti.max(0, ti.min(ti.cast(ti.floor(place), ti.i32), nodes - 2))
-                    part = ti.max(0.0, ti.min(place - low, 1.0))
-                    both, under, over = last[i] * first[j], belief[row, low], belief[row, low + 1]
-                    belief[row, low] = under + (1 - part) * both
-                    belief[row, low + 1] = over + part * both
+    drawn: ti.template(), path: ti.template(), held: ti.template(), surface: ti.template(),
+    frame: ti.template(), row, rays, belief: ti.template(),
+):  # fmt: skip
+    """Belief over the product of the coefficients along a path (paper 003, eq. (2)); node n is (n + 1) / 2 BINS.
+
+    Arguments as of `kernels.cells.cast`.
+    """
+    bounces, nodes = path[row, 0], 2 * BINS
+    for n in range(nodes):
+        belief[row, n] = 0.0
+    if bounces == 0:
+        belief[row, nodes - 1] = 1.0
+    elif bounces == 1:
+        last = local_belief(drawn, path, held, surface, frame, row, rays, 1, path[row, 1])
+        for n in range(BINS):
+            belief[row, 2 * n] = last[n]
+    else:
+        first = local_belief(drawn, path, held, surface, frame, row, rays, 1, path[row, 2])
+        last = local_belief(drawn, path, held, surface, frame, row, rays, 2, path[row, 1])
+        for i in range(BINS):
+            for j in range(BINS):  # the product of two bins' centres lies between two nodes
+                place = ti.cast((2 * i + 1) * (2 * j + 1), ti.f64) / (2 * BINS) - 1
+                low = ti.max(0, ti.min(ti.cast(ti.floor(place), ti.i32), nodes - 2))
+                part = ti.max(0.0, ti.min(place - low, 1.0))
+                both, under, over = last[i] * first[j], belief[row, low], belief[row, low + 1]
+                belief[row, low] = under + (1 - part) * both
+                belief[row, low + 1] = over + part * both
 
 
 @ti.func
@@ -131,7 +125,7 @@ def learn(
     table: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [T] p_d over ``0, step, ...``
     step: ti.f64,
     radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `kernels.radio`
-    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [4] as above
+    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [3] origin x, y, side
     usual: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] scratch: mean coefficient of every surface
     surface: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] in/out: beliefs of surfaces
     held: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [ny, nx, BINS] in/out: log-likelihood that cells hold

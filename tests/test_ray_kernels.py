@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kernel_worlds import BINS
 
 from gridslam import runtime, twins
 from gridslam.kernels import CELL_SLABS
@@ -12,8 +13,8 @@ runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.s
 seeds = st.integers(0, 2**32 - 1)
 
 
-def launch_cast(state, path, place, worth, traversed, hit, frame):
-    """Rays as drawn (K, 13), their V (K,) and the messages to the cells (ny, nx)."""
+def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0):
+    """Rays as drawn (K, 13), their V (K,) and the messages to the cells (ny, nx); coefficients by `seed`."""
     from gridslam.kernels.bundles import LANES, LINES, PLACES
     from gridslam.kernels.cells import cast
 
@@ -31,10 +32,17 @@ def launch_cast(state, path, place, worth, traversed, hit, frame):
     occupied = np.stack([traversed, hit]).astype(np.float32)
     factor = np.stack([worth, np.ones(len(worth))], -1)
     table = np.pad(path, ((0, 0), (0, 1)))
+    draw = np.random.default_rng(seed)
+    # some so sure that all else is impossible
+    held = draw.normal(0, draw.choice([0.1, 30.0]), (*shape, BINS))
+    surface = draw.dirichlet(np.full(BINS, 0.2), state.shape[0] // 3)
+    belief, frame = np.full((len(path), 2 * BINS), np.nan), np.append(frame, [0.1, 12.0, 0.0, 0.05])
     cast(
-        state, table, np.append(place, 0.0)[None], factor, occupied, np.append(frame, [0.1, 12.0, 0.0]),
-        drawn, seen, line, spot, scratch, touched, met, message,
+        state, table, np.append(place, 0.0)[None], factor, occupied, frame, held, surface,
+        drawn, seen, belief, line, spot, scratch, touched, met, message,
     )  # fmt: skip
+    np.testing.assert_allclose(belief.sum(1), 1, rtol=1e-9)
+    np.testing.assert_allclose(belief, twins.recall(drawn, table, held, surface, frame[:3], 0.05), atol=1e-9)
     for array in (scratch, met):
         assert not array.any(), "scratch is left as it was found"
     whole = drawn.reshape(len(path), rays, 14)
@@ -61,7 +69,7 @@ def test_ray_casting_and_cell_messages_equal_their_twin(seed, rays, spread):
     path += [[2, s, r] for s in range(surfaces) for r in range(surfaces) if s != r]
     path, worth = np.array(path, np.int32), np.exp(draw.normal(0, 2, len(path)))
     frame, place = np.array([-0.3, 0.2, 0.3]), draw.uniform(0, 5, 2)
-    drawn, validity, message = launch_cast(state, path, place, worth, traversed, hit, frame)
+    drawn, validity, message = launch_cast(state, path, place, worth, traversed, hit, frame, seed)
     expected = twins.cast(
         drawn[:, :8].reshape(-1, 4, 2), drawn[:, 8:12].reshape(-1, 2, 2), drawn[:, 12], path[:, 0], worth,
         traversed, hit, frame, rays, 0.1, 12.0,

@@ -175,9 +175,9 @@ def test_ghosts_equal_their_twin(seed, surfaces):
 
 @given(seeds, st.sampled_from([1, 5, 48]))
 @settings(max_examples=30, deadline=None)
-def test_coefficients_recalled_and_learned_equal_their_twins(seed, rays):
+def test_learned_coefficients_equal_their_twin(seed, rays):
     from gridslam.kernels.coefficients import BINS as OWN
-    from gridslam.kernels.coefficients import learn, recall
+    from gridslam.kernels.coefficients import learn
     from gridslam.kernels.paths import polylines
 
     assert len(REFLECTION_BINS) == OWN == BINS, "kernels can't import it, and hold so many on the stack"
@@ -188,11 +188,7 @@ def test_coefficients_recalled_and_learned_equal_their_twins(seed, rays):
     drawn = np.pad(drawn, ((0, 0), (0, 1)))
     held = draw.normal(0, draw.choice([0.1, 30.0]), (9, 11, BINS))  # some so sure that all else is impossible
     surface = draw.dirichlet(np.full(BINS, 0.2), 3)
-    frame = np.array([-3.0, -2.0, 0.7, 0.05])  # some hits are outside
-    belief = np.full((len(path), 2 * BINS), np.nan)
-    recall(drawn, path, held, surface, frame, belief)
-    np.testing.assert_allclose(belief.sum(1), 1, rtol=1e-9)
-    np.testing.assert_allclose(belief, twins.recall(drawn, path, held, surface, frame), atol=1e-9)
+    frame = np.array([-3.0, -2.0, 0.7])  # some hits are outside
     told = draw.uniform(0, 1, (5, len(path)))
     told[0], told[3] = draw.integers(0, 2, len(path)), draw.choice([0.0, 0.01, 0.6, 1.2], len(path))
     told[4] *= 12

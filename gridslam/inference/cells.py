@@ -1,6 +1,8 @@
-"""Occupancy and reflection beliefs of the grid (paper 003, eqs. (1), (43)-(46)); owner of their kernels."""
+"""Occupancy and reflection beliefs of the grid (paper 003, eqs. (1), (2), (43)-(46)); owner of their kernels."""
 
 from __future__ import annotations
+
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,8 @@ EVIDENCE_CLIP = 12.0
 CLEAR_ANCHOR_M = 0.35
 OUTSIDE = 0.1
 """Factor of a hit outside the grid."""
+OTHER_MATERIAL = 0.05
+"""Share of the belief that a wall is of another material where it is hit next."""
 
 
 class Cells:
@@ -88,9 +92,23 @@ class Cells:
             self._frames[more].setflags(write=False)
         return self._frames[more]
 
-    def see(self, rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:
-        """Draw rays at all states of a cloud, and cast them: V of every path, eq. (1)."""
-        return self._cast(rays, cloud, anchors, np.zeros((len(rays), 2)), 0.0)
+    def see(self, rays: Rays, cloud: Cloud, anchors: Array, surface: Array) -> tuple[Polylines, Array]:
+        """Draw rays at all states of a cloud, and cast them: V of every path, eq. (1), and coefficients.
+
+        Parameters
+        ----------
+        surface : (S, BINS)
+            Beliefs about the surfaces' coefficients.
+
+        Returns
+        -------
+        (drawn, belief)
+            belief (L, 2 BINS): over the product of the coefficients along every path, eq. (2), by nodes
+            ``(n + 1) / (2 BINS)``. A hit's own is made up of what surface and cells there believe, and of
+            room for a surprise.
+        """
+        belief = np.empty((len(rays), 2 * BINS))
+        return self._cast(rays, cloud, anchors, np.zeros((len(rays), 2)), 0.0, surface, belief), belief
 
     def glance(self, hit: NDArray[np.int32], line: Array, mean: Array, anchor: int, anchors: Array) -> Array:
         """V of the paths of new lines at the mean of the belief, (B,); -1 where a path is impossible.
@@ -133,13 +151,19 @@ class Cells:
             Share of the states at which a path must be possible to tell anything.
         """
         self._pending = True
-        return self._cast(rays, cloud, anchors, np.stack([worth, send.astype(np.float64)], -1), least)
+        factor, none = np.stack([worth, send.astype(np.float64)], -1), _none()
+        return self._cast(rays, cloud, anchors, factor, least, none, none)
 
-    def _cast(self, rays: Rays, cloud: Cloud, anchors: Array, factor: Array, least: float) -> Polylines:
+    def _cast(
+        self, rays: Rays, cloud: Cloud, anchors: Array, factor: Array, least: float, surface: Array,
+        belief: Array,
+    ) -> Polylines:  # fmt: skip
         runtime.start()
         from gridslam.kernels.cells import cast
 
         rays.check(cloud.surfaces, len(anchors))
+        if len(belief):
+            rays.check(len(surface))
         state = cloud.state
         drawn, seen = np.empty((0, 14)), np.empty((len(rays), 6))
         if len(rays):
@@ -150,9 +174,12 @@ class Cells:
                 anchors,
                 np.ascontiguousarray(factor, dtype=np.float64),
                 self.occupied(),
-                self.frame(OUTSIDE, EVIDENCE_CLIP, least),
+                self.frame(OUTSIDE, EVIDENCE_CLIP, least, OTHER_MATERIAL),
+                self.held,
+                surface,
                 drawn,
                 seen,
+                belief,
                 self._line,
                 self._place,
                 self._scratch,
@@ -184,3 +211,9 @@ class Cells:
             self.observed.view(np.uint8), self._occupied,
         )  # fmt: skip
         self._evidence, self._stale = fresh, False
+
+
+@cache
+def _none() -> Array:
+    """No beliefs about coefficients."""
+    return np.empty((0, BINS))

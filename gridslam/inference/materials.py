@@ -1,5 +1,5 @@
 """Reflection coefficients: beliefs about products of them along paths, and what amplitudes say of each; owner
-of both kernels."""
+of that kernel."""
 
 from __future__ import annotations
 
@@ -22,8 +22,6 @@ Array = NDArray[np.float64]
 BINS = len(REFLECTION_BINS)
 PRODUCTS: Array = np.arange(1, 2 * BINS + 1) / (2 * BINS)
 """Nodes for products of coefficients; they hold every bin's centre, and 1 for the line of sight."""
-OTHER_MATERIAL = 0.05
-"""Share of the belief that a wall is of another material where it is hit next."""
 
 
 @dataclass(frozen=True)
@@ -54,26 +52,6 @@ def _nodes(amplitude_at_1m: float) -> Array:
     return nodes
 
 
-def reflected(rays: Rays, bank: Bank, drawn: Polylines, cells: Cells, signal: SignalModel) -> Reflected:
-    """Belief over the product of the coefficients along every ray (paper 003, eq. (2)).
-
-    A hit's own is made up of what the surface and the cells there believe, and of room for a surprise.
-
-    Parameters
-    ----------
-    drawn : Polylines
-        The rays as cast at sampled states.
-    """
-    from gridslam.kernels.coefficients import recall
-
-    rays.check(len(bank))
-    belief = np.empty((len(rays), len(PRODUCTS)))
-    if len(rays):
-        frame = cells.frame(OTHER_MATERIAL)
-        recall(drawn.drawn, rays.table, cells.held, bank.reflection, frame, belief)
-    return Reflected(belief, signal)
-
-
 def learn(
     told: Told, bank: Bank, drawn: Polylines, send: NDArray[np.bool_], cells: Cells, table: DetectionTable,
     signal: SignalModel,
@@ -95,5 +73,5 @@ def learn(
         launch(
             drawn.drawn, rays.table, np.array([send, rays.surfaces, told.chance, told.share, told.distance]),
             told.path, told.said, table.chance, table.step, signal.radio(0),
-            cells.frame(OTHER_MATERIAL), runtime.scratch("learn", (len(bank),)), bank.reflection, cells.held,
+            cells.frame(), runtime.scratch("learn", (len(bank),)), bank.reflection, cells.held,
         )  # fmt: skip

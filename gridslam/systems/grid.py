@@ -12,7 +12,7 @@ from gridslam.inference import surfaces
 from gridslam.inference.births import Births
 from gridslam.inference.cells import Cells
 from gridslam.inference.heard import Heard
-from gridslam.inference.materials import learn, reflected
+from gridslam.inference.materials import Reflected, learn
 from gridslam.inference.particles import sample
 from gridslam.inference.prediction import foresee
 from gridslam.inference.told import Part, Told
@@ -68,8 +68,8 @@ class GridSlam(SurfaceSlam):
             self.bank, self.sight, self.belief, self.anchors, heard.anchor, self.most_bounces
         )
         recipe = self.particles.recipe(self.belief, self._draw.standard_normal((len(self.belief.mean), RAYS)))
-        drawn = self.cells.see(rays, recipe.few, self.anchors)
-        amplitudes = reflected(rays, self.bank, drawn, self.cells, self.signal)
+        drawn, products = self.cells.see(rays, recipe.few, self.anchors, self.bank.reflection)
+        amplitudes = Reflected(products, self.signal)
         # measurement evaluation, births, data association, updates of agent, surfaces and rays
         said = self._exchange(heard, rays, predicted, amplitudes, drawn.validity, recipe)
         # what cells and coefficients are to be told; new surfaces

@@ -91,8 +91,10 @@ def _message(validity: Array, worth: float) -> Array:
     return validity * worth + 1 - validity
 
 
-def recall(drawn: Array, path: Whole, held: Array, surface: Array, frame: Array) -> Array:
-    """Twin of `kernels.coefficients.recall`: beliefs over products of coefficients, (L, 2 BINS)."""
+def recall(
+    drawn: Array, path: Whole, held: Array, surface: Array, frame: Array, other: float
+) -> Array:
+    """Twin of `kernels.coefficients.recall`, part of `cast`: beliefs over products of coefficients, (L, 2 BINS)."""
     bins, rays = surface.shape[1], len(drawn) // max(len(path), 1)
     centre = (np.arange(bins) + 0.5) / bins
     belief = np.zeros((len(path), 2 * bins))
@@ -105,7 +107,7 @@ def recall(drawn: Array, path: Whole, held: Array, surface: Array, frame: Array)
             log = held[cell[inside, 1], cell[inside, 0]].sum(0) / max(inside.sum(), 1)
             local = surface[number] * np.exp(log - log.max())
             local = local / local.sum() if local.sum() > 1e-12 else np.full(bins, 1 / bins)
-            own.append((1 - frame[3]) * local + frame[3] / bins)
+            own.append((1 - other) * local + other / bins)
         if bounces == 0:
             belief[row, -1] = 1.0
         elif bounces == 1:
