@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from gridslam import runtime, twins
 from gridslam.bench_stages import Function, kernels, replaced
-from gridslam.kernels import PATH_BLOCK
 from gridslam.mapping import METHODS
 from gridslam.measurements import Scan
 from gridslam.scene import Scene
@@ -151,28 +150,26 @@ def _cast_twin(case: Case) -> Case:
     }  # fmt: skip
 
 
-def _pairs(case: Case) -> int:
-    return len(case["belief"]) * len(case["heard"])
+def _messages(case: Case) -> int:
+    return int(np.prod(case["message"].shape[1:]))
 
 
 CONTESTS = {
     "absorb": Contest(
         "cell", twins.absorb, lambda case: case["before"].size, ("before",), changes=("message", "observed")
     ),
-    "associate": Contest("pair", twins.associate, lambda case: case["beta"].size, ("beta",)),
+    "associate": Contest("pair", twins.associate, _messages, ("message", "odds", "measured")),
     "cast": Contest(
         "cell visit", twins.cast, _visits, given=_cast_twin,
         size=lambda case: int((case["factor"][:, 1] > 0.5).sum()),  # those that send messages
     ),
     "describe": Contest("path", twins.describe, _paths, ("path", "existence", "surfaces")),
     "duplicate": Contest("pair", twins.duplicate, lambda case: len(case["foot"]) ** 2, ("foot",)),
-    "enter": Contest("pair", twins.enter, lambda case: case["ratio"].size, ("ratio", "blocks")),
     "evaluate": Contest(
-        "path-particle", twins.evaluate, _path_particles, ("path", "root", "out"),
-        given=lambda case: {"block": PATH_BLOCK},
+        "path-particle", twins.evaluate, _path_particles,
+        ("path", "belief", "predicted", "heard", "odds", "root", "blocks", "message", "measured"),
     ),
     "foresee": Contest("path", twins.foresee, _listed, ("surface",), size=_surfaces),
-    "gate": Contest("pair", twins.gate, _pairs, ("belief", "heard", "predicted")),
     "glance": Contest("path", twins.glance, lambda case: len(case["hit"]), ("hit",)),
     "haunt": Contest("pair", twins.haunt, lambda case: len(case["surface"]) ** 2, ("surface",)),
     "learn": Contest("path", twins.learn, _paths, changes=("surface", "held")),
@@ -181,8 +178,8 @@ CONTESTS = {
     "prepare": Contest("entry", twins.prepare, lambda case: case["covariance"].size, ("mean",)),
     "propose": Contest("sample", twins.propose, _samples, ("heard",)),
     "update": Contest(
-        "path", twins.update, _paths, ("path", "share", "heard", "beta"),
-        changes=("mean", "covariance", "surface", "sight", "single", "double", "sums"),
+        "path", twins.update, _paths, ("path", "share", "heard", "odds", "message", "measured"),
+        changes=("mean", "covariance", "message", "measured", "surface", "sight", "single", "double", "sums"),
     ),
 }  # fmt: skip
 
@@ -204,11 +201,8 @@ def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Ca
     runtime.start()
     scans = list(simulate(scene, scene.agents[0].name, seed=1))[: steps + watched]
     found = _launches("adaptive", scene, scans, steps) | _launches("grid", scene, scans, steps)
-    own = ("beta", "new", "rounds", "message", "claimed")
-    alone = {name: _copy(found["update"][name]) for name in own}
-    alone["missed"] = found["update"]["odds"][3:].copy()
     names = inspect.signature(kernels()["associate"]).parameters
-    return found | {"associate": {name: alone[name] for name in names}}
+    return found | {"associate": {name: _copy(found["update"][name]) for name in names}}
 
 
 def _launches(method: str, scene: Scene, scans: Sequence[Scan], steps: int) -> dict[str, Case]:
@@ -252,7 +246,7 @@ def compete(name: str, scene: str, case: Case, seconds: float) -> KernelSpeed:
 
     held = {key: runtime.on_host(value) for key, value in case.items() if hasattr(value, "shape")}
     used = case | {key: _copy(case[key]) for key in contest.changes}
-    idle = used | {name: held[name][:0, :0] if name == "out" else held[name][:0] for name in contest.rows}
+    idle = used | {name: _none(name, held[name]) for name in contest.rows}
 
     def launch(arguments: Case) -> None:
         kernel(*arguments.values())
@@ -298,6 +292,13 @@ def repeated(
         action()
         took.append(time.perf_counter() - began)
     return took
+
+
+def _none(name: str, array: Array) -> Array:
+    """No rows of an array; of those that have paths or measurements in columns, none of these either."""
+    if name == "message":
+        return np.ascontiguousarray(array[:, :0, :0])
+    return np.ascontiguousarray(array[:, :0]) if name in ("blocks", "odds", "measured") else array[:0]
 
 
 def _copy(value: Any) -> Any:

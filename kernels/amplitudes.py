@@ -3,6 +3,10 @@
 import taichi as ti
 
 from gridslam.kernels.radio import FALSE_ALARMS, SAMPLES, clutter_of, rician
+from gridslam.kernels.tables import DETECTED, EXISTENCE, OPEN, SURFACES
+
+NEGLIGIBLE = 1e-6
+"""Probability of being there below which a path is left out."""
 
 
 @ti.func
@@ -14,15 +18,21 @@ def detection_of(amplitude, table: ti.template(), step):
 
 
 @ti.func
+def worth_of(odds: ti.template(), row):
+    """Probability that a path is there, before anything was heard."""
+    return odds[EXISTENCE, row] * odds[SURFACES, row] * odds[OPEN, row]
+
+
+@ti.func
 def weigh(
-    belief: ti.template(), nodes: ti.template(), spreading, predicted: ti.template(), worth: ti.template(),
-    heard: ti.template(), table: ti.template(), step, radio: ti.template(), density: ti.template(),
-    detected: ti.template(), strength: ti.template(),
+    belief: ti.template(), nodes: ti.template(), spreading, predicted: ti.template(), heard: ti.template(),
+    table: ti.template(), step, radio: ti.template(), density: ti.template(), strength: ti.template(),
+    odds: ti.template(),
 ):  # fmt: skip
     """Mean likelihood of every amplitude under every path, and the path's mean amplitude given it.
 
     A path whose length is measured has that length; what has no amplitude was heard with p_d alone.
-    Arguments as of `kernels.gating.gate`.
+    Arguments as of `kernels.evaluation.evaluate`.
     """
     count, one = nodes.shape[0], ti.cast(1.0, ti.f64)
     for m in range(heard.shape[0]):
@@ -43,10 +53,10 @@ def weigh(
                 usual += p * level
                 seen += sure
                 both += sure * level
-        detected[row] = seen
+        odds[DETECTED, row] = seen
         for m in range(heard.shape[0]):
             total, mean = 0 * one, 0 * one
-            if worth[row] > 1e-6:
+            if worth_of(odds, row) > NEGLIGIBLE:
                 if heard[m, 6] < 0:
                     total, mean = seen, both
                 elif heard[m, 3] >= 0:

@@ -9,8 +9,8 @@ from gridslam.kernels.launching import quick
 from gridslam.kernels.radio import AT_1M, SAMPLES, log_rician
 
 BINS, OTHER = 20, 6
-"""Bins of a coefficient's belief, products of two have twice as many nodes; where `kernels.cells.cast` is told
-how likely a wall is of another material where it is hit next."""
+"""Bins of a coefficient's belief, products of two have twice as many nodes; where the frame says how likely a
+wall is of another material where it is hit next."""
 SEND, THERE, CHANCE, SHARE, LENGTH = range(5)
 """Rows of `told`: whether a path says anything of cells; existence of its surfaces; chance that it is there;
 probability that it caused a measurement; its length."""
@@ -53,9 +53,9 @@ def recall(
     drawn: ti.template(), path: ti.template(), held: ti.template(), surface: ti.template(),
     frame: ti.template(), row, rays, belief: ti.template(),
 ):  # fmt: skip
-    """Belief over the product of the coefficients along a path (paper 003, eq. (2)); node n is (n + 1) / 2 BINS.
+    """Belief over the product of the coefficients along a path (paper 003, eq. (2)).
 
-    Arguments as of `kernels.cells.cast`.
+    Node n stands for (n + 1) / 2 BINS. Arguments as of `kernels.cells.cast`.
     """
     bounces, nodes = path[row, 0], 2 * BINS
     for n in range(nodes):

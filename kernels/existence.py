@@ -2,8 +2,8 @@
 
 import taichi as ti
 
-from gridslam.kernels.association import NU
 from gridslam.kernels.functions import decay_of, logarithm_of
+from gridslam.kernels.tables import CHANCE, DETECTED, EXISTENCE, NU, POSSIBLE, RATIO, SURFACES
 
 SUREST = 1e-7
 """Doubt that is always left."""
@@ -17,9 +17,9 @@ def renewed(before, after):
 
 @ti.func
 def exist(
-    path: ti.template(), prior: ti.template(), odds: ti.template(), ratio: ti.template(),
-    message: ti.template(), log: ti.template(), surface: ti.template(), sight: ti.template(),
-    single: ti.template(), double: ti.template(), worth: ti.template(),
+    path: ti.template(), odds: ti.template(), message: ti.template(), log: ti.template(),
+    surface: ti.template(), sight: ti.template(), single: ti.template(), double: ti.template(),
+    worth: ti.template(),
 ):  # fmt: skip
     """Update rays, then surfaces by all paths that meet them.
 
@@ -30,14 +30,14 @@ def exist(
         log[s, 0] = 0.0
     for row in range(path.shape[0]):
         bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
-        said = 1 - prior[3, row]
-        for m in range(ratio.shape[1]):
-            said += message[NU, row, m] * ratio[row, m]
+        said = 1 - odds[DETECTED, row]
+        for m in range(message.shape[2]):
+            said += message[NU, row, m] * message[RATIO, row, m]
         worth[0, row] = said
-        chance = prior[1, row] * odds[0, row]
-        ahead = prior[0, row] * (chance * said + 1 - chance)
-        after = ahead / (ahead + 1 - prior[0, row])
-        whole = odds[1, row] * said + 1 - odds[1, row]
+        chance, there = odds[SURFACES, row] * odds[POSSIBLE, row], odds[EXISTENCE, row]
+        ahead = there * (chance * said + 1 - chance)
+        after = ahead / (ahead + 1 - there)
+        whole = odds[CHANCE, row] * said + 1 - odds[CHANCE, row]
         if bounces == 0:
             sight[anchor] = renewed(sight[anchor], after)
         elif bounces == 1:
@@ -51,6 +51,6 @@ def exist(
             before = log[first, 0]
             log[first, 0] = before + logarithm_of(ti.max(by_last * whole + 1 - by_last, 1e-12))
     for s in range(surface.shape[0]):
-        there, gone = logarithm_of(ti.max(surface[s], 1e-12)), logarithm_of(ti.max(1 - surface[s], 1e-9))
-        total = ti.max(ti.min(there - gone + log[s, 0], 40.0), -40.0)
+        logs, gone = logarithm_of(ti.max(surface[s], 1e-12)), logarithm_of(ti.max(1 - surface[s], 1e-9))
+        total = ti.max(ti.min(logs - gone + log[s, 0], 40.0), -40.0)
         surface[s] = ti.min(1 / (1 + decay_of(-total)), 1 - SUREST)

@@ -3,9 +3,9 @@
 import taichi as ti
 
 from gridslam.kernels import PATH_BLOCK
-from gridslam.kernels.association import RESPONSIBLE
 from gridslam.kernels.gaussian import MEASURED, innovation_of, inverse_of
 from gridslam.kernels.radio import AT_1M, SAMPLES, THRESHOLD
+from gridslam.kernels.tables import RESPONSIBLE
 
 SURE = 0.9
 """Probability from which an association counts as sure."""

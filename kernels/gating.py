@@ -3,9 +3,8 @@
 import taichi as ti
 
 from gridslam.kernels import FAINTEST, UNMEASURED
-from gridslam.kernels.amplitudes import weigh
+from gridslam.kernels.amplitudes import NEGLIGIBLE, worth_of
 from gridslam.kernels.functions import wrapped
-from gridslam.kernels.launching import quick
 from gridslam.kernels.radio import SPAN, deviations_of
 
 ROOT_TURN = 2.5066282746310002
@@ -16,97 +15,69 @@ MARGIN_M, MARGIN_RAD = 0.3, 0.3
 LEAST_STD = 1e-6
 
 
-@quick
-@ti.kernel
+@ti.func
 def gate(
-    belief: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] of every path's amplitude over the nodes
-    nodes: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K] amplitudes, or those at 1 m
-    spreading: ti.f64,  # 1 if amplitudes fall with the path's length, else 0
-    predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 12] value (3) and spread (9) of every path
-    worth: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] paths below a millionth are left out
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
-    chance: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [T] p_d over ``0, step, ...``
-    step: ti.f64,
-    radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `kernels.radio`
-    kept: ti.f64,  # share of the belief's covariance that each particle keeps
-    density: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [2, M, K] scratch
-    detected: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] out: p_d
-    strength: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [2, L, M] out: amplitude's ratio to clutter; mean
-    start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] out: where the pairs of each path begin
-    index: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L M, 2] out: path and measurement
-    pair: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L M, 8] out: z, variances, density, determinant
-    table: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L M, 11] out: z, inverse (6), nearest, farthest
-):
-    """Pick the pairs whose distance and angles lie within reach of what is predicted, path by path."""
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        weigh(
-            belief,
-            nodes,
-            spreading,
-            predicted,
-            worth,
-            heard,
-            chance,
-            step,
-            radio,
-            density,
-            detected,
-            strength,
-        )
-        known = 0
-        start[0] = 0
-        for row in range(predicted.shape[0]):
-            for m in range(heard.shape[0]):
-                ratio = strength[0, row, m]
-                if worth[row] > 1e-6 and ratio > 0:
-                    amplitude = ti.max(strength[1, row, m], FAINTEST)
-                    std = deviations_of(radio, amplitude, predicted[row, 1], predicted[row, 2])
-                    near, absent = True, ti.cast(1.0, ti.f64)
-                    variance = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64)
+    predicted: ti.template(), heard: ti.template(), radio: ti.template(), kept, odds: ti.template(),
+    strength: ti.template(), start: ti.template(), index: ti.template(), pair: ti.template(),
+    table: ti.template(),
+):  # fmt: skip
+    """Pick the pairs whose distance and angles lie within reach of what is predicted, path by path.
+
+    `strength` is as `kernels.amplitudes.weigh` leaves it; arguments as of `kernels.evaluation.evaluate`.
+    """
+    known = 0
+    start[0] = 0
+    for row in range(predicted.shape[0]):
+        for m in range(heard.shape[0]):
+            ratio = strength[0, row, m]
+            if ratio > 0 and worth_of(odds, row) > NEGLIGIBLE:
+                amplitude = ti.max(strength[1, row, m], FAINTEST)
+                std = deviations_of(radio, amplitude, predicted[row, 1], predicted[row, 2])
+                near, absent = True, ti.cast(1.0, ti.f64)
+                variance = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64)
+                for q in ti.static(range(3)):
+                    own, gap = heard[m, 3 + q], ti.cast(0.0, ti.f64)
+                    if own > 0:
+                        std[q] = own
+                    if own >= 0:
+                        gap = heard[m, q] - predicted[row, q]
+                        if ti.static(q > 0):
+                            gap = wrapped(gap)
+                    variance[q] = ti.max(std[q], LEAST_STD) ** 2
+                    if own < 0 or variance[q] >= UNMEASURED:
+                        # a factor left out on both sides: its clutter density cancels
+                        flat = radio[SPAN] if ti.static(q == 0) else ROOT_TURN * ROOT_TURN
+                        absent *= ROOT_TURN * ti.sqrt(ti.cast(UNMEASURED, ti.f64)) / flat
+                        variance[q] = UNMEASURED
+                        std[q] = 0.0
+                    reach = GATE * ti.sqrt(predicted[row, 3 + 4 * q] + std[q] * std[q])
+                    reach += MARGIN_M if ti.static(q == 0) else MARGIN_RAD
+                    if not (ti.abs(gap) < reach):
+                        near = False
+                if near:
+                    total = ti.Matrix.zero(ti.f64, 3, 3)
+                    for i in ti.static(range(3)):
+                        for j in ti.static(range(3)):
+                            total[i, j] = kept * predicted[row, 3 + 3 * i + j]
+                        total[i, i] += variance[i]
+                    a, b, c = total[0, 0], total[1, 1], total[2, 2]
+                    d, e, f = total[0, 1], total[0, 2], total[1, 2]
+                    i00, i11, i22 = b * c - f * f, a * c - e * e, a * b - d * d
+                    i01, i02, i12 = e * f - c * d, d * f - b * e, d * e - a * f
+                    determinant = a * i00 + d * i01 + e * i02
+                    reach = ti.min(GATE * ti.sqrt(a), 1e5)
+                    index[known, 0], index[known, 1] = row, m
                     for q in ti.static(range(3)):
-                        own, gap = heard[m, 3 + q], ti.cast(0.0, ti.f64)
-                        if own > 0:
-                            std[q] = own
-                        if own >= 0:
-                            gap = heard[m, q] - predicted[row, q]
-                            if ti.static(q > 0):
-                                gap = wrapped(gap)
-                        variance[q] = ti.max(std[q], LEAST_STD) ** 2
-                        if own < 0 or variance[q] >= UNMEASURED:
-                            # a factor left out on both sides: its clutter density cancels
-                            flat = radio[SPAN] if ti.static(q == 0) else ROOT_TURN * ROOT_TURN
-                            absent *= ROOT_TURN * ti.sqrt(ti.cast(UNMEASURED, ti.f64)) / flat
-                            variance[q] = UNMEASURED
-                            std[q] = 0.0
-                        reach = GATE * ti.sqrt(predicted[row, 3 + 4 * q] + std[q] * std[q])
-                        reach += MARGIN_M if ti.static(q == 0) else MARGIN_RAD
-                        if not (ti.abs(gap) < reach):
-                            near = False
-                    if near:
-                        total = ti.Matrix.zero(ti.f64, 3, 3)
-                        for i in ti.static(range(3)):
-                            for j in ti.static(range(3)):
-                                total[i, j] = kept * predicted[row, 3 + 3 * i + j]
-                            total[i, i] += variance[i]
-                        a, b, c = total[0, 0], total[1, 1], total[2, 2]
-                        d, e, f = total[0, 1], total[0, 2], total[1, 2]
-                        i00, i11, i22 = b * c - f * f, a * c - e * e, a * b - d * d
-                        i01, i02, i12 = e * f - c * d, d * f - b * e, d * e - a * f
-                        determinant = a * i00 + d * i01 + e * i02
-                        reach = ti.min(GATE * ti.sqrt(a), 1e5)
-                        index[known, 0], index[known, 1] = row, m
-                        for q in ti.static(range(3)):
-                            pair[known, q], pair[known, 3 + q] = heard[m, q], variance[q]
-                            table[known, q] = ti.cast(heard[m, q], ti.f32)
-                        pair[known, 6], pair[known, 7] = ratio * absent, determinant
-                        table[known, 3] = ti.cast(i00 / determinant, ti.f32)
-                        table[known, 4] = ti.cast(i11 / determinant, ti.f32)
-                        table[known, 5] = ti.cast(i22 / determinant, ti.f32)
-                        table[known, 6] = ti.cast(i01 / determinant, ti.f32)
-                        table[known, 7] = ti.cast(i02 / determinant, ti.f32)
-                        table[known, 8] = ti.cast(i12 / determinant, ti.f32)
-                        table[known, 9] = ti.cast(ti.max(heard[m, 0] - reach, -1e5), ti.f32)
-                        table[known, 10] = ti.cast(heard[m, 0] + reach, ti.f32)
-                        known += 1
-            start[row + 1] = known
+                        pair[known, q], pair[known, 3 + q] = heard[m, q], variance[q]
+                        table[known, q] = ti.cast(heard[m, q], ti.f32)
+                    pair[known, 6], pair[known, 7] = ratio * absent, determinant
+                    table[known, 3] = ti.cast(i00 / determinant, ti.f32)
+                    table[known, 4] = ti.cast(i11 / determinant, ti.f32)
+                    table[known, 5] = ti.cast(i22 / determinant, ti.f32)
+                    table[known, 6] = ti.cast(i01 / determinant, ti.f32)
+                    table[known, 7] = ti.cast(i02 / determinant, ti.f32)
+                    table[known, 8] = ti.cast(i12 / determinant, ti.f32)
+                    table[known, 9] = ti.cast(ti.max(heard[m, 0] - reach, -1e5), ti.f32)
+                    table[known, 10] = ti.cast(heard[m, 0] + reach, ti.f32)
+                    known += 1
+        start[row + 1] = known

@@ -6,8 +6,8 @@ State: [x, y, vx, vy, heading, angle_1, offset_1, ...]. A path depends on seven 
 import taichi as ti
 
 from gridslam.kernels import UNMEASURED
-from gridslam.kernels.association import NU, RESPONSIBLE
 from gridslam.kernels.functions import PI, bearing_of, cos_of, decay_of, sin_of, wrapped
+from gridslam.kernels.tables import BETA, MISSED, NU, RESPONSIBLE, THERE
 
 MEASURED = 0.1 * UNMEASURED
 """A variance from here on stands for "not measured"."""
@@ -158,16 +158,16 @@ def sorted_by(rank: ti.template(), least, among):
 def correct_by(
     row, mean: ti.template(), covariance: ti.template(), path: ti.template(), start: ti.template(),
     index: ti.template(), pair: ti.template(), odds: ti.template(), message: ti.template(),
-    place: ti.template(), scratch: ti.template(), share: ti.template(),
+    places: ti.template(), scratch: ti.template(), share: ti.template(),
 ):  # fmt: skip
     """Correct by one path."""
     size = mean.shape[0]
-    bounces, last, first = path[row, 0], path[row, 1], path[row, 2]
-    here = ti.Vector([place[0], place[1], place[2]], dt=ti.f64)
+    bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
+    here = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)
     value, slope = path_of(mean, here, bounces, last, first)
     entry = entry_of(bounces, last, first)
     core = spread_of(slope, entry, covariance)
-    total = odds[3, row]
+    total = odds[MISSED, row]
     change, shift = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)
     moved = False
     for walk in range(2):  # 0: probabilities of the associations; 1: what they do
@@ -179,7 +179,7 @@ def correct_by(
                 if walk == 0:
                     scale = ti.sqrt((2 * PI) ** 3 * determinant)
                     density = pair[k, 6] * decay_of(-0.5 * gap.dot(g)) / scale
-                    share[k] = odds[2, row] * message[NU, row, index[k, 1]] * density
+                    share[k] = odds[THERE, row] * message[NU, row, index[k, 1]] * density
                     total += share[k]
                 else:
                     part = share[k] / total
@@ -216,9 +216,8 @@ def correct_by(
 @ti.func
 def correct(
     mean: ti.template(), covariance: ti.template(), path: ti.template(), start: ti.template(),
-    index: ti.template(), pair: ti.template(), odds: ti.template(), beta: ti.template(),
-    message: ti.template(), place: ti.template(), scratch: ti.template(), rank: ti.template(),
-    share: ti.template(),
+    index: ti.template(), pair: ti.template(), odds: ti.template(), message: ti.template(),
+    places: ti.template(), scratch: ti.template(), rank: ti.template(), share: ti.template(),
 ):  # fmt: skip
     """Correct by the paths one after the other, surest first, each moment-matched over its measurements.
 
@@ -230,12 +229,12 @@ def correct(
         share[k] = 0.0
     for row in range(path.shape[0]):
         total = ti.cast(0.0, ti.f64)
-        for m in range(beta.shape[1]):
+        for m in range(message.shape[2]):
             message[RESPONSIBLE, row, m] = 0.0
-            total += beta[row, m] * message[NU, row, m]
-        rank[1, row] = total / (total + odds[3, row])
+            total += message[BETA, row, m] * message[NU, row, m]
+        rank[1, row] = total / (total + odds[MISSED, row])
     for turn in range(sorted_by(rank, UNHEARD, path.shape[0])):
         row = ti.cast(rank[2, turn], ti.i32)
-        correct_by(row, mean, covariance, path, start, index, pair, odds, message, place, scratch, share)
+        correct_by(row, mean, covariance, path, start, index, pair, odds, message, places, scratch, share)
     for k in range(share.shape[0]):
         message[RESPONSIBLE, index[k, 0], index[k, 1]] = share[k]

@@ -7,7 +7,7 @@ vectorise; angles are worked out only in blocks where a gated measurement's dist
 import taichi as ti
 
 from gridslam.kernels import PATH_BLOCK
-from gridslam.kernels.device import ON_CPU, SPREAD
+from gridslam.kernels.device import ON_CPU
 from gridslam.kernels.functions import (
     angle_of,
     cos_of,
@@ -18,92 +18,81 @@ from gridslam.kernels.functions import (
     wrapped,
 )
 from gridslam.kernels.launching import quick
-from gridslam.kernels.particles import AGENT, draw_block
+from gridslam.kernels.particles import AGENT
 
 BLOCK = PATH_BLOCK
 FINE = 4096.0
 
 
-@quick
-@ti.kernel
-def evaluate(
-    root: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, N] of the covariance, lower triangular
-    base: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, 3] mean, and its cosine and sine
-    points: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N or more, P or more] standard normal
-    state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S, P] x, y, heading; per line normal x, y, offset
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
-    start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] where the pairs of each path begin
-    pair: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [K, 11] z (3), inverse covariance (6), nearest, farthest
-    place: ti.types.ndarray(dtype=ti.f32, ndim=1),  # [3] anchor x, y, orientation
-    out: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L + K, P / BLOCK] out: valid particles; sums of densities
-):
-    """Sum, over each block of particles, the density of every gated pair where the path is possible.
+@ti.func
+def densities(
+    block, state: ti.template(), path: ti.template(), places: ti.template(), start: ti.template(),
+    pair: ti.template(), out: ti.template(),
+):  # fmt: skip
+    """Sum, over a block of particles, the density of every gated pair where the path is possible.
 
-    The states are drawn, unless `root` has no rows: then they are given, as by tests.
+    Arguments as of `kernels.evaluation.evaluate`; `pair` is its `table`, `out` its `blocks`.
     """
-    for item in range(out.shape[1] * SPREAD):
-        if item % SPREAD == 0:
-            block = item // SPREAD
-            at, paths = block * BLOCK, path.shape[0]
-            ax, ay, facing = place[0], place[1], place[2]
-            if root.shape[0] > 0:
-                draw_block(at, root, base, points, state)
-            for row in range(paths):
-                tx, ty = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
-                wx, wy = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
-                good, far = ti.Vector([1.0] * BLOCK), ti.Vector([0.0] * BLOCK)
-                bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
-                if bounces == 0:
+    at, paths = block * BLOCK, path.shape[0]
+    for row in range(paths):
+        anchor = path[row, 3]
+        ax, ay = ti.cast(places[anchor, 0], ti.f32), ti.cast(places[anchor, 1], ti.f32)
+        facing = ti.cast(places[anchor, 2], ti.f32)
+        tx, ty = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+        wx, wy = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+        good, far = ti.Vector([1.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+        bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
+        if bounces == 0:
+            for i in range(BLOCK):
+                x, y = ax - state[0, at + i], ay - state[1, at + i]
+                tx[i], ty[i], wx[i], wy[i] = x, y, -x, -y
+        elif bounces == 1:
+            for i in range(BLOCK):
+                k = at + i
+                a, b, c, d, ok = single_bounce(
+                    state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k]
+                )
+                tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
+        else:
+            for i in range(BLOCK):
+                k = at + i
+                a, b, c, d, ok = double_bounce(
+                    state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k],
+                    state[r, k], state[r + 1, k], state[r + 2, k],
+                )  # fmt: skip
+                tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
+        low, high = 1 << 30, 0  # range interval in fixed point: integer extrema vectorise
+        count = 0.0
+        for i in range(BLOCK):
+            far[i] = ti.sqrt(tx[i] * tx[i] + ty[i] * ty[i])
+        for i in range(BLOCK):
+            fixed = ti.cast(far[i] * FINE, ti.i32)
+            low, high = ti.min(low, fixed), ti.max(high, fixed)
+        for i in range(BLOCK):
+            count += good[i]
+        out[row, block] = count
+        wanted = 0
+        for n in range(start[row], start[row + 1]):
+            near = count > 0.0 and pair[n, 9] * FINE <= high and pair[n, 10] * FINE >= low
+            out[paths + n, block] = 1.0 if near else 0.0
+            wanted += 1 if near else 0
+        if wanted > 0:
+            for i in range(BLOCK):
+                arrival = angle_of(tx[i], ty[i]) - state[2, at + i]
+                departure = angle_of(wx[i], wy[i]) - facing
+                tx[i], wx[i] = arrival, departure
+            for n in range(start[row], start[row + 1]):
+                if out[paths + n, block] > 0.0:
+                    z0, z1, z2 = pair[n, 0], pair[n, 1], pair[n, 2]
+                    i00, i11, i22 = pair[n, 3], pair[n, 4], pair[n, 5]
+                    i01, i02, i12 = pair[n, 6], pair[n, 7], pair[n, 8]
+                    total = 0.0
                     for i in range(BLOCK):
-                        x, y = ax - state[0, at + i], ay - state[1, at + i]
-                        tx[i], ty[i], wx[i], wy[i] = x, y, -x, -y
-                elif bounces == 1:
-                    for i in range(BLOCK):
-                        k = at + i
-                        a, b, c, d, ok = single_bounce(
-                            state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k]
-                        )
-                        tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
-                else:
-                    for i in range(BLOCK):
-                        k = at + i
-                        a, b, c, d, ok = double_bounce(
-                            state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k],
-                            state[r, k], state[r + 1, k], state[r + 2, k],
-                        )  # fmt: skip
-                        tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
-                low, high = 1 << 30, 0  # range interval in fixed point: integer extrema vectorise
-                count = 0.0
-                for i in range(BLOCK):
-                    far[i] = ti.sqrt(tx[i] * tx[i] + ty[i] * ty[i])
-                for i in range(BLOCK):
-                    fixed = ti.cast(far[i] * FINE, ti.i32)
-                    low, high = ti.min(low, fixed), ti.max(high, fixed)
-                for i in range(BLOCK):
-                    count += good[i]
-                out[row, block] = count
-                wanted = 0
-                for n in range(start[row], start[row + 1]):
-                    near = count > 0.0 and pair[n, 9] * FINE <= high and pair[n, 10] * FINE >= low
-                    out[paths + n, block] = 1.0 if near else 0.0
-                    wanted += 1 if near else 0
-                if wanted > 0:
-                    for i in range(BLOCK):
-                        arrival = angle_of(tx[i], ty[i]) - state[2, at + i]
-                        departure = angle_of(wx[i], wy[i]) - facing
-                        tx[i], wx[i] = arrival, departure
-                    for n in range(start[row], start[row + 1]):
-                        if out[paths + n, block] > 0.0:
-                            z0, z1, z2 = pair[n, 0], pair[n, 1], pair[n, 2]
-                            i00, i11, i22 = pair[n, 3], pair[n, 4], pair[n, 5]
-                            i01, i02, i12 = pair[n, 6], pair[n, 7], pair[n, 8]
-                            total = 0.0
-                            for i in range(BLOCK):
-                                e0, e1, e2 = z0 - far[i], wrapped(z1 - wx[i]), wrapped(z2 - tx[i])
-                                q = i00 * e0 * e0 + i11 * e1 * e1 + i22 * e2 * e2
-                                q += 2 * (i01 * e0 * e1 + i02 * e0 * e2 + i12 * e1 * e2)
-                                total += good[i] * exp_of(-0.5 * q)
-                            out[paths + n, block] = total
+                        e0, e1, e2 = z0 - far[i], wrapped(z1 - wx[i]), wrapped(z2 - tx[i])
+                        q = i00 * e0 * e0 + i11 * e1 * e1 + i22 * e2 * e2
+                        q += 2 * (i01 * e0 * e1 + i02 * e0 * e2 + i12 * e1 * e2)
+                        total += good[i] * exp_of(-0.5 * q)
+                    out[paths + n, block] = total
 
 
 @ti.func

@@ -18,22 +18,18 @@ def update(
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] where the pairs of each path begin
     index: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [K or more, 2] path and measurement of every pair
     pair: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [K or more, 8] z (3), variance (3), density, unused
-    prior: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, L] existence of ray and of surfaces, V, p_d
-    odds: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, L] as `association.enter` leaves them
-    ratio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, M] likewise
-    beta: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, M] messages into the association
-    new: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [M] measurement: "caused by no legacy path"
+    odds: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [8, L] as evaluated: see `kernels.tables`
     rounds: ti.i32,  # of association at most; 0 where it was done elsewhere
-    place: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [3] anchor x, y, orientation
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
     predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 12] value (3) and spread (9) of every path
     heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
     blocks: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L + K, P / BLOCK] as `paths.evaluate` leaves them
     radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `kernels.radio`
     turned: ti.f64,  # rad, by which the anchor is taken to be turned
     scratch: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, 6] scratch
-    message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [3, L, M] out: see `association.CLAIM` and so on; `NU`
-    # is given if association was done elsewhere
-    claimed: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [M] out, or given: what paths claim of measurements
+    message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [5, L, M] in/out: see `kernels.tables`; the first two
+    # are given, and `NU` if association was done elsewhere
+    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3, M] in/out: `NEW` is given, and `CLAIMED` likewise
     surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] in/out: existence
     sight: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J] in/out: existence of lines of sight
     single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] in/out: of rays over one surface
@@ -46,10 +42,7 @@ def update(
     ti.loop_config(serialize=True)
     for _ in range(1):
         if rounds > 0:
-            exchange(beta, odds, 3, new, rounds, message, claimed)
-        for m in range(claimed.shape[0]):  # what is given is read, or a GPU wouldn't get it
-            given = claimed[m]
-            claimed[m] = ti.max(given, 0.0)
-        correct(mean, covariance, path, start, index, pair, odds, beta, message, place, scratch, worth, share)
+            exchange(odds, message, measured, rounds)
+        correct(mean, covariance, path, start, index, pair, odds, message, places, scratch, worth, share)
         fit(path, index, pair, predicted, share, message, heard, blocks, radio, turned, sums)
-        exist(path, prior, odds, ratio, message, scratch, surface, sight, single, double, worth)
+        exist(path, odds, message, scratch, surface, sight, single, double, worth)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kernel_stages import stages
 from kernel_worlds import random_world
 
 from gridslam import runtime, twins
@@ -15,16 +16,20 @@ runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.s
 seeds = st.integers(0, 2**32 - 1)
 
 
-def launch_evaluate(state, path, start, pair, place):
-    from gridslam.kernels.paths import evaluate
-
+def launch_densities(state, path, start, pair, place):
+    _, densities, _ = stages()
     out = np.full((len(path) + start[-1], state.shape[1] // PATH_BLOCK), np.nan, np.float32)
-    path = np.ascontiguousarray(np.pad(path, ((0, 0), (0, 1))))
-    none = np.zeros((0, 3), np.float32)
-    evaluate(
-        none, none, none, state, path, start, pair if len(pair) else np.zeros((1, 11), np.float32), place, out
-    )
+    pair = pair if len(pair) else np.zeros((1, 11), np.float32)
+    densities(state, with_anchor(path), place[None].astype(float), start, pair, out)
     return out[len(path) :], out[: len(path)]
+
+
+def with_anchor(path):
+    return np.ascontiguousarray(np.pad(path, ((0, 0), (0, 1))))
+
+
+def expected_densities(state, path, start, pair, place):
+    return twins.densities(state, with_anchor(path), place[None].astype(float), start, pair, PATH_BLOCK)
 
 
 @given(seeds)
@@ -51,8 +56,8 @@ def test_path_evaluation_equals_its_twin(seed):
             pair[n, 6:9] = inverse[0, 1], inverse[0, 2], inverse[1, 2]
             reach = 8 * np.sqrt((root @ root.T)[0, 0])
             pair[n, 9:] = pair[n, 0] - reach, pair[n, 0] + reach
-    weight, valid = launch_evaluate(state, path, start, pair, place)
-    expected, possible = twins.evaluate([], [], [], state, path, start, pair, place, PATH_BLOCK)
+    weight, valid = launch_densities(state, path, start, pair, place)
+    expected, possible = expected_densities(state, path, start, pair, place)
     # a particle on the edge of what is possible may fall on either side in single precision
     assert np.abs(valid - possible).max() <= 2
     sure = np.repeat(valid == possible, per_path, axis=0)
@@ -64,9 +69,9 @@ def test_path_evaluation_without_any_measurement_still_tells_what_is_possible(su
     draw = np.random.default_rng(5)
     state, path, place = random_world(draw, PATH_BLOCK, np.float32, surfaces=surfaces)
     start = np.zeros(len(path) + 1, np.int32)
-    weight, valid = launch_evaluate(state, path, start, np.zeros((0, 11), np.float32), place)
+    weight, valid = launch_densities(state, path, start, np.zeros((0, 11), np.float32), place)
     assert weight.shape[0] == 0
-    _, possible = twins.evaluate([], [], [], state, path, start, np.zeros((0, 11)), place, PATH_BLOCK)
+    _, possible = expected_densities(state, path, start, np.zeros((0, 11)), place)
     np.testing.assert_allclose(valid, possible, atol=1)
 
 
@@ -75,7 +80,7 @@ def test_a_wall_that_the_path_runs_along_or_stands_on_gives_no_reflection():
     state = np.tile(np.array([[2, 1, 0, 0, 1, 0, 0, 1, 1]], np.float32).T, PATH_BLOCK)
     path = np.array([[1, 0, 0], [1, 1, 1]], np.int32)
     place = np.array([0, -1, 0], np.float32)
-    _, valid = launch_evaluate(state, path, np.zeros(3, np.int32), np.zeros((0, 11), np.float32), place)
+    _, valid = launch_densities(state, path, np.zeros(3, np.int32), np.zeros((0, 11), np.float32), place)
     assert (valid == 0).all()
 
 
@@ -160,7 +165,7 @@ def test_a_kernel_of_another_taichi_is_launched_as_it_is():
 @pytest.mark.parametrize("surfaces", [0, 1, 7])
 @pytest.mark.parametrize("spread", [0.01, 3.0])
 def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
-    from gridslam.kernels.paths import evaluate
+    from gridslam.kernels.evaluation import evaluate
 
     random, size = np.random.default_rng(5), 5 + 2 * surfaces
     root = np.tril(spread * random.normal(size=(size, size)) / np.sqrt(size)).astype(np.float32)
@@ -168,9 +173,13 @@ def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
     base = np.stack([mean, np.cos(mean), np.sin(mean)], -1, dtype=np.float32)
     points = random.normal(size=(size + 2, 3 * PATH_BLOCK)).astype(np.float32)  # more than are needed
     state = np.full((3 + 3 * surfaces, points.shape[1]), np.nan, np.float32)
-    pair, out = np.zeros((1, 11), np.float32), np.zeros((0, 3), np.float32)
-    table, start, place = np.zeros((0, 4), np.int32), np.zeros(1, np.int32), np.zeros(3, np.float32)
-    evaluate(root, base, points, state, table, start, pair, place, out)
+    none = np.zeros((0, 1))
+    evaluate(
+        none, np.zeros(1), 0.0, none, none, np.zeros(2), 1.0, np.zeros(11), 0.1, root, base, points,
+        np.zeros((0, 4), np.int32), np.zeros((1, 3)), np.zeros((2, 0, 1)), np.zeros((2, 0, 0)),
+        np.zeros((1, 11), np.float32), np.zeros((8, 0)), np.zeros(1, np.int32), np.zeros((1, 2), np.int32),
+        np.zeros((1, 8)), state, np.zeros((0, 3), np.float32), np.zeros((5, 0, 0)), np.zeros((3, 0)),
+    )  # fmt: skip
     np.testing.assert_allclose(state, twins.draw(root, base, points), atol=1e-5)
 
 

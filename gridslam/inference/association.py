@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.kernels import tables
 
 Array = NDArray[np.float64]
 
@@ -38,7 +39,8 @@ def associate(beta: Array, missed: Array, new: Array, rounds: int = ROUNDS) -> t
     runtime.start()
     from gridslam.kernels.association import associate as launch
 
-    beta = np.ascontiguousarray(beta)
-    message, claimed = np.empty((2, *beta.shape)), np.empty(beta.shape[1])
-    launch(beta, missed[None], new, rounds, message, claimed)
-    return message[1], message[0].sum(0)  # a device that bounds loops may not come to the sums
+    paths, count = beta.shape
+    odds, message, measured = np.empty((8, paths)), np.empty((5, paths, count)), np.empty((3, count))
+    odds[tables.MISSED], message[tables.BETA], measured[tables.NEW] = missed, beta, new
+    launch(odds, message, measured, rounds)
+    return message[tables.NU], message[tables.CLAIM].sum(0)  # a device that bounds loops may not come to sums

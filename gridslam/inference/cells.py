@@ -1,4 +1,4 @@
-"""Occupancy and reflection beliefs of the grid (paper 003, eqs. (1), (2), (43)-(46)); owner of their kernels."""
+"""Occupancy and coefficients of the grid (paper 003, eqs. (1), (2), (43)-(46)); owner of their kernels."""
 
 from __future__ import annotations
 

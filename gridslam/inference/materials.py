@@ -13,7 +13,6 @@ from gridslam import runtime
 from gridslam.inference.cells import Cells
 from gridslam.inference.likelihood import DetectionTable
 from gridslam.inference.polylines import Polylines
-from gridslam.inference.rays import Rays
 from gridslam.inference.surfaces import Bank
 from gridslam.inference.told import Told
 from gridslam.signal import REFLECTION_BINS, SignalModel

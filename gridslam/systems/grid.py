@@ -74,7 +74,9 @@ class GridSlam(SurfaceSlam):
         said = self._exchange(heard, rays, predicted, amplitudes, drawn.validity, recipe)
         # what cells and coefficients are to be told; new surfaces
         distance = predicted.value[:, 0]
-        self._to_tell.append(Part(heard, rays, distance, said.chance, said.worth, said.pairs, said.share))
+        self._to_tell.append(
+            Part(heard, rays, distance, said.said.chance, said.worth, said.said.pairs, said.share)
+        )
         self._bear(heard, said.births, said.claimed)
 
     def _reachable(self, heard: Heard, births: Births) -> Births:

@@ -16,7 +16,7 @@ from gridslam.geometry import unit, wrap
 from gridslam.inference import ghosts, relocation, surfaces
 from gridslam.inference.belief import AGENT, Belief, append, predict, separated
 from gridslam.inference.births import Births, bear, birth_reflection
-from gridslam.inference.evaluation import Pairs, evaluate, gate
+from gridslam.inference.evaluation import Evaluation, evaluate
 from gridslam.inference.heard import Heard, hear
 from gridslam.inference.likelihood import AmplitudeBelief, DetectionTable
 from gridslam.inference.particles import Particles, Recipe
@@ -27,6 +27,7 @@ from gridslam.inference.readout import estimates, surface_estimate
 from gridslam.inference.surfaces import Bank
 from gridslam.inference.updates import update
 from gridslam.inference.watch import ENOUGH, Watch
+from gridslam.kernels import tables
 from gridslam.map import Map
 from gridslam.measurements import Scan
 from gridslam.scene import Scene
@@ -46,27 +47,29 @@ class Messages:
 
     Attributes
     ----------
-    chance : (L,)
-        Probability that the ray is there and its path open, if its surfaces exist.
+    said : Evaluation
+        With the messages of the association.
     worth : (L,)
         Mean of ``sum_m nu_m g_m + 1 - p_d``: what the measurements are worth to the path.
-    pairs : Pairs
     share : (K,)
         Probability of each pair's association.
-    responsible : (L, M)
-        The same, by path and measurement.
     births : Births
-    claimed : (M,)
-        What the known paths send to each measurement.
     """
 
-    chance: Array
+    said: Evaluation
     worth: Array
-    pairs: Pairs
     share: Array
-    responsible: Array
     births: Births
-    claimed: Array
+
+    @property
+    def responsible(self) -> Array:
+        """Probability that the path caused the measurement, (L, M)."""
+        return self.said.message[tables.RESPONSIBLE]
+
+    @property
+    def claimed(self) -> Array:
+        """What the known paths send to each measurement, (M,)."""
+        return self.said.measured[tables.CLAIMED]
 
 
 class SurfaceSlam:
@@ -222,7 +225,7 @@ class SurfaceSlam:
         """The births as what is known of the space between allows them."""
         return births
 
-    def _associate(self, heard: Heard, beta: Array, missed: Array, new: Array) -> tuple[Array, Array] | None:
+    def _associate(self, heard: Heard, said: Evaluation) -> tuple[Array, Array] | None:
         """Messages (nu, claimed) of a data association of a system's own; None for that of the papers."""
         return None
 
@@ -239,21 +242,17 @@ class SurfaceSlam:
         recipe : Recipe
             Of the particles.
         """
-        signal = self.signal
         # measurement evaluation
-        worth = rays.existence * rays.surfaces * validity
-        radio = signal.radio(heard.anchor)
-        pairs, detected = gate(predicted, heard, amplitudes, worth, self.detected, radio, recipe.kept)
+        signal, anchor = self.signal, heard.anchor
+        radio = signal.radio(anchor)
+        cloud, said = evaluate(
+            rays, predicted, validity, heard, amplitudes, self.detected, radio, recipe, self.anchors
+        )
         # clutter level, by what no path can have caused
-        near = np.zeros(len(heard), dtype=bool)
-        near[pairs.measurement] = True
-        level = self.watch.listen(heard, near, self.told)
+        level = self.watch.listen(heard, said.pairs.measurement, self.told)
         if level != signal.false_alarms:
-            pairs = pairs.against(level / signal.false_alarms)
-            signal = replace(signal, false_alarms=level)
-            radio = signal.radio(heard.anchor)
-        prior = np.array([rays.existence, rays.surfaces, validity, detected])
-        cloud, said = evaluate(rays, recipe, pairs, heard, prior)
+            said.against(level / signal.false_alarms)
+            radio = replace(signal, false_alarms=level).radio(anchor)
         # births
         births = self._reachable(
             heard,
@@ -262,14 +261,14 @@ class SurfaceSlam:
                 self.radius_m, self.most_bounces,
             ),
         )  # fmt: skip
-        new = 1 + births.per_measurement(len(heard))
-        given = self._associate(heard, said.beta, said.missed, new)
+        said.new[:] = 1 + births.per_measurement(len(heard))
+        given = self._associate(heard, said)
         # association, updates
-        self.belief, share, responsible, worth, claimed = update(
-            self.belief, self.bank, self.sight, rays, predicted, pairs, heard, said, new, given, self.watch,
-            self.told.radio(heard.anchor),
+        self.belief, share, worth = update(
+            self.belief, self.bank, self.sight, rays, predicted, heard, said, given, self.watch,
+            self.told.radio(anchor), self.anchors,
         )  # fmt: skip
-        return Messages(said.chance, worth, pairs, share, responsible, births, claimed)
+        return Messages(said, worth, share, births)
 
     def _bear(self, heard: Heard, births: Births, claimed: Array) -> list[tuple[int, int, int]]:
         """Add the new surfaces that are likely enough.

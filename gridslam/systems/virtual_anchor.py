@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gridslam.geometry import unit
 from gridslam.inference import ranging, rings
+from gridslam.inference.evaluation import Evaluation
 from gridslam.inference.exact import associate_exactly
 from gridslam.inference.heard import Heard
 from gridslam.map import Map
@@ -67,7 +68,7 @@ class VirtualAnchorSlam(AdaptiveSlam):
         chance, bearings = self._begun
         self.rings = ranging.begin(self.rings, self.belief, heard, self.signal, chance, bearings)
 
-    def _associate(self, heard: Heard, beta: Array, missed: Array, new: Array) -> tuple[Array, Array]:
+    def _associate(self, heard: Heard, said: Evaluation) -> tuple[Array, Array]:
         """Data association of virtual anchors and rings alike."""
         worth = ranging.judge(self.rings, heard, self.detected, self.signal)
         tentative, silent = ranging.claims(self.rings, worth)
@@ -75,11 +76,12 @@ class VirtualAnchorSlam(AdaptiveSlam):
             self.belief, heard, self.signal, self.settings.births, self.middle, self.radius_m
         )
         nu, claimed = associate_exactly(
-            np.concatenate([beta, tentative]), np.concatenate([missed, silent]), new + born
+            np.concatenate([said.beta, tentative]), np.concatenate([said.missed, silent]), said.new + born
         )
-        self._told = nu[len(beta) :]
-        self._begun = born / (new + born + claimed), bearings
-        return nu[: len(beta)], claimed
+        paths = len(said.beta)
+        self._told = nu[paths:]
+        self._begun = born / (said.new + born + claimed), bearings
+        return nu[:paths], claimed
 
     def _tidy(self) -> None:
         """Rings that have shrunk to a place become virtual anchors; duplicates merge, the unlikely go."""

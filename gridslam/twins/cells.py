@@ -91,10 +91,8 @@ def _message(validity: Array, worth: float) -> Array:
     return validity * worth + 1 - validity
 
 
-def recall(
-    drawn: Array, path: Whole, held: Array, surface: Array, frame: Array, other: float
-) -> Array:
-    """Twin of `kernels.coefficients.recall`, part of `cast`: beliefs over products of coefficients, (L, 2 BINS)."""
+def recall(drawn: Array, path: Whole, held: Array, surface: Array, frame: Array, other: float) -> Array:
+    """Twin of `kernels.coefficients.recall`: beliefs over products of coefficients, (L, 2 BINS)."""
     bins, rays = surface.shape[1], len(drawn) // max(len(path), 1)
     centre = (np.arange(bins) + 0.5) / bins
     belief = np.zeros((len(path), 2 * bins))

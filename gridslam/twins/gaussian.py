@@ -38,17 +38,16 @@ def predict(mean: Array, covariance: Array, path: Whole, places: Array) -> tuple
 
 def correct(
     mean: Array, covariance: Array, path: Whole, start: Whole, index: Whole, pair: Array, odds: Array,
-    beta: Array, nu: Array, place: Array,
+    beta: Array, nu: Array, places: Array,
 ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
     """Twin of `kernels.gaussian.correct`: mean, covariance, and the probabilities of the associations."""
     count = int(start[-1])
     share, responsible = np.zeros(count), np.zeros(nu.shape)
     heard = (beta * nu).sum(1)
-    sure = heard / (heard + odds[3])
+    sure = heard / (heard + odds[7])
     order = np.argsort(-sure, kind="stable")
     for row in order[sure[order] >= UNHEARD]:
-        alone = np.append(path[row, :3], 0)[None]
-        value, slope, core = (part[0] for part in predict(mean, covariance, alone, place[None]))
+        value, slope, core = (part[0] for part in predict(mean, covariance, path[row][None], places))
         chosen = slice(start[row], start[row + 1])
         variance, density = pair[chosen, 3:6], pair[chosen, 6]
         message = nu[row, index[chosen, 1]]
@@ -57,12 +56,12 @@ def correct(
         gap[variance >= 1e11] = 0.0
         weight = np.array(
             [
-                odds[2, row] * m * d * np.exp(-0.5 * g @ np.linalg.solve(core + np.diag(v), g))
+                odds[6, row] * m * d * np.exp(-0.5 * g @ np.linalg.solve(core + np.diag(v), g))
                 / np.sqrt(np.linalg.det(2 * np.pi * (core + np.diag(v))))
                 for g, v, d, m in zip(gap, variance, density, message, strict=True)
             ]
         )  # fmt: skip
-        share[chosen] = weight / (weight.sum() + odds[3, row])
+        share[chosen] = weight / (weight.sum() + odds[7, row])
         kept = share[chosen] > UNMOVED
         after = update(Belief(mean, covariance), slope, gap[kept], variance[kept], share[chosen][kept])
         mean, covariance = after.mean, after.covariance

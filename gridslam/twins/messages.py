@@ -8,6 +8,7 @@ from scipy.special import i0e
 
 from gridslam.geometry import wrap
 from gridslam.kernels import FAINTEST, UNMEASURED
+from gridslam.twins.paths import densities, draw
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
@@ -65,10 +66,11 @@ def weigh(
 
 
 def gate(
-    belief: Array, nodes: Array, spreading: float, predicted: Array, worth: Array, heard: Array,
-    chance: Array, step: float, radio: Array, kept: float,
+    belief: Array, nodes: Array, spreading: float, predicted: Array, heard: Array, chance: Array, step: float,
+    radio: Array, kept: float, odds: Array,
 ) -> tuple[Whole, Array, Array, Array, Array]:  # fmt: skip
     """Twin of `kernels.gating.gate`: index, table and inverse covariance of the pairs; p_d; strength."""
+    worth = odds[:3].prod(0)
     detected, strength = weigh(belief, nodes, spreading, predicted, worth, heard, chance, step, radio)
     value, spread = predicted[:, None, :3], predicted[:, 3:].reshape(-1, 3, 3)
     angles = np.broadcast_to(value[..., 1:], (*strength[1].shape, 2))
@@ -94,34 +96,59 @@ def gate(
 
 
 def enter(
-    blocks: Array, index: Whole, pair: Array, prior: Array, ratio: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Twin of `kernels.association.enter`: ratio and beta (L, M), odds (4, L), and what is explained (M,)."""
-    paths, particles = len(ratio), 64 * blocks.shape[1]
+    blocks: Array, start: Whole, index: Whole, pair: Array, odds: Array, message: Array, measured: Array
+) -> tuple[Array, Array, Array]:
+    """Twin of `kernels.association.enter`: odds, message and measured with what it writes."""
+    paths, particles, count = odds.shape[1], 64 * blocks.shape[1], start[-1]
+    odds, message, measured = odds.copy(), message.copy(), measured.copy()
     mean = blocks.sum(1, dtype=np.float64) / particles
-    possible, count = mean[:paths], len(blocks) - paths
+    possible = mean[:paths]
     path, measurement = index[:count].T
-    found = np.zeros(ratio.shape)
+    found = np.zeros(message.shape[1:])
     scale = np.sqrt((2 * np.pi) ** 3 * pair[:count, 7])
-    found[path, measurement] = pair[:count, 6] * mean[paths:] / scale
+    found[path, measurement] = pair[:count, 6] * mean[paths : paths + count] / scale
     found /= np.maximum(possible, 1e-3)[:, None]
-    validity = prior[2] * possible
-    chance = prior[0] * validity
-    there = prior[1] * chance
-    beta = there[:, None] * found
-    odds = np.stack([validity, chance, there, np.maximum(1 - there * prior[3], 1e-9)])
-    return found, beta, odds, beta.sum(0)
+    odds[4] = odds[2] * possible
+    odds[5] = odds[0] * odds[4]
+    odds[6] = odds[1] * odds[5]
+    odds[7] = np.maximum(1 - odds[6] * odds[3], 1e-9)
+    message[0], message[1] = found, odds[6][:, None] * found
+    measured[0] = message[1].sum(0)
+    return odds, message, measured
 
 
-def associate(beta: Array, missed: Array, new: Array, rounds: int) -> tuple[Array, Array, Array]:
+def evaluate(
+    belief: Array, nodes: Array, spreading: float, predicted: Array, heard: Array, chance: Array, step: float,
+    radio: Array, kept: float, root: Array, base: Array, points: Array, path: Whole, places: Array,
+    odds: Array, state: Array, message: Array, measured: Array,
+) -> dict[str, Array | Whole]:  # fmt: skip
+    """Twin of `kernels.evaluation.evaluate`: what it writes, by the names of its arguments."""
+    index, pair, inverse, detected, _ = gate(
+        belief, nodes, spreading, predicted, heard, chance, step, radio, kept, odds
+    )
+    odds, start = odds.copy(), np.searchsorted(index[:, 0], np.arange(len(path) + 1)).astype(np.int32)
+    odds[3] = detected
+    apart = inverse[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    state = draw(root, base, points[:, : state.shape[1]])
+    weight, valid = densities(state, path, places, start, np.column_stack([pair[:, :3], apart]), 64)
+    blocks = np.concatenate([valid, weight])
+    odds, message, measured = enter(blocks, start, index, pair, odds, message, measured)
+    whole: dict[str, Array | Whole] = {"start": start, "index": index}
+    return whole | {
+        "pair": pair, "state": state, "blocks": blocks, "odds": odds, "message": message, "measured": measured
+    }  # fmt: skip
+
+
+def associate(odds: Array, message: Array, measured: Array, rounds: int) -> tuple[Array, Array, Array]:
     """Twin of `kernels.association.associate`: messages from paths and measurements; sums of the former."""
+    beta, missed, new = message[1], odds[7], measured[1]
     paths, heard = beta.shape
     nu = np.broadcast_to(1 / new, (paths, heard)).copy()
     claim = np.zeros_like(nu)
     for _ in range(rounds if paths and heard else 0):
         weight = beta * nu
         others = np.maximum(weight.sum(1, keepdims=True) - weight, 0.0)
-        claim = beta / (missed[0][:, None] + others)
+        claim = beta / (missed[:, None] + others)
         rest = np.maximum(claim.sum(0, keepdims=True) - claim, 0.0)
         fresh = 1 / (new + rest)
         change = np.abs(fresh - nu).max()

@@ -16,23 +16,21 @@ def lines_of(state: Array) -> Array:
     return np.stack([np.arctan2(state[4::3], state[3::3]), state[5::3]], -1).astype(np.float64)
 
 
-def evaluate(
-    root: Array, base: Array, points: Array, state: Array, path: Whole, start: Whole, pair: Array,
-    place: Array, block: int,
-) -> tuple[Array, Array]:  # fmt: skip
-    """Twin of `kernels.paths.evaluate`: sums of densities and counts of valid particles, by blocks."""
-    if len(root):
-        state = draw(root, base, points[:, : state.shape[1]])
+def densities(
+    state: Array, path: Whole, places: Array, start: Whole, pair: Array, block: int
+) -> tuple[Array, Array]:
+    """Twin of `kernels.paths.densities`: sums of densities and counts of valid particles, by blocks."""
     particles = state.shape[1]
     blocks = particles // block
     weight, valid = np.zeros((start[-1], blocks)), np.zeros((len(path), blocks))
-    surfaces = lines_of(state)
-    anchor = np.broadcast_to(np.asarray(place[:2], np.float64), (particles, 2))
+    surfaces = lines_of(state) if len(state) > 3 else np.zeros((1, particles, 2))
     position = np.asarray(state[:2].T, np.float64)
-    for row, (bounces, last, first) in enumerate(path[:, :3]):
+    for row, (bounces, last, first, number) in enumerate(path):
+        place = places[number]
         drawn = trace(
-            position, anchor, surfaces[max(last, 0)], surfaces[max(first, 0)], np.full(particles, bounces)
-        )
+            position, np.broadcast_to(place[:2], (particles, 2)), surfaces[max(last, 0)],
+            surfaces[max(first, 0)], np.full(particles, bounces),
+        )  # fmt: skip
         possible = drawn.valid.astype(np.float64)
         valid[row] = possible.reshape(blocks, block).sum(1)
         seen = np.stack([drawn.distance, drawn.departure - place[2], drawn.arrival - state[2]], -1)

@@ -15,20 +15,21 @@ SURE, WORST, MEASURED = 0.9, 30.0, 1e11
 
 
 def exist(
-    path: Whole, prior: Array, odds: Array, ratio: Array, nu: Array, surface: Array, sight: Array,
-    single: Array, double: Array,
+    path: Whole, odds: Array, ratio: Array, nu: Array, surface: Array, sight: Array, single: Array,
+    double: Array,
 ) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
     """Twin of `kernels.existence.exist`: surfaces, lines of sight, rays over one and two; worth (L,)."""
     bounces, last, first, anchor = path.T
-    worth = (nu * ratio).sum(1) + 1 - prior[3]
-    chance = prior[1] * odds[0]
+    there, surfaces, detected, possible, known = odds[[0, 1, 3, 4, 5]]
+    worth = (nu * ratio).sum(1) + 1 - detected
+    chance = surfaces * possible
     ahead = chance * worth + 1 - chance
-    after = prior[0] * ahead / (prior[0] * ahead + 1 - prior[0])
+    after = there * ahead / (there * ahead + 1 - there)
     sight, single, double = sight.copy(), single.copy(), double.copy()
     sight[anchor[bounces == 0]] = after[bounces == 0]
     single[anchor[bounces == 1], last[bounces == 1]] = after[bounces == 1]
     double[anchor[bounces == 2], last[bounces == 2], first[bounces == 2]] = after[bounces == 2]
-    whole, log = odds[1] * worth + 1 - odds[1], np.zeros(len(surface))
+    whole, log = known * worth + 1 - known, np.zeros(len(surface))
     for own, other in ((last, first), (first, last)):
         rows = np.flatnonzero((bounces == 2) | ((bounces == 1) & (own is last)))
         partner = np.where(bounces[rows] == 1, 1.0, surface[other[rows]])
@@ -83,22 +84,23 @@ def effective_sample_size(blocks: Array) -> Array:
 
 
 def update(
-    mean: Array, covariance: Array, path: Whole, start: Whole, index: Whole, pair: Array, prior: Array,
-    odds: Array, ratio: Array, beta: Array, new: Array, rounds: int, place: Array, predicted: Array,
-    heard: Array, blocks: Array, radio: Array, turned: float, message: Array, claimed: Array, surface: Array,
-    sight: Array, single: Array, double: Array, sums: Array,
+    mean: Array, covariance: Array, path: Whole, start: Whole, index: Whole, pair: Array, odds: Array,
+    rounds: int, places: Array, predicted: Array, heard: Array, blocks: Array, radio: Array, turned: float,
+    message: Array, measured: Array, surface: Array, sight: Array, single: Array, double: Array, sums: Array,
 ) -> dict[str, Array]:  # fmt: skip
     """Twin of `kernels.updates.update`: what it writes, by the names of its arguments."""
-    _, nu, _ = message
+    ratio, beta, claim, nu, _ = message
+    _, new, claimed = measured
     if rounds:
-        _, nu, claimed = associate(beta, odds[3:], new, rounds)
+        claim, nu, claimed = associate(odds, message, measured, rounds)
     mean, covariance, share, responsible = correct(
-        mean, covariance, path, start, index, pair, odds, beta, nu, place
+        mean, covariance, path, start, index, pair, odds, beta, nu, places
     )
     after = fit(path, index, pair, predicted, share, responsible, heard, blocks, radio, turned, sums)
-    there = exist(path, prior, odds, ratio, nu, surface, sight, single, double)
+    there = exist(path, odds, ratio, nu, surface, sight, single, double)
     told = dict(zip(("surface", "sight", "single", "double", "worth"), there, strict=True))
     return told | {
-        "mean": mean, "covariance": covariance, "share": share, "sums": after, "claimed": claimed,
-        "message": np.stack([nu, responsible]),
+        "mean": mean, "covariance": covariance, "share": share, "sums": after,
+        "message": np.stack([ratio, beta, claim, nu, responsible]),
+        "measured": np.stack([measured[0], new, claimed]),
     }  # fmt: skip

@@ -1,0 +1,14 @@
+"""Rows of the tables that evaluation, association and updates share: by path, by pair, by measurement."""
+
+EXISTENCE, SURFACES, OPEN, DETECTED, POSSIBLE, CHANCE, THERE, MISSED = range(8)
+"""By path, `odds`: existence of the ray and of its surfaces, V, and p_d, before; V where the path is
+possible; chance that it is there, if its surfaces are; chance that it is there; message for "caused none"."""
+
+RATIO, BETA, CLAIM, NU, RESPONSIBLE = range(5)
+"""By path and measurement, `message`: ``p_d f(z | path) / (mu_fa f_fa(z))`` where the path is possible; from
+the path into the association, for "caused measurement m"; between path and measurement, there and back; and
+the probability that one caused the other."""
+
+EXPLAINED, NEW, CLAIMED = range(3)
+"""By measurement, `measured`: sum of the paths' beta; message into the association for "caused by no legacy
+path"; sum of what paths claim."""
