@@ -31,7 +31,7 @@ def evaluate(
     density: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [2, M, K] scratch
     strength: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [2, L, M] scratch: amplitude's ratio to clutter; mean
     table: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L M, 11] scratch: z, inverse (6), nearest, farthest
-    odds: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [8, L] in/out: see `kernels.tables`; three are given
+    odds: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [11, L] in/out: see `kernels.tables`; three are given
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] out: where the pairs of each path begin
     index: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L M, 2] out: path and measurement
     pair: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L M, 8] out: z, variances, density, determinant
@@ -39,13 +39,13 @@ def evaluate(
     blocks: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L + L M, P / BLOCK] out: by blocks of particles, at
     # how many each path is possible; sums of each pair's densities
     message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [5, L, M] out: the first two of `kernels.tables`
-    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3, M] out: the first one
+    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] out: the first two
 ):
     """Pick the pairs that may belong together, draw the particles, and evaluate pairs and paths at them."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         weigh(belief, nodes, spreading, predicted, heard, chance, step, radio, density, strength, odds)
-        gate(predicted, heard, radio, kept, odds, strength, start, index, pair, table)
+        gate(predicted, heard, radio, kept, odds, strength, start, index, pair, table, measured)
     for item in range(blocks.shape[1] * SPREAD):
         if item % SPREAD == 0:
             draw_block(item // SPREAD * BLOCK, root, base, points, state)

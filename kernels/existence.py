@@ -3,7 +3,7 @@
 import taichi as ti
 
 from gridslam.kernels.functions import decay_of, logarithm_of
-from gridslam.kernels.tables import CHANCE, DETECTED, EXISTENCE, NU, POSSIBLE, RATIO, SURFACES
+from gridslam.kernels.tables import CHANCE, DETECTED, EXISTENCE, NU, POSSIBLE, RATIO, SURFACES, WORTH
 
 SUREST = 1e-7
 """Doubt that is always left."""
@@ -19,7 +19,6 @@ def renewed(before, after):
 def exist(
     path: ti.template(), odds: ti.template(), message: ti.template(), log: ti.template(),
     surface: ti.template(), sight: ti.template(), single: ti.template(), double: ti.template(),
-    worth: ti.template(),
 ):  # fmt: skip
     """Update rays, then surfaces by all paths that meet them.
 
@@ -33,7 +32,7 @@ def exist(
         said = 1 - odds[DETECTED, row]
         for m in range(message.shape[2]):
             said += message[NU, row, m] * message[RATIO, row, m]
-        worth[0, row] = said
+        odds[WORTH, row] = said
         chance, there = odds[SURFACES, row] * odds[POSSIBLE, row], odds[EXISTENCE, row]
         ahead = there * (chance * said + 1 - chance)
         after = ahead / (ahead + 1 - there)

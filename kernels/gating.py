@@ -6,6 +6,7 @@ from gridslam.kernels import FAINTEST, UNMEASURED
 from gridslam.kernels.amplitudes import NEGLIGIBLE, worth_of
 from gridslam.kernels.functions import wrapped
 from gridslam.kernels.radio import SPAN, deviations_of
+from gridslam.kernels.tables import UNEXPLAINED
 
 ROOT_TURN = 2.5066282746310002
 GATE = 6.0
@@ -19,13 +20,15 @@ LEAST_STD = 1e-6
 def gate(
     predicted: ti.template(), heard: ti.template(), radio: ti.template(), kept, odds: ti.template(),
     strength: ti.template(), start: ti.template(), index: ti.template(), pair: ti.template(),
-    table: ti.template(),
+    table: ti.template(), measured: ti.template(),
 ):  # fmt: skip
     """Pick the pairs whose distance and angles lie within reach of what is predicted, path by path.
 
     `strength` is as `kernels.amplitudes.weigh` leaves it; arguments as of `kernels.evaluation.evaluate`.
     """
     known = 0
+    for m in range(heard.shape[0]):
+        measured[UNEXPLAINED, m] = heard[m, 8]
     start[0] = 0
     for row in range(predicted.shape[0]):
         for m in range(heard.shape[0]):
@@ -67,6 +70,7 @@ def gate(
                     determinant = a * i00 + d * i01 + e * i02
                     reach = ti.min(GATE * ti.sqrt(a), 1e5)
                     index[known, 0], index[known, 1] = row, m
+                    measured[UNEXPLAINED, m] = 0.0
                     for q in ti.static(range(3)):
                         pair[known, q], pair[known, 3 + q] = heard[m, q], variance[q]
                         table[known, q] = ti.cast(heard[m, q], ti.f32)

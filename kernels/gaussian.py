@@ -7,7 +7,7 @@ import taichi as ti
 
 from gridslam.kernels import UNMEASURED
 from gridslam.kernels.functions import PI, bearing_of, cos_of, decay_of, sin_of, wrapped
-from gridslam.kernels.tables import BETA, MISSED, NU, RESPONSIBLE, THERE
+from gridslam.kernels.tables import BETA, MISSED, NU, ORDER, RESPONSIBLE, SURE, THERE
 
 MEASURED = 0.1 * UNMEASURED
 """A variance from here on stands for "not measured"."""
@@ -138,18 +138,18 @@ def predict_by(
 
 @ti.func
 def sorted_by(rank: ti.template(), least, among):
-    """Write numbers of values in row 1 to row 2, largest first, equal ones as they stand; return how many.
+    """Write numbers of values in row `SURE` to row `ORDER`, largest first; return how many.
 
-    The first `among` values are looked at, and those below `least` left out.
+    The first `among` values are looked at, and those below `least` left out. Equal ones stay in their order.
     """
     count = 0
     for row in range(among):
-        if rank[1, row] >= least:
+        if rank[SURE, row] >= least:
             at = count
-            while at > 0 and rank[1, ti.cast(rank[2, ti.max(at - 1, 0)], ti.i32)] < rank[1, row]:
-                rank[2, at] = rank[2, at - 1]
+            while at > 0 and rank[SURE, ti.cast(rank[ORDER, ti.max(at - 1, 0)], ti.i32)] < rank[SURE, row]:
+                rank[ORDER, at] = rank[ORDER, at - 1]
                 at -= 1
-            rank[2, at] = row
+            rank[ORDER, at] = row
             count += 1
     return count
 
@@ -217,7 +217,7 @@ def correct_by(
 def correct(
     mean: ti.template(), covariance: ti.template(), path: ti.template(), start: ti.template(),
     index: ti.template(), pair: ti.template(), odds: ti.template(), message: ti.template(),
-    places: ti.template(), scratch: ti.template(), rank: ti.template(), share: ti.template(),
+    places: ti.template(), scratch: ti.template(), share: ti.template(),
 ):  # fmt: skip
     """Correct by the paths one after the other, surest first, each moment-matched over its measurements.
 
@@ -232,9 +232,9 @@ def correct(
         for m in range(message.shape[2]):
             message[RESPONSIBLE, row, m] = 0.0
             total += message[BETA, row, m] * message[NU, row, m]
-        rank[1, row] = total / (total + odds[MISSED, row])
-    for turn in range(sorted_by(rank, UNHEARD, path.shape[0])):
-        row = ti.cast(rank[2, turn], ti.i32)
+        odds[SURE, row] = total / (total + odds[MISSED, row])
+    for turn in range(sorted_by(odds, UNHEARD, path.shape[0])):
+        row = ti.cast(odds[ORDER, turn], ti.i32)
         correct_by(row, mean, covariance, path, start, index, pair, odds, message, places, scratch, share)
     for k in range(share.shape[0]):
         message[RESPONSIBLE, index[k, 0], index[k, 1]] = share[k]

@@ -1,14 +1,15 @@
 """Rows of the tables that evaluation, association and updates share: by path, by pair, by measurement."""
 
-EXISTENCE, SURFACES, OPEN, DETECTED, POSSIBLE, CHANCE, THERE, MISSED = range(8)
+EXISTENCE, SURFACES, OPEN, DETECTED, POSSIBLE, CHANCE, THERE, MISSED, WORTH, SURE, ORDER = range(11)
 """By path, `odds`: existence of the ray and of its surfaces, V, and p_d, before; V where the path is
-possible; chance that it is there, if its surfaces are; chance that it is there; message for "caused none"."""
+possible; chance that it is there, if its surfaces are; chance that it is there; message for "caused none";
+``sum_m nu_m g_m + 1 - p_d``; chance that it was heard; paths, surest first."""
 
 RATIO, BETA, CLAIM, NU, RESPONSIBLE = range(5)
 """By path and measurement, `message`: ``p_d f(z | path) / (mu_fa f_fa(z))`` where the path is possible; from
 the path into the association, for "caused measurement m"; between path and measurement, there and back; and
 the probability that one caused the other."""
 
-EXPLAINED, NEW, CLAIMED = range(3)
-"""By measurement, `measured`: sum of the paths' beta; message into the association for "caused by no legacy
-path"; sum of what paths claim."""
+EXPLAINED, UNEXPLAINED, NEW, CLAIMED = range(4)
+"""By measurement, `measured`: sum of the paths' beta; how much quiet clutter it stands for, if no path can
+have caused it; message into the association for "caused by no legacy path"; sum of what paths claim."""

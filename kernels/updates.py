@@ -18,7 +18,7 @@ def update(
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] where the pairs of each path begin
     index: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [K or more, 2] path and measurement of every pair
     pair: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [K or more, 8] z (3), variance (3), density, unused
-    odds: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [8, L] as evaluated: see `kernels.tables`
+    odds: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [11, L] in/out: see `kernels.tables`; eight are given
     rounds: ti.i32,  # of association at most; 0 where it was done elsewhere
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
     predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 12] value (3) and spread (9) of every path
@@ -29,13 +29,12 @@ def update(
     scratch: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, 6] scratch
     message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [5, L, M] in/out: see `kernels.tables`; the first two
     # are given, and `NU` if association was done elsewhere
-    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3, M] in/out: `NEW` is given, and `CLAIMED` likewise
+    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: `NEW` is given, and `CLAIMED` likewise
     surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] in/out: existence
     sight: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J] in/out: existence of lines of sight
     single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] in/out: of rays over one surface
     double: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [J, S, S] in/out: over (last, first)
     share: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K] out: probability of each association
-    worth: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3, L] out: mean of sum_m nu_m g_m + 1 - p_d; scratch
     sums: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [9] in/out: see `kernels.SUMS`
 ):
     """Associate, correct agent and surfaces, update what exists, and note how well all that fits."""
@@ -43,6 +42,6 @@ def update(
     for _ in range(1):
         if rounds > 0:
             exchange(odds, message, measured, rounds)
-        correct(mean, covariance, path, start, index, pair, odds, message, places, scratch, worth, share)
+        correct(mean, covariance, path, start, index, pair, odds, message, places, scratch, share)
         fit(path, index, pair, predicted, share, message, heard, blocks, radio, turned, sums)
-        exist(path, odds, message, scratch, surface, sight, single, double, worth)
+        exist(path, odds, message, scratch, surface, sight, single, double)

@@ -21,13 +21,13 @@ def stages():
     def gated(
         belief: double, nodes: line, spreading: ti.f64, predicted: double, heard: double, chance: line,
         step: ti.f64, radio: line, kept: ti.f64, density: cube, strength: cube, odds: double, start: row,
-        index: whole, pair: double, table: single,
+        index: whole, pair: double, table: single, measured: double,
     ):  # fmt: skip
         for _ in range(1):
             weigh(
                 belief, nodes, spreading, predicted, heard, chance, step, radio, density, strength, odds
             )  # fmt: skip
-            gate(predicted, heard, radio, kept, odds, strength, start, index, pair, table)
+            gate(predicted, heard, radio, kept, odds, strength, start, index, pair, table, measured)
 
     @ti.kernel
     def summed(state: single, path: whole, places: double, start: row, table: single, blocks: single):

@@ -177,8 +177,8 @@ def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
     evaluate(
         none, np.zeros(1), 0.0, none, none, np.zeros(2), 1.0, np.zeros(11), 0.1, root, base, points,
         np.zeros((0, 4), np.int32), np.zeros((1, 3)), np.zeros((2, 0, 1)), np.zeros((2, 0, 0)),
-        np.zeros((1, 11), np.float32), np.zeros((8, 0)), np.zeros(1, np.int32), np.zeros((1, 2), np.int32),
-        np.zeros((1, 8)), state, np.zeros((0, 3), np.float32), np.zeros((5, 0, 0)), np.zeros((3, 0)),
+        np.zeros((1, 11), np.float32), np.zeros((11, 0)), np.zeros(1, np.int32), np.zeros((1, 2), np.int32),
+        np.zeros((1, 8)), state, np.zeros((0, 3), np.float32), np.zeros((5, 0, 0)), np.zeros((4, 0)),
     )  # fmt: skip
     np.testing.assert_allclose(state, twins.draw(root, base, points), atol=1e-5)
 

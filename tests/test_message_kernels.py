@@ -33,18 +33,21 @@ def test_gated_pairs_equal_their_twin(seed, given_std, flat_array, spreading):
     belief[: paths // 2, ::2] = 0.0  # nodes that can't be
     level = np.linspace(2, 80, nodes) if spreading else np.linspace(0.4, 12, nodes)
     chance, step = detection_table()
-    odds = np.full((8, paths), np.nan)
+    odds = np.full((11, paths), np.nan)
     odds[:3] = draw.choice([0.0, 0.7, 1.0], (3, paths))
     start, room = np.zeros(paths + 1, np.int32), max(paths * count, 1)
     index, pair, table = np.zeros((room, 2), np.int32), np.zeros((room, 8)), np.zeros((room, 11), np.float32)
     strength = np.full((2, paths, count), np.nan)
     given_to = belief, level, float(spreading), predicted, heard, chance, step, radio, 0.1
+    measured = np.full((4, count), np.nan)
     chosen, expected, inverse, sure, weight = twins.gate(*given_to, odds)
-    gate(*given_to, np.empty((2, count, nodes)), strength, odds, start, index, pair, table)
+    gate(*given_to, np.empty((2, count, nodes)), strength, odds, start, index, pair, table, measured)
     found = start[-1]
     np.testing.assert_allclose(odds[3], sure, rtol=1e-6)
     np.testing.assert_allclose(strength, weight, rtol=1e-5, atol=1e-250)
     np.testing.assert_array_equal(index[:found], chosen)
+    alone = ~np.isin(np.arange(count), chosen[:, 1])
+    np.testing.assert_array_equal(measured[1], np.where(alone, heard[:, 8], 0.0))
     np.testing.assert_array_equal(start, np.searchsorted(chosen[:, 0], np.arange(paths + 1)))
     np.testing.assert_allclose(pair[:found], expected, rtol=1e-5)
     np.testing.assert_allclose(table[:found, :3], expected[:, :3], rtol=1e-6)
@@ -83,9 +86,9 @@ def test_messages_into_the_association_equal_their_twin(seed):
     blocks[: paths // 3] = 0.0  # possible nowhere
     index = np.zeros((len(chosen) + 2, 2), np.int32)  # longer than need be, like the blocks
     index[: len(chosen)] = chosen
-    pair, odds = draw.uniform(0.1, 2, (len(index), 8)), np.full((8, paths), 7.0)
+    pair, odds = draw.uniform(0.1, 2, (len(index), 8)), np.full((11, paths), 7.0)
     odds[:4] = draw.uniform(0, 1, (4, paths))
-    message, measured = np.full((5, paths, count), 7.0), np.full((3, count), 7.0)
+    message, measured = np.full((5, paths, count), 7.0), np.full((4, count), 7.0)
     given_to = blocks, start, index, pair, odds, message, measured
     expected = twins.enter(*given_to)
     enter(*given_to)
@@ -113,9 +116,9 @@ def test_evaluation_equals_its_twin(seed, spreading):
     kept, points = 0.1, draw.normal(size=(len(mean) + 1, blocks * PATH_BLOCK)).astype(np.float32)
     root = (np.sqrt(1 - kept) * np.linalg.cholesky(covariance)).astype(np.float32)
     base = np.stack([mean, np.cos(mean), np.sin(mean)], -1, dtype=np.float32)
-    odds, message = np.full((8, paths), 7.0), np.full((5, paths, count), 7.0)
+    odds, message = np.full((11, paths), 7.0), np.full((5, paths, count), 7.0)
     odds[:3] = draw.choice([0.0, 0.7, 1.0], (3, paths), p=[0.1, 0.5, 0.4])
-    measured, state = np.full((3, count), 7.0), np.empty((3 + 3 * surfaces, points.shape[1]), np.float32)
+    measured, state = np.full((4, count), 7.0), np.empty((3 + 3 * surfaces, points.shape[1]), np.float32)
     given_to = belief, level, float(spreading), predicted, heard, *detection_table(), radio, kept, root, base
     expected = twins.evaluate(*given_to, points, path, places, odds, state, message, measured)
     out = {
@@ -150,15 +153,15 @@ def test_association_messages_equal_their_twin(seed, paths, count):
 
     draw = np.random.default_rng(seed)
     odds, message, measured = (
-        np.full(shape, np.nan) for shape in ((8, paths), (5, paths, count), (3, count))
+        np.full(shape, np.nan) for shape in ((11, paths), (5, paths, count), (4, count))
     )
     message[1] = draw.exponential(10.0 ** draw.integers(-2, 4), (paths, count))
     message[1] *= draw.random((paths, count)) < 0.6
-    odds[7], measured[1] = draw.uniform(1e-6, 1, paths), 1 + draw.exponential(1.0, count)
+    odds[7], measured[2] = draw.uniform(1e-6, 1, paths), 1 + draw.exponential(1.0, count)
     rounds = int(draw.choice([1, 7, 100]))
     expected = twins.associate(odds, message, measured, rounds)
     associate(odds, message, measured, rounds)
-    for found, wanted in zip((message[2], message[3], measured[2]), expected, strict=True):
+    for found, wanted in zip((message[2], message[3], measured[3]), expected, strict=True):
         np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-9)
 
 
@@ -184,8 +187,8 @@ def test_updates_equal_their_twin(seed, surfaces, rounds):
     message = np.zeros((5, len(path), count))
     message[:2, chosen[:, 0], chosen[:, 1]] = draw.exponential(1.0, (2, len(chosen)))
     message[3] = draw.uniform(0.2, 1, (len(path), count))
-    odds, measured = draw.uniform(0.05, 0.95, (8, len(path))), draw.uniform(0, 1, (3, count))
-    measured[1] = 1 + draw.exponential(1.0, count)
+    odds, measured = draw.uniform(0.05, 0.95, (11, len(path))), draw.uniform(0, 1, (4, count))
+    measured[2] = 1 + draw.exponential(1.0, count)
     heard = random_table(draw, count)
     blocks = draw.uniform(0, 64, (len(path) + len(chosen), 3)).astype(np.float32)
     surface, _, _, sight, single, double = random_bank(draw, surfaces, anchors)
@@ -199,13 +202,13 @@ def test_updates_equal_their_twin(seed, surfaces, rounds):
     messages = {"message": message, "measured": measured}
     kept = {"surface": surface, "sight": sight, "single": single, "double": double}
     out = {
-        "share": np.full(len(chosen), np.nan), "worth": np.full((3, len(path)), np.nan), "sums": sums,
+        "share": np.full(len(chosen), np.nan), "sums": sums,
     }  # fmt: skip
     expected = twins.update(**into, **messages, **kept, sums=sums)
     scratch = np.empty((len(mean), 6))
     update(*into.values(), scratch, *messages.values(), *kept.values(), *out.values())
     found = into | messages | kept | out
-    found["worth"] = found["worth"][0]
+    found["worth"] = odds[8]
     for name, wanted in expected.items():
         np.testing.assert_allclose(found[name], wanted, rtol=1e-5, atol=1e-7, err_msg=name)
     assert np.linalg.eigvalsh(covariance).min() > -1e-9
@@ -224,10 +227,10 @@ def test_equally_sure_paths_are_taken_as_they_stand():
             count = sorted_by(rank, 0.25, rank.shape[1])
         return count
 
-    rank = np.full((3, 7), -1.0)
-    rank[1] = [0.5, 0.1, 0.9, 0.5, 0.25, 0.9, 0.0]
+    rank = np.full((11, 7), -1.0)
+    rank[9] = [0.5, 0.1, 0.9, 0.5, 0.25, 0.9, 0.0]
     assert order_of(rank) == 5
-    assert rank[2].tolist() == [2, 5, 0, 3, 4, -1, -1]
+    assert rank[10].tolist() == [2, 5, 0, 3, 4, -1, -1]
 
 
 def test_effective_sample_size_is_all_of_equal_weights_and_follows_their_spread():

@@ -40,7 +40,7 @@ def associate(beta: Array, missed: Array, new: Array, rounds: int = ROUNDS) -> t
     from gridslam.kernels.association import associate as launch
 
     paths, count = beta.shape
-    odds, message, measured = np.empty((8, paths)), np.empty((5, paths, count)), np.empty((3, count))
+    odds, message, measured = np.empty((11, paths)), np.empty((5, paths, count)), np.empty((4, count))
     odds[tables.MISSED], message[tables.BETA], measured[tables.NEW] = missed, beta, new
     launch(odds, message, measured, rounds)
     return message[tables.NU], message[tables.CLAIM].sum(0)  # a device that bounds loops may not come to sums

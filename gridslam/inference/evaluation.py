@@ -62,11 +62,11 @@ class Evaluation:
     blocks : (L + K or more, P / PATH_BLOCK) float32
         Over blocks of particles: at how many the path is possible; sums of each pair's weights; where the
         device has them.
-    odds : (8, L)
-        By path, rows as in `gridslam.kernels.tables`.
+    odds : (11, L)
+        By path, rows as in `gridslam.kernels.tables`; the last three are left to the updates.
     message : (5, L, M)
         By path and measurement, likewise; the last three are left to the association.
-    measured : (3, M)
+    measured : (4, M)
         By measurement, likewise; the last two are left to the association.
     """
 
@@ -87,6 +87,11 @@ class Evaluation:
         return self.odds[tables.MISSED]
 
     @property
+    def worth(self) -> Array:
+        """What the measurements are worth to the path: mean of ``sum_m nu_m g_m + 1 - p_d``, (L,)."""
+        return self.odds[tables.WORTH]
+
+    @property
     def beta(self) -> Array:
         """Message of every path into the association for "caused measurement m", (L, M)."""
         return self.message[tables.BETA]
@@ -100,6 +105,21 @@ class Evaluation:
     def explained(self) -> Array:
         """Ratio to clutter of every measurement's known causes: sum of `beta`, (M,)."""
         return self.measured[tables.EXPLAINED]
+
+    @property
+    def clutter(self) -> float:
+        """How much quiet clutter was heard that no path can have caused."""
+        return float(self.measured[tables.UNEXPLAINED].sum())
+
+    @property
+    def responsible(self) -> Array:
+        """Probability that the path caused the measurement, (L, M)."""
+        return self.message[tables.RESPONSIBLE]
+
+    @property
+    def claimed(self) -> Array:
+        """What the known paths send to each measurement, (M,)."""
+        return self.measured[tables.CLAIMED]
 
     def against(self, clutter: float) -> None:
         """Make it, in place, what it is against a clutter level `clutter` times as high."""
@@ -130,7 +150,7 @@ def evaluate(
         raise ValueError(f"{particles} particles: whole blocks of {PATH_BLOCK} are needed")
     rays.check(rows // 3 - 1, len(anchors))
     most = max(paths * count, 1)
-    odds, message, measured = np.empty((8, paths)), np.empty((5, paths, count)), np.empty((3, count))
+    odds, message, measured = np.empty((11, paths)), np.empty((5, paths, count)), np.empty((4, count))
     odds[tables.EXISTENCE], odds[tables.SURFACES], odds[tables.OPEN] = rays.existence, rays.surfaces, validity
     start, index, pair = np.empty(paths + 1, np.int32), np.empty((most, 2), np.int32), np.empty((most, 8))
     state, blocks = runtime.room((rows, particles)), runtime.room((paths + most, particles // PATH_BLOCK))

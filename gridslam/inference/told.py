@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.evaluation import Pairs
+from gridslam.inference.evaluation import Evaluation
 from gridslam.inference.heard import Heard
 from gridslam.inference.rays import Rays
+from gridslam.kernels import tables
 
 Array = NDArray[np.float64]
 
@@ -23,9 +24,8 @@ class Part(NamedTuple):
     ----------
     heard : Heard
     rays : Rays
-    distance, chance, worth : (L,)
-        See `Told`.
-    pairs : Pairs
+    distance : (L,) m
+    said : Evaluation
     share : (K,)
         Probability of each pair's association.
     """
@@ -33,9 +33,7 @@ class Part(NamedTuple):
     heard: Heard
     rays: Rays
     distance: Array
-    chance: Array
-    worth: Array
-    pairs: Pairs
+    said: Evaluation
     share: Array
 
 
@@ -70,19 +68,20 @@ class Told:
     @classmethod
     def by(cls, parts: Sequence[Part]) -> Told:
         """Join what all anchors said."""
-        before = np.cumsum([0, *(len(part.rays) for part in parts)]).tolist()
-        rays = Rays.stack([part.rays for part in parts])
-        share = np.concatenate([part.share for part in parts])
-        path = np.concatenate(
-            [part.pairs.path + start for part, start in zip(parts, before[:-1], strict=True)]
-        )
-        amplitude = np.concatenate([part.heard.table[part.pairs.measurement, 6] for part in parts])
+        before, path, amplitude = 0, [], []
+        for part in parts:
+            pairs = part.said.pairs
+            path.append(pairs.path + before)
+            amplitude.append(part.heard.table[pairs.measurement, 6])
+            before += len(part.rays)
+        odds = np.concatenate([part.said.odds for part in parts], 1)
+        paths, share = np.concatenate(path), np.concatenate([part.share for part in parts])
         return cls(
-            rays,
+            Rays.stack([part.rays for part in parts]),
             np.concatenate([part.distance for part in parts]),
-            np.concatenate([part.chance for part in parts]),
-            np.concatenate([part.worth for part in parts]),
-            np.bincount(path, share, len(rays)).astype(np.float64, copy=False),
-            path,
-            np.array([amplitude, share]),
+            odds[tables.CHANCE],
+            odds[tables.WORTH],
+            np.bincount(paths, share, before).astype(np.float64, copy=False),
+            paths,
+            np.array([np.concatenate(amplitude), share]),
         )

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 def update(
     belief: Belief, bank: Bank, sight: Array, rays: Rays, predicted: Prediction, heard: Heard,
     said: Evaluation, given: tuple[Array, Array] | None, watch: Watch, radio: Array, anchors: Array,
-) -> tuple[Belief, Array, Array]:  # fmt: skip
+) -> tuple[Belief, Array]:  # fmt: skip
     """Associate; correct agent and surfaces; update, in place, what exists; note how well it all fits.
 
     The joint belief is corrected by every path in turn, surest first, moment-matched over its association.
@@ -43,8 +43,8 @@ def update(
 
     Returns
     -------
-    (belief, share, worth)
-        share (K,): probability of each pair; worth (L,): mean of ``sum_m nu_m g_m + 1 - p_d``.
+    (belief, share)
+        share (K,): probability of each pair.
     """
     if runtime.start() == "gpu" and given is None:
         given = associate(said.beta, said.missed, said.new)  # a device may bound how long one launch loops
@@ -54,13 +54,13 @@ def update(
     rays.check(len(bank), len(anchors))
     pairs, mean, covariance = said.pairs, belief.mean.copy(), belief.covariance.copy()
     bank.existence = bank.existence.copy()  # estimates keep what it was
-    share, worth, rounds = np.empty(len(pairs)), np.empty((3, len(rays))), ROUNDS
+    share, rounds = np.empty(len(pairs)), ROUNDS
     if given is not None:
         (said.message[tables.NU], said.measured[tables.CLAIMED]), rounds = given, 0
     launch(
         mean, covariance, rays.table, pairs.start, pairs.index, pairs.pair, said.odds, rounds, anchors,
         predicted.whole, heard.table, said.blocks, radio, float(watch.taken[heard.anchor]),
         runtime.scratch("update", (len(mean), 6)), said.message, said.measured, bank.existence, sight,
-        bank.single, bank.double, share, worth, watch.fits[heard.anchor],
+        bank.single, bank.double, share, watch.fits[heard.anchor],
     )  # fmt: skip
-    return Belief(mean, covariance), share, worth[0]
+    return Belief(mean, covariance), share

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.estimates import Health
-from gridslam.inference.heard import Heard
 from gridslam.kernels import SUMS
 from gridslam.signal import SignalModel
 
@@ -144,17 +142,8 @@ class Watch:
             return told
         return replace(told, amplitude_at_1m=told.amplitude_at_1m * gain, false_alarms=level)
 
-    def listen(self, heard: Heard, near: NDArray[np.integer[Any]], told: SignalModel) -> float:
-        """Count the clutter of an anchor's scan before its association; return the level.
-
-        Parameters
-        ----------
-        near : (K,)
-            Numbers of the measurements that some path could have caused, any number of times.
-        """
-        quiet, anchor = heard.quiet.copy(), heard.anchor
-        quiet[near] = 0.0
-        count = float(quiet.sum())
+    def listen(self, anchor: int, count: float, told: SignalModel) -> float:
+        """Take in how much clutter an anchor's scan held, before its association; return the level."""
         usual = self.estimate(anchor, told.false_alarms)
         # a level that jumps is learned afresh, or a burst would be over before it is believed
         keep = KEEP if abs(count - usual) < SURPRISE * math.sqrt(usual + 1) else 0.3 * KEEP

@@ -9,6 +9,7 @@ from gridslam import runtime
 from gridslam.estimates import Estimate
 from gridslam.inference import surfaces
 from gridslam.inference.amplitudes import RayAmplitudes
+from gridslam.inference.births import Births
 from gridslam.inference.heard import Heard
 from gridslam.inference.particles import at_mean
 from gridslam.inference.polylines import draw_paths
@@ -17,7 +18,7 @@ from gridslam.inference.rays import Rays
 from gridslam.map import Map
 from gridslam.measurements import Scan
 from gridslam.scene import Scene
-from gridslam.systems.surface_slam import Messages, SurfaceSlam
+from gridslam.systems.surface_slam import SurfaceSlam
 
 Array = NDArray[np.float64]
 
@@ -63,23 +64,23 @@ class AdaptiveSlam(SurfaceSlam):
         amplitudes = self.amplitudes.predict(rays, self.bank.identity, distance)
         # measurement evaluation, births, data association, updates of agent, surfaces and rays
         recipe = self.particles.recipe(self.belief)
-        said = self._exchange(heard, rays, predicted, amplitudes, np.ones(len(rays)), recipe)
+        said, _, births = self._exchange(heard, rays, predicted, amplitudes, np.ones(len(rays)), recipe)
         # amplitudes, eq. (26); what was seen; new surfaces
         self.amplitudes.correct(
             rays, self.bank.identity, amplitudes, distance, heard, said.responsible, self.detected
         )
         drawn = draw_paths(rays, at_mean(self.belief), self.anchors)
         surfaces.mark(self.bank, self.belief, rays, drawn, said.responsible.sum(1) * drawn.possible)
-        self._learn_from_births(heard, said)
+        self._learn_from_births(heard, births, said.claimed)
 
     def _tidy(self) -> None:
         """Merge and drop surfaces, and the amplitudes of their rays with them."""
         super()._tidy()
         self.amplitudes.forget(self.bank.identity)
 
-    def _learn_from_births(self, heard: Heard, said: Messages) -> None:
+    def _learn_from_births(self, heard: Heard, births: Births, claimed: Array) -> None:
         """Add new surfaces; the ray that bore each starts with the amplitude that was measured."""
-        for measurement, last, first in self._bear(heard, said.births, said.claimed):
+        for measurement, last, first in self._bear(heard, births, claimed):
             length = float(heard.value[measurement, 0])
             self.amplitudes.start((heard.anchor, last, first), length, float(heard.amplitude[measurement]))
 

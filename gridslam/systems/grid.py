@@ -71,13 +71,10 @@ class GridSlam(SurfaceSlam):
         drawn, products = self.cells.see(rays, recipe.few, self.anchors, self.bank.reflection)
         amplitudes = Reflected(products, self.signal)
         # measurement evaluation, births, data association, updates of agent, surfaces and rays
-        said = self._exchange(heard, rays, predicted, amplitudes, drawn.validity, recipe)
+        said, share, births = self._exchange(heard, rays, predicted, amplitudes, drawn.validity, recipe)
         # what cells and coefficients are to be told; new surfaces
-        distance = predicted.value[:, 0]
-        self._to_tell.append(
-            Part(heard, rays, distance, said.said.chance, said.worth, said.said.pairs, said.share)
-        )
-        self._bear(heard, said.births, said.claimed)
+        self._to_tell.append(Part(heard, rays, predicted.value[:, 0], said, share))
+        self._bear(heard, births, said.claimed)
 
     def _reachable(self, heard: Heard, births: Births) -> Births:
         """Births weighed by the validity of their paths in the grid."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,6 @@ from gridslam.inference.readout import estimates, surface_estimate
 from gridslam.inference.surfaces import Bank
 from gridslam.inference.updates import update
 from gridslam.inference.watch import ENOUGH, Watch
-from gridslam.kernels import tables
 from gridslam.map import Map
 from gridslam.measurements import Scan
 from gridslam.scene import Scene
@@ -41,35 +40,21 @@ JITTER = 0.2
 """Share of the papers' surface jitter that is used: it keeps particles apart, a Gaussian needs less."""
 
 
-@dataclass(frozen=True)
-class Messages:
+class Messages(NamedTuple):
     """What one anchor's measurements said of its rays.
 
     Attributes
     ----------
     said : Evaluation
         With the messages of the association.
-    worth : (L,)
-        Mean of ``sum_m nu_m g_m + 1 - p_d``: what the measurements are worth to the path.
     share : (K,)
         Probability of each pair's association.
     births : Births
     """
 
     said: Evaluation
-    worth: Array
     share: Array
     births: Births
-
-    @property
-    def responsible(self) -> Array:
-        """Probability that the path caused the measurement, (L, M)."""
-        return self.said.message[tables.RESPONSIBLE]
-
-    @property
-    def claimed(self) -> Array:
-        """What the known paths send to each measurement, (M,)."""
-        return self.said.measured[tables.CLAIMED]
 
 
 class SurfaceSlam:
@@ -249,7 +234,7 @@ class SurfaceSlam:
             rays, predicted, validity, heard, amplitudes, self.detected, radio, recipe, self.anchors
         )
         # clutter level, by what no path can have caused
-        level = self.watch.listen(heard, said.pairs.measurement, self.told)
+        level = self.watch.listen(anchor, said.clutter, self.told)
         if level != signal.false_alarms:
             said.against(level / signal.false_alarms)
             radio = replace(signal, false_alarms=level).radio(anchor)
@@ -264,11 +249,11 @@ class SurfaceSlam:
         said.new[:] = 1 + births.per_measurement(len(heard))
         given = self._associate(heard, said)
         # association, updates
-        self.belief, share, worth = update(
+        self.belief, share = update(
             self.belief, self.bank, self.sight, rays, predicted, heard, said, given, self.watch,
             self.told.radio(anchor), self.anchors,
         )  # fmt: skip
-        return Messages(said, worth, share, births)
+        return Messages(said, share, births)
 
     def _bear(self, heard: Heard, births: Births, claimed: Array) -> list[tuple[int, int, int]]:
         """Add the new surfaces that are likely enough.

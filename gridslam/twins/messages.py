@@ -133,6 +133,7 @@ def evaluate(
     weight, valid = densities(state, path, places, start, np.column_stack([pair[:, :3], apart]), 64)
     blocks = np.concatenate([valid, weight])
     odds, message, measured = enter(blocks, start, index, pair, odds, message, measured)
+    measured[1] = np.where(np.isin(np.arange(len(heard)), index[:, 1]), 0.0, heard[:, 8])
     whole: dict[str, Array | Whole] = {"start": start, "index": index}
     return whole | {
         "pair": pair, "state": state, "blocks": blocks, "odds": odds, "message": message, "measured": measured
@@ -141,7 +142,7 @@ def evaluate(
 
 def associate(odds: Array, message: Array, measured: Array, rounds: int) -> tuple[Array, Array, Array]:
     """Twin of `kernels.association.associate`: messages from paths and measurements; sums of the former."""
-    beta, missed, new = message[1], odds[7], measured[1]
+    beta, missed, new = message[1], odds[7], measured[2]
     paths, heard = beta.shape
     nu = np.broadcast_to(1 / new, (paths, heard)).copy()
     claim = np.zeros_like(nu)

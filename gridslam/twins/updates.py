@@ -90,7 +90,7 @@ def update(
 ) -> dict[str, Array]:  # fmt: skip
     """Twin of `kernels.updates.update`: what it writes, by the names of its arguments."""
     ratio, beta, claim, nu, _ = message
-    _, new, claimed = measured
+    *before, claimed = measured
     if rounds:
         claim, nu, claimed = associate(odds, message, measured, rounds)
     mean, covariance, share, responsible = correct(
@@ -102,5 +102,5 @@ def update(
     return told | {
         "mean": mean, "covariance": covariance, "share": share, "sums": after,
         "message": np.stack([ratio, beta, claim, nu, responsible]),
-        "measured": np.stack([measured[0], new, claimed]),
+        "measured": np.stack([*before, claimed]),
     }  # fmt: skip
