@@ -17,7 +17,7 @@ WORST = 30.0
 def fit(
     path: ti.template(), index: ti.template(), pair: ti.template(), predicted: ti.template(),
     share: ti.template(), message: ti.template(), heard: ti.template(), blocks: ti.template(),
-    radio: ti.template(), turned, sums: ti.template(),
+    radio: ti.template(), anchor, turned, sums: ti.template(),
 ):  # fmt: skip
     """Add what the pairs say that are sure; explained are the loud measurements that some path caused.
 
@@ -31,8 +31,8 @@ def fit(
             total = ti.cast(0.0, ti.f64)
             for row in range(paths):
                 total += message[RESPONSIBLE, row, m]
-            add[6] += ti.min(total, 1.0)
-            add[7] += 1.0
+            add[4] += ti.min(total, 1.0)
+            add[5] += 1.0
     for k in range(share.shape[0]):
         if share[k] > SURE:
             row, m = index[k, 0], index[k, 1]
@@ -48,16 +48,16 @@ def fit(
                 add[1] += 1.0 if pair[k, 3 + i] < MEASURED else 0.0
             if path[row, 0] == 0:
                 if pair[k, 4] < MEASURED:
-                    add[2] += (turned - gap[1]) / noisy[1, 1]
-                    add[3] += 1 / noisy[1, 1]
+                    add[6] += (turned - gap[1]) / noisy[1, 1]
+                    add[7] += 1 / noisy[1, 1]
                 amplitude = heard[m, 6]
                 if pair[k, 3] < MEASURED and amplitude >= 0:
                     level = radio[AT_1M] / ti.max(pair[k, 0], 1e-3)
                     square = 0.5 + level * level / (4 * radio[SAMPLES])
                     measured = ti.sqrt(ti.max(amplitude * amplitude - square, 0.0))
                     if measured > 2 * radio[THRESHOLD]:  # fainter ones are biased by the threshold
-                        add[4] += level * measured / square
-                        add[5] += level * level / square
+                        add[2] += level * measured / square
+                        add[3] += level * level / square
             mean, squares = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
             for block in range(count):
                 mean += blocks[paths + k, block] / count
@@ -67,8 +67,8 @@ def fit(
             # blocks are sums of independent weights, so their spread tells that of the weights
             spread = ti.min(PATH_BLOCK * squares / ti.max(mean * mean, 1e-200), 1e12)
             number = ti.max(count * PATH_BLOCK / (1 + spread), 1.0)
-            fewest = sums[8]
-            sums[8] = ti.min(fewest, number)
+            fewest = sums[anchor, 8]
+            sums[anchor, 8] = ti.min(fewest, number)
     for n in range(8):
-        before = sums[n]
-        sums[n] = before + add[n]
+        before = sums[anchor, n]
+        sums[anchor, n] = before + add[n]

@@ -25,6 +25,7 @@ def update(
     heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
     blocks: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L + K, P / BLOCK] as `paths.evaluate` leaves them
     radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `kernels.radio`
+    anchor: ti.i32,
     turned: ti.f64,  # rad, by which the anchor is taken to be turned
     scratch: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, 6] scratch
     message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [5, L, M] in/out: see `kernels.tables`; the first two
@@ -35,7 +36,7 @@ def update(
     single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] in/out: of rays over one surface
     double: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [J, S, S] in/out: over (last, first)
     share: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K] out: probability of each association
-    sums: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [9] in/out: see `kernels.SUMS`
+    sums: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 9] in/out: see `kernels.SUMS`
 ):
     """Associate, correct agent and surfaces, update what exists, and note how well all that fits."""
     ti.loop_config(serialize=True)
@@ -43,5 +44,5 @@ def update(
         if rounds > 0:
             exchange(odds, message, measured, rounds)
         correct(mean, covariance, path, start, index, pair, odds, message, places, scratch, share)
-        fit(path, index, pair, predicted, share, message, heard, blocks, radio, turned, sums)
+        fit(path, index, pair, predicted, share, message, heard, blocks, radio, anchor, turned, sums)
         exist(path, odds, message, scratch, surface, sight, single, double)

@@ -13,7 +13,7 @@ from gridslam.estimates import Health
 from gridslam.geometry import wrap
 from gridslam.inference import relocation
 from gridslam.inference.belief import Belief, append
-from gridslam.inference.heard import Heard, hear
+from gridslam.inference.heard import hear
 from gridslam.inference.likelihood import DetectionTable
 from gridslam.inference.watch import LEAST_CLUTTER, MOST_CLUTTER, Watch, innovation_band
 
@@ -24,12 +24,6 @@ def scan_of(case, step):
     scan, world = case.heard.scan(step), case.believed
     threshold = world.signal_model(case.agent).threshold
     return hear(scan, world.anchor_positions, world.anchor_orientations, threshold)
-
-
-def quiet(count, anchor=0):
-    """Clutter alone: faint, anywhere."""
-    unknown = np.full((count, 3), np.nan)
-    return Heard.of(anchor, np.zeros(2), 0.0, np.ones((count, 3)), unknown, np.full(count, 2.1), 2.0)
 
 
 @pytest.fixture(scope="module")

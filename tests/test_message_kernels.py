@@ -193,11 +193,12 @@ def test_updates_equal_their_twin(seed, surfaces, rounds):
     blocks = draw.uniform(0, 64, (len(path) + len(chosen), 3)).astype(np.float32)
     surface, _, _, sight, single, double = random_bank(draw, surfaces, anchors)
     predicted = np.concatenate([value, spread.reshape(-1, 9)], 1)
-    sums = np.append(draw.uniform(0, 1, SUMS - 1), 150.0)
+    sums = draw.uniform(0, 1, (anchors, SUMS))
+    sums[:, -1] = 150.0
     into = {
         "mean": mean, "covariance": covariance, "path": path, "start": start, "index": chosen, "pair": pair,
         "odds": odds, "rounds": rounds, "places": places, "predicted": predicted, "heard": heard,
-        "blocks": blocks, "radio": random_radio(draw), "turned": 0.01,
+        "blocks": blocks, "radio": random_radio(draw), "anchor": 1, "turned": 0.01,
     }  # fmt: skip
     messages = {"message": message, "measured": measured}
     kept = {"surface": surface, "sight": sight, "single": single, "double": double}

@@ -14,6 +14,8 @@ LOUD = np.log(1000.0)
 """Squared amplitude above the squared threshold that one in a thousand clutter measurements exceeds."""
 QUIET = np.log(20.0)
 """The same that one in twenty exceeds."""
+CLUTTER_PER_QUIET = 1 / (1 - np.exp(-QUIET))
+"""How much clutter one stands for that is quieter than that."""
 LEAST_STD = 1e-6
 
 
@@ -56,11 +58,6 @@ class Heard:
         """Measurements (M,) that clutter is unlikely to be the cause of: one in a thousand is as loud."""
         return np.asarray(self.table[:, 7] > 0.5)
 
-    @property
-    def quiet(self) -> Array:
-        """How much clutter each measurement stands for that is as quiet as most of it, else 0, (M,)."""
-        return self.table[:, 8]
-
     @classmethod
     def of(
         cls, anchor: int, place: Array, facing: float, value: Array, own_std: Array, amplitude: Array,
@@ -84,8 +81,8 @@ def hear(scan: Scan, places: Array, facings: Array, threshold: float = 0.0) -> l
     whose = np.asarray(scan.anchor, np.intp)
     rows = np.flatnonzero((whose >= 0) & (whose < len(places)))  # others belong to no anchor of the scene
     order = rows[np.argsort(whose[rows], kind="stable")]
-    value = np.stack([scan.distance_m, scan.aod_rad, scan.aoa_rad], -1)[order]
-    own = np.full_like(value, np.nan)
+    value = np.array([scan.distance_m, scan.aod_rad, scan.aoa_rad]).T[order]
+    own = np.full((len(order), 3), np.nan)
     for column, std in enumerate((scan.distance_std_m, scan.aod_std_rad, scan.aoa_std_rad)):
         if std is not None:
             own[:, column] = std[order]
@@ -103,15 +100,12 @@ def hear(scan: Scan, places: Array, facings: Array, threshold: float = 0.0) -> l
 
 def _table(value: Array, own_std: Array, amplitude: Array, threshold: float) -> Array:
     table = np.empty((len(amplitude), 9))
-    missing = np.isnan(value)
+    missing, silent = np.isnan(value), np.isnan(amplitude)
     table[:, :3] = np.where(missing, 0.0, value)
-    std = table[:, 3:6]
-    np.fmax(own_std, LEAST_STD, out=std)  # of NaN and a number the number
-    std[np.isnan(own_std)] = 0.0
-    std[missing] = -1.0
-    silent = np.isnan(amplitude)
+    std = np.where(np.isnan(own_std), 0.0, np.maximum(own_std, LEAST_STD))
+    table[:, 3:6] = np.where(missing, -1.0, std)
     table[:, 6] = np.where(silent, -1.0, amplitude)
-    excess = amplitude**2 - threshold**2
+    excess = amplitude * amplitude - threshold * threshold
     table[:, 7] = silent | (excess > LOUD)
-    table[:, 8] = np.where(silent, 1.0, (excess < QUIET) / (1 - np.exp(-QUIET)))
+    table[:, 8] = np.where(silent, 1.0, CLUTTER_PER_QUIET * (excess < QUIET))
     return table

@@ -50,11 +50,6 @@ class Polylines:
         """V of every path, paper 003 eq. (1): mean over the states at which it is possible, (L,)."""
         return self.seen[:, 0]
 
-    @property
-    def middle(self) -> Array:
-        """Means of the first and the second corner after the anchor, (L, 2, 2) m."""
-        return self.seen[:, 2:].reshape(-1, 2, 2)
-
 
 def draw_paths(rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:
     """Draw rays from anchors (J, 3: x, y, orientation) to all states of a cloud."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.geometry import unit
-from gridslam.inference.belief import Belief, keep, slots, update
+from gridslam.inference.belief import AGENT, Belief, keep, slots, update
 from gridslam.signal import REFLECTION_BINS
 
 if TYPE_CHECKING:
@@ -139,18 +139,21 @@ def mark(bank: Bank, belief: Belief, rays: Rays, lines: Polylines, share: Array)
     share : (L,)
         Probability that the path caused a measurement; above one half it counts.
     """
-    seen = set()
-    tangent = unit(belief.lines[:, 0] + 0.5 * np.pi).tolist()
-    lowest, highest = bank.extent.T.tolist()
-    for row in np.flatnonzero((share > 0.5) & (rays.bounces > 0)).tolist():
-        bounces, last, first, anchor = rays.table[row].tolist()
-        points = lines.middle[row].tolist()
-        for surface, (x, y) in ((last, points[bounces - 1]), (first, points[0])):
-            along = x * tangent[surface][0] + y * tangent[surface][1]
-            bank.foot[surface] = along
+    rows = ((share > 0.5) & (rays.bounces > 0)).nonzero()[0]
+    if not len(rows):
+        return
+    seen, foot, (lowest, highest) = set(), bank.foot.tolist(), bank.extent.T.tolist()
+    tangents = unit(belief.mean[AGENT::2] + 0.5 * np.pi).tolist()
+    for (bounces, last, first, anchor), (*one, x2, y2) in zip(
+        rays.table[rows].tolist(), lines.seen[rows, 2:].tolist(), strict=True
+    ):
+        for surface, x, y in ((first, *one), (last, x2, y2))[:bounces]:
+            tangent = tangents[surface]
+            along = foot[surface] = x * tangent[0] + y * tangent[1]
             lowest[surface] = along if not lowest[surface] <= along else lowest[surface]  # NaN: none so far
             highest[surface] = along if not highest[surface] >= along else highest[surface]
             seen.add((surface, anchor))
+    bank.foot[:] = foot
     bank.extent = np.ascontiguousarray(np.array([lowest, highest]).T)
     for surface, _ in seen:
         bank.seen[surface] += 1

@@ -59,8 +59,9 @@ def update(
         (said.message[tables.NU], said.measured[tables.CLAIMED]), rounds = given, 0
     launch(
         mean, covariance, rays.table, pairs.start, pairs.index, pairs.pair, said.odds, rounds, anchors,
-        predicted.whole, heard.table, said.blocks, radio, float(watch.taken[heard.anchor]),
+        predicted.whole, heard.table, said.blocks, radio, heard.anchor,
+        float(watch.taken[heard.anchor]),
         runtime.scratch("update", (len(mean), 6)), said.message, said.measured, bank.existence, sight,
-        bank.single, bank.double, share, watch.fits[heard.anchor],
+        bank.single, bank.double, share, watch.fits,
     )  # fmt: skip
     return Belief(mean, covariance), share

@@ -35,6 +35,14 @@ AFRESH, ENOUGH = 5, 4
 """Steps for which a new start is told of; loud measurements that are needed to call it for."""
 
 
+FADING = ("misfit", "freedom", "pull", "weight", "explained", "loud")
+FADE = np.array([KEEP, KEEP, KEEP_GAIN, KEEP_GAIN, KEEP, KEEP])
+PRIOR = np.array([0.0, 0.0, GAIN_STD**-2, GAIN_STD**-2, 0.0, 0.0])
+"""What is summed up with forgetting, the share that is kept per step, and where each sum returns to."""
+NOTHING = np.append(np.zeros(SUMS - 1), np.inf)
+"""Sums of an anchor before its measurements were taken in."""
+
+
 @dataclass
 class Watch:
     """State of what is watched, as arrays, so that it can be kept in a checkpoint.
@@ -59,7 +67,7 @@ class Watch:
         Steps of silence so far; steps since the agent was found again.
 
     Within a step `taken` (J,) is by how much the anchors are taken to be turned, and `fits` (J, 9) how the
-    measurements of each fitted, which its updates add to.
+    measurements of each fitted, which its updates add to; see `gridslam.kernels.SUMS`.
     """
 
     clutter: Array
@@ -77,6 +85,14 @@ class Watch:
     silent: Array
     since: Array
 
+    def __post_init__(self) -> None:
+        """Keep in one array what is summed up in the order of `fits`."""
+        self._sums = np.concatenate([getattr(self, name) for name in FADING])
+        for number, name in enumerate(FADING):
+            setattr(self, name, self._sums[number : number + 1])
+        self.taken, self._effective = self.turned, np.inf
+        self.fits = np.tile(NOTHING, (len(self.clutter), 1))
+
     @classmethod
     def start(cls, anchors: int) -> Watch:
         """Nothing heard yet."""
@@ -90,11 +106,7 @@ class Watch:
 
     def begin(self, scan_size: int) -> None:
         """A new step, at which `scan_size` measurements were heard."""
-        for name in ("misfit", "freedom", "explained", "loud"):
-            getattr(self, name)[:] *= KEEP
-        prior = GAIN_STD**-2
-        self.pull[:] = prior + KEEP_GAIN * (self.pull - prior)
-        self.weight[:] = prior + KEEP_GAIN * (self.weight - prior)
+        self._sums[:] = PRIOR + FADE * (self._sums - PRIOR)
         prior = TURN_STD**-2
         self.turn *= KEEP_TURN
         self.turn_weight[:] = prior + KEEP_TURN * (self.turn_weight - prior)
@@ -102,13 +114,7 @@ class Watch:
         self.since += 1
         self._effective = np.inf
         self.taken = self.turned
-        self.fits = self._nothing()
-
-    def _nothing(self) -> Array:
-        """Sums of an anchor's kernel before it has run, one row per anchor."""
-        fits = np.zeros((len(self.clutter), SUMS))
-        fits[:, -1] = np.inf
-        return fits
+        self.fits[:] = NOTHING
 
     @property
     def gain(self) -> float:
@@ -153,17 +159,10 @@ class Watch:
 
     def judge(self) -> None:
         """Take in how the measurements of all anchors fitted."""
-        misfit, freedom, _, _, pull, weight, explained, loud = self.fits[:, :8].sum(0)
-        self.misfit += misfit
-        self.freedom += freedom
-        self.pull += pull
-        self.weight += weight
-        self.explained += explained
-        self.loud += loud
-        self.turn += self.fits[:, 2]
-        self.turn_weight += self.fits[:, 3]
+        self._sums += self.fits[:, :6].sum(0)
+        self.turn += self.fits[:, 6]
+        self.turn_weight += self.fits[:, 7]
         self._effective = float(self.fits[:, 8].min())
-        self.fits = self._nothing()
 
     def lost(self, count: int, near: int) -> bool:
         """Whether, of `count` loud measurements, far fewer than usual lie where a path is predicted."""

@@ -41,12 +41,13 @@ def exist(
 
 def fit(
     path: Whole, index: Whole, pair: Array, predicted: Array, share: Array, responsible: Array, heard: Array,
-    blocks: Array, radio: Array, turned: float, sums: Array,
+    blocks: Array, radio: Array, anchor: int, turned: float, sums: Array,
 ) -> Array:  # fmt: skip
-    """Twin of `kernels.fitting.fit`: the sums afterwards, (9,)."""
+    """Twin of `kernels.fitting.fit`: the sums afterwards, (J, 9)."""
     loud, sums = heard[:, 7] > 0.5, sums.copy()
-    sums[6] += np.minimum(responsible.sum(0), 1.0)[loud].sum()
-    sums[7] += loud.sum()
+    own = sums[anchor]
+    own[4] += np.minimum(responsible.sum(0), 1.0)[loud].sum()
+    own[5] += loud.sum()
     sure = np.flatnonzero(share > SURE)
     rows, heard_rows = index[sure].T
     known = pair[sure, 3:6] < MEASURED
@@ -55,21 +56,21 @@ def fit(
     gap = np.where(known, gap, 0.0)
     spread = predicted[rows, 3:].reshape(-1, 3, 3) + pair[sure, 3:6, None] * np.eye(3)
     square = (gap * np.linalg.solve(spread, gap[..., None])[..., 0]).sum(1)
-    sums[0] += np.minimum(square, WORST).sum()
-    sums[1] += known.sum()
+    own[0] += np.minimum(square, WORST).sum()
+    own[1] += known.sum()
     direct = path[rows, 0] == 0
     left = direct & known[:, 1]
-    sums[2] += ((turned - gap[left, 1]) / spread[left, 1, 1]).sum()
-    sums[3] += (1 / spread[left, 1, 1]).sum()
+    own[6] += ((turned - gap[left, 1]) / spread[left, 1, 1]).sum()
+    own[7] += (1 / spread[left, 1, 1]).sum()
     amplitude = heard[heard_rows, 6]
     strong = direct & known[:, 0] & (amplitude >= 0)
     level = radio[7] / np.maximum(pair[sure, 0][strong], 1e-3)
     variance = 0.5 + level**2 / (4 * radio[8])
     measured = np.sqrt(np.maximum(amplitude[strong] ** 2 - variance, 0.0))
     clear = measured > 2 * radio[9]
-    sums[4] += (level * measured / variance)[clear].sum()
-    sums[5] += (level**2 / variance)[clear].sum()
-    sums[8] = min(sums[8], effective_sample_size(blocks[len(path) + sure]).min(initial=np.inf))
+    own[2] += (level * measured / variance)[clear].sum()
+    own[3] += (level**2 / variance)[clear].sum()
+    own[8] = min(own[8], effective_sample_size(blocks[len(path) + sure]).min(initial=np.inf))
     return sums
 
 
@@ -85,8 +86,9 @@ def effective_sample_size(blocks: Array) -> Array:
 
 def update(
     mean: Array, covariance: Array, path: Whole, start: Whole, index: Whole, pair: Array, odds: Array,
-    rounds: int, places: Array, predicted: Array, heard: Array, blocks: Array, radio: Array, turned: float,
-    message: Array, measured: Array, surface: Array, sight: Array, single: Array, double: Array, sums: Array,
+    rounds: int, places: Array, predicted: Array, heard: Array, blocks: Array, radio: Array, anchor: int,
+    turned: float, message: Array, measured: Array, surface: Array, sight: Array, single: Array,
+    double: Array, sums: Array,
 ) -> dict[str, Array]:  # fmt: skip
     """Twin of `kernels.updates.update`: what it writes, by the names of its arguments."""
     ratio, beta, claim, nu, _ = message
@@ -96,7 +98,7 @@ def update(
     mean, covariance, share, responsible = correct(
         mean, covariance, path, start, index, pair, odds, beta, nu, places
     )
-    after = fit(path, index, pair, predicted, share, responsible, heard, blocks, radio, turned, sums)
+    after = fit(path, index, pair, predicted, share, responsible, heard, blocks, radio, anchor, turned, sums)
     there = exist(path, odds, ratio, nu, surface, sight, single, double)
     told = dict(zip(("surface", "sight", "single", "double", "worth"), there, strict=True))
     return told | {
