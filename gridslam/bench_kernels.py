@@ -150,6 +150,10 @@ def _cast_twin(case: Case) -> Case:
     }  # fmt: skip
 
 
+def _born(case: Case) -> int:
+    return int(case["born"][0, 0])
+
+
 def _messages(case: Case) -> int:
     return int(np.prod(case["message"].shape[1:]))
 
@@ -170,13 +174,13 @@ CONTESTS = {
         ("path", "belief", "predicted", "heard", "odds", "root", "blocks", "message", "measured"),
     ),
     "foresee": Contest("path", twins.foresee, _listed, ("surface",), size=_surfaces),
-    "glance": Contest("path", twins.glance, lambda case: len(case["hit"]), ("hit",)),
+    "glance": Contest("path", twins.glance, _born, ("born",), changes=("told", "measured")),
     "haunt": Contest("pair", twins.haunt, lambda case: len(case["surface"]) ** 2, ("surface",)),
     "learn": Contest("path", twins.learn, _paths, changes=("surface", "held")),
     "near": Contest("measurement", twins.near, lambda case: len(case["heard"]), ("path", "heard")),
     "polylines": Contest("path-ray", twins.polylines, _path_particles),
     "prepare": Contest("entry", twins.prepare, lambda case: case["covariance"].size, ("mean",)),
-    "propose": Contest("sample", twins.propose, _samples, ("heard",)),
+    "propose": Contest("sample", twins.propose, _samples, ("heard",), changes=("measured",)),
     "update": Contest(
         "path", twins.update, _paths, ("path", "share", "heard", "odds", "message", "measured"),
         changes=("mean", "covariance", "message", "measured", "surface", "sight", "single", "double", "sums"),
@@ -296,6 +300,8 @@ def repeated(
 
 def _none(name: str, array: Array) -> Array:
     """No rows of an array; of those that have paths or measurements in columns, none of these either."""
+    if name == "born":
+        return np.zeros_like(array[:1])
     if name == "message":
         return np.ascontiguousarray(array[:, :0, :0])
     return np.ascontiguousarray(array[:, :0]) if name in ("blocks", "odds", "measured") else array[:0]

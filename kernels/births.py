@@ -20,15 +20,19 @@ from gridslam.kernels.functions import (
     wrapped,
 )
 from gridslam.kernels.launching import quick
+from gridslam.kernels.particles import AGENT
 from gridslam.kernels.paths import draw_path, stand_at
 from gridslam.kernels.radio import AT_1M, FALSE_ALARMS, SAMPLES, clutter_of, deviations_of, rician
+from gridslam.kernels.tables import EXPLAINED, NEW
 
 BLOCK = PATH_BLOCK
 ROOT_TURN = 2.5066282746310002
 CLOSE = 1e-4
 """Square of the distance (m^2) between a virtual and its anchor below which no line is made of them."""
-FAINT, EXPLAINED = 1e-3, 1e-3
+FAINT, SLIGHT = 1e-3, 1e-3
 """Ratios to clutter, and to the measurement's known causes, below which a birth isn't looked at."""
+UNTOLD = 0.3
+"""V of a birth whose path is impossible at the mean: elsewhere it isn't, or it wouldn't be one."""
 DOUBLE_SHARE = 0.5
 """Births by each kind of double bounce over births by single bounces."""
 WIDEST = 2.5
@@ -60,11 +64,11 @@ def known_std(radio: ti.template(), heard: ti.template(), m, amplitude):
 
 
 @ti.func
-def line_of(mean: ti.template(), heard: ti.template(), place: ti.template(), m, last, first):
+def line_of(mean: ti.template(), heard: ti.template(), ax, ay, m, last, first):
     """Angle and offset of the new line that explains a measurement at the mean of the belief."""
     bearing = mean[4] + heard[m, 2]
     vx, vy = mean[0] + heard[m, 0] * cos_of(bearing), mean[1] + heard[m, 0] * sin_of(bearing)
-    sx, sy = place[0], place[1]
+    sx, sy = ax, ay
     if last >= 0:
         angle = mean[5 + 2 * last]
         vx, vy = mirrored(vx, vy, cos_of(angle), sin_of(angle), mean[6 + 2 * last])
@@ -129,115 +133,6 @@ def likely(
     return total
 
 
-@quick
-@ti.kernel
-def propose(
-    state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S, P] x, y, heading; per line normal x, y, offset
-    noise: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, B] standard normal, for as many states
-    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
-    explained: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [M] ratio to clutter of the known causes
-    known: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [H, 2] known surface hit last, first; -1: the new one
-    place: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [3] anchor x, y, orientation
-    radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `kernels.radio`
-    rate: ti.f64,  # births per anchor, step and unit of lines (rad m)
-    ratio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, H] out: mean number of births over that of clutter
-    line: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [M, H, 2] out: the line at the mean, where ratio > 0
-):
-    """Draw distance and AoA around the measurement, make the new line, and judge it by AoD and amplitude.
-
-    The mean of f(AoD) / span is taken over samples of agent, distance and AoA, whole blocks of them;
-    amplitude and clutter are the same for all. An AoD that wasn't measured has the density 1 / (2 pi).
-    """
-    ti.loop_config(serialize=ON_CPU)  # too little work to wake other threads for
-    for m in range(heard.shape[0]):
-        hypotheses, blocks = known.shape[0], ti.min(noise.shape[1], state.shape[1]) // BLOCK
-        for h in range(hypotheses):
-            ratio[m, h] = 0.0
-        common = rate * heard[m, 0]
-        least = ti.max(ti.cast(FAINT, ti.f64), EXPLAINED * explained[m])
-        keep = heard[m, 3] >= 0 and heard[m, 5] >= 0 and hypotheses > 0
-        std, level = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64), ti.Vector([0.0, 0.0], dt=ti.f64)
-        if keep:
-            amplitude = heard[m, 6]
-            usual = amplitude if amplitude >= 0 else radio[AT_1M] / ti.max(heard[m, 0], 1e-3) * 0.5
-            std = known_std(radio, heard, m, usual)
-            clutter = radio[FALSE_ALARMS] * clutter_of(radio, amplitude)
-            level[0] = mean_rician(radio, heard[m, 0], amplitude, 1.0) / clutter
-            level[1] = mean_rician(radio, heard[m, 0], amplitude, USUAL_REFLECTION) / clutter
-            # what a hypothesis could be worth at most: the AoD right on, the image next to the anchor
-            most = ti.max(level[0], level[1]) if hypotheses > 1 else level[0]
-            keep = common * most / ROOT_TURN > least * ti.min(std[1], WIDEST)
-        reach, reach_std = ti.cast(heard[m, 0], ti.f32), ti.cast(std[0], ti.f32)
-        arrival, arrival_std = ti.cast(heard[m, 2], ti.f32), ti.cast(std[2], ti.f32)
-        departure, departure_std = ti.cast(heard[m, 1] + place[2], ti.f32), ti.cast(std[1], ti.f32)
-        ax, ay = ti.cast(place[0], ti.f32), ti.cast(place[1], ti.f32)
-        for block in range(blocks if keep else 0):
-            at, there = block * BLOCK, ti.Vector([0.0] * BLOCK)
-            end_x, end_y = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
-            for i in range(BLOCK):
-                k = at + i
-                distance = reach + reach_std * ti.cast(noise[0, k], ti.f32)
-                turned = arrival + arrival_std * ti.cast(noise[1, k], ti.f32)
-                cosine, sine = turn_of(wrapped(turned + state[2, k]))
-                end_x[i], end_y[i] = state[0, k] + distance * cosine, state[1, k] + distance * sine
-                there[i] = ti.select(distance > 0, 1.0, 0.0)
-            for h in range(hypotheses):
-                so_far = ratio[m, h]
-                more = likely(
-                    at, known[h, 0], known[h, 1], state, end_x, end_y, there, ax, ay, departure, departure_std
-                )
-                ratio[m, h] = so_far + more / (blocks * BLOCK)
-        for h in range(hypotheses if keep else 0):
-            last, first = known[h, 0], known[h, 1]
-            worth = common * level[0] * ratio[m, h]
-            if last >= 0 or first >= 0:
-                worth = common * level[1] * DOUBLE_SHARE * ratio[m, h]
-            ratio[m, h] = 0.0
-            if worth > least:
-                ratio[m, h] = worth
-                angle, offset = line_of(mean, heard, place, m, last, first)
-                line[m, h, 0], line[m, h, 1] = angle, offset
-
-
-@quick
-@ti.kernel
-def glance(
-    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
-    hit: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [B, 2] known surface hit last, first; -1: the new one
-    fresh: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [B, 2] the new one's line
-    anchor: ti.i32,
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
-    occupied: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [2, ny, nx] o of a traversed cell, of a hit one in V
-    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [6] origin x, y, side, factor outside, unused (2)
-    line: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [1 or more, LINES, LANES] scratch
-    place: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [1 or more, PLACES, LANES] scratch
-    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 (S + 1), 1] scratch
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1, 4] scratch
-    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [1, 14] scratch
-    validity: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [B] out: V, -1 where the path is impossible
-):
-    """Cast the path of every birth at the mean of the belief: V, eq. (1) of paper 003.
-
-    One ray at a time: there are few, and waking other threads takes longer than this.
-    """
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        surfaces = (mean.shape[0] - 5) // 2
-        stand_at(mean, state)
-        own = 3 + 3 * surfaces
-        for b in range(hit.shape[0]):
-            state[own, 0], state[own + 1, 0] = cos_of(fresh[b, 0]), sin_of(fresh[b, 0])
-            state[own + 2, 0] = fresh[b, 1]
-            last, first = hit[b, 0], hit[b, 1]
-            path[0, 0], path[0, 3] = (1 if last < 0 and first < 0 else 2), anchor
-            path[0, 1], path[0, 2] = (surfaces if last < 0 else last), (surfaces if first < 0 else first)
-            draw_path(state, path, places, 0, 0, drawn)
-            validity[b] = -1.0
-            if drawn[0, 12] > 0.5:
-                validity[b] = alone(drawn, path[0, 0], occupied, frame, line, place)
-
-
 @ti.func
 def alone(
     drawn: ti.template(), count, occupied: ti.template(), frame: ti.template(), line: ti.template(),
@@ -263,3 +158,140 @@ def alone(
                 if not met:
                     through *= 1 - occupied[0, iy, ix]
     return through
+
+
+@ti.func
+def sum_up(born: ti.template(), told: ti.template(), measured: ti.template()):
+    """Tell the association of all births of every measurement."""
+    for m in range(measured.shape[1]):
+        measured[NEW, m] = 0.0
+    for b in range(born[0, 0]):
+        before = measured[NEW, born[b + 1, 0]]
+        measured[NEW, born[b + 1, 0]] = before + told[b, 2]
+    for m in range(measured.shape[1]):
+        total = measured[NEW, m]
+        measured[NEW, m] = 1 + total
+
+
+@quick
+@ti.kernel
+def propose(
+    state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S, P] x, y, heading; per line normal x, y, offset
+    noise: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, B] standard normal, for as many states
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
+    known: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [H, 2] known surface hit last, first; -1: the new one
+    anchor: ti.i32,
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `kernels.radio`
+    rate: ti.f64,  # births per anchor, step and unit of lines (rad m)
+    ratio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, H] scratch
+    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: see `kernels.tables`; `NEW` is told
+    born: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + M H, 3] out: how many there are; of each its
+    # measurement, and its row of `known`
+    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M H, 3] out: the line at the mean; mean number of births
+    # over that of clutter
+):
+    """Draw distance and AoA around the measurement, make the new line, and judge it by AoD and amplitude.
+
+    The mean of f(AoD) / span is taken over samples of agent, distance and AoA, whole blocks of them;
+    amplitude and clutter are the same for all. An AoD that wasn't measured has the density 1 / (2 pi).
+    """
+    ti.loop_config(serialize=ON_CPU)  # too little work to wake other threads for
+    for m in range(heard.shape[0]):
+        hypotheses, blocks = known.shape[0], ti.min(noise.shape[1], state.shape[1]) // BLOCK
+        for h in range(hypotheses):
+            ratio[m, h] = 0.0
+        common = rate * heard[m, 0]
+        least = ti.max(ti.cast(FAINT, ti.f64), SLIGHT * measured[EXPLAINED, m])
+        keep = heard[m, 3] >= 0 and heard[m, 5] >= 0 and hypotheses > 0
+        std, level = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64), ti.Vector([0.0, 0.0], dt=ti.f64)
+        if keep:
+            amplitude = heard[m, 6]
+            usual = amplitude if amplitude >= 0 else radio[AT_1M] / ti.max(heard[m, 0], 1e-3) * 0.5
+            std = known_std(radio, heard, m, usual)
+            clutter = radio[FALSE_ALARMS] * clutter_of(radio, amplitude)
+            level[0] = mean_rician(radio, heard[m, 0], amplitude, 1.0) / clutter
+            level[1] = mean_rician(radio, heard[m, 0], amplitude, USUAL_REFLECTION) / clutter
+            # what a hypothesis could be worth at most: the AoD right on, the image next to the anchor
+            most = ti.max(level[0], level[1]) if hypotheses > 1 else level[0]
+            keep = common * most / ROOT_TURN > least * ti.min(std[1], WIDEST)
+        reach, reach_std = ti.cast(heard[m, 0], ti.f32), ti.cast(std[0], ti.f32)
+        arrival, arrival_std = ti.cast(heard[m, 2], ti.f32), ti.cast(std[2], ti.f32)
+        departure, departure_std = ti.cast(heard[m, 1] + places[anchor, 2], ti.f32), ti.cast(std[1], ti.f32)
+        ax, ay = ti.cast(places[anchor, 0], ti.f32), ti.cast(places[anchor, 1], ti.f32)
+        for block in range(blocks if keep else 0):
+            at, there = block * BLOCK, ti.Vector([0.0] * BLOCK)
+            end_x, end_y = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+            for i in range(BLOCK):
+                k = at + i
+                distance = reach + reach_std * ti.cast(noise[0, k], ti.f32)
+                turned = arrival + arrival_std * ti.cast(noise[1, k], ti.f32)
+                cosine, sine = turn_of(wrapped(turned + state[2, k]))
+                end_x[i], end_y[i] = state[0, k] + distance * cosine, state[1, k] + distance * sine
+                there[i] = ti.select(distance > 0, 1.0, 0.0)
+            for h in range(hypotheses):
+                so_far = ratio[m, h]
+                more = likely(
+                    at, known[h, 0], known[h, 1], state, end_x, end_y, there, ax, ay, departure, departure_std
+                )
+                ratio[m, h] = so_far + more / (blocks * BLOCK)
+        for h in range(hypotheses if keep else 0):
+            last, first = known[h, 0], known[h, 1]
+            worth = common * level[0] * ratio[m, h]
+            if last >= 0 or first >= 0:
+                worth = common * level[1] * DOUBLE_SHARE * ratio[m, h]
+            ratio[m, h] = worth if worth > least else 0.0
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        count = 0
+        for m in range(heard.shape[0]):
+            for h in range(known.shape[0]):
+                if ratio[m, h] > 0:
+                    last, first = known[h, 0], known[h, 1]
+                    ax, ay = places[anchor, 0], places[anchor, 1]
+                    told[count, 0], told[count, 1] = line_of(mean, heard, ax, ay, m, last, first)
+                    told[count, 2] = ratio[m, h]
+                    count += 1
+                    born[count, 0], born[count, 1], born[count, 2] = m, last, first
+        born[0, 0] = count
+        sum_up(born, told, measured)
+
+
+@quick
+@ti.kernel
+def glance(
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
+    anchor: ti.i32,
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    occupied: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [2, ny, nx] o of a traversed cell, of a hit one in V
+    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [4 or more] origin x, y, side, factor outside
+    line: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [1 or more, LINES, LANES] scratch
+    place: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [1 or more, PLACES, LANES] scratch
+    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 (S + 1), 1] scratch
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1, 4] scratch
+    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [1, 14] scratch
+    born: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + B or more, 3] as `propose` leaves them
+    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [B or more, 3] in/out: likewise
+    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: see `kernels.tables`; `NEW` is told
+):
+    """Weigh births by V of their paths at the mean of the belief, eq. (1) of paper 003.
+
+    One ray at a time: there are few, and waking other threads takes longer than this.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        surfaces = (mean.shape[0] - AGENT) // 2
+        stand_at(mean, state)
+        own = 3 + 3 * surfaces
+        for b in range(born[0, 0]):
+            last, first, worth = born[b + 1, 1], born[b + 1, 2], told[b, 2]
+            state[own, 0], state[own + 1, 0] = cos_of(told[b, 0]), sin_of(told[b, 0])
+            state[own + 2, 0] = told[b, 1]
+            path[0, 0], path[0, 3] = (1 if last < 0 and first < 0 else 2), anchor
+            path[0, 1], path[0, 2] = (surfaces if last < 0 else last), (surfaces if first < 0 else first)
+            draw_path(state, path, places, 0, 0, drawn)
+            told[b, 2] = UNTOLD * worth
+            if drawn[0, 12] > 0.5:
+                told[b, 2] = worth * alone(drawn, path[0, 0], occupied, frame, line, place)
+        sum_up(born, told, measured)

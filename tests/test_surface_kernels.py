@@ -79,27 +79,34 @@ def test_loud_measurements_near_a_path_equal_their_twin(seed, surfaces, given_st
 def test_birth_proposals_equal_their_twin(seed, with_departure, particles):
     from gridslam.kernels.births import propose
 
-    draw = np.random.default_rng(seed)
+    draw, count = np.random.default_rng(seed), 5
     state, _, place = random_world(draw, particles, np.float32, surfaces=2)
-    place, radio = place.astype(np.float64), random_radio(draw)
+    places, radio = np.stack([places_of(draw, 1)[0], place.astype(np.float64)]), random_radio(draw)
     mean = np.concatenate([state[:2, 0], [0.0, 0.0], state[2:3, 0], twins.lines_of(state)[:, 0].ravel()])
     mean = mean.astype(np.float64)
-    heard = random_table(draw, 5)
+    heard = random_table(draw, count)
     heard[:, 4] = 0.3 if with_departure else -1.0
-    known = np.array([[-1, -1], [-1, 0], [0, -1], [1, -1], [-1, 1]], np.int32)[: draw.choice([1, 5])]
-    explained, noise = draw.choice([0.0, 1.0, 1e4], 5), draw.normal(size=(2, SAMPLES))
-    ratio, line = np.full((5, len(known)), np.nan), np.full((5, len(known), 2), np.nan)
-    into = state, noise, mean, heard, explained, known, place, radio, 0.1 / (4 * np.pi * 8)
-    propose(*into, ratio, line)
-    expected, lines = twins.propose(*into)
+    known = np.array([[-1, -1], [-1, 0], [0, -1], [1, -1], [-1, 1]], np.int32)[: draw.choice([0, 1, 5])]
+    noise, measured = draw.normal(size=(2, SAMPLES)), np.full((4, count), 7.0)
+    measured[0] = draw.choice([0.0, 1.0, 1e4], count)
+    into = state, noise, mean, heard, known, 1, places, radio, 0.1 / (4 * np.pi * 8)
+    expected, lines = twins.propose(*into, measured)
+    born, told = np.full((1 + expected.size, 3), -9, np.int32), np.full((expected.size, 3), np.nan)
+    propose(*into, np.empty(expected.shape), measured, born, told)
+    born, told = born[1 : 1 + born[0, 0]], told[: born[0, 0]]
+    ratio, line = np.zeros(expected.shape), np.zeros((*expected.shape, 2))
+    number = {tuple(row): h for h, row in enumerate(known.tolist())}
+    column = [number[tuple(row)] for row in born[:, 1:].tolist()]
+    ratio[born[:, 0], column], line[born[:, 0], column] = told[:, 2], told[:, :2]
+    np.testing.assert_allclose(measured[2], 1 + ratio.sum(1))
     sure = (
-        np.abs(expected - np.maximum(1e-3, 1e-3 * explained)[:, None]) > 1e-4
+        np.abs(expected - np.maximum(1e-3, 1e-3 * measured[0])[:, None]) > 1e-4
     )  # not next to what is dropped
     np.testing.assert_allclose(ratio[sure], expected[sure], rtol=3e-3, atol=2e-3)
-    born = (ratio > 0) & (expected > 0)
-    turned = np.cos(line[born][:, 0] - lines[born][:, 0])  # one line has two normals
+    both = (ratio > 0) & (expected > 0)
+    turned = np.cos(line[both][:, 0] - lines[both][:, 0])  # one line has two normals
     np.testing.assert_allclose(np.abs(turned), 1, atol=1e-6)
-    np.testing.assert_allclose(np.sign(turned) * line[born][:, 1], lines[born][:, 1], atol=1e-5)
+    np.testing.assert_allclose(np.sign(turned) * line[both][:, 1], lines[both][:, 1], atol=1e-5)
 
 
 @given(seeds, st.integers(0, 3))
@@ -112,17 +119,24 @@ def test_a_glance_at_births_equals_its_twin(seed, surfaces):
     mean, _, _ = random_belief(draw, surfaces)
     places, shape = places_of(draw, 2), (17, 23)
     occupied = draw.uniform(0.001, 0.5, (2, *shape)).astype(np.float32)
-    frame = np.array([-4.0, -3.0, 0.41, 0.1, 12.0, 0.0])  # much is outside
+    frame = np.array([-4.0, -3.0, 0.41, 0.1])  # much is outside
     hit = np.array([[-1, -1]] * 3 + [p for s in range(surfaces) for p in ((-1, s), (s, -1))], np.int32)
-    fresh = np.stack([draw.uniform(-3, 3, len(hit)), draw.uniform(-5, 5, len(hit))], -1)
-    validity = np.full(len(hit), np.nan)
+    count = len(hit)
+    measurement = draw.integers(0, 4, count)
+    born = np.concatenate([[[count, 0, 0]], np.column_stack([measurement, hit])]).astype(np.int32)
+    told = np.column_stack(
+        [draw.uniform(-3, 3, count), draw.uniform(-5, 5, count), draw.exponential(1.0, count)]
+    )
+    measured = np.full((4, 4), 7.0)
+    into = mean, 1, places, occupied, frame
+    expected = twins.glance(*into, born, told)
     glance(
-        mean, hit, fresh, 1, places, occupied, frame, np.empty((1, LINES, LANES)),
-        np.empty((1, PLACES, LANES), np.int32), np.empty((6 + 3 * surfaces, 1)), np.empty((1, 4), np.int32),
-        np.empty((1, 14)), validity,
+        *into, np.empty((1, LINES, LANES)), np.empty((1, PLACES, LANES), np.int32),
+        np.empty((6 + 3 * surfaces, 1)), np.empty((1, 4), np.int32), np.empty((1, 14)), born, told, measured,
     )  # fmt: skip
-    expected = twins.glance(mean, hit, fresh, 1, places, occupied, frame)
-    np.testing.assert_allclose(validity, expected, rtol=1e-5)
+    np.testing.assert_allclose(told[:, 2], expected, rtol=1e-5)
+    np.testing.assert_allclose(measured[2], 1 + np.bincount(measurement, told[:, 2], 4))
+    np.testing.assert_array_equal(measured[[0, 1, 3]], 7.0)
 
 
 @given(seeds, st.integers(0, 5))

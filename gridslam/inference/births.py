@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -28,15 +28,15 @@ class Births:
 
     Attributes
     ----------
-    measurement : (B,) int
+    measurement : (B,) int32
     hit : (B, 2) int32
         Known surface hit last or first on a double bounce; -1 for the new one.
     line : (B, 2)
     ratio : (B,)
-        I: mean number of such births over that of clutter.
+        I: mean number of such births over that of clutter, weighed by V of their paths.
     """
 
-    measurement: NDArray[np.intp]
+    measurement: NDArray[np.int32]
     hit: NDArray[np.int32]
     line: Array
     ratio: Array
@@ -48,15 +48,7 @@ class Births:
     @cache
     def none(cls) -> Births:
         """No hypotheses."""
-        return cls(np.zeros(0, np.intp), np.zeros((0, 2), np.int32), np.zeros((0, 2)), np.zeros(0))
-
-    def weighed(self, validity: Array) -> Births:
-        """The same with every hypothesis weighed by the validity (B,) of its path in the grid."""
-        return replace(self, ratio=self.ratio * validity)
-
-    def per_measurement(self, count: int) -> Array:
-        """I_m, the sum over the hypotheses of each of `count` measurements."""
-        return np.bincount(self.measurement, self.ratio, count).astype(np.float64)
+        return cls(np.zeros(0, np.int32), np.zeros((0, 2), np.int32), np.zeros((0, 2)), np.zeros(0))
 
     def chosen(self, claimed: Array, least: float) -> list[tuple[int, float]]:
         """Hypotheses to follow and the existence of each new surface, surest measurement first.
@@ -74,7 +66,7 @@ class Births:
         followed: list[tuple[int, float]] = []
         if not len(self):
             return followed
-        born = self.per_measurement(len(claimed))
+        born = np.bincount(self.measurement, self.ratio, len(claimed))
         chance = born / (1 + born + claimed)
         for row in np.argsort(-chance, kind="stable"):
             if chance[row] < least:

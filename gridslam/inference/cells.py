@@ -110,31 +110,24 @@ class Cells:
         belief = np.empty((len(rays), 2 * BINS))
         return self._cast(rays, cloud, anchors, np.zeros((len(rays), 2)), 0.0, surface, belief), belief
 
-    def glance(self, hit: NDArray[np.int32], line: Array, mean: Array, anchor: int, anchors: Array) -> Array:
-        """V of the paths of new lines at the mean of the belief, (B,); -1 where a path is impossible.
+    def glance(
+        self, mean: Array, anchor: int, anchors: Array, born: NDArray[np.int32], told: Array, measured: Array
+    ) -> None:
+        """Weigh births, in place, by V of their paths at the mean (N,) of the belief.
 
         Parameters
         ----------
-        hit : (B, 2) int32
-            Known surface hit last and first, -1 for the new one.
-        line : (B, 2)
-            Of the new one.
-        mean : (N,)
+        born, told, measured : (1 + B, 3), (B, 3) and (4, M)
+            As `gridslam.kernels.births.propose` leaves them.
         """
-        runtime.start()
         from gridslam.kernels.births import glance
 
-        validity = np.empty(len(hit))
-        surfaces = (len(mean) - AGENT) // 2
-        if hit.max(initial=-1) >= surfaces or not 0 <= anchor < len(anchors):
-            raise ValueError("a birth names a surface or an anchor that doesn't exist")
         glance(
-            mean, hit, line, anchor, anchors, self.occupied(), self.frame(OUTSIDE, EVIDENCE_CLIP, 0.0),
-            self._line, self._place, runtime.scratch("glance state", (6 + 3 * surfaces, 1)),
+            mean, anchor, anchors, self.occupied(), self.frame(OUTSIDE), self._line, self._place,
+            runtime.scratch("glance state", ((len(mean) - AGENT) // 2 * 3 + 6, 1)),
             runtime.scratch("glance path", (1, 4), np.int32), runtime.scratch("glance drawn", (1, 14)),
-            validity,
+            born, told, measured,
         )  # fmt: skip
-        return validity
 
     def tell(
         self, rays: Rays, cloud: Cloud, anchors: Array, worth: Array, send: NDArray[np.bool_], least: float

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.inference.belief import AGENT, Belief
 from gridslam.inference.births import Births
+from gridslam.inference.cells import Cells
+from gridslam.inference.evaluation import Evaluation
 from gridslam.inference.heard import Heard
 from gridslam.inference.particles import Cloud
 from gridslam.inference.surfaces import Bank
@@ -34,39 +36,45 @@ def partners(bank: Bank, belief: Belief, most_bounces: int) -> NDArray[np.int32]
 
 
 def propose(
-    heard: Heard, belief: Belief, bank: Bank, cloud: Cloud, explained: Array, radio: Array, births: float,
-    radius_m: float, most_bounces: int,
+    heard: Heard, belief: Belief, bank: Bank, cloud: Cloud, said: Evaluation, cells: Cells | None,
+    radio: Array, anchors: Array, births: float, radius_m: float, most_bounces: int,
 ) -> Births:  # fmt: skip
     """All birth hypotheses worth a look, of the measurements that carry distance and AoA.
 
     Surfaces are born uniformly over all lines that cross the region (angle and offset), at `births` per
-    anchor and step; that measure doesn't depend on the frame.
+    anchor and step; that measure doesn't depend on the frame. The sums over each measurement's are told to
+    `said.new`.
 
     Parameters
     ----------
-    explained : (M,)
-        Ratio to clutter of the measurement's known causes.
+    cells : Cells, optional
+        What may stand between; without it every path is open.
     radio : (11,)
         `SignalModel.radio` of the anchor.
+    anchors : (J, 3)
+        x, y (m) and orientation (rad).
     radius_m : float
         Of the region.
     """
     runtime.start()
     from gridslam.kernels.births import propose as launch
 
-    known = partners(bank, belief, most_bounces)
-    ratio, line = np.zeros((len(heard), len(known))), np.empty((len(heard), len(known), 2))
-    if ratio.size:
-        launch(
-            cloud.state, _noise(len(known)), belief.mean, heard.table, explained, known,
-            heard.spot, radio, births / (4 * np.pi * radius_m), ratio, line,
-        )  # fmt: skip
-    measurement, hypothesis = ratio.nonzero()
-    if not len(measurement):
+    known, count, surfaces = partners(bank, belief, most_bounces), len(heard), len(belief.lines)
+    if len(bank) != surfaces or cloud.surfaces != surfaces or not 0 <= heard.anchor < len(anchors):
+        raise ValueError("surfaces or anchors don't belong together")
+    most = count * len(known)
+    born, told = np.empty((1 + most, 3), np.int32), np.empty((most, 3))
+    launch(
+        cloud.state, _noise(len(known)), belief.mean, heard.table, known, heard.anchor, anchors, radio,
+        births / (4 * np.pi * radius_m), runtime.scratch("birth", (count, len(known))), said.measured, born,
+        told,
+    )  # fmt: skip
+    if cells is not None and born[0, 0]:
+        cells.glance(belief.mean, heard.anchor, anchors, born, told, said.measured)
+    found = int(born[0, 0])
+    if not found:
         return Births.none()
-    return Births(
-        measurement, known[hypothesis], line[measurement, hypothesis], ratio[measurement, hypothesis]
-    )
+    return Births(born[1 : 1 + found, 0], born[1 : 1 + found, 1:], told[:found, :2], told[:found, 2])
 
 
 @cache

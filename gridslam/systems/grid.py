@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.inference import surfaces
-from gridslam.inference.births import Births
 from gridslam.inference.cells import Cells
 from gridslam.inference.heard import Heard
 from gridslam.inference.materials import Reflected, learn
@@ -25,8 +24,6 @@ RAYS = 48
 """Sampled rays per path, from which validity and cell messages are averaged."""
 MOSTLY_POSSIBLE = 0.8
 """Share of a path's samples that must be possible before it tells the cells anything."""
-UNTOLD = 0.3
-"""V of a birth whose mean path is impossible: others of its samples aren't, or it wouldn't be one."""
 
 
 class GridSlam(SurfaceSlam):
@@ -76,12 +73,8 @@ class GridSlam(SurfaceSlam):
         self._to_tell.append(Part(heard, rays, predicted.value[:, 0], said, share))
         self._bear(heard, births, said.claimed)
 
-    def _reachable(self, heard: Heard, births: Births) -> Births:
-        """Births weighed by the validity of their paths in the grid."""
-        if not len(births):
-            return births
-        validity = self.cells.glance(births.hit, births.line, self.belief.mean, heard.anchor, self.anchors)
-        return births.weighed(np.where(validity >= 0, validity, UNTOLD))
+    def _space(self) -> Cells:
+        return self.cells
 
     def _tidy(self) -> None:
         """Messages of all anchors to coefficients and cells; then merge and drop surfaces."""

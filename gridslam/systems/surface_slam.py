@@ -16,6 +16,7 @@ from gridslam.geometry import unit, wrap
 from gridslam.inference import ghosts, relocation, surfaces
 from gridslam.inference.belief import AGENT, Belief, append, predict, separated
 from gridslam.inference.births import Births, bear, birth_reflection
+from gridslam.inference.cells import Cells
 from gridslam.inference.evaluation import Evaluation, evaluate
 from gridslam.inference.heard import Heard, hear
 from gridslam.inference.likelihood import AmplitudeBelief, DetectionTable
@@ -206,9 +207,9 @@ class SurfaceSlam:
         """Random stream of this step: a function of seed, step, anchor and what for."""
         return [self.seed, self.steps, anchor, purpose]
 
-    def _reachable(self, heard: Heard, births: Births) -> Births:
-        """The births as what is known of the space between allows them."""
-        return births
+    def _space(self) -> Cells | None:
+        """What is known of the space between, if anything is."""
+        return None
 
     def _associate(self, heard: Heard, said: Evaluation) -> tuple[Array, Array] | None:
         """Messages (nu, claimed) of a data association of a system's own; None for that of the papers."""
@@ -239,14 +240,10 @@ class SurfaceSlam:
             said.against(level / signal.false_alarms)
             radio = replace(signal, false_alarms=level).radio(anchor)
         # births
-        births = self._reachable(
-            heard,
-            propose(
-                heard, self.belief, self.bank, cloud, said.explained, radio, self.settings.births,
-                self.radius_m, self.most_bounces,
-            ),
+        births = propose(
+            heard, self.belief, self.bank, cloud, said, self._space(), radio, self.anchors,
+            self.settings.births, self.radius_m, self.most_bounces,
         )  # fmt: skip
-        said.new[:] = 1 + births.per_measurement(len(heard))
         given = self._associate(heard, said)
         # association, updates
         self.belief, share = update(

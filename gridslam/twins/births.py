@@ -18,10 +18,11 @@ FAINT, EXPLAINED, USUAL, DOUBLE_SHARE, WIDEST = 1e-3, 1e-3, 0.7, 0.5, 2.5
 
 
 def propose(
-    state: Array, noise: Array, mean: Array, heard: Array, explained: Array, known: Whole, place: Array,
-    radio: Array, rate: float,
+    state: Array, noise: Array, mean: Array, heard: Array, known: Whole, anchor: int, places: Array,
+    radio: Array, rate: float, measured: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Twin of `kernels.births.propose`: ratio (M, H), and the lines (M, H, 2)."""
+    place, explained = places[anchor], measured[0]
     silent, double = heard[:, 6] < 0, (known >= 0).any(1)
     usual = np.where(silent, 0.5 * radio[7] / np.maximum(heard[:, 0], 1e-3), heard[:, 6])
     std = deviations(np.maximum(usual, FAINTEST), heard[:, 1:3], radio)
@@ -81,13 +82,13 @@ def likely(state: Array, noise: Array, heard: Array, known: Whole, place: Array)
 
 
 def glance(
-    mean: Array, hit: Whole, fresh: Array, anchor: int, places: Array, occupied: Array, frame: Array
+    mean: Array, anchor: int, places: Array, occupied: Array, frame: Array, born: Whole, told: Array
 ) -> Array:
-    """Twin of `kernels.births.glance`: V of every birth's path, -1 where it is impossible, (B,)."""
-    lines, place, validity = mean[5:].reshape(-1, 2), places[anchor, :2], np.full(len(hit), -1.0)
-    for b, (last, first) in enumerate(hit):
-        ends = [lines[n] if n >= 0 else fresh[b] for n in (last, first)]
-        count = 2 if (hit[b] >= 0).any() else 1
+    """Twin of `kernels.births.glance`: weighed births (B,)."""
+    lines, place, worth = mean[5:].reshape(-1, 2), places[anchor, :2], 0.3 * told[: born[0, 0], 2]
+    for b, (_, last, first) in enumerate(born[1 : 1 + born[0, 0]]):
+        ends = [lines[n] if n >= 0 else told[b, :2] for n in (last, first)]
+        count = 2 if last >= 0 or first >= 0 else 1
         drawn = trace(mean[None, :2], place[None], ends[0][None], ends[1][None], np.array([count]))
         if drawn.valid[0]:
             points = [drawn.first_point[0], drawn.last_point[0]][2 - count :]
@@ -96,5 +97,5 @@ def glance(
             crossed, met = cells_of(corners, normals, frame, occupied.shape[1:])
             through = np.prod(1 - occupied[0][tuple(crossed.T)])
             bounce = [1 - np.prod(1 - occupied[1][tuple(c.T)]) if len(c) else frame[3] for c in met]
-            validity[b] = through * np.prod(bounce)
-    return validity
+            worth[b] = told[b, 2] * through * np.prod(bounce)
+    return worth
