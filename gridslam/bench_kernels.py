@@ -132,6 +132,10 @@ def _listed(case: Case) -> int:
     return int(case["found"][0])
 
 
+def _told(case: Case) -> int:
+    return int(case["told"][0])
+
+
 def _surfaces(case: Case) -> int:
     return len(case["surface"])
 
@@ -167,7 +171,7 @@ CONTESTS = {
         "cell visit", twins.cast, _visits, given=_cast_twin,
         size=lambda case: int((case["factor"][:, 1] > 0.5).sum()),  # those that send messages
     ),
-    "describe": Contest("path", twins.describe, _paths, ("path", "existence", "surfaces")),
+    "describe": Contest("path", twins.describe, _told, ("surface", "places", "table")),
     "duplicate": Contest("pair", twins.duplicate, lambda case: len(case["foot"]) ** 2, ("foot",)),
     "evaluate": Contest(
         "path-particle", twins.evaluate, _path_particles,
@@ -177,7 +181,7 @@ CONTESTS = {
     "glance": Contest("path", twins.glance, _born, ("born",), changes=("told", "measured")),
     "haunt": Contest("pair", twins.haunt, lambda case: len(case["surface"]) ** 2, ("surface",)),
     "learn": Contest("path", twins.learn, _paths, changes=("surface", "held")),
-    "near": Contest("measurement", twins.near, lambda case: len(case["heard"]), ("path", "heard")),
+    "near": Contest("measurement", twins.near, lambda case: len(case["heard"]), ("heard", "places")),
     "polylines": Contest("path-ray", twins.polylines, _path_particles),
     "prepare": Contest("entry", twins.prepare, lambda case: case["covariance"].size, ("mean",)),
     "propose": Contest("sample", twins.propose, _samples, ("heard",), changes=("measured",)),

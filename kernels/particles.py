@@ -51,6 +51,49 @@ def draw_block(at, root: ti.template(), base: ti.template(), points: ti.template
                     state[out, at + i] = mean + gap[i]
 
 
+@ti.func
+def ready(
+    mean: ti.template(), covariance: ti.template(), share, points: ti.template(), rooted,
+    whole: ti.template(), root: ti.template(), base: ti.template(), state: ti.template(),
+    failed: ti.template(),
+):  # fmt: skip
+    """Take the root of a covariance (Cholesky's), and draw some exact samples with it.
+
+    Arguments as of `prepare`.
+    """
+    size, bad = mean.shape[0], 0
+    for j in range(size if rooted == 0 else 0):
+        for i in range(j):
+            whole[i, j] = 0.0
+        for i in range(j, size):
+            rest = covariance[i, j]
+            for k in range(j):
+                rest -= whole[i, k] * whole[j, k]
+            if i == j:
+                if not (rest > 0):
+                    bad, rest = 1, ti.cast(1.0, ti.f64)
+                whole[j, j] = ti.sqrt(rest)
+            else:
+                whole[i, j] = rest / whole[j, j]
+    failed[0] = bad
+    for i in range(size):
+        base[i, 0] = ti.cast(mean[i], ti.f32)
+        base[i, 1], base[i, 2] = ti.cast(cos_of(mean[i]), ti.f32), ti.cast(sin_of(mean[i]), ti.f32)
+        for j in range(size):
+            root[i, j] = ti.cast(share * whole[i, j], ti.f32)
+        for k in range(points.shape[1] if i != 2 and i != 3 else 0):
+            at = mean[i]
+            for j in range(i + 1):
+                at += whole[i, j] * points[j, k]
+            if i < AGENT:
+                state[ti.min(i, 2), k] = at
+            elif i % 2 == 1:
+                out = 3 + (i - AGENT) // 2 * 3
+                state[out, k], state[out + 1, k] = cos_of(at), sin_of(at)
+            else:
+                state[5 + (i - AGENT) // 2 * 3, k] = at
+
+
 @quick
 @ti.kernel
 def prepare(
@@ -65,37 +108,7 @@ def prepare(
     state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, R] out: samples ``mean + whole points``
     failed: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: whether the covariance is singular
 ):
-    """Take the root of a covariance (Cholesky's), and draw some exact samples with it."""
+    """Make ready to draw from a belief, and draw some exact samples."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        size, bad = mean.shape[0], 0
-        for j in range(size if rooted == 0 else 0):
-            for i in range(j):
-                whole[i, j] = 0.0
-            for i in range(j, size):
-                rest = covariance[i, j]
-                for k in range(j):
-                    rest -= whole[i, k] * whole[j, k]
-                if i == j:
-                    if not (rest > 0):
-                        bad, rest = 1, ti.cast(1.0, ti.f64)
-                    whole[j, j] = ti.sqrt(rest)
-                else:
-                    whole[i, j] = rest / whole[j, j]
-        failed[0] = bad
-        for i in range(size):
-            base[i, 0] = ti.cast(mean[i], ti.f32)
-            base[i, 1], base[i, 2] = ti.cast(cos_of(mean[i]), ti.f32), ti.cast(sin_of(mean[i]), ti.f32)
-            for j in range(size):
-                root[i, j] = ti.cast(share * whole[i, j], ti.f32)
-            for k in range(points.shape[1] if i != 2 and i != 3 else 0):
-                at = mean[i]
-                for j in range(i + 1):
-                    at += whole[i, j] * points[j, k]
-                if i < AGENT:
-                    state[ti.min(i, 2), k] = at
-                elif i % 2 == 1:
-                    out = 3 + (i - AGENT) // 2 * 3
-                    state[out, k], state[out + 1, k] = cos_of(at), sin_of(at)
-                else:
-                    state[5 + (i - AGENT) // 2 * 3, k] = at
+        ready(mean, covariance, share, points, rooted, whole, root, base, state, failed)

@@ -3,8 +3,9 @@
 import taichi as ti
 
 from gridslam.kernels.functions import wrapped
-from gridslam.kernels.gaussian import predict_by
+from gridslam.kernels.gaussian import entry_of, path_of, predict_by, spread_of
 from gridslam.kernels.launching import quick
+from gridslam.kernels.particles import ready
 from gridslam.kernels.radio import GIVEN, HERE, SCALE, THERE, THRESHOLD
 
 STRONG = 0.3
@@ -12,6 +13,29 @@ STRONG = 0.3
 GATE = 4.0
 """Standard deviations within which a measurement lies where its path is predicted."""
 ROOT_8_PI = 8.885765876316732
+
+
+@ti.func
+def listed(
+    kind, s, r, anchor, surface: ti.template(), owner: ti.template(), sight: ti.template(),
+    single: ti.template(), double: ti.template(),
+):  # fmt: skip
+    """Whether a path over so many surfaces is worth a look; existence of its ray, and of its surfaces."""
+    there, chance, together = True, sight[anchor], ti.cast(1.0, ti.f64)
+    if kind == 1:
+        there = owner[s] == -1 or owner[s] == anchor
+        chance, together = single[anchor, s], surface[s]
+    elif kind == 2:
+        there = s != r and surface[s] > STRONG and surface[r] > STRONG
+        chance, together = double[anchor, s, r], surface[s] * surface[r]
+    return there, chance, together
+
+
+@ti.func
+def enter_path(path: ti.template(), row, kind, s, r, anchor):
+    """Write a row of a table of paths: bounces, last, first, anchor."""
+    path[row, 0], path[row, 3] = kind, anchor
+    path[row, 1], path[row, 2] = (-1 if kind == 0 else s), (-1 if kind == 0 else (s if kind == 1 else r))
 
 
 @quick
@@ -29,31 +53,33 @@ def foresee(
     sight: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J] existence of lines of sight
     single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] of rays over one surface
     double: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [J, S, S] over (last, first)
+    share: ti.f64,  # these eight as of `kernels.particles.prepare`
+    points: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    whole: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    root: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    base: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    state: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    failed: ti.types.ndarray(dtype=ti.i32, ndim=1),
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [J (1 + S S), 4] out: bounces, last, first, anchor
     existence: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J (1 + S S)] out: of the ray
     surfaces: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J (1 + S S)] out: of all surfaces involved
     predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J (1 + S S), 12] out: value (3), spread (9)
     found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: how many there are
 ):
-    """List and predict paths: line of sight, single bounces, double bounces."""
+    """List and predict paths: line of sight, single bounces, double bounces. Make ready to draw particles."""
     ti.loop_config(serialize=True)
     for _ in range(1):
+        ready(mean, covariance, share, points, 0, whole, root, base, state, failed)
         count, n = surface.shape[0], 0
         for anchor in range(ti.max(only, 0), places.shape[0] if only < 0 else only + 1):
             for kind in range(3 if bounces > 1 else 2):
                 for s in range(1 if kind == 0 else count):
                     for r in range(count if kind == 2 else 1):
-                        there, chance, together = True, sight[anchor], ti.cast(1.0, ti.f64)
-                        last, first = -1, -1
-                        if kind == 1:
-                            there = owner[s] == -1 or owner[s] == anchor
-                            chance, together, last, first = single[anchor, s], surface[s], s, s
-                        elif kind == 2:
-                            there = s != r and surface[s] > STRONG and surface[r] > STRONG
-                            chance, together = double[anchor, s, r], surface[s] * surface[r]
-                            last, first = s, r
+                        there, chance, together = listed(
+                            kind, s, r, anchor, surface, owner, sight, single, double
+                        )  # fmt: skip
                         if there:
-                            path[n, 0], path[n, 1], path[n, 2], path[n, 3] = kind, last, first, anchor
+                            enter_path(path, n, kind, s, r, anchor)
                             existence[n], surfaces[n] = appear + chance * (stay - appear), together
                             n += 1
         for row in range(n):
@@ -61,44 +87,55 @@ def foresee(
         found[0] = n
 
 
+@ti.func
+def lies_near(m, value, spread, heard: ti.template(), radio: ti.template(), anchor):
+    """Whether a measurement lies where a path is predicted. Which way an array faces doesn't matter here."""
+    there = 0.5 * (radio[anchor, THERE] + radio[anchor, THERE + 1])
+    here = 0.5 * (radio[anchor, HERE] + radio[anchor, HERE + 1])
+    amplitude = heard[m, 6] if heard[m, 6] >= 0 else radio[anchor, THRESHOLD]
+    far = ti.cast(0.0, ti.f64)
+    for q in ti.static(range(3)):
+        gap, std = heard[m, q] - value[q], heard[m, 3 + q]
+        if ti.static(q > 0):
+            gap = wrapped(gap)
+        if std == 0:
+            square = there if ti.static(q == 1) else here
+            std = 1 / (ROOT_8_PI * amplitude * ti.sqrt(ti.max(square, 1e-30)))
+            if ti.static(q == 0):
+                given = radio[anchor, GIVEN]
+                std = given if given > 0 else radio[anchor, SCALE] / amplitude
+        if std >= 0:  # what wasn't measured is near
+            far += gap * gap / (spread[q, q] + std * std)
+    return far < GATE * GATE
+
+
 @quick
 @ti.kernel
 def near(
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
-    surfaces: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] existence of all surfaces involved
-    predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 12] value (3), spread (9)
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]
+    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
+    owner: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] the one anchor that a surface serves; -1 for all
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [J + 1] where the measurements of each anchor begin
     heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
     radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 11] see `kernels.radio`
     claimed: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [M] out: 1 where a loud measurement lies near a path
 ):
-    """Find the loud measurements that lie where a path is predicted.
-
-    Which way an array faces doesn't matter here.
-    """
+    """Find the loud measurements that lie where a line of sight or a single bounce is predicted."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         for m in range(heard.shape[0]):
             claimed[m] = 0
-        for row in range(path.shape[0]):
-            anchor = path[row, 3]
-            scale, threshold = radio[anchor, SCALE], radio[anchor, THRESHOLD]
-            there = 0.5 * (radio[anchor, THERE] + radio[anchor, THERE + 1])
-            here = 0.5 * (radio[anchor, HERE] + radio[anchor, HERE + 1])
-            for m in range(start[anchor], start[anchor + 1] if surfaces[row] > STRONG else start[anchor]):
-                if heard[m, 7] > 0.5:
-                    amplitude = heard[m, 6] if heard[m, 6] >= 0 else threshold
-                    far = ti.cast(0.0, ti.f64)
-                    for q in range(3):
-                        gap, std = heard[m, q] - predicted[row, q], heard[m, 3 + q]
-                        if q > 0:
-                            gap = wrapped(gap)
-                        if std == 0:
-                            square = there if q == 1 else here
-                            std = 1 / (ROOT_8_PI * amplitude * ti.sqrt(ti.max(square, 1e-30)))
-                            if q == 0:
-                                std = radio[anchor, GIVEN] if radio[anchor, GIVEN] > 0 else scale / amplitude
-                        if std >= 0:  # what wasn't measured is near
-                            far += gap * gap / (predicted[row, 3 + 4 * q] + std * std)
-                    if far < GATE * GATE:
-                        claimed[m] = 1
+        for anchor in range(places.shape[0]):
+            place = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)
+            for n in range(surface.shape[0] + 1):
+                s, bounces, there = n - 1, (0 if n == 0 else 1), True
+                if n > 0:
+                    there = surface[s] > STRONG and (owner[s] == -1 or owner[s] == anchor)
+                if there:
+                    value, slope = path_of(mean, place, bounces, s, s)
+                    spread = spread_of(slope, entry_of(bounces, s, s), covariance)
+                    for m in range(start[anchor], start[anchor + 1]):
+                        if heard[m, 7] > 0.5 and lies_near(m, value, spread, heard, radio, anchor):
+                            claimed[m] = 1

@@ -4,9 +4,11 @@ import taichi as ti
 
 from gridslam.kernels.coefficients import BINS
 from gridslam.kernels.functions import cos_of, sin_of
+from gridslam.kernels.gaussian import predict_by
 from gridslam.kernels.launching import quick
 from gridslam.kernels.particles import AGENT
 from gridslam.kernels.paths import draw_path, stand_at
+from gridslam.kernels.rays import enter_path, listed
 
 BELIEVED = 0.5
 """Existence from which on a path is told of."""
@@ -56,27 +58,41 @@ def describe(
     covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
     extent: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 2] stretch of each surface that was hit
     reflection: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] belief over its coefficient
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
-    existence: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] of the ray
-    surfaces: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] of all surfaces involved
+    bounces: ti.i32,  # of a path at most
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
+    owner: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] the one anchor that a surface serves; -1 for all
+    sight: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J] existence of lines of sight
+    single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] of rays over one surface
+    double: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [J, S, S] over (last, first)
     state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, 1] scratch
-    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 13] out, of what is believed in: see `draw_path`
-    told: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] out: how many paths are told of, and which
     table: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 16] out: line (2) and covariance (4), SFV (2) and
     # covariance (4), coefficient and variance, extent (2), of the line with offset >= 0
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + J (1 + S S), 4] out: bounces, last, first, anchor
+    existence: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J (1 + S S)] out: of ray and surfaces
+    predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J (1 + S S), 12] out: value (3), spread (9)
+    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [1 + J (1 + S S), 13] out: see `draw_path`
+    told: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: how many paths are told of
 ):
-    """Describe all surfaces, and draw the believed paths that are possible, at the mean of the belief."""
+    """Describe all surfaces, and the believed paths that are possible, at the mean of the belief."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        for s in range(table.shape[0]):
+        count, n = surface.shape[0], 0
+        for s in range(count):
             tell_surface(s, mean, covariance, extent, reflection, table)
         stand_at(mean, state)
-        count = 0
-        for row in range(path.shape[0]):
-            if existence[row] * surfaces[row] > BELIEVED:
-                draw_path(state, path, places, row, 0, drawn)
-                if drawn[row, 12] > 0.5:
-                    count += 1
-                    told[count] = row
-        told[0] = count
+        for anchor in range(places.shape[0]):
+            for kind in range(3 if bounces > 1 else 2):
+                for s in range(1 if kind == 0 else count):
+                    for r in range(count if kind == 2 else 1):
+                        there, chance, together = listed(
+                            kind, s, r, anchor, surface, owner, sight, single, double
+                        )  # fmt: skip
+                        if there and chance * together > BELIEVED:
+                            enter_path(path, n, kind, s, r, anchor)
+                            draw_path(state, path, places, n, 0, drawn)
+                            if drawn[n, 12] > 0.5:
+                                existence[n] = chance * together
+                                predict_by(mean, covariance, path, places, n, predicted)
+                                n += 1
+        told[0] = n

@@ -205,20 +205,19 @@ def test_adapted_particles_grow_with_the_spread_of_the_pose_and_keep_within_boun
     for std in (1e-4, 0.02, 0.1, 0.2, 0.5, 5.0):
         particles = Particles(20_000, seed=1, adapt=True)
         belief = Belief(np.zeros(5), np.diag(np.square([std, std, 1, 1, 0.01])))
-        recipe = particles.recipe(belief)
-        counts.append(recipe.count)
-        assert recipe.count % PATH_BLOCK == 0
-        assert particles.drawn == recipe.count
-        used = recipe.points[:, : recipe.count].astype(np.float64)
+        count, kept = particles.ask(belief)
+        counts.append(count)
+        assert count % PATH_BLOCK == 0
+        assert particles.drawn == count
+        used = particles.points[:, :count].astype(np.float64)
         np.testing.assert_allclose(used.mean(1), 0, atol=1e-6)
         np.testing.assert_allclose(used.std(1), 1, atol=1e-6)
-        assert recipe.room == (3, recipe.count)
-        assert 0 < recipe.kept < 0.2
+        assert 0 < kept < 0.2
     assert counts == sorted(counts)
     assert counts[0] == PORTION
     assert PORTION < counts[2] < counts[3] < particles.count
     assert counts[-1] == particles.count
-    assert Particles(20_000, seed=1).recipe(belief).count == particles.count
+    assert Particles(20_000, seed=1).ask(belief)[0] == particles.count
 
 
 def test_divergence_of_binned_samples_keeps_below_what_their_number_is_for():

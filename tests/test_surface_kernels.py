@@ -41,7 +41,15 @@ def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, onl
     room = anchors * (1 + surfaces**2)
     path, existence, together = np.zeros((room, 4), np.int32), np.zeros(room), np.zeros(room)
     predicted, found = np.zeros((room, 12)), np.zeros(1, np.int32)
-    foresee(*into, path, existence, together, predicted, found)
+    size, samples = len(mean), 3
+    points, whole = draw.normal(size=(size, samples)), np.full((size, size), np.nan)
+    root, base = np.full((size, size), np.nan, np.float32), np.full((size, 3), np.nan, np.float32)
+    state, failed = np.full((3 + 3 * surfaces, samples), np.nan), np.full(1, 9, np.int32)
+    drafts = whole, root, base, state
+    foresee(*into, 0.9, points, *drafts, failed, path, existence, together, predicted, found)
+    assert failed[0] == 0
+    for told, wanted in zip(drafts, twins.prepare(mean, covariance, 0.9, points), strict=True):
+        np.testing.assert_allclose(told, wanted, rtol=1e-5, atol=1e-6)
     count = int(found[0])
     rays, own, both, whole = twins.foresee(*into)
     np.testing.assert_array_equal(path[:count], rays)
@@ -62,14 +70,13 @@ def test_loud_measurements_near_a_path_equal_their_twin(seed, surfaces, given_st
     draw, anchors = np.random.default_rng(seed), 2
     mean, covariance, _ = random_belief(draw, surfaces)
     bank = random_bank(draw, surfaces, anchors)
-    path, _, there, predicted = twins.foresee(
-        -1, 1, 1.0, 0.0, mean, covariance, places_of(draw, anchors), *bank[:2], *bank[3:]
-    )
+    places = places_of(draw, anchors)
+    _, _, _, predicted = twins.foresee(-1, 1, 1.0, 0.0, mean, covariance, places, *bank[:2], *bank[3:])
     start = np.append(0, np.cumsum(draw.integers(0, 4, anchors))).astype(np.int32)
     heard = random_table(draw, int(start[-1]), predicted[:, :3], draw.choice([0.01, 0.4]))
     radio = np.stack([random_radio(draw, given_std) for _ in range(anchors)])
     claimed = np.full(len(heard), -1, np.int32)
-    into = path, there, predicted, start, heard, radio
+    into = mean, covariance, places, *bank[:2], start, heard, radio
     near(*into, claimed)
     np.testing.assert_array_equal(claimed, twins.near(*into))
 
@@ -245,17 +252,29 @@ def test_what_users_are_told_equals_its_twin(seed, surfaces):
     mean[6::2] *= draw.choice([-1, 1], surfaces)
     existence, owner, _, sight, single, double = random_bank(draw, surfaces, anchors)
     places = places_of(draw, anchors)
-    path, there, both, _ = twins.foresee(
-        -1, 2, 1.0, 0.0, mean, covariance, places, existence, owner, sight, single, double
-    )
     extent = draw.choice([np.nan, 1.0], (surfaces, 1)) * np.sort(draw.normal(size=(surfaces, 2)))
-    into = mean, covariance, extent, draw.dirichlet(np.ones(BINS), surfaces), path, there, both, places
-    table, told = np.full((surfaces, 16), np.nan), np.full(len(path) + 1, -1, np.int32)
-    drawn = np.full((len(path), 13), np.nan)
-    describe(*into, np.full((3 + 3 * surfaces, 1), np.nan), drawn, told, table)
-    wanted, rows, corners = twins.describe(*into)
+    single[:, ::2], double[:, ::2] = 0.9, 0.95
+    into = mean, covariance, extent, draw.dirichlet(np.ones(BINS), surfaces), 2, places, existence, owner
+    bank, room = (sight, single, double), 1 + anchors * (1 + surfaces**2)
+    table, path, there = (
+        np.full((surfaces, 16), np.nan),
+        np.full((room, 4), -9, np.int32),
+        np.full(room, np.nan),
+    )
+    predicted, drawn, told = (
+        np.full((room, 12), np.nan),
+        np.full((room, 13), np.nan),
+        np.full(1, -9, np.int32),
+    )
+    scratch = np.full((3 + 3 * surfaces, 1), np.nan)
+    describe(*into, *bank, scratch, table, path, there, predicted, drawn, told)
+    wanted, paths, existence, values, corners = twins.describe(*into, *bank)
     np.testing.assert_allclose(table[:, 1:], wanted[:, 1:], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(wrap(table[:, 0] - wanted[:, 0]), 0, atol=1e-12)
     assert (np.abs(table[:, 0]) <= np.pi + 1e-12).all()
-    np.testing.assert_array_equal(told[1 : 1 + told[0]], rows)
-    np.testing.assert_allclose(drawn[rows, :8].reshape(-1, 4, 2), corners, rtol=1e-9, atol=1e-9)
+    count = told[0]
+    np.testing.assert_array_equal(path[:count], paths)
+    np.testing.assert_allclose(there[:count], existence, rtol=1e-9)
+    far = values[:, 0] > 0.1  # next to its image, an agent has no direction to it
+    np.testing.assert_allclose(predicted[:count][far], values[far], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(drawn[:count, :8].reshape(-1, 4, 2), corners, rtol=1e-9, atol=1e-9)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,26 +96,50 @@ def at_mean(belief: Belief) -> Cloud:
     return Cloud(state, 0.0)
 
 
+class Draft(NamedTuple):
+    """What a kernel that prepares to draw from a belief fills in, in the order of its arguments."""
+
+    whole: Array
+    root: Single
+    base: Single
+    state: Array
+    failed: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, belief: Belief, points: Array) -> Draft:
+        """Room for a belief, and for exact samples by standard normal `points` (N, R)."""
+        size, samples = points.shape
+        return cls(
+            runtime.scratch("root", (size, size)), np.empty((size, size), np.float32),
+            np.empty((size, 3), np.float32), np.empty((3 + 3 * ((size - AGENT) // 2), samples)),
+            runtime.scratch("no root", (1,), np.int32),
+        )  # fmt: skip
+
+    def drawn(self, belief: Belief, kept: float, points: Array) -> tuple[Single, Single, Cloud]:
+        """Root and base as of a `Recipe`, and the samples; of a singular covariance by another root."""
+        if self.failed[0]:
+            whole = np.ascontiguousarray(belief.root)
+            return self._replace(whole=whole).prepared(belief, kept, points, True)
+        return self.root, self.base, Cloud(self.state, 0.0)
+
+    def prepared(
+        self, belief: Belief, kept: float, points: Array, rooted: bool = False
+    ) -> tuple[Single, Single, Cloud]:
+        """The same by a launch for nothing else."""
+        runtime.start()
+        from gridslam.kernels.particles import prepare
+
+        whole, *rest = self
+        prepare(
+            belief.mean, belief.covariance, math.sqrt(1 - kept), points, int(rooted), whole, *rest
+        )  # fmt: skip
+        return self.drawn(belief, kept, points)
+
+
 def sample(belief: Belief, count: int, draw: np.random.Generator) -> Cloud:
     """Draw exact samples (nothing kept)."""
-    return _prepared(belief, 0.0, draw.standard_normal((len(belief.mean), count)))[2]
-
-
-def _prepared(belief: Belief, kept: float, points: Array) -> tuple[Single, Single, Cloud]:
-    """Root and base as of a `Recipe`, and exact samples by standard normal `points` (N, R)."""
-    runtime.start()
-    from gridslam.kernels.particles import prepare
-
-    mean, covariance, size = belief.mean, belief.covariance, len(belief.mean)
-    whole, failed = runtime.scratch("root", (size, size)), runtime.scratch("no root", (1,), np.int32)
-    root, base = np.empty((size, size), np.float32), np.empty((size, 3), np.float32)
-    state = np.empty((3 + 3 * len(belief.lines), points.shape[1]))
-    share = math.sqrt(1 - kept)
-    prepare(mean, covariance, share, points, 0, whole, root, base, state, failed)
-    if failed[0]:
-        whole = np.ascontiguousarray(belief.root)
-        prepare(mean, covariance, share, points, 1, whole, root, base, state, failed)
-    return root, base, Cloud(state, 0.0)
+    points = draw.standard_normal((len(belief.mean), count))
+    return Draft.of(belief, points).prepared(belief, 0.0, points)[2]
 
 
 def needed(belief: Belief) -> float:
@@ -154,8 +179,13 @@ class Particles:
         self._points = np.zeros((0, self.count), np.float32)
         self._held: runtime.Resident = self._points
 
-    def recipe(self, belief: Belief, few: Array | None = None) -> Recipe:
-        """How to draw the particles of a belief; some exact samples by points `few` (N, R) come with it."""
+    @property
+    def points(self) -> runtime.Resident:
+        """The normal points, (N or more, count) float32, where the device has them."""
+        return self._held
+
+    def ask(self, belief: Belief) -> tuple[int, float]:
+        """How many particles to draw of a belief, and the share of the covariance that each keeps."""
         size, count = len(belief.mean), self.count
         if size > len(self._points):
             fresh = [self._column(n) for n in range(len(self._points), size)]
@@ -164,11 +194,7 @@ class Particles:
         if self.adapt:
             count = min(count, -int(-needed(belief) // PORTION) * PORTION)
         self.drawn = count
-        kept = float(count ** (-2 / 7))  # Silverman's rule for a path's three parameters
-        if few is None:
-            few = np.empty((size, 0))
-        root, base, samples = _prepared(belief, kept, few)
-        return Recipe(root, base, self._held, count, kept, samples)
+        return count, float(count ** (-2 / 7))  # Silverman's rule for a path's three parameters
 
     def _column(self, number: int) -> Single:
         values = np.random.default_rng([self._seed, PURPOSE, number]).standard_normal(self.count)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.inference.belief import Belief
+from gridslam.inference.particles import Cloud, Draft, Particles, Recipe, Single
 from gridslam.inference.rays import P_APPEAR, P_STAY, Rays
 from gridslam.inference.surfaces import Bank
 
@@ -39,8 +41,9 @@ class Prediction:
 
 
 def foresee(
-    bank: Bank, sight: Array, belief: Belief, anchors: Array, anchor: int, most_bounces: int
-) -> tuple[Rays, Prediction]:
+    bank: Bank, sight: Array, belief: Belief, anchors: Array, anchor: int, most_bounces: int,
+    particles: Particles, few: Array,
+) -> tuple[Rays, Prediction, Recipe]:  # fmt: skip
     """All paths worth a look from `anchor`, with their existence one step ahead, and as they are predicted.
 
     Parameters
@@ -49,41 +52,47 @@ def foresee(
         Existence of every anchor's line of sight.
     anchors : (J, 3)
         x, y (m) and orientation (rad).
+    particles : Particles
+        How to draw these comes along.
+    few : (N, R)
+        Standard normal points of some exact samples, which come with that.
     """
     if not 0 <= anchor < len(anchors):
         raise ValueError("there is no such anchor")
-    return _listed(bank, sight, belief, anchors, anchor, most_bounces, P_STAY, P_APPEAR)
+    count, kept = particles.ask(belief)
+    rays, predicted, (root, base, samples) = _listed(
+        bank, sight, belief, anchors, anchor, most_bounces, P_STAY, P_APPEAR, kept, few
+    )
+    return rays, predicted, Recipe(root, base, particles.points, count, kept, samples)
 
 
 def paths_now(
     bank: Bank, sight: Array, belief: Belief, anchors: Array, most_bounces: int
 ) -> tuple[Rays, Prediction]:
     """All paths worth a look from any anchor, anchor by anchor, with their existence as it is now."""
-    return _listed(bank, sight, belief, anchors, -1, most_bounces, 1.0, 0.0)
+    none = np.empty((len(belief.mean), 0))
+    return _listed(bank, sight, belief, anchors, -1, most_bounces, 1.0, 0.0, 0.0, none)[:2]
 
 
 def _listed(
     bank: Bank, sight: Array, belief: Belief, anchors: Array, anchor: int, most_bounces: int, stay: float,
-    appear: float,
-) -> tuple[Rays, Prediction]:  # fmt: skip
+    appear: float, kept: float, points: Array,
+) -> tuple[Rays, Prediction, tuple[Single, Single, Cloud]]:  # fmt: skip
     runtime.start()
-    from gridslam.kernels.rays import foresee as launch
+    from gridslam.kernels.rays import foresee
 
-    count, places = among = len(bank), len(anchors)
-    if not (
-        len(belief.lines) == len(bank.existence) == len(bank.owner) == count
-        and len(sight) == places
-        and bank.single.shape == (places, count)
-        and bank.double.shape == (places, count, count)
-    ):
-        raise ValueError("surfaces or anchors don't belong together")
+    among = count, places = len(bank), len(anchors)
+    bank.check(belief, places, len(sight))
     # line of sight, S single and S (S - 1) double bounces
-    room = (len(anchors) if anchor < 0 else 1) * (1 + len(bank) ** 2)
+    room = (places if anchor < 0 else 1) * (1 + count * count)
     table, found = np.empty((room, 4), np.int32), runtime.scratch("found", (1,), np.int32)
     existence, surfaces, predicted = np.empty(room), np.empty(room), np.empty((room, 12))
-    launch(
-        anchor, most_bounces, stay, appear, belief.mean, belief.covariance, anchors, bank.existence,
-        bank.owner, sight, bank.single, bank.double, table, existence, surfaces, predicted, found,
+    mean, covariance, ready = belief.mean, belief.covariance, Draft.of(belief, points)
+    foresee(
+        anchor, most_bounces, stay, appear, mean, covariance, anchors, bank.existence, bank.owner, sight,
+        bank.single, bank.double, math.sqrt(1 - kept), points, *ready, table, existence, surfaces, predicted,
+        found,
     )  # fmt: skip
     count = int(found[0])
-    return Rays(table[:count], existence[:count], surfaces[:count], among), Prediction(predicted[:count])
+    rays = Rays(table[:count], existence[:count], surfaces[:count], among)
+    return rays, Prediction(predicted[:count]), ready.drawn(belief, kept, points)

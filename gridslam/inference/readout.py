@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.estimates import PathEstimate, SurfaceEstimate
 from gridslam.inference.belief import Belief
-from gridslam.inference.prediction import paths_now
 from gridslam.inference.rays import Rays
 from gridslam.inference.surfaces import Bank
 
@@ -20,8 +19,7 @@ Whole = NDArray[np.int32]
 
 def surface_estimate(belief: Belief, bank: Bank) -> SurfaceEstimate:
     """Table of all potential surfaces."""
-    none = np.zeros(0)
-    return _described(belief, bank, Rays(np.zeros((0, 4), np.int32), none, none), np.zeros((0, 3)))[0]
+    return _described(belief, bank, np.zeros(0), np.zeros((0, 3)), 0)[0]
 
 
 def estimates(
@@ -32,45 +30,55 @@ def estimates(
 
     Parameters
     ----------
+    sight : (J,)
+        Existence of every anchor's line of sight.
+    anchors : (J, 3)
+        x, y (m) and orientation (rad).
     strength : callable
         Amplitudes (L,) of rays of given distances (L,).
     """
-    rays, predicted = paths_now(bank, sight, belief, anchors, most_bounces)
-    table, told, points = _described(belief, bank, rays, anchors)
-    rays, value, points = rays.take(told), predicted.value[told], points[told]
+    table, path, existence, value, points = _described(belief, bank, sight, anchors, most_bounces)
+    rays = Rays(path, existence, np.ones(len(path)), (len(bank), len(anchors)))
     points[rays.bounces < 2, 2], points[rays.bounces < 1, 1] = np.nan, np.nan
     identity = np.append(bank.identity, -1)
     return table, PathEstimate(
         rays.anchor.astype(np.intp),
-        identity[rays.table[:, 1:3]],
+        identity[path[:, 1:3]],
         value[:, 0],
         value[:, 1],
         value[:, 2],
         strength(rays, value[:, 0]),
-        rays.existence * rays.surfaces,
+        existence,
         points,
     )
 
 
 def _described(
-    belief: Belief, bank: Bank, rays: Rays, anchors: Array
-) -> tuple[SurfaceEstimate, Whole, Array]:
-    """Surfaces; which of the rays are told of, and the corners of all these (L, 4, 2), rest left empty."""
+    belief: Belief, bank: Bank, sight: Array, anchors: Array, most_bounces: int
+) -> tuple[SurfaceEstimate, Whole, Array, Array, Array]:
+    """Surfaces; of the paths told of: table (L, 4), existence (L,), prediction (L, 12), corners (L, 4, 2)."""
     runtime.start()
     from gridslam.kernels.readout import describe
 
-    count, paths = len(bank), len(rays)
-    if len(belief.lines) != count:
-        raise ValueError("belief and bank don't hold the same surfaces")
-    rays.check(count, len(anchors))
-    table, drawn, told = np.empty((count, 16)), np.empty((paths, 13)), np.empty(paths + 1, np.int32)
+    places = len(anchors)
+    bank.check(belief, places, len(sight))
+    count = len(bank)
+    most = 1 + places * (1 + count * count)
+    table, path, existence = np.empty((count, 16)), np.empty((most, 4), np.int32), np.empty(most)
+    predicted, drawn, told = (
+        np.empty((most, 12)),
+        np.empty((most, 13)),
+        runtime.scratch("told", (1,), np.int32),
+    )
     describe(
-        belief.mean, belief.covariance, bank.extent, bank.reflection, rays.table, rays.existence,
-        rays.surfaces, anchors, runtime.scratch("describe", (3 + 3 * count, 1)), drawn, told, table,
+        belief.mean, belief.covariance, bank.extent, bank.reflection, most_bounces, anchors, bank.existence,
+        bank.owner, sight, bank.single, bank.double, runtime.scratch("describe", (3 + 3 * count, 1)), table,
+        path, existence, predicted, drawn, told,
     )  # fmt: skip
+    found = int(told[0])
     surfaces = SurfaceEstimate(
         bank.identity, table[:, 6:8], table[:, 8:12].reshape(-1, 2, 2), table[:, :2],
         table[:, 2:6].reshape(-1, 2, 2), table[:, 12], table[:, 13], bank.existence, table[:, 14:],
         bank.owner,
     )  # fmt: skip
-    return surfaces, told[1 : 1 + int(told[0])], drawn[:, :8].reshape(-1, 4, 2)
+    return surfaces, path[:found], existence[:found], predicted[:found], drawn[:found, :8].reshape(-1, 4, 2)

@@ -21,8 +21,8 @@ from gridslam.geometry import direction, mirror, unit, wrap
 from gridslam.inference.belief import AGENT, Belief
 from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import DetectionTable, deviations
-from gridslam.inference.prediction import Prediction
 from gridslam.inference.rays import Rays
+from gridslam.inference.surfaces import Bank
 from gridslam.signal import SignalModel
 
 Array = NDArray[np.float64]
@@ -111,17 +111,22 @@ class Fix:
         return self.gain > WORTH
 
 
-def near_paths(scans: Sequence[Heard], rays: Rays, predicted: Prediction, signal: SignalModel) -> int:
-    """How many loud measurements lie where one of the rays of their anchor is predicted."""
+def near_paths(
+    scans: Sequence[Heard], bank: Bank, belief: Belief, anchors: Array, signal: SignalModel
+) -> int:
+    """How many loud measurements lie where their anchor's line of sight or a single bounce is predicted."""
     runtime.start()
     from gridslam.kernels.rays import near
 
-    rays.check(1 << 30, len(scans))
+    bank.check(belief, len(scans), len(anchors))
     start = np.zeros(len(scans) + 1, np.int32)
     np.cumsum([len(heard) for heard in scans], out=start[1:])
     table = np.concatenate([heard.table for heard in scans])
     claimed = np.empty(len(table), np.int32)
-    near(rays.table, rays.surfaces, predicted.whole, start, table, signal.numbers, claimed)
+    near(
+        belief.mean, belief.covariance, anchors, bank.existence, bank.owner, start, table, signal.numbers,
+        claimed,
+    )  # fmt: skip
     return int(claimed.sum())
 
 

@@ -69,6 +69,18 @@ class Bank:
     def __len__(self) -> int:
         return len(self.identity)
 
+    def check(self, belief: Belief, places: int, sights: int) -> None:
+        """Refuse a belief or anchors that this isn't the bank of: a kernel would read past its arrays."""
+        count = len(self)
+        if not (
+            len(belief.mean) == AGENT + 2 * count
+            and len(self.existence) == len(self.owner) == count
+            and sights == places <= len(self.single)
+            and self.single.shape[1:] == (count,)
+            and self.double.shape[1:] == (count, count)
+        ):
+            raise ValueError("surfaces or anchors don't belong together")
+
     @classmethod
     def empty(cls, anchors: int) -> Bank:
         """Bank without surfaces."""

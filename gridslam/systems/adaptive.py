@@ -57,13 +57,13 @@ class AdaptiveSlam(SurfaceSlam):
     def _take_in(self, heard: Heard) -> None:
         """Messages of one anchor, in the order of the paper's section V."""
         # prediction of paths and amplitudes, eqs. (13), (14)
-        rays, predicted = foresee(
-            self.bank, self.sight, self.belief, self.anchors, heard.anchor, self.most_bounces
-        )
+        rays, predicted, recipe = foresee(
+            self.bank, self.sight, self.belief, self.anchors, heard.anchor, self.most_bounces, self.particles,
+            np.empty((len(self.belief.mean), 0)),
+        )  # fmt: skip
         distance = predicted.value[:, 0]
         amplitudes = self.amplitudes.predict(rays, self.bank.identity, distance)
         # measurement evaluation, births, data association, updates of agent, surfaces and rays
-        recipe = self.particles.recipe(self.belief)
         said, _, births = self._exchange(heard, rays, predicted, amplitudes, np.ones(len(rays)), recipe)
         # amplitudes, eq. (26); what was seen; new surfaces
         self.amplitudes.correct(

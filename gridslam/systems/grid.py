@@ -61,10 +61,10 @@ class GridSlam(SurfaceSlam):
     def _take_in(self, heard: Heard) -> None:
         """Messages of one anchor, in the paper's order (section IV; model.md, sections 2.1 to 2.6)."""
         # prediction: paths, their validity in the grid, eq. (1), and amplitudes, eq. (2)
-        rays, predicted = foresee(
-            self.bank, self.sight, self.belief, self.anchors, heard.anchor, self.most_bounces
-        )
-        recipe = self.particles.recipe(self.belief, self._draw.standard_normal((len(self.belief.mean), RAYS)))
+        rays, predicted, recipe = foresee(
+            self.bank, self.sight, self.belief, self.anchors, heard.anchor, self.most_bounces, self.particles,
+            self._draw.standard_normal((len(self.belief.mean), RAYS)),
+        )  # fmt: skip
         drawn, products = self.cells.see(rays, recipe.few, self.anchors, self.bank.reflection)
         amplitudes = Reflected(products, self.signal)
         # measurement evaluation, births, data association, updates of agent, surfaces and rays

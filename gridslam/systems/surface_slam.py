@@ -186,10 +186,11 @@ class SurfaceSlam:
         vague = relocation.is_vague(self.belief)
         if count < ENOUGH and not vague:
             return
-        rays, predicted = paths_now(self.bank, self.sight, self.belief, self.anchors, most_bounces=1)
-        lost = self.watch.lost(count, relocation.near_paths(scans, rays, predicted, self.told))
+        near = relocation.near_paths(scans, self.bank, self.belief, self.anchors, self.told)
+        lost = self.watch.lost(count, near)
         if not (lost or vague):
             return
+        rays, _ = paths_now(self.bank, self.sight, self.belief, self.anchors, most_bounces=1)
         sources = relocation.sources(rays, self.belief, self.places, self.bank.reflection @ REFLECTION_BINS)
         belief = self.belief
         if lost:

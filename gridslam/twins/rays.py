@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from gridslam.geometry import wrap
 from gridslam.twins.gaussian import predict
+from gridslam.twins.paths import prepare
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
@@ -36,9 +37,15 @@ def listed(
 
 def foresee(
     only: int, bounces: int, stay: float, appear: float, mean: Array, covariance: Array, places: Array,
-    surface: Array, owner: Long, sight: Array, single: Array, double: Array,
+    surface: Array, owner: Long, sight: Array, single: Array, double: Array, share: float = 1.0,
+    points: Array | None = None,
 ) -> tuple[Whole, Array, Array, Array]:  # fmt: skip
-    """Twin of `kernels.rays.foresee`: paths, existence of ray and of surfaces, prediction (L, 12)."""
+    """Twin of `kernels.rays.foresee`: paths, existence of ray and of surfaces, prediction (L, 12).
+
+    What it drafts by `points` is that of `prepare`, and isn't told.
+    """
+    if points is not None:
+        prepare(mean, covariance, share, points)
     anchors = [only] if only >= 0 else range(len(places))
     parts = [listed(anchor, bounces, surface, owner, sight, single, double) for anchor in anchors]
     path, existence, surfaces = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -48,9 +55,14 @@ def foresee(
 
 
 def near(
-    path: Whole, surfaces: Array, predicted: Array, start: Whole, heard: Array, radio: Array
-) -> NDArray[np.bool_]:
+    mean: Array, covariance: Array, places: Array, surface: Array, owner: Long, start: Whole, heard: Array,
+    radio: Array,
+) -> NDArray[np.bool_]:  # fmt: skip
     """Twin of `kernels.rays.near`: which measurements are loud and lie near a path, (M,)."""
+    none = np.zeros((len(places), len(surface)))
+    path, _, surfaces, predicted = foresee(
+        -1, 1, 1.0, 0.0, mean, covariance, places, surface, owner, none.sum(1), none, none[:, None]
+    )
     anchor = np.repeat(np.arange(len(radio)), np.diff(start))
     amplitude = np.where(heard[:, 6] >= 0, heard[:, 6], radio[anchor, 9])
     std = np.empty((len(heard), 3))

@@ -9,6 +9,7 @@ from gridslam.geometry import canonical, sfv, sfv_covariance
 from gridslam.inference.belief import AGENT, Belief
 from gridslam.inference.particles import at_mean
 from gridslam.twins.paths import polylines
+from gridslam.twins.rays import foresee
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
@@ -16,10 +17,10 @@ BINS: Array = (np.arange(20) + 0.5) / 20
 
 
 def describe(
-    mean: Array, covariance: Array, extent: Array, reflection: Array, path: Whole, existence: Array,
-    surfaces: Array, places: Array,
-) -> tuple[Array, NDArray[np.intp], Array]:  # fmt: skip
-    """Twin of `kernels.readout.describe`: table (S, 16), paths told of, and their corners (T, 4, 2)."""
+    mean: Array, covariance: Array, extent: Array, reflection: Array, bounces: int, places: Array,
+    surface: Array, owner: NDArray[np.int64], sight: Array, single: Array, double: Array,
+) -> tuple[Array, Whole, Array, Array, Array]:  # fmt: skip
+    """Twin of `kernels.readout.describe`: table (S, 16); paths, existence, prediction, corners (T, 4, 2)."""
     line, count = mean[AGENT:].reshape(-1, 2), len(extent)
     spread = np.stack([covariance[n : n + 2, n : n + 2] for n in range(AGENT, len(mean), 2)] or [np.eye(2)])[
         :count
@@ -37,6 +38,9 @@ def describe(
         ],
         1,
     )  # fmt: skip
+    path, existence, surfaces, predicted = foresee(
+        -1, bounces, 1.0, 0.0, mean, covariance, places, surface, owner, sight, single, double
+    )
     corners, valid = polylines(at_mean(Belief(mean, covariance)).state, path, places)
-    told = np.flatnonzero((existence * surfaces > 0.5) & (valid[:, 0] > 0.5))
-    return table, told, corners[told, 0]
+    told = (existence * surfaces > 0.5) & (valid[:, 0] > 0.5)
+    return table, path[told], (existence * surfaces)[told], predicted[told], corners[told, 0]
