@@ -78,12 +78,30 @@ def room(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> Resident:
 
 
 def scratch(site: str, shape: tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray[Any]:
-    """An array for one launch, with anything in it: this thread's last one of the site, if it fits."""
+    """An array with anything in it: this thread's last one of the site, if it has the shape.
+
+    What it held is lost at the next call for the site. Kernels that get the same array again start sooner.
+    """
     kept = _spare.__dict__
     array = kept.get(site)
     if array is None or array.shape != shape:
         array = kept[site] = np.empty(shape, dtype)
     return array
+
+
+def scratch_room(site: str, shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> Resident:
+    """The same where the device has it."""
+    return scratch(site, shape, dtype) if start() == "cpu" else room(shape, dtype)
+
+
+def head(site: str, array: NDArray[Any], count: int) -> NDArray[Any]:
+    """The first rows of an array of `scratch`: the same view as last time, if there are as many."""
+    kept = _spare.__dict__
+    known = kept.get(site)
+    if known is None or known[0] is not array or len(known[1]) != count:
+        known = kept[site] = array, array[:count]
+    view: NDArray[Any] = known[1]
+    return view
 
 
 def on_host(held: Resident) -> NDArray[Any]:

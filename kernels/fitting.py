@@ -15,9 +15,9 @@ WORST = 30.0
 
 @ti.func
 def fit(
-    path: ti.template(), index: ti.template(), pair: ti.template(), predicted: ti.template(),
-    share: ti.template(), message: ti.template(), heard: ti.template(), blocks: ti.template(),
-    radio: ti.template(), anchor, turned, sums: ti.template(),
+    path: ti.template(), start: ti.template(), index: ti.template(), pair: ti.template(),
+    predicted: ti.template(), share: ti.template(), message: ti.template(), heard: ti.template(),
+    blocks: ti.template(), radio: ti.template(), anchor, turned, sums: ti.template(),
 ):  # fmt: skip
     """Add what the pairs say that are sure; explained are the loud measurements that some path caused.
 
@@ -33,7 +33,7 @@ def fit(
                 total += message[RESPONSIBLE, row, m]
             add[4] += ti.min(total, 1.0)
             add[5] += 1.0
-    for k in range(share.shape[0]):
+    for k in range(start[paths]):
         if share[k] > SURE:
             row, m = index[k, 0], index[k, 1]
             core, value = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)

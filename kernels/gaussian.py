@@ -225,7 +225,7 @@ def correct(
     by S g, and all of them together change the covariance by S C S', where C is 3 x 3. Arguments as of
     `kernels.updates.update`.
     """
-    for k in range(share.shape[0]):
+    for k in range(start[path.shape[0]]):
         share[k] = 0.0
     for row in range(path.shape[0]):
         total = ti.cast(0.0, ti.f64)
@@ -236,5 +236,5 @@ def correct(
     for turn in range(sorted_by(odds, UNHEARD, path.shape[0])):
         row = ti.cast(odds[ORDER, turn], ti.i32)
         correct_by(row, mean, covariance, path, start, index, pair, odds, message, places, scratch, share)
-    for k in range(share.shape[0]):
+    for k in range(start[path.shape[0]]):
         message[RESPONSIBLE, index[k, 0], index[k, 1]] = share[k]

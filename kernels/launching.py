@@ -20,6 +20,8 @@ from gridslam.kernels.device import ON_CPU
 
 _one_at_a_time = threading.RLock()
 ndarray, HEAD, NOTHING = np.ndarray, object.__basicsize__, object()
+MOST_KEPT, KEYS = 6, ("path", "radio")
+"""Launches of a kernel that a thread keeps side by side; arguments that tell them apart, anchors mostly."""
 PRIVATE = ("arguments", "compiled_kernels", "runtime")
 """What a kernel of Taichi 1.7 keeps of itself."""
 
@@ -34,15 +36,15 @@ def quick(kernel):
 
     Notes
     -----
-    A thread keeps the arguments of its last launch of each kernel, and takes an array that it keeps for
-    unchanged: nobody may give it another shape, type or size in place.
+    A thread keeps the arguments of its last launches of each kernel, one for each of the last few anchors,
+    and takes an array that it keeps for unchanged: nobody may give it another shape, type or size in place.
     """
     primal = getattr(kernel, "_primal", None)
     if not all(hasattr(primal, name) for name in PRIVATE):
         return kernel  # a Taichi that keeps these elsewhere
     kinds = [_kind(argument.annotation) for argument in primal.arguments]
     places = [(place,) for place in range(len(kinds))]
-    own = threading.local()
+    own, key = threading.local(), _key(primal.arguments)
 
     @wraps(kernel)
     def launch(*arguments):
@@ -53,9 +55,7 @@ def quick(kernel):
             return kernel(*arguments)
         (code,) = compiled.values()
         program = primal.runtime.prog
-        kept = getattr(own, "kept", None)
-        if kept is None or kept.code is not code or kept.program is not program:
-            kept = own.kept = _Kept(code, program, len(kinds))
+        kept = _kept(own, code, program, arguments, key)
         context, handed = kept.context, kept.handed
         if not ON_CPU:
             context, handed = code.make_launch_context(), [NOTHING] * len(kinds)
@@ -65,6 +65,30 @@ def quick(kernel):
         return program.launch_kernel(kept.machine, context)
 
     return launch
+
+
+def _key(arguments):
+    """Which argument tells launches apart that are kept side by side; None for one launch alone."""
+    names = [argument.name for argument in arguments]
+    return next((names.index(name) for name in KEYS if name in names), None)
+
+
+def _kept(own, code, program, arguments, key):
+    """The launch that a thread keeps for such a key; else a new one, or the one not used for longest."""
+    launches = own.__dict__.setdefault("launches", [])
+    if launches and (launches[0].code is not code or launches[0].program is not program):
+        launches.clear()
+    if key is None and launches:
+        return launches[0]
+    found = next((one for one in launches if one.handed[key] is arguments[key]), None)
+    if found is None and len(launches) < MOST_KEPT:
+        found = _Kept(code, program, len(arguments))
+        launches.append(found)
+    kept = found or launches[-1]
+    if kept is not launches[0]:
+        launches.remove(kept)
+        launches.insert(0, kept)
+    return kept
 
 
 class _Kept:

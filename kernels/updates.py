@@ -35,7 +35,7 @@ def update(
     sight: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J] in/out: existence of lines of sight
     single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] in/out: of rays over one surface
     double: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [J, S, S] in/out: over (last, first)
-    share: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K] out: probability of each association
+    share: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K or more] out: probability of each association
     sums: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 9] in/out: see `kernels.SUMS`
 ):
     """Associate, correct agent and surfaces, update what exists, and note how well all that fits."""
@@ -44,5 +44,5 @@ def update(
         if rounds > 0:
             exchange(odds, message, measured, rounds)
         correct(mean, covariance, path, start, index, pair, odds, message, places, scratch, share)
-        fit(path, index, pair, predicted, share, message, heard, blocks, radio, anchor, turned, sums)
+        fit(path, start, index, pair, predicted, share, message, heard, blocks, radio, anchor, turned, sums)
         exist(path, odds, message, scratch, surface, sight, single, double)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +93,9 @@ class Cells:
         return self._frames[more]
 
     def see(self, rays: Rays, cloud: Cloud, anchors: Array, surface: Array) -> tuple[Polylines, Array]:
-        """Draw rays at all states of a cloud, and cast them: V of every path, eq. (1), and coefficients.
+        """Draw an anchor's rays at all states of a cloud, and cast them: V, eq. (1), and coefficients.
+
+        What is told lasts until the same anchor's rays are seen again.
 
         Parameters
         ----------
@@ -107,8 +109,10 @@ class Cells:
             ``(n + 1) / (2 BINS)``. A hit's own is made up of what surface and cells there believe, and of
             room for a surprise.
         """
-        belief = np.empty((len(rays), 2 * BINS))
-        return self._cast(rays, cloud, anchors, np.zeros((len(rays), 2)), 0.0, surface, belief), belief
+        site = f"seen {rays.table[0, 3]}" if len(rays) else "seen"
+        belief = runtime.scratch(f"{site} products", (len(rays), 2 * BINS))
+        factor = _silent(len(rays))
+        return self._cast(site, rays, cloud, anchors, factor, 0.0, surface, belief), belief
 
     def glance(
         self, mean: Array, anchor: int, anchors: Array, born: NDArray[np.int32], told: Array, measured: Array
@@ -134,6 +138,8 @@ class Cells:
     ) -> Polylines:
         """Add the messages of paths to their cells, eqs. (43)-(45); `absorb` folds them in.
 
+        What is drawn lasts until the next call.
+
         Parameters
         ----------
         worth : (L,)
@@ -144,12 +150,13 @@ class Cells:
             Share of the states at which a path must be possible to tell anything.
         """
         self._pending = True
-        factor, none = np.stack([worth, send.astype(np.float64)], -1), _none()
-        return self._cast(rays, cloud, anchors, factor, least, none, none)
+        factor, none = runtime.scratch("told factor", (len(rays), 2)), _none()
+        factor[:, 0], factor[:, 1] = worth, send
+        return self._cast("told", rays, cloud, anchors, factor, least, none, none)
 
     def _cast(
-        self, rays: Rays, cloud: Cloud, anchors: Array, factor: Array, least: float, surface: Array,
-        belief: Array,
+        self, site: str, rays: Rays, cloud: Cloud, anchors: Array, factor: Array, least: float,
+        surface: Array, belief: Array,
     ) -> Polylines:  # fmt: skip
         runtime.start()
         from gridslam.kernels.cells import cast
@@ -158,14 +165,14 @@ class Cells:
         if len(belief):
             rays.check(len(surface))
         state = cloud.state
-        drawn, seen = np.empty((0, 14)), np.empty((len(rays), 6))
+        drawn, seen = np.empty((0, 14)), runtime.scratch(f"{site} means", (len(rays), 6))
         if len(rays):
-            drawn = runtime.room((len(rays) * state.shape[1], 14), np.float64)
+            drawn = runtime.scratch_room(f"{site} rays", (len(rays) * state.shape[1], 14), np.float64)
             cast(
                 state,
                 rays.table,
                 anchors,
-                np.ascontiguousarray(factor, dtype=np.float64),
+                factor,
                 self.occupied(),
                 self.frame(OUTSIDE, EVIDENCE_CLIP, least, OTHER_MATERIAL),
                 self.held,
@@ -204,6 +211,12 @@ class Cells:
             self.observed.view(np.uint8), self._occupied,
         )  # fmt: skip
         self._evidence, self._stale = fresh, False
+
+
+@lru_cache(64)
+def _silent(count: int) -> Array:
+    """Factors of paths that send no messages."""
+    return np.zeros((count, 2))
 
 
 @cache

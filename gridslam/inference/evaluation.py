@@ -16,6 +16,8 @@ from gridslam.inference.rays import Rays
 from gridslam.kernels import PATH_BLOCK, tables
 
 Array = NDArray[np.float64]
+PORTION = 16
+"""Room for measurements comes in portions."""
 
 
 @dataclass(frozen=True)
@@ -24,32 +26,35 @@ class Pairs:
 
     Attributes
     ----------
-    index : (K, 2) int32
-        Path and measurement.
+    count : int
+        K.
     start : (L + 1,) int32
         Where the pairs of each path begin.
-    pair : (K, 8)
+    index : (K or more, 2) int32
+        Path and measurement.
+    pair : (K or more, 8)
         Measured distance, AoD, AoA; their variances (m^2, rad^2), `UNMEASURED` for none; density, which is
         what isn't geometry (amplitude over clutter, and the constants of factors left out); determinant of a
         particle's covariance.
     """
 
-    index: NDArray[np.int32]
+    count: int
     start: NDArray[np.int32]
+    index: NDArray[np.int32]
     pair: Array
 
     def __len__(self) -> int:
-        return len(self.index)
+        return self.count
 
     @property
     def path(self) -> NDArray[np.int32]:
         """Path of every pair, (K,)."""
-        return self.index[:, 0]
+        return self.index[: self.count, 0]
 
     @property
     def measurement(self) -> NDArray[np.int32]:
         """Measurement of every pair, (K,)."""
-        return self.index[:, 1]
+        return self.index[: self.count, 1]
 
 
 @dataclass(frozen=True)
@@ -123,7 +128,8 @@ class Evaluation:
 
     def against(self, clutter: float) -> None:
         """Make it, in place, what it is against a clutter level `clutter` times as high."""
-        for told in (self.pairs.pair[:, 6], self.message[tables.RATIO], self.beta, self.explained):
+        pair = self.pairs.pair[: len(self.pairs)]
+        for told in (pair[:, 6], self.message[tables.RATIO], self.beta, self.explained):
             told /= clutter
 
 
@@ -132,6 +138,8 @@ def evaluate(
     table: DetectionTable, radio: Array, recipe: Recipe, anchors: Array,
 ) -> tuple[Cloud, Evaluation]:  # fmt: skip
     """Pick pairs by distance and angles, draw the particles, and evaluate pairs and paths at them.
+
+    What is told lasts until the same anchor's next evaluation, particles until the next of any.
 
     Parameters
     ----------
@@ -149,18 +157,27 @@ def evaluate(
     if particles % PATH_BLOCK:
         raise ValueError(f"{particles} particles: whole blocks of {PATH_BLOCK} are needed")
     rays.check(rows // 3 - 1, len(anchors))
-    most = max(paths * count, 1)
-    odds, message, measured = np.empty((11, paths)), np.empty((5, paths, count)), np.empty((4, count))
+    anchor, broad = heard.anchor, -(-count // PORTION) * PORTION  # shapes that last
+    most = max(paths * broad, 1)
+    odds, start = (
+        runtime.scratch(f"odds {anchor}", (11, paths)),
+        runtime.scratch(f"start {anchor}", (paths + 1,), np.int32),
+    )
+    index, pair = (
+        runtime.scratch(f"index {anchor}", (most, 2), np.int32),
+        runtime.scratch(f"pair {anchor}", (most, 8)),
+    )
+    message, measured = np.empty((5, paths, count)), np.empty((4, count))
+    state = runtime.scratch_room("state", (rows, particles))
+    blocks = runtime.scratch_room(f"blocks {anchor}", (paths + most, particles // PATH_BLOCK))
     odds[tables.EXISTENCE], odds[tables.SURFACES], odds[tables.OPEN] = rays.existence, rays.surfaces, validity
-    start, index, pair = np.empty(paths + 1, np.int32), np.empty((most, 2), np.int32), np.empty((most, 8))
-    state, blocks = runtime.room((rows, particles)), runtime.room((paths + most, particles // PATH_BLOCK))
     launch(
         amplitudes.probability, nodes, float(amplitudes.spreading), predicted.whole, heard.table,
         table.chance, table.step, radio, recipe.kept, recipe.root, recipe.base, recipe.points, rays.table,
-        anchors, runtime.scratch("density", (2, count, len(nodes))),
-        runtime.scratch("strength", (2, paths, count)), runtime.scratch("gated", (most, 11), np.float32),
-        odds, start, index, pair, state, blocks, message, measured,
+        anchors, runtime.scratch("density", (2, broad, len(nodes))),
+        runtime.scratch(f"strength {anchor}", (2, paths, broad)),
+        runtime.scratch(f"gated {anchor}", (most, 11), np.float32), odds, start, index, pair, state, blocks,
+        message, measured,
     )  # fmt: skip
-    found = int(start[-1])
-    pairs = Pairs(index[:found], start, pair[:found])
+    pairs = Pairs(int(start[-1]), start, index, pair)
     return Cloud(state, recipe.kept), Evaluation(pairs, blocks, odds, message, measured)

@@ -106,12 +106,12 @@ class Draft(NamedTuple):
     failed: NDArray[np.int32]
 
     @classmethod
-    def of(cls, belief: Belief, points: Array) -> Draft:
-        """Room for a belief, and for exact samples by standard normal `points` (N, R)."""
-        size, samples = points.shape
+    def of(cls, size: int, samples: int) -> Draft:
+        """Room for a belief of so many entries, and so many exact samples; the last one's is taken again."""
         return cls(
-            runtime.scratch("root", (size, size)), np.empty((size, size), np.float32),
-            np.empty((size, 3), np.float32), np.empty((3 + 3 * ((size - AGENT) // 2), samples)),
+            runtime.scratch("whole root", (size, size)), runtime.scratch("root", (size, size), np.float32),
+            runtime.scratch("base", (size, 3), np.float32),
+            runtime.scratch("few", (3 + 3 * ((size - AGENT) // 2), samples)),
             runtime.scratch("no root", (1,), np.int32),
         )  # fmt: skip
 
@@ -136,10 +136,11 @@ class Draft(NamedTuple):
         return self.drawn(belief, kept, points)
 
 
-def sample(belief: Belief, count: int, draw: np.random.Generator) -> Cloud:
-    """Draw exact samples (nothing kept)."""
-    points = draw.standard_normal((len(belief.mean), count))
-    return Draft.of(belief, points).prepared(belief, 0.0, points)[2]
+def sample(belief: Belief, points: Array) -> Cloud:
+    """Exact samples (nothing kept) by standard normal points (N, R)."""
+    size, count = points.shape
+    state = np.empty((3 + 3 * len(belief.lines), count))
+    return Draft.of(size, 0)._replace(state=state).prepared(belief, 0.0, points)[2]
 
 
 def needed(belief: Belief) -> float:

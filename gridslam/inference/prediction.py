@@ -46,6 +46,8 @@ def foresee(
 ) -> tuple[Rays, Prediction, Recipe]:  # fmt: skip
     """All paths worth a look from `anchor`, with their existence one step ahead, and as they are predicted.
 
+    What is told lasts until the anchor's paths are foreseen again, the recipe until those of any are.
+
     Parameters
     ----------
     sight : (J,)
@@ -85,14 +87,19 @@ def _listed(
     bank.check(belief, places, len(sight))
     # line of sight, S single and S (S - 1) double bounces
     room = (places if anchor < 0 else 1) * (1 + count * count)
-    table, found = np.empty((room, 4), np.int32), runtime.scratch("found", (1,), np.int32)
-    existence, surfaces, predicted = np.empty(room), np.empty(room), np.empty((room, 12))
-    mean, covariance, ready = belief.mean, belief.covariance, Draft.of(belief, points)
+    table = runtime.scratch(f"paths {anchor}", (room, 4), np.int32)
+    existence = runtime.scratch(f"existence {anchor}", (room,))
+    surfaces = runtime.scratch(f"surfaces {anchor}", (room,))
+    predicted = runtime.scratch(f"predicted {anchor}", (room, 12))
+    found = runtime.scratch("found", (1,), np.int32)
+    mean, covariance, ready = belief.mean, belief.covariance, Draft.of(*points.shape)
     foresee(
         anchor, most_bounces, stay, appear, mean, covariance, anchors, bank.existence, bank.owner, sight,
         bank.single, bank.double, math.sqrt(1 - kept), points, *ready, table, existence, surfaces, predicted,
         found,
     )  # fmt: skip
     count = int(found[0])
-    rays = Rays(table[:count], existence[:count], surfaces[:count], among)
-    return rays, Prediction(predicted[:count]), ready.drawn(belief, kept, points)
+    table = runtime.head(f"path {anchor}", table, count)
+    predicted = runtime.head(f"prediction {anchor}", predicted, count)
+    rays = Rays(table, existence[:count], surfaces[:count], among)
+    return rays, Prediction(predicted), ready.drawn(belief, kept, points)

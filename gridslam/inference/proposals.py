@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from gridslam import runtime
 from gridslam.inference.belief import AGENT, Belief
 from gridslam.inference.births import Births
 from gridslam.inference.cells import Cells
-from gridslam.inference.evaluation import Evaluation
+from gridslam.inference.evaluation import PORTION, Evaluation
 from gridslam.inference.heard import Heard
 from gridslam.inference.particles import Cloud
 from gridslam.inference.surfaces import Bank
@@ -23,16 +23,21 @@ SAMPLES = 256
 
 def partners(bank: Bank, belief: Belief, most_bounces: int) -> NDArray[np.int32]:
     """Pairs (last, first) of known surfaces with which a new one may form a path, -1 for the new, (H, 2)."""
-    if most_bounces < 1:
-        return np.zeros((0, 2), np.int32)
-    pairs = [(-1, -1)]
+    pairs = [(-1, -1)] if most_bounces >= 1 else []
     if most_bounces >= 2:
         spread = belief.covariance.diagonal()[AGENT + 1 :: 2].tolist()
         for s, told in enumerate(zip(bank.existence.tolist(), bank.seen.tolist(), spread, strict=True)):
             existence, seen, variance = told
             if existence > 0.9 and seen >= 3 and variance < CONVERGED_STD_M**2:
                 pairs += [(-1, s), (s, -1)]
-    return np.array(pairs, np.int32)
+    return _known(tuple(pairs))
+
+
+@lru_cache(64)
+def _known(pairs: tuple[tuple[int, int], ...]) -> NDArray[np.int32]:
+    known = np.array(pairs, np.int32).reshape(-1, 2)
+    known.setflags(write=False)
+    return known
 
 
 def propose(
@@ -43,7 +48,7 @@ def propose(
 
     Surfaces are born uniformly over all lines that cross the region (angle and offset), at `births` per
     anchor and step; that measure doesn't depend on the frame. The sums over each measurement's are told to
-    `said.new`.
+    `said.new`. What is told lasts until the next call.
 
     Parameters
     ----------
@@ -62,12 +67,15 @@ def propose(
     known, count, surfaces = partners(bank, belief, most_bounces), len(heard), len(belief.lines)
     if len(bank) != surfaces or cloud.surfaces != surfaces or not 0 <= heard.anchor < len(anchors):
         raise ValueError("surfaces or anchors don't belong together")
-    most = count * len(known)
-    born, told = np.empty((1 + most, 3), np.int32), np.empty((most, 3))
+    room, hypotheses = -(-count // PORTION) * PORTION, len(known)
+    born = runtime.scratch("born", (1 + room * hypotheses, 3), np.int32)
+    told, ratio = (
+        runtime.scratch("births", (room * hypotheses, 3)),
+        runtime.scratch("birth", (room, hypotheses)),
+    )
     launch(
-        cloud.state, _noise(len(known)), belief.mean, heard.table, known, heard.anchor, anchors, radio,
-        births / (4 * np.pi * radius_m), runtime.scratch("birth", (count, len(known))), said.measured, born,
-        told,
+        cloud.state, _noise(hypotheses), belief.mean, heard.table, known, heard.anchor, anchors, radio,
+        births / (4 * np.pi * radius_m), ratio, said.measured, born, told,
     )  # fmt: skip
     if cells is not None and born[0, 0]:
         cells.glance(belief.mean, heard.anchor, anchors, born, told, said.measured)

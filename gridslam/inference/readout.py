@@ -64,7 +64,8 @@ def _described(
     bank.check(belief, places, len(sight))
     count = len(bank)
     most = 1 + places * (1 + count * count)
-    table, path, existence = np.empty((count, 16)), np.empty((most, 4), np.int32), np.empty(most)
+    table, existence = np.empty((count, 16)), np.empty(most)
+    path = runtime.scratch("told paths", (most, 4), np.int32)
     predicted, drawn, told = (
         np.empty((most, 12)),
         np.empty((most, 13)),

@@ -54,7 +54,7 @@ def update(
     rays.check(len(bank), len(anchors))
     pairs, mean, covariance = said.pairs, belief.mean.copy(), belief.covariance.copy()
     bank.existence = bank.existence.copy()  # estimates keep what it was
-    share, rounds = np.empty(len(pairs)), ROUNDS
+    share, rounds = runtime.scratch(f"share {heard.anchor}", (len(pairs.index),)), ROUNDS
     if given is not None:
         (said.message[tables.NU], said.measured[tables.CLAIMED]), rounds = given, 0
     launch(
@@ -64,4 +64,4 @@ def update(
         runtime.scratch("update", (len(mean), 6)), said.message, said.measured, bank.existence, sight,
         bank.single, bank.double, share, watch.fits,
     )  # fmt: skip
-    return Belief(mean, covariance), share
+    return Belief(mean, covariance), share[: len(pairs)]

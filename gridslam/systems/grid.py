@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam import runtime
 from gridslam.inference import surfaces
 from gridslam.inference.cells import Cells
 from gridslam.inference.heard import Heard
@@ -63,7 +64,7 @@ class GridSlam(SurfaceSlam):
         # prediction: paths, their validity in the grid, eq. (1), and amplitudes, eq. (2)
         rays, predicted, recipe = foresee(
             self.bank, self.sight, self.belief, self.anchors, heard.anchor, self.most_bounces, self.particles,
-            self._draw.standard_normal((len(self.belief.mean), RAYS)),
+            self._points(),
         )  # fmt: skip
         drawn, products = self.cells.see(rays, recipe.few, self.anchors, self.bank.reflection)
         amplitudes = Reflected(products, self.signal)
@@ -72,6 +73,12 @@ class GridSlam(SurfaceSlam):
         # what cells and coefficients are to be told; new surfaces
         self._to_tell.append(Part(heard, rays, predicted.value[:, 0], said, share))
         self._bear(heard, births, said.claimed)
+
+    def _points(self) -> Array:
+        """Standard normal points of sampled states, which last until the next call."""
+        points = runtime.scratch("points", (len(self.belief.mean), RAYS))
+        self._draw.standard_normal(out=points)
+        return points
 
     def _space(self) -> Cells:
         return self.cells
@@ -86,7 +93,7 @@ class GridSlam(SurfaceSlam):
         """Messages to the cells that each path crosses or meets, eqs. (43) to (45), and to coefficients."""
         rays = told.rays
         belief = rays.surfaces * rays.existence
-        few = sample(self.belief, RAYS, self._draw)
+        few = sample(self.belief, self._points())
         worth, send = belief * told.worth + 1 - belief, belief > 0.1
         drawn = self.cells.tell(rays, few, self.anchors, worth, send, MOSTLY_POSSIBLE)
         send &= drawn.possible > MOSTLY_POSSIBLE
