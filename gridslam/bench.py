@@ -12,7 +12,7 @@ import numpy as np
 from gridslam import runtime
 from gridslam.bench_course import PeakMemory, heard, run
 from gridslam.bench_growth import Growth, fitted, growth
-from gridslam.bench_kernels import KernelSpeed, compete, largest_launches
+from gridslam.bench_kernels import IdleLaunches, KernelSpeed, compete, largest_launches
 from gridslam.bench_stages import KERNEL, Stopwatch
 from gridslam.bench_start import Machine, StartUp, machine, start_up
 from gridslam.mapping import METHODS
@@ -57,7 +57,7 @@ class Plan:
     before: int = 12
     timed: int = 20
     later: int = 150
-    watched: int = 6
+    watched: int = 20
     kernel_particles: int = 10_000
     kernel_before: int = 60
     kernel_s: float = 1.0
@@ -177,7 +177,7 @@ def measure(
     alcove = Scene.load("alcove")
     cases = largest_launches(alcove.with_filter(particles=plan.kernel_particles), plan.kernel_before)
     kernels = [compete(name, "alcove", case, plan.kernel_s) for name, case in sorted(cases.items())]
-    launch = {kernel.name: 1e-6 * kernel.launch_us for kernel in kernels}
+    idle = IdleLaunches(cases)
     canyon = Scene.load("canyon").with_filter(particles=plan.kernel_particles)
     large = largest_launches(canyon, plan.kernel_before)["cast"]
     kernels.append(compete("cast", "canyon", large, plan.kernel_s))
@@ -185,7 +185,7 @@ def measure(
     for method, name, particles, before in kinds:
         next_part()
         scene = Scene.load(name).with_filter(particles=particles)
-        steps.append(_steps(scene, method, plan, before, launch))
+        steps.append(_steps(scene, method, plan, before, idle))
     next_part()
     on_alcove = [s for s in steps if (s.method, s.scene) == ("grid", "alcove")]
     by_particles = fitted(
@@ -199,14 +199,17 @@ def measure(
     return Speed(plan, here, tuple(kernels), tuple(steps), grown, started, time.perf_counter() - began)
 
 
-def _steps(scene: Scene, method: str, plan: Plan, before: int, launch: dict[str, float]) -> StepSpeed:
+def _steps(scene: Scene, method: str, plan: Plan, before: int, idle: IdleLaunches) -> StepSpeed:
     """Run a method from the start, time the steps after `before`, and split some more by stage."""
     scans = heard(scene, before + plan.timed + plan.watched)
     memory, slam = PeakMemory(), METHODS[method](scene, seed=1)
     course = run(slam.step, scans[: -plan.watched], memory)
+    launch = [idle.seconds()]  # of this very minute: before, and after
     with Stopwatch().watching() as watch:
         whole = sum(run(slam.step, scans[-plan.watched :], memory).took)
-    stages = watch.of_step(whole, plan.watched, launch)
+    launch.append(idle.seconds())
+    usual = {name: 0.5 * (launch[0][name] + launch[1][name]) for name in launch[0]}
+    stages = watch.of_step(whole, plan.watched, usual)
     in_kernels = sum(seconds for name, seconds in stages.items() if name.startswith(KERNEL))
     median = float(np.median(course.took[before:]))
     return StepSpeed(

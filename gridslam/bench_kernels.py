@@ -5,7 +5,8 @@ from __future__ import annotations
 import inspect
 import itertools
 import time
-from collections.abc import Callable, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,15 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime, twins
-from gridslam.bench_stages import Function, kernels, replaced
+from gridslam.bench_stages import Function, kernels, modules, replaced
 from gridslam.mapping import METHODS
 from gridslam.measurements import Scan
 from gridslam.scene import Scene
 from gridslam.simulate import simulate
 
 Array = NDArray[Any]
-Case = dict[str, Any]
-"""Arguments of one launch, by name."""
+
+
+class Case(dict[str, Any]):
+    """Arguments of one launch, by name.
+
+    Attributes
+    ----------
+    lasting : frozenset of str
+        Those that an earlier launch got, too: the very same arrays.
+    """
+
+    lasting: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -111,7 +122,7 @@ class Contest:
     twin: Function
     units: Callable[[Case], int]
     rows: tuple[str, ...] = ("path",)
-    given: Callable[[Case], Case] = lambda case: {}
+    given: Callable[[Case], dict[str, Any]] = lambda case: {}
     size: Callable[[Case], int] | None = None
     changes: tuple[str, ...] = ()
 
@@ -140,7 +151,7 @@ def _surfaces(case: Case) -> int:
     return len(case["surface"])
 
 
-def _cast_twin(case: Case) -> Case:
+def _cast_twin(case: Case) -> dict[str, Any]:
     """What was drawn of the sending paths; the kernel draws them itself, and casts the others for V alone."""
     rows, bounces = _senders(case), _bounces(case)
     drawn = case["drawn"].reshape(len(case["path"]), -1, 14)
@@ -210,7 +221,7 @@ def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Ca
     scans = list(simulate(scene, scene.agents[0].name, seed=1))[: steps + watched]
     found = _launches("adaptive", scene, scans, steps) | _launches("grid", scene, scans, steps)
     names = inspect.signature(kernels()["associate"]).parameters
-    return found | {"associate": {name: _copy(found["update"][name]) for name in names}}
+    return found | {"associate": Case((name, _copy(found["update"][name])) for name in names)}
 
 
 def _launches(method: str, scene: Scene, scans: Sequence[Scan], steps: int) -> dict[str, Case]:
@@ -218,21 +229,28 @@ def _launches(method: str, scene: Scene, scans: Sequence[Scan], steps: int) -> d
     for scan in scans[:steps]:
         slam.step(scan)
     best: dict[str, tuple[int, Case]] = {}
+    before: defaultdict[tuple[str, str], list[Any]] = defaultdict(list)
 
     def recorder(name: str, kernel: Function) -> Function:
         names = list(inspect.signature(kernel).parameters)
 
         def record(*arguments: Any) -> Any:
-            case = dict(zip(names, arguments, strict=True))
+            case = Case(zip(names, arguments, strict=True))
             contest = CONTESTS[name]
             size = (contest.size or contest.units)(case)
+            fresh = {
+                k for k, v in case.items() if not any(v is one for one in before.setdefault((name, k), []))
+            }
+            for key in fresh:
+                before[name, key].append(case[key])
             if name not in best or size > best[name][0]:
-                best[name] = size, {k: _copy(v) for k, v in case.items()}
+                best[name] = size, Case({k: _copy(v) for k, v in case.items()})
+            best[name][1].lasting = frozenset(case) - fresh
             return kernel(*arguments)
 
         return record
 
-    with replaced({id(k): (k, recorder(name, k)) for name, k in kernels().items()}):
+    with replaced({id(k): (k, recorder(name, k)) for name, k in kernels().items()}, modules("gridslam.")):
         for scan in scans[steps:]:
             slam.step(scan)
     return {name: case for name, (_, case) in best.items()}
@@ -253,8 +271,7 @@ def compete(name: str, scene: str, case: Case, seconds: float) -> KernelSpeed:
     kernel, contest = kernels()[name], CONTESTS[name]
 
     held = {key: runtime.on_host(value) for key, value in case.items() if hasattr(value, "shape")}
-    used = case | {key: _copy(case[key]) for key in contest.changes}
-    idle = used | {name: _none(name, held[name]) for name in contest.rows}
+    used, idle = Case(case | {key: _copy(case[key]) for key in contest.changes}), IdleLaunches({name: case})
 
     def launch(arguments: Case) -> None:
         kernel(*arguments.values())
@@ -268,21 +285,59 @@ def compete(name: str, scene: str, case: Case, seconds: float) -> KernelSpeed:
                 used[key].from_numpy(held[key])
 
     launch(used)  # compiled, and in the cache; what counts its units is there
-    case = case | {key: runtime.on_host(case[key]) for key in held}
+    case = Case(case | {key: runtime.on_host(case[key]) for key in held})
     units = contest.units(case)
-    known = case | contest.given(case)
+    known = {**case, **contest.given(case)}
     wanted = {key: known[key] for key in inspect.signature(contest.twin).parameters}
-    launch(idle)
     took = repeated(lambda: launch(used), seconds, before=restore)
-    # every array is another one than the time before, as in a filter
-    idles = itertools.cycle([idle, {name: _copy(value) for name, value in idle.items()}])
-    nothing = repeated(lambda: launch(next(idles)), 0.1 * seconds)
+    nothing = idle.seconds(0.1 * seconds)[name]
     twin = float(np.median(repeated(lambda: contest.twin(**wanted), seconds, 1)))
     median = float(np.median(took))
     return KernelSpeed(
         name, scene, contest.unit, units, median, min(took), twin, twin / median,
-        1e9 * median / max(units, 1), 1e6 * float(np.median(nothing)),
+        1e9 * median / max(units, 1), 1e6 * nothing,
     )  # fmt: skip
+
+
+class IdleLaunches:
+    """Launches of kernels that have nothing to do.
+
+    Parameters
+    ----------
+    cases : dict
+        One of every kernel, by its name.
+    """
+
+    def __init__(self, cases: dict[str, Case]) -> None:
+        from gridslam.kernels.launching import MOST_KEPT
+
+        self._cases: dict[str, list[Case]] = {}
+        for name, case in cases.items():
+            idle = Case(case | {key: _none(key, runtime.on_host(case[key])) for key in CONTESTS[name].rows})
+            # arrays are others than the time before, if they are in a filter
+            self._cases[name] = [
+                Case((key, value if key in case.lasting else _copy(value)) for key, value in idle.items())
+                for _ in range(MOST_KEPT + 1)
+            ]
+
+    def seconds(self, each: float = 0.01) -> dict[str, float]:
+        """Median of the launches of each kernel, which are repeated for so many seconds."""
+        import taichi as ti
+
+        from gridslam.kernels.device import ON_CPU
+
+        taken = {}
+        for name, cases in self._cases.items():
+            kernel, turn = kernels()[name], itertools.cycle(cases)
+
+            def launch(kernel: Function = kernel, turn: Iterator[Case] = turn) -> None:
+                kernel(*next(turn).values())
+                if not ON_CPU:
+                    ti.sync()
+
+            launch()
+            taken[name] = float(np.median(repeated(launch, each)))
+        return taken
 
 
 def repeated(

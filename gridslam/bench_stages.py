@@ -12,7 +12,7 @@ import pkgutil
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
@@ -54,16 +54,16 @@ def kernels() -> dict[str, Function]:
 
 
 @contextmanager
-def replaced(others: Mapping[int, tuple[Function, Function]]) -> Iterator[None]:
-    """Put other functions in the place of some, in every module of gridslam and the classes of inference.
+def replaced(others: Mapping[int, tuple[Function, Function]], homes: Sequence[Any]) -> Iterator[None]:
+    """Put other functions in the place of some.
 
     Parameters
     ----------
     others : mapping
         Identity of a function -> (the function itself, what stands for it meanwhile).
+    homes : sequence
+        Modules and classes that have them.
     """
-    homes: list[Any] = _modules("gridslam.")
-    homes += [c for module in _modules("gridslam.inference.") for c in _classes(module)]
     undo: list[tuple[Any, str, Any]] = []
     try:
         for home in homes:
@@ -99,17 +99,20 @@ class Stopwatch:
     @contextmanager
     def watching(self) -> Iterator[Stopwatch]:
         """Time whatever runs meanwhile."""
-        others: dict[int, tuple[Function, Function]] = {}
-        for name, kernel in kernels().items():
-            others[id(kernel)] = kernel, self._kernel(name, kernel)
-        for module in _modules("gridslam.inference."):
-            stage = STAGES.get(module.__name__.rpartition(".")[2], OTHER)
-            for home in (module, *_classes(module)):
+        launches = {id(kernel): (kernel, self._kernel(name, kernel)) for name, kernel in kernels().items()}
+        stages: dict[int, tuple[Function, Function]] = {}
+        classes = []
+        for module in modules("gridslam.inference."):
+            stage, own = STAGES.get(module.__name__.rpartition(".")[2], OTHER), _classes(module)
+            classes += own
+            for home in (module, *own):
                 for name, function in vars(home).items():
-                    own = inspect.isfunction(function) and function.__module__ == module.__name__
-                    if own and not name.startswith("_"):
-                        others[id(function)] = function, self._stage(stage, function)
-        with replaced(others):
+                    here = inspect.isfunction(function) and function.__module__ == module.__name__
+                    if here and not name.startswith("_"):
+                        stages[id(function)] = function, self._stage(stage, function)
+        # a stage is told by its outermost function, and every function that is watched takes longer
+        outermost = [*modules("gridslam.systems."), *classes]
+        with replaced(launches, modules("gridslam.")), replaced(stages, outermost):
             yield self
 
     def of_step(self, whole: float, steps: int, launch: Mapping[str, float]) -> dict[str, float]:
@@ -134,11 +137,14 @@ class Stopwatch:
     def _kernel(self, name: str, kernel: Function) -> Function:
         import taichi as ti
 
+        from gridslam.kernels.device import ON_CPU
+
         def timed(*arguments: Any) -> Any:
             began = time.perf_counter()
             try:
                 result = kernel(*arguments)
-                ti.sync()
+                if not ON_CPU:
+                    ti.sync()
                 return result
             finally:
                 took = time.perf_counter() - began
@@ -164,7 +170,8 @@ class Stopwatch:
         return timed
 
 
-def _modules(prefix: str) -> list[ModuleType]:
+def modules(prefix: str) -> list[ModuleType]:
+    """Modules that are loaded, by the beginning of their names."""
     return [module for name, module in sorted(sys.modules.items()) if name.startswith(prefix)]
 
 
