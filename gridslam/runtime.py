@@ -7,10 +7,10 @@ import io
 import os
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -21,6 +21,7 @@ from gridslam.errors import InputError
 Resident = Any
 """An array where the device has it: NumPy's on the CPU, Taichi's on a GPU."""
 
+Made = TypeVar("Made")
 _started: str | None = None
 _spare = threading.local()
 
@@ -77,31 +78,22 @@ def room(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> Resident:
     return ti.ndarray(to_taichi_type(np.dtype(dtype)), shape)
 
 
+def lasting(site: str, key: Any, make: Callable[[], Made]) -> Made:
+    """What this thread made for the site the last time, if the key is the same, else made anew."""
+    kept = _spare.__dict__
+    known = kept.get(site)
+    if known is None or known[0] != key or known[1] != _started:
+        known = kept[site] = key, _started, make()
+    made: Made = known[2]
+    return made
+
+
 def scratch(site: str, shape: tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray[Any]:
     """An array with anything in it: this thread's last one of the site, if it has the shape.
 
     What it held is lost at the next call for the site. Kernels that get the same array again start sooner.
     """
-    kept = _spare.__dict__
-    array = kept.get(site)
-    if array is None or array.shape != shape:
-        array = kept[site] = np.empty(shape, dtype)
-    return array
-
-
-def scratch_room(site: str, shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> Resident:
-    """The same where the device has it."""
-    return scratch(site, shape, dtype) if start() == "cpu" else room(shape, dtype)
-
-
-def head(site: str, array: NDArray[Any], count: int) -> NDArray[Any]:
-    """The first rows of an array of `scratch`: the same view as last time, if there are as many."""
-    kept = _spare.__dict__
-    known = kept.get(site)
-    if known is None or known[0] is not array or len(known[1]) != count:
-        known = kept[site] = array, array[:count]
-    view: NDArray[Any] = known[1]
-    return view
+    return lasting(site, shape, lambda: np.empty(shape, dtype))
 
 
 def on_host(held: Resident) -> NDArray[Any]:

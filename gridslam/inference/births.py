@@ -66,15 +66,22 @@ class Births:
         followed: list[tuple[int, float]] = []
         if not len(self):
             return followed
-        born = np.bincount(self.measurement, self.ratio, len(claimed))
-        chance = born / (1 + born + claimed)
-        for row in np.argsort(-chance, kind="stable"):
-            if chance[row] < least:
+        own: dict[int, list[tuple[float, int]]] = {}
+        for one, (m, ratio) in enumerate(zip(self.measurement.tolist(), self.ratio.tolist(), strict=True)):
+            own.setdefault(m, []).append((ratio, one))
+        claims, ranked = claimed.tolist(), []
+        for m, those in own.items():
+            born = sum(ratio for ratio, _ in those)
+            ranked.append((born / (1 + born + claims[m]), born, those))
+        for chance, born, those in sorted(ranked, key=lambda row: -row[0]):
+            if chance < least or not born:
                 break
-            own = np.flatnonzero(self.measurement == row)
-            first, *rest = own[np.argsort(-self.ratio[own], kind="stable")].tolist()
-            rival = [one for one in rest[:1] if self.ratio[one] >= RIVAL * born[row]]
-            followed += [(one, float(chance[row] * self.ratio[one] / born[row])) for one in (first, *rival)]
+            likeliest = sorted(those, key=lambda pair: -pair[0])[:2]
+            followed += [
+                (one, chance * ratio / born)
+                for place, (ratio, one) in enumerate(likeliest)
+                if place == 0 or ratio >= RIVAL * born
+            ]
         return followed
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache, lru_cache
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,10 +109,12 @@ class Cells:
             ``(n + 1) / (2 BINS)``. A hit's own is made up of what surface and cells there believe, and of
             room for a surprise.
         """
-        site = f"seen {rays.table[0, 3]}" if len(rays) else "seen"
-        belief = runtime.scratch(f"{site} products", (len(rays), 2 * BINS))
-        factor = _silent(len(rays))
-        return self._cast(site, rays, cloud, anchors, factor, 0.0, surface, belief), belief
+        rays.check(len(surface))
+        count, number = len(rays), rays.table[0, 3] if len(rays) else -1
+        factor, belief = runtime.lasting(
+            f"seen {number}", count, lambda: (np.zeros((count, 2)), np.empty((count, 2 * BINS)))
+        )
+        return self._cast(f"seen by {number}", rays, cloud, anchors, factor, 0.0, surface, belief), belief
 
     def glance(
         self, mean: Array, anchor: int, anchors: Array, born: NDArray[np.int32], told: Array, measured: Array
@@ -162,12 +164,13 @@ class Cells:
         from gridslam.kernels.cells import cast
 
         rays.check(cloud.surfaces, len(anchors))
-        if len(belief):
-            rays.check(len(surface))
         state = cloud.state
-        drawn, seen = np.empty((0, 14)), runtime.scratch(f"{site} means", (len(rays), 6))
-        if len(rays):
-            drawn = runtime.scratch_room(f"{site} rays", (len(rays) * state.shape[1], 14), np.float64)
+        count, total = len(rays), len(rays) * state.shape[1]
+        seen, drawn = np.empty((0, 6)), np.empty((0, 14))
+        if count:
+            seen, drawn = runtime.lasting(
+                site, (count, total), lambda: (np.empty((count, 6)), runtime.room((total, 14), np.float64))
+            )
             cast(
                 state,
                 rays.table,
@@ -211,12 +214,6 @@ class Cells:
             self.observed.view(np.uint8), self._occupied,
         )  # fmt: skip
         self._evidence, self._stale = fresh, False
-
-
-@lru_cache(64)
-def _silent(count: int) -> Array:
-    """Factors of paths that send no messages."""
-    return np.zeros((count, 2))
 
 
 @cache

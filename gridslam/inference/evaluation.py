@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,6 +134,21 @@ class Evaluation:
             told /= clutter
 
 
+class _Room(NamedTuple):
+    """Arrays of an evaluation that last: scratch, and what is told."""
+
+    scratch: tuple[runtime.Resident, ...]
+    told: tuple[runtime.Resident, ...]
+
+    @classmethod
+    def of(cls, paths: int, count: int, nodes: int, particles: int) -> _Room:
+        most = max(paths * count, 1)
+        scratch = np.empty((2, count, nodes)), np.empty((2, paths, count)), np.empty((most, 11), np.float32)
+        start, index, pair = np.empty(paths + 1, np.int32), np.empty((most, 2), np.int32), np.empty((most, 8))
+        blocks = runtime.room((paths + most, particles // PATH_BLOCK))
+        return cls(scratch, (np.empty((11, paths)), start, index, pair, blocks))
+
+
 def evaluate(
     rays: Rays, predicted: Prediction, validity: Array, heard: Heard, amplitudes: AmplitudeBelief,
     table: DetectionTable, radio: Array, recipe: Recipe, anchors: Array,
@@ -158,26 +174,16 @@ def evaluate(
         raise ValueError(f"{particles} particles: whole blocks of {PATH_BLOCK} are needed")
     rays.check(rows // 3 - 1, len(anchors))
     anchor, broad = heard.anchor, -(-count // PORTION) * PORTION  # shapes that last
-    most = max(paths * broad, 1)
-    odds, start = (
-        runtime.scratch(f"odds {anchor}", (11, paths)),
-        runtime.scratch(f"start {anchor}", (paths + 1,), np.int32),
-    )
-    index, pair = (
-        runtime.scratch(f"index {anchor}", (most, 2), np.int32),
-        runtime.scratch(f"pair {anchor}", (most, 8)),
-    )
+    shape = paths, broad, len(nodes), particles
+    room = runtime.lasting(f"evaluation {anchor}", shape, lambda: _Room.of(*shape))
+    odds, start, index, pair, blocks = room.told
     message, measured = np.empty((5, paths, count)), np.empty((4, count))
-    state = runtime.scratch_room("state", (rows, particles))
-    blocks = runtime.scratch_room(f"blocks {anchor}", (paths + most, particles // PATH_BLOCK))
+    state = runtime.lasting("state", (rows, particles), lambda: runtime.room((rows, particles)))
     odds[tables.EXISTENCE], odds[tables.SURFACES], odds[tables.OPEN] = rays.existence, rays.surfaces, validity
     launch(
         amplitudes.probability, nodes, float(amplitudes.spreading), predicted.whole, heard.table,
         table.chance, table.step, radio, recipe.kept, recipe.root, recipe.base, recipe.points, rays.table,
-        anchors, runtime.scratch("density", (2, broad, len(nodes))),
-        runtime.scratch(f"strength {anchor}", (2, paths, broad)),
-        runtime.scratch(f"gated {anchor}", (most, 11), np.float32), odds, start, index, pair, state, blocks,
-        message, measured,
+        anchors, *room.scratch, odds, start, index, pair, state, blocks, message, measured,
     )  # fmt: skip
     pairs = Pairs(int(start[-1]), start, index, pair)
     return Cloud(state, recipe.kept), Evaluation(pairs, blocks, odds, message, measured)

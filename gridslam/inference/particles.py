@@ -107,13 +107,10 @@ class Draft(NamedTuple):
 
     @classmethod
     def of(cls, size: int, samples: int) -> Draft:
-        """Room for a belief of so many entries, and so many exact samples; the last one's is taken again."""
-        return cls(
-            runtime.scratch("whole root", (size, size)), runtime.scratch("root", (size, size), np.float32),
-            runtime.scratch("base", (size, 3), np.float32),
-            runtime.scratch("few", (3 + 3 * ((size - AGENT) // 2), samples)),
-            runtime.scratch("no root", (1,), np.int32),
-        )  # fmt: skip
+        """Room for a belief of so many entries, and so many exact samples."""
+        square, state = (size, size), np.empty((3 + 3 * ((size - AGENT) // 2), samples))
+        root, base = np.empty(square, np.float32), np.empty((size, 3), np.float32)
+        return cls(np.empty(square), root, base, state, np.empty(1, np.int32))
 
     def drawn(self, belief: Belief, kept: float, points: Array) -> tuple[Single, Single, Cloud]:
         """Root and base as of a `Recipe`, and the samples; of a singular covariance by another root."""
@@ -138,9 +135,7 @@ class Draft(NamedTuple):
 
 def sample(belief: Belief, points: Array) -> Cloud:
     """Exact samples (nothing kept) by standard normal points (N, R)."""
-    size, count = points.shape
-    state = np.empty((3 + 3 * len(belief.lines), count))
-    return Draft.of(size, 0)._replace(state=state).prepared(belief, 0.0, points)[2]
+    return Draft.of(*points.shape).prepared(belief, 0.0, points)[2]
 
 
 def needed(belief: Belief) -> float:

@@ -86,20 +86,25 @@ def _listed(
     among = count, places = len(bank), len(anchors)
     bank.check(belief, places, len(sight))
     # line of sight, S single and S (S - 1) double bounces
-    room = (places if anchor < 0 else 1) * (1 + count * count)
-    table = runtime.scratch(f"paths {anchor}", (room, 4), np.int32)
-    existence = runtime.scratch(f"existence {anchor}", (room,))
-    surfaces = runtime.scratch(f"surfaces {anchor}", (room,))
-    predicted = runtime.scratch(f"predicted {anchor}", (room, 12))
-    found = runtime.scratch("found", (1,), np.int32)
-    mean, covariance, ready = belief.mean, belief.covariance, Draft.of(*points.shape)
+    most = (places if anchor < 0 else 1) * (1 + count * count)
+    shape = most, *points.shape
+    ready, told = runtime.lasting(f"paths {anchor}", shape, lambda: (Draft.of(*points.shape), _room(most)))
+    table, existence, surfaces, predicted, found = told
+    mean, covariance = belief.mean, belief.covariance
     foresee(
         anchor, most_bounces, stay, appear, mean, covariance, anchors, bank.existence, bank.owner, sight,
         bank.single, bank.double, math.sqrt(1 - kept), points, *ready, table, existence, surfaces, predicted,
         found,
     )  # fmt: skip
     count = int(found[0])
-    table = runtime.head(f"path {anchor}", table, count)
-    predicted = runtime.head(f"prediction {anchor}", predicted, count)
+    table, predicted = runtime.lasting(
+        f"listed {anchor}", (id(table), count), lambda: (table[:count], predicted[:count])
+    )
     rays = Rays(table, existence[:count], surfaces[:count], among)
     return rays, Prediction(predicted), ready.drawn(belief, kept, points)
+
+
+def _room(most: int) -> tuple[NDArray[np.int32], Array, Array, Array, NDArray[np.int32]]:
+    """Table, existence, surfaces and prediction of so many paths, and room for their number."""
+    table, found = np.empty((most, 4), np.int32), np.empty(1, np.int32)
+    return table, np.empty(most), np.empty(most), np.empty((most, 12)), found
