@@ -14,6 +14,7 @@ from gridslam import checkpoint, files
 from gridslam.bounds import known_map_bound
 from gridslam.estimates import SurfaceEstimate
 from gridslam.inference.heard import hear
+from gridslam.mapping import METHODS
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 SEEDS = (1, 2, 3)
@@ -204,3 +205,32 @@ def test_every_launch_of_a_running_filter_is_a_quick_one(monkeypatch):
         slam.step(scan)
     assert len(fits) > 500
     assert all(fits)
+
+
+@pytest.mark.parametrize("method", sorted(METHODS))
+def test_filters_side_by_side_and_estimates_of_before_stay_as_they_are(method):
+    def told(estimate):
+        surfaces, paths = estimate.surfaces, estimate.paths
+        return [
+            np.copy(part)
+            for part in (
+                estimate.position_m, estimate.covariance, surfaces.line, surfaces.line_cov,
+                surfaces.existence, surfaces.extent_m, paths.distance_m, paths.existence, paths.points,
+            )
+        ]  # fmt: skip
+
+    rooms = [gs.Scene.load(name).with_filter(particles=128) for name in ("room", "alcove")]
+    heard = [list(gs.simulate(shortened(room, 8), "agent1", 1)) for room in rooms]
+    alone = []
+    for room, scans in zip(rooms, heard, strict=True):
+        slam = METHODS[method](room, seed=1)
+        kept = [(estimate, told(estimate)) for estimate in map(slam.step, scans)]
+        alone.append([copies for _, copies in kept])
+        for estimate, copies in kept:
+            for now, then in zip(told(estimate), copies, strict=True):
+                np.testing.assert_array_equal(now, then)
+    both = [METHODS[method](room, seed=1) for room in rooms]
+    for step, scans in enumerate(zip(*heard, strict=True)):
+        for slam, scan, expected in zip(both, scans, alone, strict=True):
+            for now, then in zip(told(slam.step(scan)), expected[step], strict=True):
+                np.testing.assert_array_equal(now, then)

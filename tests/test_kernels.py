@@ -1,5 +1,7 @@
 """Every kernel against its plain NumPy twin: random inputs, and the edges where kernels go wrong."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -151,6 +153,37 @@ def test_a_launch_takes_what_it_is_given_whatever_it_was_given_before():
     polylines(mine[:, :0].copy(), path, places, out[:0])
     polylines(0.5 * mine, path, places, out)
     np.testing.assert_array_equal(out, first)
+
+
+def test_launches_that_are_kept_side_by_side_are_not_mixed_up():
+    from gridslam.kernels.launching import MOST_KEPT
+    from gridslam.kernels.paths import polylines
+
+    draw, places = np.random.default_rng(6), np.zeros((1, 3))
+    worlds = [
+        (draw.normal(size=(9, 3 + n % 2)), np.array([[1, n % 2, n % 2, 0]] * (1 + n % 3), np.int32))
+        for n in range(MOST_KEPT + 2)
+    ]
+    for turn in range(3):  # more of them than are kept, and the first twice as often
+        for number, (state, path) in enumerate([*worlds, *worlds[:2]]):
+            if turn == 2 and number % 2:
+                state = state + 1.0
+            slow, fast = np.zeros((2, len(path) * state.shape[1], 13))
+            polylines.__wrapped__(state, path, places, slow)
+            polylines(state, path, places, fast)
+            np.testing.assert_array_equal(fast, slow)
+            assert fast.any()
+
+
+def test_what_lasts_is_kept_by_site_key_and_thread():
+    first = runtime.scratch("a test", (2, 3))
+    assert runtime.scratch("a test", (2, 3)) is first
+    assert runtime.scratch("another test", (2, 3)) is not first
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(runtime.scratch, "a test", (2, 3)).result() is not first
+    other = runtime.scratch("a test", (3, 2))
+    assert other.shape == (3, 2)
+    assert runtime.scratch("a test", (2, 3)) is not first
 
 
 def test_a_kernel_of_another_taichi_is_launched_as_it_is():
