@@ -180,9 +180,9 @@ CONTESTS = {
     "associate": Contest("pair", twins.associate, _messages, ("message", "odds", "measured")),
     "cast": Contest(
         "cell visit", twins.cast, _visits, given=_cast_twin,
-        size=lambda case: int((case["factor"][:, 1] > 0.5).sum()),  # those that send messages
+        size=lambda case: int((case["factor"][:, 1] > 0.5).sum()),  # that sends; it tells no coefficients
     ),
-    "describe": Contest("path", twins.describe, _told, ("surface", "places", "table")),
+    "describe": Contest("path", twins.describe, _told, ("surface", "places", "table"), size=_surfaces),
     "duplicate": Contest("pair", twins.duplicate, lambda case: len(case["foot"]) ** 2, ("foot",)),
     "evaluate": Contest(
         "path-particle", twins.evaluate, _path_particles,

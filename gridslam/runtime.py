@@ -93,7 +93,7 @@ def scratch(site: str, shape: tuple[int, ...], dtype: DTypeLike = np.float64) ->
 
     What it held is lost at the next call for the site. Kernels that get the same array again start sooner.
     """
-    return lasting(site, shape, lambda: np.empty(shape, dtype))
+    return lasting(site, (shape, dtype), lambda: np.empty(shape, dtype))
 
 
 def on_host(held: Resident) -> NDArray[Any]:

@@ -20,7 +20,7 @@ from gridslam.kernels.device import ON_CPU
 
 _one_at_a_time = threading.RLock()
 ndarray, HEAD, NOTHING = np.ndarray, object.__basicsize__, object()
-MOST_KEPT, KEYS = 6, ("path", "radio")
+MOST_KEPT, KEYS = 8, ("path", "radio")
 """Launches of a kernel that a thread keeps side by side; arguments that tell them apart, anchors mostly."""
 PRIVATE = ("arguments", "compiled_kernels", "runtime")
 """What a kernel of Taichi 1.7 keeps of itself."""
@@ -44,7 +44,7 @@ def quick(kernel):
         return kernel  # a Taichi that keeps these elsewhere
     kinds = [_kind(argument.annotation) for argument in primal.arguments]
     places = [(place,) for place in range(len(kinds))]
-    own, key = threading.local(), _key(primal.arguments)
+    own, key = threading.local(), _key(primal.arguments) if ON_CPU else None
 
     @wraps(kernel)
     def launch(*arguments):

@@ -1,5 +1,8 @@
 """What a filter says of itself, what it learns of its radio, and finding the agent again."""
 
+import copy
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,9 +16,11 @@ from gridslam.estimates import Health
 from gridslam.geometry import wrap
 from gridslam.inference import relocation
 from gridslam.inference.belief import Belief, append
+from gridslam.inference.evaluation import Evaluation, Pairs
 from gridslam.inference.heard import hear
 from gridslam.inference.likelihood import DetectionTable
 from gridslam.inference.watch import LEAST_CLUTTER, MOST_CLUTTER, Watch, innovation_band
+from gridslam.kernels import tables
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
@@ -107,6 +112,35 @@ def test_the_clutter_level_follows_a_burst_within_three_steps_and_back(signal):
     assert levels[19] == 2
     assert levels[22] > 10
     assert levels[-1] < 4
+
+
+def test_a_copy_of_a_filter_goes_on_as_the_filter_does(room):
+    slam = gs.GridSlam(room.believed, seed=1)
+    for step in range(6):
+        slam.step(room.heard.scan(step))
+    copies = [copy.deepcopy(slam.watch) for _ in range(2)]
+    for watch in copies:
+        for _ in range(3):
+            watch.begin(5)
+            watch.fits[:, :8] += 1.0
+            watch.judge()
+    whole = np.concatenate([getattr(copies[0], field.name) for field in fields(Watch)])
+    np.testing.assert_array_equal(whole, np.concatenate([getattr(copies[1], f.name) for f in fields(Watch)]))
+    assert copies[0].misfit[0] != slam.watch.misfit[0]
+    assert copies[0].loud[0] > 3.0
+
+
+def test_an_evaluation_against_more_clutter_is_worth_less():
+    odds, message, measured = np.ones((11, 2)), np.ones((5, 2, 3)), np.ones((4, 3))
+    pairs = Pairs(2, np.array([0, 1, 2], np.int32), np.zeros((4, 2), np.int32), np.ones((4, 8)))
+    said = Evaluation(pairs, np.ones((4, 1), np.float32), odds, message, measured)
+    said.against(4.0)
+    np.testing.assert_array_equal(pairs.pair[:, 6], [0.25, 0.25, 1.0, 1.0])
+    np.testing.assert_array_equal(message[tables.RATIO], 0.25)
+    np.testing.assert_array_equal(said.beta, 0.25)
+    np.testing.assert_array_equal(said.explained, 0.25)
+    assert (odds == 1).all()
+    assert said.clutter == 3.0
 
 
 def test_a_wrong_clutter_level_and_snr_are_learned(room, signal):

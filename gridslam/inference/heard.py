@@ -33,8 +33,6 @@ class Heard:
     own_std : (M, 3)
         Deviations that came with the table.
     amplitude : (M,)
-    spot : (3,)
-        Place and orientation.
     table : (M, 9)
         The same as kernels take it: value, 0 for none; deviations, 0 for what follows from the amplitude, -1
         where there is no value; amplitude, -1 for none; whether it is loud; if it is as quiet as clutter is,
@@ -47,7 +45,6 @@ class Heard:
     value: Array
     own_std: Array
     amplitude: Array
-    spot: Array
     table: Array
 
     def __len__(self) -> int:
@@ -64,8 +61,8 @@ class Heard:
         threshold: float = 0.0,
     ) -> Heard:  # fmt: skip
         """Measurements given one by one; `threshold` is the amplitude from which on anything is heard."""
-        spot, table = np.array([*place, facing]), _table(value, own_std, amplitude, threshold)
-        return cls(anchor, place, facing, value, own_std, amplitude, spot, table)
+        table = _table(value, own_std, amplitude, threshold)
+        return cls(anchor, place, facing, value, own_std, amplitude, table)
 
 
 def hear(scan: Scan, places: Array, facings: Array, threshold: float = 0.0) -> list[Heard]:
@@ -87,12 +84,12 @@ def hear(scan: Scan, places: Array, facings: Array, threshold: float = 0.0) -> l
         if std is not None:
             own[:, column] = std[order]
     amplitude = scan.amplitude[order]
-    table, spots = _table(value, own, amplitude, threshold), np.column_stack([places, facings])
+    table = _table(value, own, amplitude, threshold)
     ends = np.cumsum(np.bincount(whose[rows], minlength=len(places))).tolist()
     return [
         Heard(
             anchor, places[anchor], float(facings[anchor]), value[begin:end], own[begin:end],
-            amplitude[begin:end], spots[anchor], table[begin:end],
+            amplitude[begin:end], table[begin:end],
         )
         for anchor, (begin, end) in enumerate(zip([0, *ends], ends, strict=False))
     ]  # fmt: skip

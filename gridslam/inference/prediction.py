@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.inference.belief import Belief
 from gridslam.inference.particles import Cloud, Draft, Particles, Recipe, Single
-from gridslam.inference.rays import P_APPEAR, P_STAY, Rays
+from gridslam.inference.rays import P_APPEAR, P_STAY, Rays, listed_at_most
 from gridslam.inference.surfaces import Bank
 
 Array = NDArray[np.float64]
@@ -68,12 +68,10 @@ def foresee(
     return rays, predicted, Recipe(root, base, particles.points, count, kept, samples)
 
 
-def paths_now(
-    bank: Bank, sight: Array, belief: Belief, anchors: Array, most_bounces: int
-) -> tuple[Rays, Prediction]:
+def paths_now(bank: Bank, sight: Array, belief: Belief, anchors: Array, most_bounces: int) -> Rays:
     """All paths worth a look from any anchor, anchor by anchor, with their existence as it is now."""
     none = np.empty((len(belief.mean), 0))
-    return _listed(bank, sight, belief, anchors, -1, most_bounces, 1.0, 0.0, 0.0, none)[:2]
+    return _listed(bank, sight, belief, anchors, -1, most_bounces, 1.0, 0.0, 0.0, none)[0]
 
 
 def _listed(
@@ -85,10 +83,12 @@ def _listed(
 
     among = count, places = len(bank), len(anchors)
     bank.check(belief, places, len(sight))
-    # line of sight, S single and S (S - 1) double bounces
-    most = (places if anchor < 0 else 1) * (1 + count * count)
-    shape = most, *points.shape
-    ready, told = runtime.lasting(f"paths {anchor}", shape, lambda: (Draft.of(*points.shape), _room(most)))
+    most = (places if anchor < 0 else 1) * listed_at_most(count, most_bounces)
+    size, samples = shape = points.shape
+    if size != len(belief.mean):
+        raise ValueError(f"points of {size} entries for a belief of {len(belief.mean)}")
+    site, room = f"paths {anchor}", (most, *shape)
+    ready, told = runtime.lasting(site, room, lambda: (Draft.of(size, samples), _room(most)))
     table, existence, surfaces, predicted, found = told
     mean, covariance = belief.mean, belief.covariance
     foresee(

@@ -16,6 +16,11 @@ P_STAY, P_APPEAR = 0.95, 0.005
 """A ray that exists stays so for a step; one that doesn't appears (model.md, section 2.6 (a))."""
 
 
+def listed_at_most(surfaces: int, bounces: int) -> int:
+    """How many paths of one anchor there can be: line of sight, single and double bounces."""
+    return 1 + surfaces * (surfaces if bounces > 1 else 1)
+
+
 @dataclass(frozen=True)
 class Rays:
     """Paths, anchor by anchor: line of sight first, then single, then double bounces.

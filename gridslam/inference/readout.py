@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.estimates import PathEstimate, SurfaceEstimate
 from gridslam.inference.belief import Belief
-from gridslam.inference.rays import Rays
+from gridslam.inference.rays import Rays, listed_at_most
 from gridslam.inference.surfaces import Bank
 
 Array = NDArray[np.float64]
@@ -63,23 +63,32 @@ def _described(
     places = len(anchors)
     bank.check(belief, places, len(sight))
     count = len(bank)
-    most = 1 + places * (1 + count * count)
-    table, existence = np.empty((count, 16)), np.empty(most)
-    path = runtime.scratch("told paths", (most, 4), np.int32)
-    predicted, drawn, told = (
-        np.empty((most, 12)),
-        np.empty((most, 13)),
-        runtime.scratch("told", (1,), np.int32),
-    )
+    table = np.empty((count, 16))
+    most = 1 + places * listed_at_most(count, most_bounces)
+    told = runtime.lasting("described", (most, count), lambda: _room(most, count))
+    state, path, existence, predicted, drawn, found = told
     describe(
         belief.mean, belief.covariance, bank.extent, bank.reflection, most_bounces, anchors, bank.existence,
-        bank.owner, sight, bank.single, bank.double, runtime.scratch("describe", (3 + 3 * count, 1)), table,
-        path, existence, predicted, drawn, told,
+        bank.owner, sight, bank.single, bank.double, state, table, path, existence, predicted, drawn, found,
     )  # fmt: skip
-    found = int(told[0])
+    several = int(found[0])
     surfaces = SurfaceEstimate(
         bank.identity, table[:, 6:8], table[:, 8:12].reshape(-1, 2, 2), table[:, :2],
         table[:, 2:6].reshape(-1, 2, 2), table[:, 12], table[:, 13], bank.existence, table[:, 14:],
         bank.owner,
     )  # fmt: skip
-    return surfaces, path[:found], existence[:found], predicted[:found], drawn[:found, :8].reshape(-1, 4, 2)
+    corners = drawn[:several, :8].copy().reshape(-1, 4, 2)
+    return surfaces, path[:several], existence[:several].copy(), predicted[:several].copy(), corners
+
+
+def _room(most: int, surfaces: int) -> tuple[Array, Whole, Array, Array, Array, Whole]:
+    """What `describe` fills in of so many paths, between scratch and their number."""
+    path, existence, predicted = np.empty((most, 4), np.int32), np.empty(most), np.empty((most, 12))
+    return (
+        np.empty((3 + 3 * surfaces, 1)),
+        path,
+        existence,
+        predicted,
+        np.empty((most, 13)),
+        np.empty(1, np.int32),
+    )

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam import runtime
 from gridslam.inference.evaluation import Evaluation
 from gridslam.inference.heard import Heard
 from gridslam.inference.rays import Rays
@@ -67,7 +68,7 @@ class Told:
 
     @classmethod
     def by(cls, parts: Sequence[Part]) -> Told:
-        """Join what all anchors said."""
+        """Join what all anchors said; its rays last until the next time."""
         before, path, amplitude = 0, [], []
         for part in parts:
             pairs = part.said.pairs
@@ -75,9 +76,12 @@ class Told:
             amplitude.append(part.heard.table[pairs.measurement, 6])
             before += len(part.rays)
         odds = np.concatenate([part.said.odds for part in parts], 1)
+        rays = Rays.stack([part.rays for part in parts])
+        table = runtime.scratch("told rays", rays.table.shape, np.int32)
+        table[:] = rays.table
         paths, share = np.concatenate(path), np.concatenate([part.share for part in parts])
         return cls(
-            Rays.stack([part.rays for part in parts]),
+            replace(rays, table=table),
             np.concatenate([part.distance for part in parts]),
             odds[tables.CHANCE],
             odds[tables.WORTH],

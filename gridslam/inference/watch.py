@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,10 +89,18 @@ class Watch:
     def __post_init__(self) -> None:
         """Keep in one array what is summed up in the order of `fits`."""
         self._sums = np.concatenate([getattr(self, name) for name in FADING])
-        for number, name in enumerate(FADING):
-            setattr(self, name, self._sums[number : number + 1])
+        self._tie()
         self.taken, self._effective = self.turned, np.inf
         self.fits = np.tile(NOTHING, (len(self.clutter), 1))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Go on as a copy, whose arrays were copied one by one."""
+        self.__dict__.update(state)
+        self._tie()
+
+    def _tie(self) -> None:
+        for number, name in enumerate(FADING):
+            setattr(self, name, self._sums[number : number + 1])
 
     @classmethod
     def start(cls, anchors: int) -> Watch:

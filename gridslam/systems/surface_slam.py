@@ -190,7 +190,7 @@ class SurfaceSlam:
         lost = self.watch.lost(count, near)
         if not (lost or vague):
             return
-        rays, _ = paths_now(self.bank, self.sight, self.belief, self.anchors, most_bounces=1)
+        rays = paths_now(self.bank, self.sight, self.belief, self.anchors, most_bounces=1)
         sources = relocation.sources(rays, self.belief, self.places, self.bank.reflection @ REFLECTION_BINS)
         belief = self.belief
         if lost:
