@@ -68,11 +68,7 @@ def propose(
     if len(bank) != surfaces or cloud.surfaces != surfaces or not 0 <= heard.anchor < len(anchors):
         raise ValueError("surfaces or anchors don't belong together")
     room, hypotheses = -(-count // PORTION) * PORTION, len(known)
-    born = runtime.scratch("born", (1 + room * hypotheses, 3), np.int32)
-    told, ratio = (
-        runtime.scratch("births", (room * hypotheses, 3)),
-        runtime.scratch("birth", (room, hypotheses)),
-    )
+    born, told, ratio = runtime.lasting("births", (room, hypotheses), lambda: _room(room, hypotheses))
     launch(
         cloud.state, _noise(hypotheses), belief.mean, heard.table, known, heard.anchor, anchors, radio,
         births / (4 * np.pi * radius_m), ratio, said.measured, born, told,
@@ -83,6 +79,12 @@ def propose(
     if not found:
         return Births.none()
     return Births(born[1 : 1 + found, 0], born[1 : 1 + found, 1:], told[:found, :2], told[:found, 2])
+
+
+def _room(measurements: int, hypotheses: int) -> tuple[NDArray[np.int32], Array, Array]:
+    """What the kernel fills in: births and their number, what they are, and scratch."""
+    most = measurements * hypotheses
+    return np.empty((1 + most, 3), np.int32), np.empty((most, 3)), np.empty((measurements, hypotheses))
 
 
 @cache
