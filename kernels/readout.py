@@ -4,7 +4,7 @@ import taichi as ti
 
 from gridslam.kernels.coefficients import BINS
 from gridslam.kernels.functions import cos_of, sin_of
-from gridslam.kernels.gaussian import predict_by
+from gridslam.kernels.gaussian import path_of
 from gridslam.kernels.launching import quick
 from gridslam.kernels.particles import AGENT
 from gridslam.kernels.paths import draw_path, stand_at
@@ -51,6 +51,16 @@ def tell_surface(
     table[s, 14], table[s, 15] = ti.select(turned, -high, low), ti.select(turned, -low, high)
 
 
+@ti.func
+def foretell(mean: ti.template(), path: ti.template(), places: ti.template(), row, predicted: ti.template()):
+    """Predict one path's distance, AoD and AoA."""
+    anchor = path[row, 3]
+    place = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)
+    value, _slope = path_of(mean, place, path[row, 0], path[row, 1], path[row, 2])
+    for i in ti.static(range(3)):
+        predicted[row, i] = value[i]
+
+
 @quick
 @ti.kernel
 def describe(
@@ -70,7 +80,7 @@ def describe(
     # covariance (4), coefficient and variance, extent (2), of the line with offset >= 0
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + J (1 + S S), 4] out: bounces, last, first, anchor
     existence: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J (1 + S S)] out: of ray and surfaces
-    predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J (1 + S S), 12] out: value (3), spread (9)
+    predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J (1 + S S), 3] out: distance, AoD, AoA
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [1 + J (1 + S S), 13] out: see `draw_path`
     told: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: how many paths are told of
 ):
@@ -93,6 +103,6 @@ def describe(
                             draw_path(state, path, places, n, 0, drawn)
                             if drawn[n, 12] > 0.5:
                                 existence[n] = chance * together
-                                predict_by(mean, covariance, path, places, n, predicted)
+                                foretell(mean, path, places, n, predicted)
                                 n += 1
         told[0] = n

@@ -262,7 +262,7 @@ def test_what_users_are_told_equals_its_twin(seed, surfaces):
         np.full(room, np.nan),
     )
     predicted, drawn, told = (
-        np.full((room, 12), np.nan),
+        np.full((room, 3), np.nan),
         np.full((room, 13), np.nan),
         np.full(1, -9, np.int32),
     )

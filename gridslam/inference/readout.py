@@ -56,7 +56,7 @@ def estimates(
 def _described(
     belief: Belief, bank: Bank, sight: Array, anchors: Array, most_bounces: int
 ) -> tuple[SurfaceEstimate, Whole, Array, Array, Array]:
-    """Surfaces; of the paths told of: table (L, 4), existence (L,), prediction (L, 12), corners (L, 4, 2)."""
+    """Surfaces; of the paths told of: table (L, 4), existence (L,), values (L, 3), corners (L, 4, 2)."""
     runtime.start()
     from gridslam.kernels.readout import describe
 
@@ -83,7 +83,7 @@ def _described(
 
 def _room(most: int, surfaces: int) -> tuple[Array, Whole, Array, Array, Array, Whole]:
     """What `describe` fills in of so many paths, between scratch and their number."""
-    path, existence, predicted = np.empty((most, 4), np.int32), np.empty(most), np.empty((most, 12))
+    path, existence, predicted = np.empty((most, 4), np.int32), np.empty(most), np.empty((most, 3))
     return (
         np.empty((3 + 3 * surfaces, 1)),
         path,

@@ -20,7 +20,7 @@ def describe(
     mean: Array, covariance: Array, extent: Array, reflection: Array, bounces: int, places: Array,
     surface: Array, owner: NDArray[np.int64], sight: Array, single: Array, double: Array,
 ) -> tuple[Array, Whole, Array, Array, Array]:  # fmt: skip
-    """Twin of `kernels.readout.describe`: table (S, 16); paths, existence, prediction, corners (T, 4, 2)."""
+    """Twin of `kernels.readout.describe`: table (S, 16); paths, existence, values, corners (T, 4, 2)."""
     line, count = mean[AGENT:].reshape(-1, 2), len(extent)
     spread = np.stack([covariance[n : n + 2, n : n + 2] for n in range(AGENT, len(mean), 2)] or [np.eye(2)])[
         :count
@@ -43,4 +43,4 @@ def describe(
     )
     corners, valid = polylines(at_mean(Belief(mean, covariance)).state, path, places)
     told = (existence * surfaces > 0.5) & (valid[:, 0] > 0.5)
-    return table, path[told], (existence * surfaces)[told], predicted[told], corners[told, 0]
+    return table, path[told], (existence * surfaces)[told], predicted[told, :3], corners[told, 0]
