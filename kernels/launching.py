@@ -2,15 +2,16 @@
 
 A call of a `ti.kernel` inspects each array anew, some 25 us apiece. Once a kernel is compiled, `quick` checks
 only what machine code relies on, and hands over addresses; on the CPU only those of arrays that aren't the
-same objects as at the launch before. Before that, Taichi reads the kernel and notes for every expression
-where it stands, which takes half the time and serves its complaints alone.
+same objects as at the launch before. Before that, Taichi reads the kernel: it notes for every expression
+where it stands, which takes half the time and serves its complaints alone, and looks for a function's source
+at every call of it.
 """
 
 import gc
 import threading
 from contextlib import contextmanager
 from ctypes import c_void_p
-from functools import wraps
+from functools import cache, wraps
 
 import numpy as np
 import taichi as ti
@@ -109,7 +110,7 @@ def _first(kernel, arguments):
         collects = gc.isenabled()
         gc.disable()
         try:
-            with _placeless():
+            with _hurried():
                 return kernel(*arguments)
         except (TypeError, ti.TaichiCompilationError):
             return kernel(*arguments)
@@ -119,20 +120,31 @@ def _first(kernel, arguments):
 
 
 @contextmanager
-def _placeless():
-    """Keep Taichi from noting where expressions stand, if it is one that does as known."""
+def _hurried():
+    """Keep Taichi from noting where expressions stand, and from looking for a function's source again.
+
+    If it is one that does as known.
+    """
     try:
+        from taichi.lang import kernel_impl as reading
         from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext as Reader
 
-        noted = Reader.get_pos_info
+        noted, found = Reader.get_pos_info, reading.getsourcelines
     except (AttributeError, ImportError):
         yield
         return
     Reader.get_pos_info = lambda reader, node: ""
+    reading.getsourcelines = _sources(found)
     try:
         yield
     finally:
-        Reader.get_pos_info = noted
+        Reader.get_pos_info, reading.getsourcelines = noted, found
+
+
+@cache
+def _sources(find):
+    """The same, with what was found before kept."""
+    return cache(find)
 
 
 def _hand_over(context, handed, place, value, kind):
