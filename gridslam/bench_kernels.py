@@ -238,9 +238,7 @@ def _launches(method: str, scene: Scene, scans: Sequence[Scan], steps: int) -> d
             case = Case(zip(names, arguments, strict=True))
             contest = CONTESTS[name]
             size = (contest.size or contest.units)(case)
-            fresh = {
-                k for k, v in case.items() if not any(v is one for one in before.setdefault((name, k), []))
-            }
+            fresh = {k for k, v in case.items() if not any(v is one for one in before[name, k])}
             for key in fresh:
                 before[name, key].append(case[key])
             if name not in best or size > best[name][0]:

@@ -46,7 +46,7 @@ def foresee(
 ) -> tuple[Rays, Prediction, Recipe]:  # fmt: skip
     """All paths worth a look from `anchor`, with their existence one step ahead, and as they are predicted.
 
-    What is told lasts until the anchor's paths are foreseen again, the recipe until those of any are.
+    What is told lasts until the anchor's paths are foreseen again.
 
     Parameters
     ----------
