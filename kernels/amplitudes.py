@@ -7,6 +7,8 @@ from gridslam.kernels.tables import DETECTED, EXISTENCE, OPEN, SURFACES
 
 NEGLIGIBLE = 1e-6
 """Probability of being there below which a path is left out."""
+NEVER = 1e-30
+"""Likelihood below which an amplitude says nothing of which amplitudes a path may have."""
 
 
 @ti.func
@@ -70,7 +72,7 @@ def weigh(
                         total += said
                         mean += said * level
             strength[0, row, m] = total
-            strength[1, row, m] = mean / total if total > 1e-300 else usual
+            strength[1, row, m] = mean / total if total > NEVER else usual
     for m in range(heard.shape[0]):
         clutter = radio[FALSE_ALARMS] * clutter_of(radio, heard[m, 6])
         for row in range(belief.shape[0]):

@@ -74,7 +74,7 @@ def exchange(odds: ti.template(), message: ti.template(), measured: ti.template(
     for row in range(paths):
         for m in range(heard):
             message[NU, row, m], message[CLAIM, row, m] = 1 / measured[NEW, m], 0.0
-    change, left = ti.cast(1e300, ti.f64), rounds
+    change, left = ti.cast(1e30, ti.f64), rounds
     while left > 0 and change >= SETTLED:
         left -= 1
         change = 0.0

@@ -35,7 +35,7 @@ def local_belief(
             inside += 1
             for n in range(BINS):
                 at[n] += held[iy, ix, n]
-    most, total = ti.cast(-1e300, ti.f64), ti.cast(0.0, ti.f64)
+    most, total = ti.cast(-1e30, ti.f64), ti.cast(0.0, ti.f64)
     for n in range(BINS):
         at[n] /= ti.max(inside, 1)
         most = ti.max(most, at[n])
@@ -150,7 +150,7 @@ def learn(
             if bounces == 1 and (heard or send):
                 say(factor, told, pair, said, table, step, radio, row, 1.0)
                 if heard:
-                    most, total = ti.cast(-1e300, ti.f64), ti.cast(0.0, ti.f64)
+                    most, total = ti.cast(-1e30, ti.f64), ti.cast(0.0, ti.f64)
                     for n in range(BINS):
                         most = ti.max(most, factor[n])
                     for n in range(BINS):

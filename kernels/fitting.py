@@ -65,7 +65,7 @@ def fit(
                 off = blocks[paths + k, block] - mean
                 squares += off * off / count
             # blocks are sums of independent weights, so their spread tells that of the weights
-            spread = ti.min(PATH_BLOCK * squares / ti.max(mean * mean, 1e-200), 1e12)
+            spread = ti.min(PATH_BLOCK * squares / ti.max(mean, 1e-30) ** 2, 1e12)
             number = ti.max(count * PATH_BLOCK / (1 + spread), 1.0)
             fewest = sums[anchor, 8]
             sums[anchor, 8] = ti.min(fewest, number)

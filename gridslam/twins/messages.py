@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 GATE, MARGIN = 6.0, 0.3
 """Deviations within reach; m or rad by which the gate is wider."""
+NEVER = 1e-30
+"""Likelihood below which the mean amplitude is that of the belief."""
 
 
 def log_rician(measured: Array, amplitude: Array, samples: float) -> Array:
@@ -61,7 +63,7 @@ def weigh(
         mean[:, m] = (belief * said * (level if loud[m] else own)).sum(1)
     strength[worth <= 1e-6] = mean[worth <= 1e-6] = 0.0
     usual = (belief * own).sum(1)[:, None]
-    mean = np.where(strength > 1e-300, mean / np.maximum(strength, 1e-300), usual)
+    mean = np.where(strength > NEVER, mean / np.maximum(strength, NEVER), usual)
     return detected, np.stack([strength / clutter(heard[:, 6], radio), mean])
 
 

@@ -80,7 +80,7 @@ def effective_sample_size(blocks: Array) -> Array:
     Blocks are sums of independent weights, so their spread tells that of the weights.
     """
     particles, sums = 64 * blocks.shape[1], blocks.astype(np.float64)
-    spread = 64 * sums.var(1) / np.maximum(sums.mean(1) ** 2, 1e-200)
+    spread = 64 * sums.var(1) / np.maximum(sums.mean(1), 1e-30) ** 2
     return np.asarray(np.maximum(particles / (1 + np.minimum(spread, 1e12)), 1.0))
 
 
