@@ -76,7 +76,7 @@ def test_a_line_elsewhere_is_no_ghost(angle, offset):
     gaps = [np.linalg.norm(mirror(line, p) - d) for p in PLACES for d in doubles]
     bank, belief = world(line)
     kept = len(ghosts.lay(bank, belief, PLACES)[0])
-    if min(gaps) > NEAR_M:
+    if min(gaps) > AROUND_M:  # nearer ones may go, silent as this line is
         assert kept == 3
 
 
