@@ -4,9 +4,15 @@ import signal
 from typing import NamedTuple
 
 import pytest
+from hypothesis import settings
 from scene_samples import shortened
 
 import gridslam as gs
+
+# the same code passes or fails every time; other examples are looked for with --hypothesis-profile=other
+settings.register_profile("same", derandomize=True)
+settings.register_profile("other", derandomize=False)
+settings.load_profile("same")
 
 
 class Said(NamedTuple):
