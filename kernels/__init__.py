@@ -3,7 +3,7 @@
 CELL_SLABS = {"cpu": 4, "gpu": 64}
 """Fixed sets of paths that are cast side by side, by device."""
 
-PATH_BLOCK = 64
+PATH_BLOCK = 32
 """Particles that the evaluation kernel takes at a time; kept here so that owners needn't start Taichi."""
 
 UNMEASURED = 1e12

@@ -4,7 +4,7 @@ import taichi as ti
 
 from gridslam.kernels.amplitudes import weigh
 from gridslam.kernels.association import enter
-from gridslam.kernels.device import SPREAD
+from gridslam.kernels.device import SPREAD, TASKS
 from gridslam.kernels.gating import gate
 from gridslam.kernels.launching import quick
 from gridslam.kernels.particles import BLOCK, draw_block
@@ -46,10 +46,13 @@ def evaluate(
     for _ in range(1):
         weigh(belief, nodes, spreading, predicted, heard, chance, step, radio, density, strength, odds)
         gate(predicted, heard, radio, kept, odds, strength, start, index, pair, table, measured)
-    for item in range(blocks.shape[1] * SPREAD):
+    for item in range(ti.min(blocks.shape[1], TASKS) * SPREAD):
         if item % SPREAD == 0:
-            draw_block(item // SPREAD * BLOCK, root, base, points, state)
-            densities(item // SPREAD, state, path, places, start, table, blocks)
+            share = (blocks.shape[1] + TASKS - 1) // TASKS
+            first = item // SPREAD * share
+            for block in range(first, ti.min(first + share, blocks.shape[1])):
+                draw_block(block * BLOCK, root, base, points, state)
+                densities(block, state, path, places, start, table, blocks)
     ti.loop_config(serialize=True)
     for _ in range(1):
         enter(blocks, start, index, pair, odds, message, measured)

@@ -82,7 +82,7 @@ def test_messages_into_the_association_equal_their_twin(seed):
     paths, count = int(draw.integers(0, 6)), int(draw.integers(0, 6))
     chosen = np.argwhere(draw.random((paths, count)) < 0.5).astype(np.int32)
     start = np.searchsorted(chosen[:, 0], np.arange(paths + 1)).astype(np.int32)
-    blocks = draw.uniform(0, 64, (paths + len(chosen) + 1, 3)).astype(np.float32)
+    blocks = draw.uniform(0, PATH_BLOCK, (paths + len(chosen) + 1, 3)).astype(np.float32)
     blocks[: paths // 3] = 0.0  # possible nowhere
     index = np.zeros((len(chosen) + 2, 2), np.int32)  # longer than need be, like the blocks
     index[: len(chosen)] = chosen
@@ -195,7 +195,7 @@ def test_updates_equal_their_twin(seed, surfaces, rounds):
     odds, measured = draw.uniform(0.05, 0.95, (11, len(path))), draw.uniform(0, 1, (4, count))
     measured[2] = 1 + draw.exponential(1.0, count)
     heard = random_table(draw, count)
-    blocks = draw.uniform(0, 64, (len(path) + len(chosen), 3)).astype(np.float32)
+    blocks = draw.uniform(0, PATH_BLOCK, (len(path) + len(chosen), 3)).astype(np.float32)
     surface, _, _, sight, single, double = random_bank(draw, surfaces, anchors)
     predicted = np.concatenate([value, spread.reshape(-1, 9)], 1)
     sums = draw.uniform(0, 1, (anchors, SUMS))
@@ -243,7 +243,7 @@ def test_equally_sure_paths_are_taken_as_they_stand():
 
 def test_effective_sample_size_is_all_of_equal_weights_and_follows_their_spread():
     draw, size = np.random.default_rng(1), twins.effective_sample_size
-    assert size(np.full((1, 20), 64.0, np.float32)) == pytest.approx(20 * PATH_BLOCK)
+    assert size(np.full((1, 20), 7.0, np.float32)) == pytest.approx(20 * PATH_BLOCK)
     assert size(np.zeros((1, 20), np.float32)) == 20 * PATH_BLOCK
     # exponential weights: E[w]^2 / E[w^2] = 1 / 2; 4000 blocks tell their variance to 1 / sqrt(2000)
     blocks = draw.exponential(1.0, (1, 4000, PATH_BLOCK)).sum(2).astype(np.float32)

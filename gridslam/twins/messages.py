@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.special import i0e
 
 from gridslam.geometry import wrap
-from gridslam.kernels import FAINTEST, UNMEASURED
+from gridslam.kernels import FAINTEST, PATH_BLOCK, UNMEASURED
 from gridslam.twins.paths import densities, draw
 
 Array = NDArray[np.float64]
@@ -101,7 +101,7 @@ def enter(
     blocks: Array, start: Whole, index: Whole, pair: Array, odds: Array, message: Array, measured: Array
 ) -> tuple[Array, Array, Array]:
     """Twin of `kernels.association.enter`: odds, message and measured with what it writes."""
-    paths, particles, count = odds.shape[1], 64 * blocks.shape[1], start[-1]
+    paths, particles, count = odds.shape[1], PATH_BLOCK * blocks.shape[1], start[-1]
     odds, message, measured = odds.copy(), message.copy(), measured.copy()
     mean = blocks.sum(1, dtype=np.float64) / particles
     possible = mean[:paths]
@@ -132,7 +132,7 @@ def evaluate(
     odds[3] = detected
     apart = inverse[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     state = draw(root, base, points[:, : state.shape[1]])
-    weight, valid = densities(state, path, places, start, np.column_stack([pair[:, :3], apart]), 64)
+    weight, valid = densities(state, path, places, start, np.column_stack([pair[:, :3], apart]), PATH_BLOCK)
     blocks = np.concatenate([valid, weight])
     odds, message, measured = enter(blocks, start, index, pair, odds, message, measured)
     measured[1] = np.where(np.isin(np.arange(len(heard)), index[:, 1]), 0.0, heard[:, 8])

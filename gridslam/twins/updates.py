@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.geometry import wrap
+from gridslam.kernels import PATH_BLOCK
 from gridslam.twins.gaussian import correct
 from gridslam.twins.messages import associate
 
@@ -79,8 +80,8 @@ def effective_sample_size(blocks: Array) -> Array:
 
     Blocks are sums of independent weights, so their spread tells that of the weights.
     """
-    particles, sums = 64 * blocks.shape[1], blocks.astype(np.float64)
-    spread = 64 * sums.var(1) / np.maximum(sums.mean(1), 1e-30) ** 2
+    particles, sums = PATH_BLOCK * blocks.shape[1], blocks.astype(np.float64)
+    spread = PATH_BLOCK * sums.var(1) / np.maximum(sums.mean(1), 1e-30) ** 2
     return np.asarray(np.maximum(particles / (1 + np.minimum(spread, 1e12)), 1.0))
 
 
