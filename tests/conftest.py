@@ -1,5 +1,6 @@
 """What several tests share: the command line in this process, and a scene that takes a second."""
 
+import os
 import signal
 from typing import NamedTuple
 
@@ -9,10 +10,10 @@ from scene_samples import shortened
 
 import gridslam as gs
 
-# the same code passes or fails every time; other examples are looked for with --hypothesis-profile=other
+# the same code passes or fails every time; other examples are looked for with GRIDSLAM_EXAMPLES=other
 settings.register_profile("same", derandomize=True)
 settings.register_profile("other", derandomize=False)
-settings.load_profile("same")
+settings.load_profile(os.environ.get("GRIDSLAM_EXAMPLES", "same"))
 
 
 class Said(NamedTuple):
