@@ -76,20 +76,21 @@ def _key(arguments):
 
 def _kept(own, code, program, arguments, key):
     """The launch that a thread keeps for such a key; else a new one, or the one not used for longest."""
-    launches = own.__dict__.setdefault("launches", [])
-    if launches and (launches[0].code is not code or launches[0].program is not program):
+    launches = own.__dict__.get("launches")
+    if launches is None:
+        launches = own.launches = []
+    elif launches and (launches[-1].code is not code or launches[-1].program is not program):
         launches.clear()
     if key is None and launches:
         return launches[0]
-    found = next((one for one in launches if one.handed[key] is arguments[key]), None)
-    if found is None and len(launches) < MOST_KEPT:
-        found = _Kept(code, program, len(arguments))
-        launches.append(found)
-    kept = found or launches[-1]
-    if kept is not launches[0]:
-        launches.remove(kept)
-        launches.insert(0, kept)
-    return kept
+    for one in launches:  # the anchor whose turn it is was last heard longest ago
+        if one.handed[key] is arguments[key]:
+            launches.remove(one)
+            break
+    else:
+        one = launches.pop(0) if len(launches) == MOST_KEPT else _Kept(code, program, len(arguments))
+    launches.append(one)
+    return one
 
 
 class _Kept:

@@ -7,7 +7,6 @@ correlated: the state is [x, y, vx, vy, heading, angle_1, offset_1, angle_2, ...
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,7 +37,7 @@ class Belief:
         """Mean lines of the surfaces, (S, 2): normal angle (rad) and offset (m)."""
         return self.mean[AGENT:].reshape(-1, 2)
 
-    @cached_property
+    @property
     def root(self) -> Array:
         """Lower triangular root of the covariance (Cholesky's), which may be singular, (5 + 2 S, 5 + 2 S).
 
@@ -60,8 +59,8 @@ def slots(surfaces: ArrayLike) -> NDArray[np.intp]:
 
 def predict(
     belief: Belief, dt: float, acceleration: float, heading: float, shift: float, feet: Array
-) -> Belief:
-    """Near-constant velocity, random-walk heading, and jitter of every surface at its wall.
+) -> None:
+    """Near-constant velocity, random-walk heading, and jitter of every surface at its wall; in place.
 
     Parameters
     ----------
@@ -70,7 +69,7 @@ def predict(
     feet : (S,) m
         Tangential coordinate of the place where each surface is hit, about which it turns.
     """
-    mean, covariance = belief.mean.copy(), belief.covariance.copy()
+    mean, covariance = belief.mean, belief.covariance
     mean[:2] += dt * mean[2:4]
     covariance[:2] += dt * covariance[2:4]
     covariance[:, :2] += dt * covariance[:, 2:4]
@@ -89,7 +88,6 @@ def predict(
     entries[angle + 1 :: on][: len(feet)] += lever
     entries[angle + size :: on] += lever
     entries[angle + size + 1 :: on] += lever * feet + shift**2
-    return Belief(mean, covariance)
 
 
 def update(belief: Belief, jacobian: Array, residuals: Array, noises: Array, weights: Array) -> Belief:

@@ -134,8 +134,9 @@ class Draft(NamedTuple):
 
 
 def sample(belief: Belief, points: Array) -> Cloud:
-    """Exact samples (nothing kept) by standard normal points (N, R)."""
-    return Draft.of(*points.shape).prepared(belief, 0.0, points)[2]
+    """Exact samples (nothing kept) by standard normal points (N, R); they last until the next call."""
+    room = runtime.lasting("samples", points.shape, lambda: Draft.of(*points.shape))
+    return room.prepared(belief, 0.0, points)[2]
 
 
 def needed(belief: Belief) -> float:

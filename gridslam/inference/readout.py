@@ -74,7 +74,7 @@ def _described(
     several = int(found[0])
     surfaces = SurfaceEstimate(
         bank.identity, table[:, 6:8], table[:, 8:12].reshape(-1, 2, 2), table[:, :2],
-        table[:, 2:6].reshape(-1, 2, 2), table[:, 12], table[:, 13], bank.existence, table[:, 14:],
+        table[:, 2:6].reshape(-1, 2, 2), table[:, 12], table[:, 13], bank.existence.copy(), table[:, 14:],
         bank.owner,
     )  # fmt: skip
     corners = drawn[:several, :8].copy().reshape(-1, 4, 2)

@@ -132,13 +132,12 @@ class Bank:
 
 def evolve(bank: Bank, survival: float, walk: float) -> None:
     """Surfaces survive, and their coefficients walk by `walk` per step (paper 003, section III-C)."""
-    bank.existence = bank.existence * survival
+    bank.existence *= survival
     if walk:
         step = 0.5 * (walk * BINS) ** 2 * np.diff(bank.reflection)
-        bank.reflection = bank.reflection.copy()
         bank.reflection[:, :-1] += step
         bank.reflection[:, 1:] -= step
-    bank.age = bank.age + 1
+    bank.age += 1
 
 
 def mark(bank: Bank, belief: Belief, rays: Rays, lines: Polylines, share: Array) -> None:
@@ -166,7 +165,7 @@ def mark(bank: Bank, belief: Belief, rays: Rays, lines: Polylines, share: Array)
             highest[surface] = along if not highest[surface] >= along else highest[surface]
             seen.add((surface, anchor))
     bank.foot[:] = foot
-    bank.extent = np.ascontiguousarray(np.array([lowest, highest]).T)
+    bank.extent[:] = np.array([lowest, highest]).T
     for surface, _ in seen:
         bank.seen[surface] += 1
 
@@ -204,7 +203,7 @@ def merge(bank: Bank, belief: Belief) -> tuple[Bank, Belief]:
     if len(belief.lines) != len(bank):
         raise ValueError("belief and bank don't hold the same surfaces")
     for _ in range(MOST_SURFACES + 1):
-        found, tie = np.empty(2, np.int32), np.empty((2, 5))
+        found, tie = runtime.scratch("duplicate", (2,), np.int32), runtime.scratch("tie", (2, 5))
         duplicate(belief.mean, belief.covariance, bank.foot, bank.owner, found, tie)
         older, younger = found.tolist()
         if older < 0:

@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 def update(
     belief: Belief, bank: Bank, sight: Array, rays: Rays, predicted: Prediction, heard: Heard,
     said: Evaluation, given: tuple[Array, Array] | None, watch: Watch, radio: Array, anchors: Array,
-) -> tuple[Belief, Array]:  # fmt: skip
-    """Associate; correct agent and surfaces; update, in place, what exists; note how well it all fits.
+) -> Array:  # fmt: skip
+    """Associate; correct agent and surfaces and update what exists, in place; note how well it all fits.
 
     The joint belief is corrected by every path in turn, surest first, moment-matched over its association.
     Each path is linearised where the ones before it have led: the sure ones carry the unsure.
@@ -43,8 +43,8 @@ def update(
 
     Returns
     -------
-    (belief, share)
-        share (K,): probability of each pair.
+    (K,)
+        Probability of each pair.
     """
     if runtime.start() == "gpu" and given is None:
         given = associate(said.beta, said.missed, said.new)  # a device may bound how long one launch loops
@@ -52,8 +52,7 @@ def update(
 
     rays.check(len(bank), len(sight))
     rays.check(len(bank), len(anchors))
-    pairs, mean, covariance = said.pairs, belief.mean.copy(), belief.covariance.copy()
-    bank.existence = bank.existence.copy()  # estimates keep what it was
+    pairs, mean, covariance = said.pairs, belief.mean, belief.covariance
     share, rounds = runtime.scratch(f"share {heard.anchor}", (len(pairs.index),)), ROUNDS
     if given is not None:
         (said.message[tables.NU], said.measured[tables.CLAIMED]), rounds = given, 0
@@ -64,4 +63,4 @@ def update(
         runtime.scratch("update", (len(mean), 6)), said.message, said.measured, bank.existence, sight,
         bank.single, bank.double, share, watch.fits,
     )  # fmt: skip
-    return Belief(mean, covariance), share[: len(pairs)]
+    return share[: len(pairs)]

@@ -162,7 +162,7 @@ class SurfaceSlam:
         """Motion of the agent, jitter of the surfaces, survival (paper 003, section III-C)."""
         if self.last_time is not None:
             self.elapsed = now - self.last_time
-            self.belief = predict(
+            predict(
                 self.belief,
                 self.elapsed,
                 self.settings.acceleration_mps2,
@@ -247,7 +247,7 @@ class SurfaceSlam:
         )  # fmt: skip
         given = self._associate(heard, said)
         # association, updates
-        self.belief, share = update(
+        share = update(
             self.belief, self.bank, self.sight, rays, predicted, heard, said, given, self.watch,
             self.told.radio(anchor), self.anchors,
         )  # fmt: skip
