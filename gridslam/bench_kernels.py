@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gridslam import runtime, twins
 from gridslam.bench_stages import Function, kernels, modules, replaced
+from gridslam.kernels import ALREADY_LISTED
 from gridslam.mapping import METHODS
 from gridslam.measurements import Scan
 from gridslam.scene import Scene
@@ -180,7 +181,9 @@ CONTESTS = {
     "associate": Contest("pair", twins.associate, _messages, ("message", "odds", "measured")),
     "cast": Contest(
         "cell visit", twins.cast, _visits, given=_cast_twin,
-        size=lambda case: int((case["factor"][:, 1] > 0.5).sum()),  # that sends; it tells no coefficients
+        rows=("path", "found"),
+        # that sends: it lists no paths, and tells no coefficients
+        size=lambda case: int((case["factor"][:, 1] > 0.5).sum()) if case["only"] == ALREADY_LISTED else -1,
     ),
     "describe": Contest("path", twins.describe, _told, ("surface", "places", "table"), size=_surfaces),
     "duplicate": Contest("pair", twins.duplicate, lambda case: len(case["foot"]) ** 2, ("foot",)),
@@ -194,7 +197,6 @@ CONTESTS = {
     "learn": Contest("path", twins.learn, _paths, changes=("surface", "held")),
     "near": Contest("measurement", twins.near, lambda case: len(case["heard"]), ("heard", "places")),
     "polylines": Contest("path-ray", twins.polylines, _path_particles),
-    "prepare": Contest("entry", twins.prepare, lambda case: case["covariance"].size, ("mean",)),
     "propose": Contest("sample", twins.propose, _samples, ("heard",), changes=("measured",)),
     "update": Contest(
         "path", twins.update, _paths, ("path", "share", "heard", "odds", "message", "measured"),
@@ -357,7 +359,7 @@ def repeated(
 
 def _none(name: str, array: Array) -> Array:
     """No rows of an array; of those that have paths or measurements in columns, none of these either."""
-    if name == "born":
+    if name in ("born", "found"):
         return np.zeros_like(array[:1])
     if name == "message":
         return np.ascontiguousarray(array[:, :0, :0])

@@ -6,6 +6,12 @@ CELL_SLABS = {"cpu": 4, "gpu": 64}
 PATH_BLOCK = 32
 """Particles that the evaluation kernel takes at a time; kept here so that owners needn't start Taichi."""
 
+ALREADY_LISTED = -2
+"""Stands for an anchor where paths are given and none are to be listed."""
+
+TAKE_ROOT, ROOT_GIVEN, STATE_GIVEN = 0, 1, 2
+"""What is to be made ready to draw: root of the covariance and samples, samples alone, or nothing."""
+
 UNMEASURED = 1e12
 """Variance that stands for "not measured"."""
 

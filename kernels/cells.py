@@ -13,10 +13,11 @@ import taichi as ti
 
 from gridslam.kernels.bundles import FAR, LANES, OWN, PLACES, lay_leg, meet_cells, rows_alone
 from gridslam.kernels.coefficients import recall
-from gridslam.kernels.device import SPREAD
+from gridslam.kernels.device import ON_CPU, SPREAD
 from gridslam.kernels.functions import log_of
 from gridslam.kernels.launching import quick
 from gridslam.kernels.paths import draw_path
+from gridslam.kernels.rays import look_ahead
 
 
 @ti.func
@@ -82,15 +83,37 @@ def cross_row(walk, r, low: ti.template(), high: ti.template(), free, through: t
 @quick
 @ti.kernel
 def cast(
-    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, R] x, y, heading; per line normal x, y, offset
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    only: ti.i32,  # these 25 as of `kernels.rays.foresee`
+    bounces: ti.i32,
+    stay: ti.f64,
+    appear: ti.f64,
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),
+    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    surface: ti.types.ndarray(dtype=ti.f64, ndim=1),
+    owner: ti.types.ndarray(dtype=ti.i64, ndim=1),
+    sight: ti.types.ndarray(dtype=ti.f64, ndim=1),
+    single: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    double: ti.types.ndarray(dtype=ti.f64, ndim=3),
+    share: ti.f64,
+    points: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    rooted: ti.i32,
+    whole: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    root: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    base: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    state: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    failed: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    existence: ti.types.ndarray(dtype=ti.f64, ndim=1),
+    surfaces: ti.types.ndarray(dtype=ti.f64, ndim=1),
+    predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # L
     factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 2]  A of the path, and whether to send messages
     occupied: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [2, ny, nx] o of a traversed cell, of a hit one in V
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] origin x, y, side; factor outside, clip, least
     # share, how likely a wall is of another material where it is hit next
     held: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [ny, nx, BINS] log-likelihood of coefficients in cells
-    surface: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] beliefs about coefficients of surfaces
+    reflection: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] beliefs about coefficients of surfaces
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 14] out: corners, normals, possible or not, V
     seen: ti.types.ndarray(
         dtype=ti.f64, ndim=2
@@ -104,16 +127,25 @@ def cast(
     met: ti.types.ndarray(dtype=ti.u8, ndim=2),  # [SLABS, ny * nx] zero on entry and exit
     message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [SLABS, ny, nx] in/out: sum of log ratios
 ):
-    """Draw and cast the rays of all paths; add the log ratios to `message` of those that are to send.
+    """Look ahead; cast the rays of all paths; add the log ratios to `message` of those that are to send.
 
+    Nothing is cast if no root of the covariance was found.
     A path sends only if it is possible at more than the least share of its states; an impossible ray has V 0.
     Where rays meet walls, cells and surfaces tell of coefficients, if there is room for that.
     """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        if ti.static(ON_CPU):  # Taichi's SPIR-V compiler can't take both in one: see `Cells`
+            look_ahead(
+                only, bounces, stay, appear, mean, covariance, places, surface, owner, sight, single, double,
+                share, points, rooted, whole, root, base, state, failed, path, existence, surfaces,
+                predicted, found,
+            )  # fmt: skip
     for item in range(message.shape[0] * SPREAD):
         if item % SPREAD == 0:
             slab = item // SPREAD
             ny, nx = occupied.shape[1], occupied.shape[2]
-            paths, rays = path.shape[0], state.shape[1]
+            paths, rays = (found[0] if failed[0] == 0 else 0), state.shape[1]
             row = slab
             while row < paths:
                 count, a = path[row, 0], factor[row, 0]
@@ -133,15 +165,15 @@ def cast(
                     low, high, enter = ti.Vector([0] * LANES), ti.Vector([0] * LANES), ti.Vector([0] * LANES)
                     start, stop = ti.Vector([0] * LANES), ti.Vector([0] * LANES)
                     entry, leave = ti.Vector([0] * LANES), ti.Vector([0] * LANES)
-                    base = ti.Vector([0.0] * LANES, dt=ti.f64)
+                    origin = ti.Vector([0.0] * LANES, dt=ti.f64)
                     slope = ti.Vector([0.0] * LANES, dt=ti.f64)
                     meet_cells(drawn, first, live, count, frame, occupied, slab, line, place)
                     mark(place, slab, live, 1, met)
-                    common, whole = ti.cast(1.0, ti.f64), ti.cast(0.0, ti.f32)
+                    common, passed = ti.cast(1.0, ti.f64), ti.cast(0.0, ti.f32)
                     for walk in range(2 if send else 1):  # 0: V; 1: add it to the cells
-                        for corner in range(count + 1 if walk == 0 or whole > 0 else 0):
+                        for corner in range(count + 1 if walk == 0 or passed > 0 else 0):
                             plan = lay_leg(
-                                drawn, first, live, corner, frame, base, slope, start, stop, entry, leave
+                                drawn, first, live, corner, frame, origin, slope, start, stop, entry, leave
                             )
                             flat = plan[0] > 0.5
                             columns, rows = (nx if flat else ny), (ny if flat else nx)
@@ -166,7 +198,7 @@ def cast(
                                     together = met[slab, cell] == 0 and met[slab, end_cell] == 0
                                 if ti.static(LANES == 1):
                                     together = True
-                                    lowest, highest = rows_alone(c, base, slope, start, stop, entry, leave)
+                                    lowest, highest = rows_alone(c, origin, slope, start, stop, entry, leave)
                                     lowest, highest = ti.max(lowest, 0), ti.min(highest, rows - 1)
                                 if together:
                                     fresh = False
@@ -179,15 +211,15 @@ def cast(
                                             if walk == 0:
                                                 common *= 1 - ti.cast(occupied[0, iy, ix], ti.f64)
                                             else:
-                                                known = crossed(slab, ix, iy, whole, scratch, touched, known)
+                                                known = crossed(slab, ix, iy, passed, scratch, touched, known)
                                 else:
                                     if not fresh:
                                         for i in range(LANES):
-                                            enter[i] = ti.cast(ti.floor(base[i] + slope[i] * c), ti.i32)
+                                            enter[i] = ti.cast(ti.floor(origin[i] + slope[i] * c), ti.i32)
                                     fresh = True
                                     bottom, top = FAR, -FAR
                                     for i in range(LANES):
-                                        goes = ti.cast(ti.floor(base[i] + slope[i] * (c + 1)), ti.i32)
+                                        goes = ti.cast(ti.floor(origin[i] + slope[i] * (c + 1)), ti.i32)
                                         goes = ti.select(c >= stop[i], leave[i], goes)
                                         came = ti.select(c <= start[i], entry[i], enter[i])
                                         here = (c >= start[i]) & (c <= stop[i])
@@ -216,7 +248,7 @@ def cast(
                                     v *= line[slab, OWN, i] * line[slab, OWN + 1, i]
                                 total += v * a + 1 - v
                                 through[i] = ti.cast(v, ti.f32)
-                                whole += through[i]
+                                passed += through[i]
                     mark(place, slab, live, 0, met)
                     if send:
                         for i in range(live):
@@ -240,7 +272,7 @@ def cast(
                 for n in ti.static(range(4)):
                     seen[row, 2 + n] = middle[n]
                 if belief.shape[0] > 0:
-                    recall(drawn, path, held, surface, frame, row, rays, belief)
+                    recall(drawn, path, held, reflection, frame, row, rays, belief)
                 for n in range(known):
                     ix, iy = touched[slab, n, 0], touched[slab, n, 1]
                     o, lift = ti.cast(occupied[0, iy, ix], ti.f64), (a - 1) * scratch[slab, iy, ix, 0]

@@ -2,9 +2,8 @@
 
 import taichi as ti
 
-from gridslam.kernels import PATH_BLOCK
+from gridslam.kernels import PATH_BLOCK, STATE_GIVEN, TAKE_ROOT
 from gridslam.kernels.functions import cos_of, sin_of, turn_of, wrapped
-from gridslam.kernels.launching import quick
 
 BLOCK = PATH_BLOCK
 AGENT = 5
@@ -59,10 +58,10 @@ def ready(
 ):  # fmt: skip
     """Take the root of a covariance (Cholesky's), and draw some exact samples with it.
 
-    Arguments as of `prepare`.
+    Arguments as of `kernels.rays.foresee`.
     """
-    size, bad = mean.shape[0], 0
-    for j in range(size if rooted == 0 else 0):
+    size, bad = (0 if rooted == STATE_GIVEN else mean.shape[0]), 0
+    for j in range(size if rooted == TAKE_ROOT else 0):
         for i in range(j):
             whole[i, j] = 0.0
         for i in range(j, size):
@@ -92,23 +91,3 @@ def ready(
                 state[out, k], state[out + 1, k] = cos_of(at), sin_of(at)
             else:
                 state[5 + (i - AGENT) // 2 * 3, k] = at
-
-
-@quick
-@ti.kernel
-def prepare(
-    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]
-    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
-    share: ti.f64,  # of the root that particles are drawn with
-    points: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, R] standard normal
-    rooted: ti.i32,  # whether `whole` is given
-    whole: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N] in/out: root of the covariance, lower triangular
-    root: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, N] out: share of it, for `draw_block`
-    base: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, 3] out: mean, and its cosine and sine
-    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, R] out: samples ``mean + whole points``
-    failed: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: whether the covariance is singular
-):
-    """Make ready to draw from a belief, and draw some exact samples."""
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        ready(mean, covariance, share, points, rooted, whole, root, base, state, failed)

@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from gridslam.kernels import ALREADY_LISTED
 from gridslam.kernels.functions import wrapped
 from gridslam.kernels.gaussian import entry_of, path_of, predict_by, spread_of
 from gridslam.kernels.launching import quick
@@ -38,10 +39,41 @@ def enter_path(path: ti.template(), row, kind, s, r, anchor):
     path[row, 1], path[row, 2] = (-1 if kind == 0 else s), (-1 if kind == 0 else (s if kind == 1 else r))
 
 
+@ti.func
+def look_ahead(
+    only, bounces, stay, appear, mean: ti.template(), covariance: ti.template(), places: ti.template(),
+    surface: ti.template(), owner: ti.template(), sight: ti.template(), single: ti.template(),
+    double: ti.template(), share, points: ti.template(), rooted, whole: ti.template(), root: ti.template(),
+    base: ti.template(), state: ti.template(), failed: ti.template(), path: ti.template(),
+    existence: ti.template(), surfaces: ti.template(), predicted: ti.template(), found: ti.template(),
+):  # fmt: skip
+    """Make ready to draw particles and samples; list paths and predict them.
+
+    Arguments as of `foresee`.
+    """
+    ready(mean, covariance, share, points, rooted, whole, root, base, state, failed)
+    count, n, known = surface.shape[0], 0, only == ALREADY_LISTED
+    end = 0 if known else (places.shape[0] if only < 0 else only + 1)
+    for anchor in range(ti.max(only, 0), end):
+        for kind in range(3 if bounces > 1 else 2):
+            for s in range(1 if kind == 0 else count):
+                for r in range(count if kind == 2 else 1):
+                    there, chance, together = listed(
+                        kind, s, r, anchor, surface, owner, sight, single, double
+                    )  # fmt: skip
+                    if there:
+                        enter_path(path, n, kind, s, r, anchor)
+                        existence[n], surfaces[n] = appear + chance * (stay - appear), together
+                        n += 1
+    for row in range(n):
+        predict_by(mean, covariance, path, places, row, predicted)
+    found[0] = found[0] if known else n
+
+
 @quick
 @ti.kernel
 def foresee(
-    only: ti.i32,  # the anchor; -1 for all, one after the other
+    only: ti.i32,  # the anchor; -1 for all, one after the other; `ALREADY_LISTED`
     bounces: ti.i32,  # at most; single ones are always listed
     stay: ti.f64,  # probabilities that a ray stays and that one appears: 1 and 0 list them as they are
     appear: ti.f64,
@@ -53,13 +85,14 @@ def foresee(
     sight: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J] existence of lines of sight
     single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] of rays over one surface
     double: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [J, S, S] over (last, first)
-    share: ti.f64,  # these eight as of `kernels.particles.prepare`
-    points: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    whole: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    root: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    base: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    state: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    failed: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    share: ti.f64,  # of the covariance's root that particles are drawn with
+    points: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, R] standard normal
+    rooted: ti.i32,  # `TAKE_ROOT`; `ROOT_GIVEN` as `whole`; `STATE_GIVEN`
+    whole: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N] in/out: root of the covariance, lower triangular
+    root: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, N] out: share of it, for `draw_block`
+    base: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, 3] out: mean, and its cosine and sine
+    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, R] out: samples ``mean + whole points``
+    failed: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: whether the covariance is singular
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [J (1 + S S), 4] out: bounces, last, first, anchor
     existence: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J (1 + S S)] out: of the ray
     surfaces: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J (1 + S S)] out: of all surfaces involved
@@ -69,22 +102,11 @@ def foresee(
     """List and predict paths: line of sight, single bounces, double bounces. Make ready to draw particles."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        ready(mean, covariance, share, points, 0, whole, root, base, state, failed)
-        count, n = surface.shape[0], 0
-        for anchor in range(ti.max(only, 0), places.shape[0] if only < 0 else only + 1):
-            for kind in range(3 if bounces > 1 else 2):
-                for s in range(1 if kind == 0 else count):
-                    for r in range(count if kind == 2 else 1):
-                        there, chance, together = listed(
-                            kind, s, r, anchor, surface, owner, sight, single, double
-                        )  # fmt: skip
-                        if there:
-                            enter_path(path, n, kind, s, r, anchor)
-                            existence[n], surfaces[n] = appear + chance * (stay - appear), together
-                            n += 1
-        for row in range(n):
-            predict_by(mean, covariance, path, places, row, predicted)
-        found[0] = n
+        look_ahead(
+            only, bounces, stay, appear, mean, covariance, places, surface, owner, sight, single, double,
+            share, points, rooted, whole, root, base, state, failed, path, existence, surfaces, predicted,
+            found,
+        )  # fmt: skip
 
 
 @ti.func

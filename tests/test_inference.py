@@ -15,7 +15,7 @@ from gridslam.geometry import line_between, line_of_sfv, mirror, sfv, trace, wra
 from gridslam.inference.association import associate
 from gridslam.inference.belief import AGENT, Belief, separated, update
 from gridslam.inference.cells import Cells
-from gridslam.inference.particles import BIN_M, DIVERGENCE, PORTION, Cloud, Particles, needed
+from gridslam.inference.particles import BIN_M, DIVERGENCE, PORTION, Cloud, Particles, Sampling, needed
 from gridslam.inference.rays import Rays
 from gridslam.kernels import PATH_BLOCK
 
@@ -118,7 +118,9 @@ def told(cells, bounces, anchor, agent, line, worth):
     """Tell the cells of one path at one state, and absorb; return its V."""
     rays = Rays.of(*(np.array([value]) for value in (0, bounces, bounces - 1, bounces - 1, 1.0, 1.0)))
     cloud = Cloud(np.array([[*agent, 0.0, np.cos(line[0]), np.sin(line[0]), line[1]]]).T, 0.0)
-    drawn = cells.tell(rays, cloud, np.array([[*anchor, 0.0]]), np.array([worth]), np.array([True]), 0.0)
+    drawn = cells.tell(
+        rays, Sampling.at(cloud), np.array([[*anchor, 0.0]]), np.array([worth]), np.array([True]), 0.0
+    )
     cells.absorb()
     return drawn.validity[0]
 
@@ -249,7 +251,9 @@ def test_worthless_paths_tell_cells_nothing_and_never_list_more_than_there_are(w
     whole = np.ones(len(last))
     paths = Rays.of(0 * last, np.where(last == first, 1, 2), last, first, whole, whole)
     cells._touched[...] = -7
-    cells.tell(paths, Cloud(state, 0.0), np.array([[1.0, 1.0, 0.0]]), worth * whole, whole > 0, 0.0)
+    cells.tell(
+        paths, Sampling.at(Cloud(state, 0.0)), np.array([[1.0, 1.0, 0.0]]), worth * whole, whole > 0, 0.0
+    )
     assert (cells._touched[:, -1] == -7).all(), "the list is never full"
     cells.absorb()
     assert cells.observed.any() == (worth == 3.0)
@@ -260,7 +264,7 @@ def test_messages_of_an_interrupted_step_are_forgotten():
     one, none = np.ones(1), np.full(1, -1)
     ray = Rays.of(np.zeros(1, int), np.zeros(1, int), none, none, one, one)
     for forget in (True, False):
-        cells.tell(ray, Cloud(np.array([[3.5, 3.5, 0.0]]).T, 0.0), place, 9 * one, one > 0, 0.0)
+        cells.tell(ray, Sampling.at(Cloud(np.array([[3.5, 3.5, 0.0]]).T, 0.0)), place, 9 * one, one > 0, 0.0)
         if forget:
             cells.forget()
         cells.absorb()

@@ -11,8 +11,10 @@ from kernel_worlds import random_world
 
 from gridslam import runtime, twins
 from gridslam.inference.belief import Belief
-from gridslam.inference.particles import sample
+from gridslam.inference.prediction import Ahead
+from gridslam.inference.surfaces import Bank
 from gridslam.kernels import PATH_BLOCK
+from gridslam.signal import REFLECTION_BINS
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 seeds = st.integers(0, 2**32 - 1)
@@ -216,31 +218,39 @@ def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
     np.testing.assert_allclose(state, twins.draw(root, base, points), atol=1e-5)
 
 
+def drawn_by(belief, points):
+    """What the kernel that looks ahead makes ready of a belief: its draft."""
+    from gridslam.kernels.rays import foresee
+
+    surfaces = len(belief.lines)
+    bank, anchors = Bank.empty(1), np.zeros((1, 3))
+    for number in range(surfaces):
+        bank = bank.add(
+            number, 0.5, np.full(len(REFLECTION_BINS), 1 / len(REFLECTION_BINS)), 0.0, (0, -1, -1)
+        )
+    ahead = Ahead.of(bank, np.full(1, 0.9), belief, anchors, 0, 2, (0.95, 0.005), 0.19, points)
+    for arguments in ahead.attempts():
+        foresee(*arguments)
+    return ahead.sampling.draft
+
+
 @given(seeds, st.integers(0, 6), st.sampled_from([0, 1, 48]))
 @settings(max_examples=30, deadline=None)
-def test_a_prepared_root_and_its_samples_equal_their_twin(seed, surfaces, count):
-    from gridslam.kernels.particles import prepare
-
+def test_a_root_and_its_samples_equal_their_twin(seed, surfaces, count):
     draw, size = np.random.default_rng(seed), 5 + 2 * surfaces
     square = draw.normal(size=(size, size))
     mean, covariance = draw.normal(0, 3, size), square @ square.T + 1e-3 * np.eye(size)
     points = draw.normal(size=(size, count))
-    whole, root = np.full((size, size), np.nan), np.full((size, size), np.nan, np.float32)
-    base, state = np.full((size, 3), np.nan, np.float32), np.full((3 + 3 * surfaces, count), np.nan)
-    failed = np.full(1, 9, np.int32)
-    out = whole, root, base, state
-    prepare(mean, covariance, 0.9, points, 0, *out, failed)
-    assert failed[0] == 0
-    for found, wanted in zip(out, twins.prepare(mean, covariance, 0.9, points), strict=True):
+    draft = drawn_by(Belief(mean, covariance), points)
+    assert draft.failed[0] == 0
+    for found, wanted in zip(draft, twins.prepare(mean, covariance, 0.9, points), strict=False):
         np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-6)
-    given = np.tril(draw.normal(size=(size, size)))
-    prepare(mean, covariance, 0.9, points, 1, given.copy(), *out[1:], failed)
-    base = np.stack([mean, np.cos(mean), np.sin(mean)], -1)
-    np.testing.assert_allclose(state, twins.draw(given, base, points), atol=1e-6)
 
 
 def test_the_root_of_a_singular_covariance_is_taken_another_way():
-    spread = np.diag([0.1, 0.0, 0.3, 0.2, 0.0])
-    cloud = sample(Belief(np.arange(5.0), spread), np.random.default_rng(2).standard_normal((5, 4000)))
-    np.testing.assert_allclose(cloud.state[1:], [[1.0] * 4000, [4.0] * 4000], atol=1e-7)
-    assert cloud.state[0].std() == pytest.approx(np.sqrt(0.1), rel=0.05)
+    belief = Belief(np.arange(5.0), np.diag([0.1, 0.0, 0.3, 0.2, 0.0]))
+    points = np.random.default_rng(2).standard_normal((5, 4000))
+    draft = drawn_by(belief, points)
+    np.testing.assert_allclose(draft.state, twins.draw(belief.root, draft.base, points), atol=1e-6)
+    np.testing.assert_allclose(draft.state[1:], [[1.0] * 4000, [4.0] * 4000], atol=1e-7)
+    np.testing.assert_allclose(draft.root, 0.9 * belief.root, rtol=1e-6)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from kernel_worlds import BINS
 
 from gridslam import runtime, twins
-from gridslam.kernels import CELL_SLABS
+from gridslam.kernels import ALREADY_LISTED, CELL_SLABS, STATE_GIVEN
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 seeds = st.integers(0, 2**32 - 1)
@@ -37,9 +37,14 @@ def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0):
     held = draw.normal(0, draw.choice([0.1, 30.0]), (*shape, BINS))
     surface = draw.dirichlet(np.full(BINS, 0.2), state.shape[0] // 3)
     belief, frame = np.full((len(path), 2 * BINS), np.nan), np.append(frame, [0.1, 12.0, 0.0, 0.05])
+    square, row, entries = np.empty((0, 0)), np.empty(0), np.empty(0, np.int64)
+    roots = square, square.astype(np.float32), square.astype(np.float32)
+    found = np.array([len(path)], np.int32)
     cast(
-        state, table, np.append(place, 0.0)[None], factor, occupied, frame, held, surface,
-        drawn, seen, belief, line, spot, scratch, touched, met, message,
+        ALREADY_LISTED, 0, 0.0, 0.0, row, square, np.append(place, 0.0)[None], row, entries, row, square,
+        np.empty((0, 0, 0)), 1.0, square, STATE_GIVEN, *roots, state, np.full(1, 9, np.int32), table, row,
+        row, square, found, factor, occupied, frame, held, surface, drawn, seen, belief, line, spot, scratch,
+        touched, met, message,
     )  # fmt: skip
     np.testing.assert_allclose(belief.sum(1), 1, rtol=1e-9)
     np.testing.assert_allclose(belief, twins.recall(drawn, table, held, surface, frame[:3], 0.05), atol=1e-9)

@@ -17,6 +17,7 @@ from kernel_worlds import (
 from gridslam import runtime, twins
 from gridslam.geometry import line_between, mirror, wrap
 from gridslam.inference.proposals import SAMPLES
+from gridslam.kernels import TAKE_ROOT
 from gridslam.signal import REFLECTION_BINS
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
@@ -46,7 +47,7 @@ def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, onl
     root, base = np.full((size, size), np.nan, np.float32), np.full((size, 3), np.nan, np.float32)
     state, failed = np.full((3 + 3 * surfaces, samples), np.nan), np.full(1, 9, np.int32)
     drafts = whole, root, base, state
-    foresee(*into, 0.9, points, *drafts, failed, path, existence, together, predicted, found)
+    foresee(*into, 0.9, points, TAKE_ROOT, *drafts, failed, path, existence, together, predicted, found)
     assert failed[0] == 0
     for told, wanted in zip(drafts, twins.prepare(mean, covariance, 0.9, points), strict=True):
         np.testing.assert_allclose(told, wanted, rtol=1e-5, atol=1e-6)

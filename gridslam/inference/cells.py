@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.inference.belief import AGENT
-from gridslam.inference.particles import Cloud
+from gridslam.inference.particles import Sampling
 from gridslam.inference.polylines import Polylines
+from gridslam.inference.prediction import Ahead
 from gridslam.inference.rays import Rays
-from gridslam.kernels import CELL_SLABS
+from gridslam.kernels import ALREADY_LISTED, CELL_SLABS
 from gridslam.signal import REFLECTION_BINS
 
 Array = NDArray[np.float64]
@@ -23,6 +25,9 @@ OUTSIDE = 0.1
 """Factor of a hit outside the grid."""
 OTHER_MATERIAL = 0.05
 """Share of the belief that a wall is of another material where it is hit next."""
+NO_BANK = np.empty(0), np.empty(0, np.int64), np.empty(0), np.empty((0, 0)), np.empty((0, 0, 0))
+NO_PATHS = np.empty(0), np.empty(0), np.empty((0, 12))
+"""What is told of surfaces, and of paths to be listed, where there are none to list."""
 
 
 class Cells:
@@ -92,8 +97,8 @@ class Cells:
             self._frames[more].setflags(write=False)
         return self._frames[more]
 
-    def see(self, rays: Rays, cloud: Cloud, anchors: Array, surface: Array) -> tuple[Polylines, Array]:
-        """Draw an anchor's rays at all states of a cloud, and cast them: V, eq. (1), and coefficients.
+    def see(self, ahead: Ahead, surface: Array) -> tuple[Array, Array]:
+        """List and predict an anchor's paths, and cast them at its samples: V, eq. (1), and coefficients.
 
         What is told lasts until the same anchor's rays are seen again.
 
@@ -104,17 +109,22 @@ class Cells:
 
         Returns
         -------
-        (drawn, belief)
-            belief (L, 2 BINS): over the product of the coefficients along every path, eq. (2), by nodes
-            ``(n + 1) / (2 BINS)``. A hit's own is made up of what surface and cells there believe, and of
-            room for a surprise.
+        (validity, belief)
+            validity (L,): V of every path. belief (L, 2 BINS): over the product of the coefficients along
+            every path, eq. (2), by nodes ``(n + 1) / (2 BINS)``. A hit's own is made up of what surface and
+            cells there believe, and of room for a surprise.
         """
-        rays.check(len(surface))
-        count, number = len(rays), rays.table[0, 3] if len(rays) else -1
-        factor, belief = runtime.lasting(
-            f"seen {number}", count, lambda: (np.zeros((count, 2)), np.empty((count, 2 * BINS)))
+        if len(surface) != ahead.among[0]:
+            raise ValueError("coefficients don't belong to these surfaces")
+        most, rays = len(ahead.table), ahead.sampling.points.shape[1]
+        factor, seen, belief, drawn = runtime.lasting(
+            f"seen {ahead.site}", (most, rays), lambda: (np.zeros((most, 2)), *_room(most, rays))
         )
-        return self._cast(f"seen by {number}", rays, cloud, anchors, factor, 0.0, surface, belief), belief
+        self._cast(ahead.attempts(), factor, 0.0, surface, drawn, seen, belief)
+        count = int(ahead.found[0])
+        return runtime.lasting(
+            f"seen of {ahead.site}", (id(seen), count), lambda: (seen[:count, 0], belief[:count])
+        )
 
     def glance(
         self, mean: Array, anchor: int, anchors: Array, born: NDArray[np.int32], told: Array, measured: Array
@@ -136,14 +146,17 @@ class Cells:
         )  # fmt: skip
 
     def tell(
-        self, rays: Rays, cloud: Cloud, anchors: Array, worth: Array, send: NDArray[np.bool_], least: float
-    ) -> Polylines:
+        self, rays: Rays, samples: Sampling, anchors: Array, worth: Array, send: NDArray[np.bool_],
+        least: float,
+    ) -> Polylines:  # fmt: skip
         """Add the messages of paths to their cells, eqs. (43)-(45); `absorb` folds them in.
 
         What is drawn lasts until the next call.
 
         Parameters
         ----------
+        samples : Sampling
+            States at which the rays are cast.
         worth : (L,)
             A of each path: what it is worth if it is not blocked.
         send : (L,)
@@ -151,46 +164,41 @@ class Cells:
         least : float
             Share of the states at which a path must be possible to tell anything.
         """
+        state, count = samples.draft.state, len(rays)
+        rays.check(len(state) // 3 - 1, len(anchors))
+        if not count:
+            return Polylines(rays.bounces, np.empty((0, 14)), np.empty((0, 6)))
         self._pending = True
-        factor, none = runtime.scratch("told factor", (len(rays), 2)), _none()
-        factor[:, 0], factor[:, 1] = worth, send
-        return self._cast("told", rays, cloud, anchors, factor, least, none, none)
+        factor, found = runtime.scratch("told factor", (count, 2)), runtime.scratch("told", (1,), np.int32)
+        factor[:, 0], factor[:, 1], found[0] = worth, send, count
+        seen, none, drawn = runtime.lasting(
+            "told by", (count, state.shape[1]), lambda: _room(count, state.shape[1], 0)
+        )
+        before = (
+            ALREADY_LISTED, 0, 0.0, 0.0, samples.belief.mean, samples.belief.covariance, anchors, *NO_BANK,
+            1.0, samples.points,
+        )  # fmt: skip
+        after = rays.table, *NO_PATHS, found
+        asked = ((*before, *way, *after) for way in samples.attempts())
+        self._cast(asked, factor, least, none, drawn, seen, none)
+        return Polylines(rays.bounces, drawn, seen)
 
     def _cast(
-        self, site: str, rays: Rays, cloud: Cloud, anchors: Array, factor: Array, least: float,
-        surface: Array, belief: Array,
-    ) -> Polylines:  # fmt: skip
-        runtime.start()
+        self, asked: Iterable[tuple[Any, ...]], factor: Array, least: float, surface: Array,
+        drawn: runtime.Resident, seen: Array, belief: Array,
+    ) -> None:  # fmt: skip
+        device = runtime.start()
         from gridslam.kernels.cells import cast
+        from gridslam.kernels.rays import foresee
 
-        rays.check(cloud.surfaces, len(anchors))
-        state = cloud.state
-        count, total = len(rays), len(rays) * state.shape[1]
-        seen, drawn = np.empty((0, 6)), np.empty((0, 14))
-        if count:
-            seen, drawn = runtime.lasting(
-                site, (count, total), lambda: (np.empty((count, 6)), runtime.room((total, 14), np.float64))
-            )
+        frame = self.frame(OUTSIDE, EVIDENCE_CLIP, least, OTHER_MATERIAL)
+        for arguments in asked:
+            if device == "gpu":
+                foresee(*arguments)
             cast(
-                state,
-                rays.table,
-                anchors,
-                factor,
-                self.occupied(),
-                self.frame(OUTSIDE, EVIDENCE_CLIP, least, OTHER_MATERIAL),
-                self.held,
-                surface,
-                drawn,
-                seen,
-                belief,
-                self._line,
-                self._place,
-                self._scratch,
-                self._touched,
-                self._met,
-                self._message,
-            )
-        return Polylines(rays.bounces, drawn, seen)
+                *arguments, factor, self.occupied(), frame, self.held, surface, drawn, seen, belief,
+                self._line, self._place, self._scratch, self._touched, self._met, self._message,
+            )  # fmt: skip
 
     def forget(self) -> None:
         """Drop messages that were never absorbed, since a step was interrupted."""
@@ -216,7 +224,7 @@ class Cells:
         self._evidence, self._stale = fresh, False
 
 
-@cache
-def _none() -> Array:
-    """No beliefs about coefficients."""
-    return np.empty((0, BINS))
+def _room(paths: int, rays: int, told: int | None = None) -> tuple[Array, Array, runtime.Resident]:
+    """What casting fills in: means of each path, beliefs about coefficients of `told` paths, and rays."""
+    belief = np.empty((paths if told is None else told, 2 * BINS))
+    return np.empty((paths, 6)), belief, runtime.room((paths * rays, 14), np.float64)

@@ -4,22 +4,20 @@ They are drawn from the correlated belief whenever it is needed, from one fixed 
 that nothing degenerates and a run repeats bit for bit. Each stands for a small Gaussian instead of a point
 (a regularised particle filter): a share h^2 of the covariance is kept for the likelihood, by which a few
 particles suffice where a likelihood is sharp, and in the linear case the mean is exact for any number.
-
-Owner of the kernel that takes the root of the covariance.
 """
 
 from __future__ import annotations
 
-import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.inference.belief import AGENT, Belief
-from gridslam.kernels import PATH_BLOCK
+from gridslam.kernels import PATH_BLOCK, ROOT_GIVEN, STATE_GIVEN, TAKE_ROOT
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -70,8 +68,6 @@ class Recipe:
         P.
     kept : float
         Share of the covariance that each particle keeps to itself.
-    few : Cloud
-        Exact samples of the same belief.
     """
 
     root: Single
@@ -79,7 +75,6 @@ class Recipe:
     points: runtime.Resident
     count: int
     kept: float
-    few: Cloud
 
     @property
     def room(self) -> tuple[int, int]:
@@ -97,7 +92,7 @@ def at_mean(belief: Belief) -> Cloud:
 
 
 class Draft(NamedTuple):
-    """What a kernel that prepares to draw from a belief fills in, in the order of its arguments."""
+    """What a kernel that makes ready to draw from a belief fills in, in the order of its arguments."""
 
     whole: Array
     root: Single
@@ -112,31 +107,55 @@ class Draft(NamedTuple):
         root, base = np.empty(square, np.float32), np.empty((size, 3), np.float32)
         return cls(np.empty(square), root, base, state, np.empty(1, np.int32))
 
-    def drawn(self, belief: Belief, kept: float, points: Array) -> tuple[Single, Single, Cloud]:
-        """Root and base as of a `Recipe`, and the samples; of a singular covariance by another root."""
-        if self.failed[0]:
-            whole = np.ascontiguousarray(belief.root)
-            return self._replace(whole=whole).prepared(belief, kept, points, True)
-        return self.root, self.base, Cloud(self.state, 0.0)
 
-    def prepared(
-        self, belief: Belief, kept: float, points: Array, rooted: bool = False
-    ) -> tuple[Single, Single, Cloud]:
-        """The same by a launch for nothing else."""
-        runtime.start()
-        from gridslam.kernels.particles import prepare
+@dataclass(frozen=True)
+class Sampling:
+    """How a kernel comes by exact samples: it draws them from a belief, or is given them.
 
-        whole, *rest = self
-        prepare(
-            belief.mean, belief.covariance, math.sqrt(1 - kept), points, int(rooted), whole, *rest
-        )  # fmt: skip
-        return self.drawn(belief, kept, points)
+    Attributes
+    ----------
+    belief : Belief
+    points : (N, R)
+        Standard normal.
+    draft : Draft
+    given : bool
+        Whether the draft holds the samples already.
+    """
 
+    belief: Belief
+    points: Array
+    draft: Draft
+    given: bool = False
 
-def sample(belief: Belief, points: Array) -> Cloud:
-    """Exact samples (nothing kept) by standard normal points (N, R); they last until the next call."""
-    room = runtime.lasting("samples", points.shape, lambda: Draft.of(*points.shape))
-    return room.prepared(belief, 0.0, points)[2]
+    @classmethod
+    def of(cls, belief: Belief, points: Array, site: str = "samples") -> Sampling:
+        """Samples by standard normal points (N, R); what is drawn lasts until the next of this site.
+
+        Raises
+        ------
+        ValueError
+            The points aren't as many as the belief has entries.
+        """
+        if len(points) != len(belief.mean):
+            raise ValueError(f"points of {len(points)} entries for a belief of {len(belief.mean)}")
+        return cls(belief, points, runtime.lasting(site, points.shape, lambda: Draft.of(*points.shape)))
+
+    @classmethod
+    def at(cls, cloud: Cloud) -> Sampling:
+        """Samples that are there already."""
+        belief = Belief(np.empty(0), np.empty((0, 0)))
+        return cls(belief, np.empty((0, 0)), Draft.of(AGENT, 0)._replace(state=cloud.state), given=True)
+
+    @property
+    def cloud(self) -> Cloud:
+        """The samples, once a kernel has drawn them."""
+        return Cloud(self.draft.state, 0.0)
+
+    def attempts(self) -> Iterator[tuple[Any, ...]]:
+        """What a kernel is told of it; of a singular covariance, once more with a root of another kind."""
+        yield (STATE_GIVEN if self.given else TAKE_ROOT, *self.draft)
+        if self.draft.failed[0]:
+            yield (ROOT_GIVEN, np.ascontiguousarray(self.belief.root), *self.draft[1:])
 
 
 def needed(belief: Belief) -> float:

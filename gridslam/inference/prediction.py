@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.inference.belief import Belief
-from gridslam.inference.particles import Cloud, Draft, Particles, Recipe, Single
+from gridslam.inference.particles import Particles, Recipe, Sampling
 from gridslam.inference.rays import P_APPEAR, P_STAY, Rays, listed_at_most
 from gridslam.inference.surfaces import Bank
 
@@ -40,13 +42,85 @@ class Prediction:
         return self.whole[:, 3:].reshape(-1, 3, 3)
 
 
-def foresee(
+@dataclass(frozen=True)
+class Ahead:
+    """Paths that a kernel lists and predicts, and samples that it draws along with them.
+
+    Attributes
+    ----------
+    before : tuple
+        Its first arguments, up to the points of the samples.
+    sampling : Sampling
+    table, existence, surfaces, predicted : (most, 4), (most,), (most,), (most, 12)
+        Where it leaves paths, existence of ray and surfaces, and prediction.
+    found : (1,) int32
+        How many there are.
+    site : str
+        Whose paths these are.
+    among : (int, int)
+        How many surfaces and anchors there are.
+    """
+
+    before: tuple[Any, ...]
+    sampling: Sampling
+    table: NDArray[np.int32]
+    existence: Array
+    surfaces: Array
+    predicted: Array
+    found: NDArray[np.int32]
+    site: str
+    among: tuple[int, int]
+
+    @classmethod
+    def of(
+        cls, bank: Bank, sight: Array, belief: Belief, anchors: Array, anchor: int, most_bounces: int,
+        change: tuple[float, float], kept: float, points: Array,
+    ) -> Ahead:  # fmt: skip
+        """What to ask a kernel, to which all anchors are -1; what it tells lasts until the next question.
+
+        Parameters
+        ----------
+        change : (float, float)
+            Probabilities that a ray stays, and that one appears.
+        kept : float
+            Share of the covariance that particles won't be drawn with.
+        points : (N, R)
+            Standard normal, of some exact samples.
+        """
+        count, places = len(bank), len(anchors)
+        bank.check(belief, places, len(sight))
+        if anchor >= places:
+            raise ValueError("there is no such anchor")
+        most, site = (places if anchor < 0 else 1) * listed_at_most(count, most_bounces), f"paths {anchor}"
+        told = runtime.lasting(site, most, lambda: _room(most))
+        before = (
+            anchor, most_bounces, *change, belief.mean, belief.covariance, anchors, bank.existence,
+            bank.owner, sight, bank.single, bank.double, math.sqrt(1 - kept), points,
+        )  # fmt: skip
+        return cls(before, Sampling.of(belief, points, f"samples {anchor}"), *told, site, (count, places))
+
+    def attempts(self) -> Iterator[tuple[Any, ...]]:
+        """What a kernel is told; if it finds the covariance singular, once more otherwise."""
+        for way in self.sampling.attempts():
+            yield (*self.before, *way, self.table, self.existence, self.surfaces, self.predicted, self.found)
+
+    def paths(self) -> tuple[Rays, Prediction]:
+        """What was listed and predicted."""
+        count = int(self.found[0])
+        table, predicted = runtime.lasting(
+            f"listed {self.site}",
+            (id(self.table), count),
+            lambda: (self.table[:count], self.predicted[:count]),
+        )
+        rays = Rays(table, self.existence[:count], self.surfaces[:count], self.among)
+        return rays, Prediction(predicted)
+
+
+def look_ahead(
     bank: Bank, sight: Array, belief: Belief, anchors: Array, anchor: int, most_bounces: int,
     particles: Particles, few: Array,
-) -> tuple[Rays, Prediction, Recipe]:  # fmt: skip
-    """All paths worth a look from `anchor`, with their existence one step ahead, and as they are predicted.
-
-    What is told lasts until the anchor's paths are foreseen again.
+) -> tuple[Ahead, Recipe]:  # fmt: skip
+    """What to ask for all paths worth a look from `anchor`, with their existence one step ahead.
 
     Parameters
     ----------
@@ -55,53 +129,45 @@ def foresee(
     anchors : (J, 3)
         x, y (m) and orientation (rad).
     particles : Particles
-        How to draw these comes along.
+        How to draw these comes along, true once a kernel was asked.
     few : (N, R)
-        Standard normal points of some exact samples, which come with that.
+        Standard normal points of some exact samples.
     """
-    if not 0 <= anchor < len(anchors):
+    if anchor < 0:
         raise ValueError("there is no such anchor")
     count, kept = particles.ask(belief)
-    rays, predicted, (root, base, samples) = _listed(
-        bank, sight, belief, anchors, anchor, most_bounces, P_STAY, P_APPEAR, kept, few
-    )
-    return rays, predicted, Recipe(root, base, particles.points, count, kept, samples)
+    change = P_STAY, P_APPEAR
+    ahead = Ahead.of(bank, sight, belief, anchors, anchor, most_bounces, change, kept, few)
+    draft = ahead.sampling.draft
+    return ahead, Recipe(draft.root, draft.base, particles.points, count, kept)
+
+
+def foresee(
+    bank: Bank, sight: Array, belief: Belief, anchors: Array, anchor: int, most_bounces: int,
+    particles: Particles,
+) -> tuple[Rays, Prediction, Recipe]:  # fmt: skip
+    """The same paths and their prediction, by a launch for nothing else.
+
+    What is told lasts until the anchor's paths are foreseen again.
+    """
+    none = np.empty((len(belief.mean), 0))
+    ahead, recipe = look_ahead(bank, sight, belief, anchors, anchor, most_bounces, particles, none)
+    return *_foreseen(ahead), recipe
 
 
 def paths_now(bank: Bank, sight: Array, belief: Belief, anchors: Array, most_bounces: int) -> Rays:
     """All paths worth a look from any anchor, anchor by anchor, with their existence as it is now."""
     none = np.empty((len(belief.mean), 0))
-    return _listed(bank, sight, belief, anchors, -1, most_bounces, 1.0, 0.0, 0.0, none)[0]
+    return _foreseen(Ahead.of(bank, sight, belief, anchors, -1, most_bounces, (1.0, 0.0), 0.0, none))[0]
 
 
-def _listed(
-    bank: Bank, sight: Array, belief: Belief, anchors: Array, anchor: int, most_bounces: int, stay: float,
-    appear: float, kept: float, points: Array,
-) -> tuple[Rays, Prediction, tuple[Single, Single, Cloud]]:  # fmt: skip
+def _foreseen(ahead: Ahead) -> tuple[Rays, Prediction]:
     runtime.start()
     from gridslam.kernels.rays import foresee
 
-    among = count, places = len(bank), len(anchors)
-    bank.check(belief, places, len(sight))
-    most = (places if anchor < 0 else 1) * listed_at_most(count, most_bounces)
-    size, samples = shape = points.shape
-    if size != len(belief.mean):
-        raise ValueError(f"points of {size} entries for a belief of {len(belief.mean)}")
-    site, room = f"paths {anchor}", (most, *shape)
-    ready, told = runtime.lasting(site, room, lambda: (Draft.of(size, samples), _room(most)))
-    table, existence, surfaces, predicted, found = told
-    mean, covariance = belief.mean, belief.covariance
-    foresee(
-        anchor, most_bounces, stay, appear, mean, covariance, anchors, bank.existence, bank.owner, sight,
-        bank.single, bank.double, math.sqrt(1 - kept), points, *ready, table, existence, surfaces, predicted,
-        found,
-    )  # fmt: skip
-    count = int(found[0])
-    table, predicted = runtime.lasting(
-        f"listed {anchor}", (id(table), count), lambda: (table[:count], predicted[:count])
-    )
-    rays = Rays(table, existence[:count], surfaces[:count], among)
-    return rays, Prediction(predicted), ready.drawn(belief, kept, points)
+    for arguments in ahead.attempts():
+        foresee(*arguments)
+    return ahead.paths()
 
 
 def _room(most: int) -> tuple[NDArray[np.int32], Array, Array, Array, NDArray[np.int32]]:

@@ -59,7 +59,6 @@ class AdaptiveSlam(SurfaceSlam):
         # prediction of paths and amplitudes, eqs. (13), (14)
         rays, predicted, recipe = foresee(
             self.bank, self.sight, self.belief, self.anchors, heard.anchor, self.most_bounces, self.particles,
-            np.empty((len(self.belief.mean), 0)),
         )  # fmt: skip
         distance = predicted.value[:, 0]
         amplitudes = self.amplitudes.predict(rays, self.bank.identity, distance)

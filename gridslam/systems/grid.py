@@ -13,8 +13,8 @@ from gridslam.inference import surfaces
 from gridslam.inference.cells import Cells
 from gridslam.inference.heard import Heard
 from gridslam.inference.materials import Reflected, learn
-from gridslam.inference.particles import sample
-from gridslam.inference.prediction import foresee
+from gridslam.inference.particles import Sampling
+from gridslam.inference.prediction import look_ahead
 from gridslam.inference.told import Part, Told
 from gridslam.map import Map
 from gridslam.scene import Scene
@@ -62,14 +62,15 @@ class GridSlam(SurfaceSlam):
     def _take_in(self, heard: Heard) -> None:
         """Messages of one anchor, in the paper's order (section IV; model.md, sections 2.1 to 2.6)."""
         # prediction: paths, their validity in the grid, eq. (1), and amplitudes, eq. (2)
-        rays, predicted, recipe = foresee(
+        ahead, recipe = look_ahead(
             self.bank, self.sight, self.belief, self.anchors, heard.anchor, self.most_bounces, self.particles,
             self._points(),
         )  # fmt: skip
-        drawn, products = self.cells.see(rays, recipe.few, self.anchors, self.bank.reflection)
+        validity, products = self.cells.see(ahead, self.bank.reflection)
+        rays, predicted = ahead.paths()
         amplitudes = Reflected(products, self.signal)
         # measurement evaluation, births, data association, updates of agent, surfaces and rays
-        said, share, births = self._exchange(heard, rays, predicted, amplitudes, drawn.validity, recipe)
+        said, share, births = self._exchange(heard, rays, predicted, amplitudes, validity, recipe)
         # what cells and coefficients are to be told; new surfaces
         self._to_tell.append(Part(heard, rays, predicted.value[:, 0], said, share))
         self._bear(heard, births, said.claimed)
@@ -93,7 +94,7 @@ class GridSlam(SurfaceSlam):
         """Messages to the cells that each path crosses or meets, eqs. (43) to (45), and to coefficients."""
         rays = told.rays
         belief = rays.surfaces * rays.existence
-        few = sample(self.belief, self._points())
+        few = Sampling.of(self.belief, self._points())
         worth, send = belief * told.worth + 1 - belief, belief > 0.1
         drawn = self.cells.tell(rays, few, self.anchors, worth, send, MOSTLY_POSSIBLE)
         send &= drawn.possible > MOSTLY_POSSIBLE
