@@ -195,9 +195,13 @@ CONTESTS = {
     "glance": Contest("path", twins.glance, _born, ("born",), changes=("told", "measured")),
     "haunt": Contest("pair", twins.haunt, lambda case: len(case["surface"]) ** 2, ("surface",)),
     "learn": Contest("path", twins.learn, _paths, changes=("surface", "held")),
+    "listen": Contest(
+        "node", twins.listen, lambda case: case["ahead"].size, ("ahead", "heard", "responsible", "density")
+    ),
     "near": Contest("measurement", twins.near, lambda case: len(case["heard"]), ("heard", "places")),
     "polylines": Contest("path-ray", twins.polylines, _path_particles),
     "propose": Contest("sample", twins.propose, _samples, ("heard",), changes=("measured",)),
+    "walk": Contest("node", twins.walk, lambda case: case["ahead"].size, ("ahead", "length")),
     "update": Contest(
         "path", twins.update, _paths, ("path", "share", "heard", "odds", "message", "measured"),
         changes=("mean", "covariance", "message", "measured", "surface", "sight", "single", "double", "sums"),

@@ -23,6 +23,7 @@ STAGES = {
     "particles": "evaluation",
     "rays": "evaluation",
     "prediction": "evaluation",
+    "amplitudes": "evaluation",
     "association": "association",
     "updates": "updates",
     "births": "births",

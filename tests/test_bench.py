@@ -183,7 +183,7 @@ def test_first_start_compiles_the_kernels_and_the_next_finds_them(monkeypatch):
     monkeypatch.setattr(bench_start, "_child", child)
     found = bench_start.start_up(1)
     assert compiled[0] == 0
-    assert compiled[1] >= len(bench_stages.kernels()) - 4  # some come later or in other systems
+    assert compiled[1] > len(bench_stages.kernels()) // 2  # some come later or in other systems
     assert not found.import_starts_taichi
     assert min(found.import_s, found.cold_s, found.warm_s) > 0
 

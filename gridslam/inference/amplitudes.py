@@ -1,7 +1,7 @@
 """Amplitude states of rays: a belief over every path's amplitude (paper 002, section III, eqs. (13), (26)).
 
 Where the paper keeps particles, a histogram is kept, so that a ray that fades and one that is silent are
-both told. Nodes stand densely enough for the amplitude's noise at any strength.
+both told. Nodes stand densely enough for the amplitude's noise at any strength. Owner of their kernels.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam import runtime
+from gridslam.inference.evaluation import PORTION
 from gridslam.inference.heard import Heard
 from gridslam.inference.likelihood import DetectionTable
 from gridslam.inference.rays import P_APPEAR, P_STAY, Rays
@@ -53,9 +55,12 @@ class RayAmplitudes:
         self.nodes: Array = FINE * np.sinh(RATIO * (np.arange(count) + 1))
         gap = np.gradient(self.nodes)
         rate = 0.5 * np.square(WALK * self.nodes / gap)
-        walk = np.diag(1 - 2 * rate) + np.diag(rate[:-1], 1) + np.diag(rate[1:], -1)
-        self._walk = walk / walk.sum(1, keepdims=True)
+        rise, fall = np.append(rate[:-1], 0.0), np.append(0.0, rate[1:])
+        walk = np.stack([1 - 2 * rate, rise, fall])
         self._gap = gap / gap.sum()
+        self._table = np.stack([self.nodes, self._gap, *(walk / walk.sum(0)), np.zeros(count)])
+        self._number = np.array([FINE, RATIO, signal.amplitude_at_1m, P_STAY, P_APPEAR, SURPRISE])
+        self._detected: DetectionTable | None = None
         self._kept: dict[tuple[int, int, int], tuple[Array, float]] = {}
         """Belief of every ray, and the length (m) of its path then."""
 
@@ -66,15 +71,7 @@ class RayAmplitudes:
         anchor an amplitude doubles within a few steps. One that appears now may have any amplitude up to that
         of free space at its `distance` (L,).
         """
-        reach = np.minimum(self.signal.amplitude(distance), self.nodes[-1])[:, None]
-        fresh = self._gap * (self.nodes <= np.maximum(reach, 2 * self.nodes[0]))
-        fresh = fresh / fresh.sum(1, keepdims=True)
-        rows, kept = self._recall(rays, identity, distance)
-        stayed = fresh.copy()
-        stayed[rows] = kept @ self._walk
-        before = np.clip((rays.existence - P_APPEAR) / (P_STAY - P_APPEAR), 0.0, 1.0)
-        share = (P_APPEAR * (1 - before) / np.maximum(rays.existence, 1e-12))[:, None]
-        return Histogram((1 - share) * stayed + share * fresh, self.nodes)
+        return Histogram(self._walked(rays, identity, distance)[0], self.nodes)
 
     def correct(
         self, rays: Rays, identity: NDArray[np.int64], belief: Histogram, distance: Array, heard: Heard,
@@ -88,22 +85,24 @@ class RayAmplitudes:
         responsible : (L, M)
             Probability that the path caused the measurement.
         """
-        prior = belief.probability + SURPRISE * self._gap
-        silent = prior * np.maximum(1 - table(self.nodes), SURPRISE)
-        missed = np.maximum(1 - responsible.sum(1, keepdims=True), 0.0)
-        after = missed * silent / silent.sum(1, keepdims=True)
-        loud = ~np.isnan(heard.amplitude)
-        density = np.zeros((len(heard), len(self.nodes)))
-        audible = np.minimum(heard.amplitude[loud, None], self.nodes[-1])
-        density[loud] = self.signal.log_rician(audible, self.nodes)
-        density = np.exp(density - density.max(1, keepdims=True))
-        for m in np.flatnonzero(responsible.sum(0) > 1e-3):
-            said = prior * density[m]
-            after += responsible[:, m, None] * said / said.sum(1, keepdims=True)
-        after /= np.maximum(after.sum(1, keepdims=True), 1e-12)
-        for row, key in enumerate(self._keys(rays, identity)):
-            if rays.existence[row] * rays.surfaces[row] > 0.01:
-                self._kept[key] = after[row], float(distance[row])
+        runtime.start()
+        from gridslam.kernels.histograms import SILENT, listen
+
+        if table is not self._detected:
+            self._table[SILENT], self._detected = np.maximum(1 - table(self.nodes), SURPRISE), table
+        shape = belief.probability.shape
+        if responsible.shape != (len(rays), len(heard)) or shape != (len(rays), len(self.nodes)):
+            raise ValueError("beliefs don't belong to these rays and measurements")
+        after = np.empty(shape)  # whose rows are kept
+        room = runtime.scratch("amplitudes heard", (-(-len(heard) // PORTION) * PORTION, shape[1]))
+        listen(
+            belief.probability, heard.table, np.ascontiguousarray(responsible), self._table, self._number,
+            float(self.signal.samples), room, after,
+        )  # fmt: skip
+        worth = (rays.existence * rays.surfaces > 0.01).tolist()
+        for row, (key, length) in enumerate(zip(self._keys(rays, identity), distance.tolist(), strict=True)):
+            if worth[row]:
+                self._kept[key] = after[row], length
 
     def start(self, ray: tuple[int, int, int], distance: float, amplitude: float) -> None:
         """First belief of the `ray` (anchor, last, first) that bore a surface, from the measurement alone."""
@@ -114,33 +113,24 @@ class RayAmplitudes:
 
     def mean(self, rays: Rays, identity: NDArray[np.int64], distance: Array) -> Array:
         """Estimated amplitude of every ray, eq. (18), (L,)."""
-        amplitude = 0.5 * self.signal.amplitude(distance)
-        rows, kept = self._recall(rays, identity, distance)
-        amplitude[rows] = kept @ self.nodes
-        return np.asarray(amplitude)
+        return self._walked(rays, identity, distance)[1]
 
-    def _recall(
-        self, rays: Rays, identity: NDArray[np.int64], distance: Array
-    ) -> tuple[NDArray[np.intp], Array]:
-        """Rays that a belief is kept of, and the beliefs at the lengths that their paths have now."""
-        keys = self._keys(rays, identity)
-        rows = np.array([row for row, key in enumerate(keys) if key in self._kept], dtype=np.intp)
-        if not len(rows):
-            return rows, np.zeros((0, len(self.nodes)))
-        beliefs, then = zip(*(self._kept[keys[row]] for row in rows), strict=True)
-        return rows, self._rescaled(np.stack(beliefs), np.array(then) / np.maximum(distance[rows], 1e-3))
+    def _walked(self, rays: Rays, identity: NDArray[np.int64], distance: Array) -> tuple[Array, Array]:
+        """Beliefs one step ahead (L, K), and mean amplitudes before that step (L,)."""
+        runtime.start()
+        from gridslam.kernels.histograms import walk
 
-    def _rescaled(self, belief: Array, factor: Array) -> Array:
-        """Beliefs (n, K) about amplitudes that are now `factor` (n,) times what they were."""
-        count = len(self.nodes)
-        place = np.arcsinh(np.outer(factor, self.nodes / FINE)) / RATIO - 1
-        place = np.clip(place, 0.0, count - 1.0)
-        below = np.minimum(place.astype(np.intp), count - 2)
-        above = belief * (place - below)
-        cell = below + count * np.arange(len(belief))[:, None]
-        total = np.bincount(cell.ravel(), (belief - above).ravel(), belief.size)
-        total += np.bincount(cell.ravel() + 1, above.ravel(), belief.size)
-        return np.asarray(total, np.float64).reshape(belief.shape)
+        count, size = len(rays), len(self.nodes)
+        kept = runtime.scratch("amplitudes kept", (count, size))
+        length, scratch = runtime.scratch("lengths", (2, count)), runtime.scratch("amplitudes", (size,))
+        ahead, mean = np.empty((count, size)), np.empty(count)
+        length[0], length[1] = -1.0, distance
+        for row, key in enumerate(self._keys(rays, identity)):
+            known = self._kept.get(key)
+            if known is not None:
+                kept[row], length[0, row] = known
+        walk(kept, length, rays.existence, self._table, self._number, scratch, ahead, mean)
+        return ahead, mean
 
     def forget(self, alive: Iterable[int]) -> None:
         """Drop the rays of surfaces that are no more."""

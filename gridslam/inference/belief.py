@@ -32,6 +32,10 @@ class Belief:
     mean: Array
     covariance: Array
 
+    def copy(self) -> Belief:
+        """The same, which stays as it is when this one is corrected in place."""
+        return Belief(self.mean.copy(), self.covariance.copy())
+
     @property
     def lines(self) -> Array:
         """Mean lines of the surfaces, (S, 2): normal angle (rad) and offset (m)."""

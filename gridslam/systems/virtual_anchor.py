@@ -108,6 +108,6 @@ class VirtualAnchorSlam(AdaptiveSlam):
     @contextmanager
     def _followed(self) -> Iterator[None]:
         """Let the rings follow whatever the block does to the belief."""
-        before = self.belief
+        before = self.belief.copy()  # it is corrected in place
         yield
         self.rings = rings.follow(self.rings, before, self.belief)
