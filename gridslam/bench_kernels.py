@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import itertools
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -30,7 +30,7 @@ class Case(dict[str, Any]):
     Attributes
     ----------
     lasting : frozenset of str
-        Those that an earlier launch got, too: the very same arrays.
+        Those that most launches get from an earlier one: the very same arrays.
     """
 
     lasting: frozenset[str] = frozenset()
@@ -181,7 +181,7 @@ CONTESTS = {
     "associate": Contest("pair", twins.associate, _messages, ("message", "odds", "measured")),
     "cast": Contest(
         "cell visit", twins.cast, _visits, given=_cast_twin,
-        rows=("path", "found"),
+        rows=("path", "found", "mean"),
         # that sends: it lists no paths, and tells no coefficients
         size=lambda case: int((case["factor"][:, 1] > 0.5).sum()) if case["only"] == ALREADY_LISTED else -1,
     ),
@@ -236,6 +236,8 @@ def _launches(method: str, scene: Scene, scans: Sequence[Scan], steps: int) -> d
         slam.step(scan)
     best: dict[str, tuple[int, Case]] = {}
     before: defaultdict[tuple[str, str], list[Any]] = defaultdict(list)
+    number: Counter[str] = Counter()
+    moved: Counter[tuple[str, str]] = Counter()
 
     def recorder(name: str, kernel: Function) -> Function:
         names = list(inspect.signature(kernel).parameters)
@@ -245,18 +247,24 @@ def _launches(method: str, scene: Scene, scans: Sequence[Scan], steps: int) -> d
             contest = CONTESTS[name]
             size = (contest.size or contest.units)(case)
             fresh = {k for k, v in case.items() if not any(v is one for one in before[name, k])}
+            number[name] += 1
             for key in fresh:
                 before[name, key].append(case[key])
+                moved[name, key] += 1
             if name not in best or size > best[name][0]:
                 best[name] = size, Case({k: _copy(v) for k, v in case.items()})
-            best[name][1].lasting = frozenset(case) - fresh
             return kernel(*arguments)
 
         return record
 
     with replaced({id(k): (k, recorder(name, k)) for name, k in kernels().items()}, modules("gridslam.")):
-        for scan in scans[steps:]:
+        for watched, scan in enumerate(scans[steps:]):
             slam.step(scan)
+            if watched == 1:  # what lasts was handed over once by now
+                number.clear()
+                moved.clear()
+    for name, (_, case) in best.items():
+        case.lasting = frozenset(key for key in case if 2 * moved[name, key] < max(number[name], 1))
     return {name: case for name, (_, case) in best.items()}
 
 

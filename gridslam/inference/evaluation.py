@@ -181,7 +181,7 @@ def evaluate(
     state = runtime.lasting("state", (rows, particles), lambda: runtime.room((rows, particles)))
     odds[tables.EXISTENCE], odds[tables.SURFACES], odds[tables.OPEN] = rays.existence, rays.surfaces, validity
     launch(
-        amplitudes.probability, nodes, float(amplitudes.spreading), predicted.whole, heard.table,
+        amplitudes.probability, nodes, 1.0 if amplitudes.spreading else 0.0, predicted.whole, heard.table,
         table.chance, table.step, radio, recipe.kept, recipe.root, recipe.base, recipe.points, rays.table,
         anchors, *room.scratch, odds, start, index, pair, state, blocks, message, measured,
     )  # fmt: skip

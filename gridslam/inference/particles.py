@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -171,6 +172,12 @@ def needed(belief: Belief) -> float:
     return float(free / (2 * DIVERGENCE) * (1 - part + np.sqrt(part) * SURE) ** 3)
 
 
+@lru_cache(16)
+def _kept(count: int) -> float:
+    """Silverman's rule for a path's three parameters."""
+    return float(count ** (-2 / 7))
+
+
 class Particles:
     """A fixed set of standard normal points that becomes a cloud for any belief.
 
@@ -210,7 +217,7 @@ class Particles:
         if self.adapt:
             count = min(count, -int(-needed(belief) // PORTION) * PORTION)
         self.drawn = count
-        return count, float(count ** (-2 / 7))  # Silverman's rule for a path's three parameters
+        return count, _kept(count)
 
     def _column(self, number: int) -> Single:
         values = np.random.default_rng([self._seed, PURPOSE, number]).standard_normal(self.count)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -95,7 +96,7 @@ class Ahead:
         told = runtime.lasting(site, most, lambda: _room(most))
         before = (
             anchor, most_bounces, *change, belief.mean, belief.covariance, anchors, bank.existence,
-            bank.owner, sight, bank.single, bank.double, math.sqrt(1 - kept), points,
+            bank.owner, sight, bank.single, bank.double, _share(kept), points,
         )  # fmt: skip
         return cls(before, Sampling.of(belief, points, f"samples {anchor}"), *told, site, (count, places))
 
@@ -168,6 +169,12 @@ def _foreseen(ahead: Ahead) -> tuple[Rays, Prediction]:
     for arguments in ahead.attempts():
         foresee(*arguments)
     return ahead.paths()
+
+
+@lru_cache(16)
+def _share(kept: float) -> float:
+    """Share of the covariance's root that particles are drawn with."""
+    return math.sqrt(1 - kept)
 
 
 def _room(most: int) -> tuple[NDArray[np.int32], Array, Array, Array, NDArray[np.int32]]:
