@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam import runtime
-from gridslam.estimates import Estimate
 from gridslam.inference import surfaces
 from gridslam.inference.amplitudes import RayAmplitudes
 from gridslam.inference.births import Births
@@ -16,7 +14,6 @@ from gridslam.inference.polylines import draw_paths
 from gridslam.inference.prediction import foresee
 from gridslam.inference.rays import Rays
 from gridslam.map import Map
-from gridslam.measurements import Scan
 from gridslam.scene import Scene
 from gridslam.systems.surface_slam import SurfaceSlam
 
@@ -48,11 +45,6 @@ class AdaptiveSlam(SurfaceSlam):
         self.amplitudes = RayAmplitudes(self.signal)
         if prior_map is not None:
             self._start_from(prior_map)
-
-    def step(self, scan: Scan) -> Estimate:
-        """Take in what was heard at one step and return what is believed now."""
-        with runtime.one_blas_thread():  # beliefs about amplitudes are products of matrices
-            return super().step(scan)
 
     def _take_in(self, heard: Heard) -> None:
         """Messages of one anchor, in the order of the paper's section V."""
