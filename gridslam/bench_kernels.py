@@ -221,7 +221,7 @@ def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Ca
     steps : int
         Before any launch is looked at.
     watched : int
-        Steps that are.
+        Steps that are; from the third on, which arrays last is looked at, too.
     """
     runtime.start()
     scans = list(simulate(scene, scene.agents[0].name, seed=1))[: steps + watched]
@@ -260,11 +260,11 @@ def _launches(method: str, scene: Scene, scans: Sequence[Scan], steps: int) -> d
     with replaced({id(k): (k, recorder(name, k)) for name, k in kernels().items()}, modules("gridslam.")):
         for watched, scan in enumerate(scans[steps:]):
             slam.step(scan)
-            if watched == 1:  # what lasts was handed over once by now
+            if watched < 2:  # what lasts was handed over once by then
                 number.clear()
                 moved.clear()
-    for name, (_, case) in best.items():
-        case.lasting = frozenset(key for key in case if 2 * moved[name, key] < max(number[name], 1))
+    for name, (_, case) in best.items():  # of a kernel that wasn't launched since, nothing is known to last
+        case.lasting = frozenset(key for key in case if 2 * moved[name, key] < number[name])
     return {name: case for name, (_, case) in best.items()}
 
 

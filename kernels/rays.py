@@ -47,7 +47,7 @@ def look_ahead(
     base: ti.template(), state: ti.template(), failed: ti.template(), path: ti.template(),
     existence: ti.template(), surfaces: ti.template(), predicted: ti.template(), found: ti.template(),
 ):  # fmt: skip
-    """Make ready to draw particles and samples; list paths and predict them.
+    """Make ready to draw particles and samples; list paths and predict them, unless these are given.
 
     Arguments as of `foresee`.
     """
@@ -91,13 +91,17 @@ def foresee(
     whole: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N] in/out: root of the covariance, lower triangular
     root: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, N] out: share of it, for `draw_block`
     base: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, 3] out: mean, and its cosine and sine
-    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, R] out: samples ``mean + whole points``
+    state: ti.types.ndarray(
+        dtype=ti.f64, ndim=2
+    ),  # [3 + 3 S, R] samples: given, or out: ``mean + whole points``
     failed: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: whether the covariance is singular
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [J (1 + S S), 4] out: bounces, last, first, anchor
+    path: ti.types.ndarray(
+        dtype=ti.i32, ndim=2
+    ),  # [J (1 + S S), 4] bounces, last, first, anchor: out, or given
     existence: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J (1 + S S)] out: of the ray
     surfaces: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J (1 + S S)] out: of all surfaces involved
     predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J (1 + S S), 12] out: value (3), spread (9)
-    found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: how many there are
+    found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] how many there are: out, or given
 ):
     """List and predict paths: line of sight, single bounces, double bounces. Make ready to draw particles."""
     ti.loop_config(serialize=True)

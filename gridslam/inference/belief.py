@@ -73,7 +73,7 @@ def predict(
     feet : (S,) m
         Tangential coordinate of the place where each surface is hit, about which it turns.
     """
-    mean, covariance = belief.mean, belief.covariance
+    mean, covariance = belief.mean.copy(), belief.covariance.copy()
     mean[:2] += dt * mean[2:4]
     covariance[:2] += dt * covariance[2:4]
     covariance[:, :2] += dt * covariance[:, 2:4]
@@ -92,6 +92,7 @@ def predict(
     entries[angle + 1 :: on][: len(feet)] += lever
     entries[angle + size :: on] += lever
     entries[angle + size + 1 :: on] += lever * feet + shift**2
+    belief.mean[:], belief.covariance[:] = mean, covariance  # at the end, should anything interrupt
 
 
 def update(belief: Belief, jacobian: Array, residuals: Array, noises: Array, weights: Array) -> Belief:

@@ -180,20 +180,21 @@ class Cells:
         )  # fmt: skip
         after = rays.table, *NO_PATHS, found
         asked = ((*before, *way, *after) for way in samples.attempts())
-        self._cast(asked, factor, least, none, drawn, seen, none)
+        self._cast(asked, factor, least, none, drawn, seen, none, samples.given)
         return Polylines(rays.bounces, drawn, seen)
 
     def _cast(
         self, asked: Iterable[tuple[Any, ...]], factor: Array, least: float, surface: Array,
-        drawn: runtime.Resident, seen: Array, belief: Array,
+        drawn: runtime.Resident, seen: Array, belief: Array, given: bool = False,
     ) -> None:  # fmt: skip
+        """Cast; `given` says that paths and samples are there already."""
         device = runtime.start()
         from gridslam.kernels.cells import cast
         from gridslam.kernels.rays import foresee
 
         frame = self.frame(OUTSIDE, EVIDENCE_CLIP, least, OTHER_MATERIAL)
         for arguments in asked:
-            if device == "gpu":
+            if device == "gpu" and not given:
                 foresee(*arguments)
             cast(
                 *arguments, factor, self.occupied(), frame, self.held, surface, drawn, seen, belief,

@@ -144,13 +144,9 @@ class Sampling:
     @classmethod
     def at(cls, cloud: Cloud) -> Sampling:
         """Samples that are there already."""
-        belief = Belief(np.empty(0), np.empty((0, 0)))
-        return cls(belief, np.empty((0, 0)), Draft.of(AGENT, 0)._replace(state=cloud.state), given=True)
-
-    @property
-    def cloud(self) -> Cloud:
-        """The samples, once a kernel has drawn them."""
-        return Cloud(self.draft.state, 0.0)
+        belief, draft = Belief(np.empty(0), np.empty((0, 0))), Draft.of(AGENT, 0)._replace(state=cloud.state)
+        draft.failed[0] = 0
+        return cls(belief, np.empty((0, 0)), draft, given=True)
 
     def attempts(self) -> Iterator[tuple[Any, ...]]:
         """What a kernel is told of it; of a singular covariance, once more with a root of another kind."""

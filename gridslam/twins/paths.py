@@ -54,7 +54,7 @@ def draw(root: Array, base: Array, points: Array) -> Array:
 
 
 def prepare(mean: Array, covariance: Array, share: float, points: Array) -> tuple[Array, Array, Array, Array]:
-    """Twin of `kernels.particles.prepare`: root of the covariance, share of it, base, and samples' states."""
+    """Twin of `kernels.particles.ready`: root of the covariance, share of it, base, and samples' states."""
     whole: Array = np.linalg.cholesky(covariance).astype(np.float64)
     base: Array = np.stack([mean, np.cos(mean), np.sin(mean)], -1)
     return whole, share * whole, base, draw(whole, base, points)
