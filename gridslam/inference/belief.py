@@ -45,8 +45,8 @@ class Belief:
     def root(self) -> Array:
         """Lower triangular root of the covariance (Cholesky's), which may be singular, (5 + 2 S, 5 + 2 S).
 
-        Unlike eigenvectors or their signs it is a continuous function of a regular covariance: particles of two
-        computers whose rounding differs stay next to each other.
+        Unlike eigenvectors or their signs it is a continuous function of a regular covariance: particles of
+        two computers whose rounding differs stay next to each other.
         """
         root, failed = dpotrf(self.covariance, lower=1, clean=1)
         if failed:
