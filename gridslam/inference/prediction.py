@@ -147,9 +147,10 @@ def foresee(
     bank: Bank, sight: Array, belief: Belief, anchors: Array, anchor: int, most_bounces: int,
     particles: Particles,
 ) -> tuple[Rays, Prediction, Recipe]:  # fmt: skip
-    """The same paths and their prediction, by a launch for nothing else.
+    """All paths worth a look from `anchor`, one step ahead, as they are predicted; particles' recipe.
 
-    What is told lasts until the anchor's paths are foreseen again.
+    This asks what `look_ahead` puts, by a launch for nothing else. What is told lasts until the anchor's
+    paths are foreseen again.
     """
     none = np.empty((len(belief.mean), 0))
     ahead, recipe = look_ahead(bank, sight, belief, anchors, anchor, most_bounces, particles, none)
