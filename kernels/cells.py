@@ -83,7 +83,7 @@ def cross_row(walk, r, low: ti.template(), high: ti.template(), free, through: t
 @quick
 @ti.kernel
 def cast(
-    only: ti.i32,  # these 25 as of `kernels.rays.foresee`
+    only: ti.i32,  # these 26 as of `kernels.rays.foresee`
     bounces: ti.i32,
     stay: ti.f64,
     appear: ti.f64,
@@ -96,7 +96,8 @@ def cast(
     single: ti.types.ndarray(dtype=ti.f64, ndim=2),
     double: ti.types.ndarray(dtype=ti.f64, ndim=3),
     share: ti.f64,
-    points: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    points: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    offset: ti.i32,
     rooted: ti.i32,
     whole: ti.types.ndarray(dtype=ti.f64, ndim=2),
     root: ti.types.ndarray(dtype=ti.f32, ndim=2),
@@ -138,7 +139,7 @@ def cast(
         if ti.static(ON_CPU):  # Taichi's SPIR-V compiler can't take both in one: see `Cells`
             look_ahead(
                 only, bounces, stay, appear, mean, covariance, places, surface, owner, sight, single, double,
-                share, points, rooted, whole, root, base, state, failed, path, existence, surfaces,
+                share, points, offset, rooted, whole, root, base, state, failed, path, existence, surfaces,
                 predicted, found,
             )  # fmt: skip
     for item in range(message.shape[0] * SPREAD):

@@ -17,7 +17,7 @@ WORST = 30.0
 def fit(
     path: ti.template(), start: ti.template(), index: ti.template(), pair: ti.template(),
     predicted: ti.template(), share: ti.template(), message: ti.template(), heard: ti.template(),
-    blocks: ti.template(), radio: ti.template(), anchor, turned, sums: ti.template(),
+    blocks: ti.template(), radio: ti.template(), anchor, turned: ti.template(), sums: ti.template(),
 ):  # fmt: skip
     """Add what the pairs say that are sure; explained are the loud measurements that some path caused.
 
@@ -48,7 +48,7 @@ def fit(
                 add[1] += 1.0 if pair[k, 3 + i] < MEASURED else 0.0
             if path[row, 0] == 0:
                 if pair[k, 4] < MEASURED:
-                    add[6] += (turned - gap[1]) / noisy[1, 1]
+                    add[6] += (turned[anchor] - gap[1]) / noisy[1, 1]
                     add[7] += 1 / noisy[1, 1]
                 amplitude = heard[m, 6]
                 if pair[k, 3] < MEASURED and amplitude >= 0:

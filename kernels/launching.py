@@ -21,7 +21,7 @@ from gridslam.kernels.device import ON_CPU
 
 _one_at_a_time = threading.RLock()
 ndarray, HEAD, NOTHING = np.ndarray, object.__basicsize__, object()
-MOST_KEPT, KEYS = 8, ("path", "radio")
+MOST_KEPT, KEYS = 8, ("anchor", "only", "path", "radio")
 """Launches of a kernel that a thread keeps side by side; arguments that tell them apart, anchors mostly."""
 PRIVATE = ("arguments", "compiled_kernels", "runtime")
 """What a kernel of Taichi 1.7 keeps of itself."""

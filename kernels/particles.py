@@ -52,7 +52,7 @@ def draw_block(at, root: ti.template(), base: ti.template(), points: ti.template
 
 @ti.func
 def ready(
-    mean: ti.template(), covariance: ti.template(), share, points: ti.template(), rooted,
+    mean: ti.template(), covariance: ti.template(), share, points: ti.template(), offset, rooted,
     whole: ti.template(), root: ti.template(), base: ti.template(), state: ti.template(),
     failed: ti.template(),
 ):  # fmt: skip
@@ -80,10 +80,10 @@ def ready(
         base[i, 1], base[i, 2] = ti.cast(cos_of(mean[i]), ti.f32), ti.cast(sin_of(mean[i]), ti.f32)
         for j in range(size):
             root[i, j] = ti.cast(share * whole[i, j], ti.f32)
-        for k in range(points.shape[1] if i != 2 and i != 3 else 0):
-            at = mean[i]
+        for k in range(state.shape[1] if i != 2 and i != 3 else 0):
+            at, column = mean[i], (offset + k) % points.shape[1]
             for j in range(i + 1):
-                at += whole[i, j] * points[j, k]
+                at += whole[i, j] * points[j, column]
             if i < AGENT:
                 state[ti.min(i, 2), k] = at
             elif i % 2 == 1:

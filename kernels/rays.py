@@ -43,15 +43,16 @@ def enter_path(path: ti.template(), row, kind, s, r, anchor):
 def look_ahead(
     only, bounces, stay, appear, mean: ti.template(), covariance: ti.template(), places: ti.template(),
     surface: ti.template(), owner: ti.template(), sight: ti.template(), single: ti.template(),
-    double: ti.template(), share, points: ti.template(), rooted, whole: ti.template(), root: ti.template(),
-    base: ti.template(), state: ti.template(), failed: ti.template(), path: ti.template(),
-    existence: ti.template(), surfaces: ti.template(), predicted: ti.template(), found: ti.template(),
+    double: ti.template(), share, points: ti.template(), offset, rooted, whole: ti.template(),
+    root: ti.template(), base: ti.template(), state: ti.template(), failed: ti.template(),
+    path: ti.template(), existence: ti.template(), surfaces: ti.template(), predicted: ti.template(),
+    found: ti.template(),
 ):  # fmt: skip
     """Make ready to draw particles and samples; list paths and predict them, unless these are given.
 
     Arguments as of `foresee`.
     """
-    ready(mean, covariance, share, points, rooted, whole, root, base, state, failed)
+    ready(mean, covariance, share, points, offset, rooted, whole, root, base, state, failed)
     count, n, known = surface.shape[0], 0, only == ALREADY_LISTED
     end = 0 if known else (places.shape[0] if only < 0 else only + 1)
     for anchor in range(ti.max(only, 0), end):
@@ -86,7 +87,8 @@ def foresee(
     single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] of rays over one surface
     double: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [J, S, S] over (last, first)
     share: ti.f64,  # of the covariance's root that particles are drawn with
-    points: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, R] standard normal
+    points: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N or more, P] standard normal
+    offset: ti.i32,  # first of the points that samples are drawn by; after the last comes the first
     rooted: ti.i32,  # `TAKE_ROOT`; `ROOT_GIVEN` as `whole`; `STATE_GIVEN`
     whole: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N] in/out: root of the covariance, lower triangular
     root: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, N] out: share of it, for `draw_block`
@@ -108,8 +110,8 @@ def foresee(
     for _ in range(1):
         look_ahead(
             only, bounces, stay, appear, mean, covariance, places, surface, owner, sight, single, double,
-            share, points, rooted, whole, root, base, state, failed, path, existence, surfaces, predicted,
-            found,
+            share, points, offset, rooted, whole, root, base, state, failed, path, existence, surfaces,
+            predicted, found,
         )  # fmt: skip
 
 

@@ -26,7 +26,7 @@ def update(
     blocks: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L + K, P / BLOCK] as `paths.evaluate` leaves them
     radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `kernels.radio`
     anchor: ti.i32,
-    turned: ti.f64,  # rad, by which the anchor is taken to be turned
+    turned: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J] rad, by which anchors are taken to be turned
     scratch: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, 6] scratch
     message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [5, L, M] in/out: see `kernels.tables`; the first two
     # are given, and `NU` if association was done elsewhere

@@ -211,7 +211,7 @@ def test_adapted_particles_grow_with_the_spread_of_the_pose_and_keep_within_boun
         counts.append(count)
         assert count % PATH_BLOCK == 0
         assert particles.drawn == count
-        used = particles.points[:, :count].astype(np.float64)
+        used = particles.points(belief)[:, :count].astype(np.float64)
         np.testing.assert_allclose(used.mean(1), 0, atol=1e-6)
         np.testing.assert_allclose(used.std(1), 1, atol=1e-6)
         assert 0 < kept < 0.2

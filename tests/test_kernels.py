@@ -11,6 +11,7 @@ from kernel_worlds import random_world
 
 from gridslam import runtime, twins
 from gridslam.inference.belief import Belief
+from gridslam.inference.particles import Sampling
 from gridslam.inference.prediction import Ahead
 from gridslam.inference.surfaces import Bank
 from gridslam.kernels import PATH_BLOCK
@@ -218,7 +219,7 @@ def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
     np.testing.assert_allclose(state, twins.draw(root, base, points), atol=1e-5)
 
 
-def drawn_by(belief, points):
+def drawn_by(belief, points, first, samples):
     """What the kernel that looks ahead makes ready of a belief: its draft."""
     from gridslam.kernels.rays import foresee
 
@@ -228,7 +229,8 @@ def drawn_by(belief, points):
         bank = bank.add(
             number, 0.5, np.full(len(REFLECTION_BINS), 1 / len(REFLECTION_BINS)), 0.0, (0, -1, -1)
         )
-    ahead = Ahead.of(bank, np.full(1, 0.9), belief, anchors, 0, 2, (0.95, 0.005), 0.19, points)
+    few = Sampling.of(belief, points, first, samples)
+    ahead = Ahead.of(bank, np.full(1, 0.9), belief, anchors, 0, 2, (0.95, 0.005), 0.19, few)
     for arguments in ahead.attempts():
         foresee(*arguments)
     return ahead.sampling.draft
@@ -240,17 +242,20 @@ def test_a_root_and_its_samples_equal_their_twin(seed, surfaces, count):
     draw, size = np.random.default_rng(seed), 5 + 2 * surfaces
     square = draw.normal(size=(size, size))
     mean, covariance = draw.normal(0, 3, size), square @ square.T + 1e-3 * np.eye(size)
-    points = draw.normal(size=(size, count))
-    draft = drawn_by(Belief(mean, covariance), points)
+    points, first = draw.normal(size=(size + 2, 64)).astype(np.float32), int(draw.integers(64))
+    draft = drawn_by(Belief(mean, covariance), points, first, count)
     assert draft.failed[0] == 0
-    for found, wanted in zip(draft, twins.prepare(mean, covariance, 0.9, points), strict=False):
+    taken = points[:size, (first + np.arange(count)) % 64].astype(float)  # after the last comes the first
+    for found, wanted in zip(draft, twins.prepare(mean, covariance, 0.9, taken), strict=False):
         np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-6)
 
 
 def test_the_root_of_a_singular_covariance_is_taken_another_way():
     belief = Belief(np.arange(5.0), np.diag([0.1, 0.0, 0.3, 0.2, 0.0]))
-    points = np.random.default_rng(2).standard_normal((5, 4000))
-    draft = drawn_by(belief, points)
-    np.testing.assert_allclose(draft.state, twins.draw(belief.root, draft.base, points), atol=1e-6)
+    points = np.random.default_rng(2).standard_normal((5, 4000)).astype(np.float32)
+    draft = drawn_by(belief, points, 0, 4000)
+    np.testing.assert_allclose(
+        draft.state, twins.draw(belief.root, draft.base, points.astype(float)), atol=1e-6
+    )
     np.testing.assert_allclose(draft.state[1:], [[1.0] * 4000, [4.0] * 4000], atol=1e-7)
     np.testing.assert_allclose(draft.root, 0.9 * belief.root, rtol=1e-6)

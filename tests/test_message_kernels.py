@@ -203,7 +203,7 @@ def test_updates_equal_their_twin(seed, surfaces, rounds):
     into = {
         "mean": mean, "covariance": covariance, "path": path, "start": start, "index": chosen, "pair": pair,
         "odds": odds, "rounds": rounds, "places": places, "predicted": predicted, "heard": heard,
-        "blocks": blocks, "radio": random_radio(draw), "anchor": 1, "turned": 0.01,
+        "blocks": blocks, "radio": random_radio(draw), "anchor": 1, "turned": np.array([-0.02, 0.01]),
     }  # fmt: skip
     messages = {"message": message, "measured": measured}
     kept = {"surface": surface, "sight": sight, "single": single, "double": double}

@@ -42,9 +42,9 @@ def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0):
     found = np.array([len(path)], np.int32)
     cast(
         ALREADY_LISTED, 0, 0.0, 0.0, row, square, np.append(place, 0.0)[None], row, entries, row, square,
-        np.empty((0, 0, 0)), 1.0, square, STATE_GIVEN, *roots, state, np.full(1, 9, np.int32), table, row,
-        row, square, found, factor, occupied, frame, held, surface, drawn, seen, belief, line, spot, scratch,
-        touched, met, message,
+        np.empty((0, 0, 0)), 1.0, roots[1], 0, STATE_GIVEN, *roots, state, np.full(1, 9, np.int32), table,
+        row, row, square, found, factor, occupied, frame, held, surface, drawn, seen, belief, line, spot,
+        scratch, touched, met, message,
     )  # fmt: skip
     np.testing.assert_allclose(belief.sum(1), 1, rtol=1e-9)
     np.testing.assert_allclose(belief, twins.recall(drawn, table, held, surface, frame[:3], 0.05), atol=1e-9)

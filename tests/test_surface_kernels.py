@@ -43,13 +43,13 @@ def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, onl
     path, existence, together = np.zeros((room, 4), np.int32), np.zeros(room), np.zeros(room)
     predicted, found = np.zeros((room, 12)), np.zeros(1, np.int32)
     size, samples = len(mean), 3
-    points, whole = draw.normal(size=(size, samples)), np.full((size, size), np.nan)
+    points, whole = draw.normal(size=(size, samples)).astype(np.float32), np.full((size, size), np.nan)
     root, base = np.full((size, size), np.nan, np.float32), np.full((size, 3), np.nan, np.float32)
     state, failed = np.full((3 + 3 * surfaces, samples), np.nan), np.full(1, 9, np.int32)
     drafts = whole, root, base, state
-    foresee(*into, 0.9, points, TAKE_ROOT, *drafts, failed, path, existence, together, predicted, found)
+    foresee(*into, 0.9, points, 0, TAKE_ROOT, *drafts, failed, path, existence, together, predicted, found)
     assert failed[0] == 0
-    for told, wanted in zip(drafts, twins.prepare(mean, covariance, 0.9, points), strict=True):
+    for told, wanted in zip(drafts, twins.prepare(mean, covariance, 0.9, points.astype(float)), strict=True):
         np.testing.assert_allclose(told, wanted, rtol=1e-5, atol=1e-6)
     count = int(found[0])
     rays, own, both, whole = twins.foresee(*into)

@@ -116,7 +116,7 @@ class Cells:
         """
         if len(surface) != ahead.among[0]:
             raise ValueError("coefficients don't belong to these surfaces")
-        most, rays = len(ahead.table), ahead.sampling.points.shape[1]
+        most, rays = len(ahead.table), ahead.sampling.draft.state.shape[1]
         factor, seen, belief, drawn = runtime.lasting(
             f"seen {ahead.site}", (most, rays), lambda: (np.zeros((most, 2)), *_room(most, rays))
         )
@@ -176,7 +176,7 @@ class Cells:
         )
         before = (
             ALREADY_LISTED, 0, 0.0, 0.0, samples.belief.mean, samples.belief.covariance, anchors, *NO_BANK,
-            1.0, samples.points,
+            1.0, samples.points, samples.first,
         )  # fmt: skip
         after = rays.table, *NO_PATHS, found
         asked = ((*before, *way, *after) for way in samples.attempts())

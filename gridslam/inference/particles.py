@@ -31,6 +31,9 @@ PORTION = 512
 """Adapted numbers come in portions, each with mean 0 and deviation 1."""
 
 
+NO_POINTS = np.empty((0, 0), np.float32)
+
+
 @dataclass(frozen=True)
 class Cloud:
     """Joint samples.
@@ -116,37 +119,44 @@ class Sampling:
     Attributes
     ----------
     belief : Belief
-    points : (N, R)
-        Standard normal.
+    points : (N or more, P) float32
+        Standard normal; where the device has them.
+    first : int
+        Of the points that are taken, one for each sample; after the last comes the first.
     draft : Draft
     given : bool
         Whether the draft holds the samples already.
     """
 
     belief: Belief
-    points: Array
+    points: runtime.Resident
+    first: int
     draft: Draft
     given: bool = False
 
     @classmethod
-    def of(cls, belief: Belief, points: Array, site: str = "samples") -> Sampling:
-        """Samples by standard normal points (N, R); what is drawn lasts until the next of this site.
+    def of(
+        cls, belief: Belief, points: runtime.Resident, first: int, samples: int, site: str = "samples"
+    ) -> Sampling:
+        """So many samples by standard normal points; what is drawn lasts until the next of this site.
 
         Raises
         ------
         ValueError
-            The points aren't as many as the belief has entries.
+            The points have fewer entries than the belief.
         """
-        if len(points) != len(belief.mean):
-            raise ValueError(f"points of {len(points)} entries for a belief of {len(belief.mean)}")
-        return cls(belief, points, runtime.lasting(site, points.shape, lambda: Draft.of(*points.shape)))
+        size = len(belief.mean)
+        if points.shape[0] < size:
+            raise ValueError(f"points of {points.shape[0]} entries for a belief of {size}")
+        draft = runtime.lasting(site, (size, samples), lambda: Draft.of(size, samples))
+        return cls(belief, points, first, draft)
 
     @classmethod
     def at(cls, cloud: Cloud) -> Sampling:
         """Samples that are there already."""
         belief, draft = Belief(np.empty(0), np.empty((0, 0))), Draft.of(AGENT, 0)._replace(state=cloud.state)
         draft.failed[0] = 0
-        return cls(belief, np.empty((0, 0)), draft, given=True)
+        return cls(belief, NO_POINTS, 0, draft, given=True)
 
     def attempts(self) -> Iterator[tuple[Any, ...]]:
         """What a kernel is told of it; of a singular covariance, once more with a root of another kind."""
@@ -198,18 +208,25 @@ class Particles:
         self._points = np.zeros((0, self.count), np.float32)
         self._held: runtime.Resident = self._points
 
-    @property
-    def points(self) -> runtime.Resident:
+    def points(self, belief: Belief) -> runtime.Resident:
         """The normal points, (N or more, count) float32, where the device has them."""
-        return self._held
-
-    def ask(self, belief: Belief) -> tuple[int, float]:
-        """How many particles to draw of a belief, and the share of the covariance that each keeps."""
-        size, count = len(belief.mean), self.count
+        size = len(belief.mean)
         if size > len(self._points):
             fresh = [self._column(n) for n in range(len(self._points), size)]
             self._points = np.concatenate([self._points, np.stack(fresh)])
             self._held = runtime.resident(self._points)
+        return self._held
+
+    def samples(self, belief: Belief, number: int, samples: int, site: str = "samples") -> Sampling:
+        """Exact samples of a belief by some of the points, by others for every `number`, in turn.
+
+        What is drawn lasts until the next of this site.
+        """
+        return Sampling.of(belief, self.points(belief), number * samples % self.count, samples, site)
+
+    def ask(self, belief: Belief) -> tuple[int, float]:
+        """How many particles to draw of a belief, and the share of the covariance that each keeps."""
+        count = self.count
         if self.adapt:
             count = min(count, -int(-needed(belief) // PORTION) * PORTION)
         self.drawn = count

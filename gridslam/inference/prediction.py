@@ -75,7 +75,7 @@ class Ahead:
     @classmethod
     def of(
         cls, bank: Bank, sight: Array, belief: Belief, anchors: Array, anchor: int, most_bounces: int,
-        change: tuple[float, float], kept: float, points: Array,
+        change: tuple[float, float], kept: float, samples: Sampling,
     ) -> Ahead:  # fmt: skip
         """What to ask a kernel, to which all anchors are -1; what it tells lasts until the next question.
 
@@ -85,8 +85,8 @@ class Ahead:
             Probabilities that a ray stays, and that one appears.
         kept : float
             Share of the covariance that particles won't be drawn with.
-        points : (N, R)
-            Standard normal, of some exact samples.
+        samples : Sampling
+            Drawn along with them.
         """
         count, places = len(bank), len(anchors)
         bank.check(belief, places, len(sight))
@@ -96,9 +96,10 @@ class Ahead:
         told = runtime.lasting(site, most, lambda: _room(most))
         before = (
             anchor, most_bounces, *change, belief.mean, belief.covariance, anchors, bank.existence,
-            bank.owner, sight, bank.single, bank.double, _share(kept), points,
+            bank.owner, sight, bank.single, bank.double, _share(kept), samples.points,
+            samples.first,
         )  # fmt: skip
-        return cls(before, Sampling.of(belief, points, f"samples {anchor}"), *told, site, (count, places))
+        return cls(before, samples, *told, site, (count, places))
 
     def attempts(self) -> Iterator[tuple[Any, ...]]:
         """What a kernel is told; if it finds the covariance singular, once more otherwise."""
@@ -119,7 +120,7 @@ class Ahead:
 
 def look_ahead(
     bank: Bank, sight: Array, belief: Belief, anchors: Array, anchor: int, most_bounces: int,
-    particles: Particles, few: Array,
+    particles: Particles, number: int, samples: int,
 ) -> tuple[Ahead, Recipe]:  # fmt: skip
     """What to ask for all paths worth a look from `anchor`, with their existence one step ahead.
 
@@ -131,16 +132,16 @@ def look_ahead(
         x, y (m) and orientation (rad).
     particles : Particles
         How to draw these comes along, true once a kernel was asked.
-    few : (N, R)
-        Standard normal points of some exact samples.
+    number, samples : int
+        Of some exact samples; see `Particles.samples`.
     """
     if anchor < 0:
         raise ValueError("there is no such anchor")
     count, kept = particles.ask(belief)
     change = P_STAY, P_APPEAR
+    few = particles.samples(belief, number, samples, f"samples {anchor}")
     ahead = Ahead.of(bank, sight, belief, anchors, anchor, most_bounces, change, kept, few)
-    draft = ahead.sampling.draft
-    return ahead, Recipe(draft.root, draft.base, particles.points, count, kept)
+    return ahead, Recipe(few.draft.root, few.draft.base, few.points, count, kept)
 
 
 def foresee(
@@ -152,15 +153,16 @@ def foresee(
     This asks what `look_ahead` puts, by a launch for nothing else. What is told lasts until the anchor's
     paths are foreseen again.
     """
-    none = np.empty((len(belief.mean), 0))
-    ahead, recipe = look_ahead(bank, sight, belief, anchors, anchor, most_bounces, particles, none)
+    ahead, recipe = look_ahead(bank, sight, belief, anchors, anchor, most_bounces, particles, 0, 0)
     return *_foreseen(ahead), recipe
 
 
-def paths_now(bank: Bank, sight: Array, belief: Belief, anchors: Array, most_bounces: int) -> Rays:
+def paths_now(
+    bank: Bank, sight: Array, belief: Belief, anchors: Array, most_bounces: int, particles: Particles
+) -> Rays:
     """All paths worth a look from any anchor, anchor by anchor, with their existence as it is now."""
-    none = np.empty((len(belief.mean), 0))
-    return _foreseen(Ahead.of(bank, sight, belief, anchors, -1, most_bounces, (1.0, 0.0), 0.0, none))[0]
+    none, as_it_is = particles.samples(belief, 0, 0, "no samples"), (1.0, 0.0)
+    return _foreseen(Ahead.of(bank, sight, belief, anchors, -1, most_bounces, as_it_is, 0.0, none))[0]
 
 
 def _foreseen(ahead: Ahead) -> tuple[Rays, Prediction]:

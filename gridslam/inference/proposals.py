@@ -42,12 +42,12 @@ def _known(pairs: tuple[tuple[int, int], ...]) -> NDArray[np.int32]:
 
 def propose(
     heard: Heard, belief: Belief, bank: Bank, cloud: Cloud, said: Evaluation, cells: Cells | None,
-    radio: Array, anchors: Array, births: float, radius_m: float, most_bounces: int,
+    radio: Array, anchors: Array, rate: float, most_bounces: int,
 ) -> Births:  # fmt: skip
     """All birth hypotheses worth a look, of the measurements that carry distance and AoA.
 
-    Surfaces are born uniformly over all lines that cross the region (angle and offset), at `births` per
-    anchor and step; that measure doesn't depend on the frame. The sums over each measurement's are told to
+    Surfaces are born uniformly over all lines that cross the region (angle and offset): a measure that
+    doesn't depend on the frame. The sums over each measurement's are told to
     `said.new`. What is told lasts until the next call.
 
     Parameters
@@ -58,8 +58,8 @@ def propose(
         `SignalModel.radio` of the anchor.
     anchors : (J, 3)
         x, y (m) and orientation (rad).
-    radius_m : float
-        Of the region.
+    rate : float
+        Births per anchor, step and unit of such lines (rad m).
     """
     runtime.start()
     from gridslam.kernels.births import propose as launch
@@ -71,7 +71,7 @@ def propose(
     born, told, ratio = runtime.lasting("births", (room, hypotheses), lambda: _room(room, hypotheses))
     launch(
         cloud.state, _noise(hypotheses), belief.mean, heard.table, known, heard.anchor, anchors, radio,
-        births / (4 * np.pi * radius_m), ratio, said.measured, born, told,
+        rate, ratio, said.measured, born, told,
     )  # fmt: skip
     if cells is not None and born[0, 0]:
         cells.glance(belief.mean, heard.anchor, anchors, born, told, said.measured)

@@ -59,7 +59,7 @@ def update(
     launch(
         mean, covariance, rays.table, pairs.start, pairs.index, pairs.pair, said.odds, rounds, anchors,
         predicted.whole, heard.table, said.blocks, radio, heard.anchor,
-        float(watch.taken[heard.anchor]),
+        watch.taken,
         runtime.scratch("update", (len(mean), 6)), said.message, said.measured, bank.existence, sight,
         bank.single, bank.double, share, watch.fits,
     )  # fmt: skip

@@ -122,7 +122,7 @@ class Watch:
         self.silent[:] = 0 if scan_size else self.silent + 1
         self.since += 1
         self._effective = np.inf
-        self.taken = self.turned
+        self.taken[:] = self.turned
         self.fits[:] = NOTHING
 
     @property

@@ -8,12 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam import runtime
 from gridslam.inference import surfaces
 from gridslam.inference.cells import Cells
 from gridslam.inference.heard import Heard
 from gridslam.inference.materials import Reflected, learn
-from gridslam.inference.particles import Sampling
 from gridslam.inference.prediction import look_ahead
 from gridslam.inference.told import Part, Told
 from gridslam.map import Map
@@ -48,14 +46,12 @@ class GridSlam(SurfaceSlam):
         grid, free_path = scene.grid, self.settings.mean_free_path_m
         self.cells = Cells(np.array(grid.origin_m), grid.cell_m, grid.shape, free_path, self.places)
         self._to_tell: list[Part] = []
-        self._draw = np.random.default_rng(self._stream(0, 0))
         if prior_map is not None:
             self._start_from(prior_map)
 
     def _move(self, now: float) -> None:
         """Motion; what a step that was interrupted left to be told is dropped."""
         self._to_tell = []
-        self._draw = np.random.default_rng(self._stream(0, 0))
         self.cells.forget()
         super()._move(now)
 
@@ -64,7 +60,7 @@ class GridSlam(SurfaceSlam):
         # prediction: paths, their validity in the grid, eq. (1), and amplitudes, eq. (2)
         ahead, recipe = look_ahead(
             self.bank, self.sight, self.belief, self.anchors, heard.anchor, self.most_bounces, self.particles,
-            self._points(),
+            self._number(heard.anchor), RAYS,
         )  # fmt: skip
         validity, products = self.cells.see(ahead, self.bank.reflection)
         rays, predicted = ahead.paths()
@@ -75,11 +71,9 @@ class GridSlam(SurfaceSlam):
         self._to_tell.append(Part(heard, rays, predicted.value[:, 0], said, share))
         self._bear(heard, births, said.claimed)
 
-    def _points(self) -> Array:
-        """Standard normal points of sampled states, which last until the next call."""
-        points = runtime.scratch("points", (len(self.belief.mean), RAYS))
-        self._draw.standard_normal(out=points)
-        return points
+    def _number(self, anchor: int) -> int:
+        """Which points states are sampled by: others for every step and anchor."""
+        return self.steps * (len(self.places) + 1) + anchor
 
     def _space(self) -> Cells:
         return self.cells
@@ -94,7 +88,7 @@ class GridSlam(SurfaceSlam):
         """Messages to the cells that each path crosses or meets, eqs. (43) to (45), and to coefficients."""
         rays = told.rays
         belief = rays.surfaces * rays.existence
-        few = Sampling.of(self.belief, self._points())
+        few = self.particles.samples(self.belief, self._number(len(self.places)), RAYS)
         worth, send = belief * told.worth + 1 - belief, belief > 0.1
         drawn = self.cells.tell(rays, few, self.anchors, worth, send, MOSTLY_POSSIBLE)
         send &= drawn.possible > MOSTLY_POSSIBLE

@@ -95,6 +95,7 @@ class SurfaceSlam:
         side = np.array(scene.grid.shape[::-1]) * scene.grid.cell_m
         self.middle = np.asarray(scene.grid.origin_m) + 0.5 * side
         self.radius_m = float(0.5 * np.hypot(*side))
+        self.birth_rate = self.settings.births / (4 * np.pi * self.radius_m)
         self.particles = Particles(self.settings.particles, seed, self.settings.adapt_particles)
         self.most_bounces = scene.radio.max_bounces
         self.detected = DetectionTable(self.signal)
@@ -190,7 +191,7 @@ class SurfaceSlam:
         lost = self.watch.lost(count, near)
         if not (lost or vague):
             return
-        rays = paths_now(self.bank, self.sight, self.belief, self.anchors, most_bounces=1)
+        rays = paths_now(self.bank, self.sight, self.belief, self.anchors, 1, self.particles)
         sources = relocation.sources(rays, self.belief, self.places, self.bank.reflection @ REFLECTION_BINS)
         belief = self.belief
         if lost:
@@ -243,7 +244,7 @@ class SurfaceSlam:
         # births
         births = propose(
             heard, self.belief, self.bank, cloud, said, self._space(), radio, self.anchors,
-            self.settings.births, self.radius_m, self.most_bounces,
+            self.birth_rate, self.most_bounces,
         )  # fmt: skip
         given = self._associate(heard, said)
         # association, updates

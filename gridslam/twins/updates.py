@@ -42,7 +42,7 @@ def exist(
 
 def fit(
     path: Whole, index: Whole, pair: Array, predicted: Array, share: Array, responsible: Array, heard: Array,
-    blocks: Array, radio: Array, anchor: int, turned: float, sums: Array,
+    blocks: Array, radio: Array, anchor: int, turned: Array, sums: Array,
 ) -> Array:  # fmt: skip
     """Twin of `kernels.fitting.fit`: the sums afterwards, (J, 9)."""
     loud, sums = heard[:, 7] > 0.5, sums.copy()
@@ -61,7 +61,7 @@ def fit(
     own[1] += known.sum()
     direct = path[rows, 0] == 0
     left = direct & known[:, 1]
-    own[6] += ((turned - gap[left, 1]) / spread[left, 1, 1]).sum()
+    own[6] += ((turned[anchor] - gap[left, 1]) / spread[left, 1, 1]).sum()
     own[7] += (1 / spread[left, 1, 1]).sum()
     amplitude = heard[heard_rows, 6]
     strong = direct & known[:, 0] & (amplitude >= 0)
@@ -88,7 +88,7 @@ def effective_sample_size(blocks: Array) -> Array:
 def update(
     mean: Array, covariance: Array, path: Whole, start: Whole, index: Whole, pair: Array, odds: Array,
     rounds: int, places: Array, predicted: Array, heard: Array, blocks: Array, radio: Array, anchor: int,
-    turned: float, message: Array, measured: Array, surface: Array, sight: Array, single: Array,
+    turned: Array, message: Array, measured: Array, surface: Array, sight: Array, single: Array,
     double: Array, sums: Array,
 ) -> dict[str, Array]:  # fmt: skip
     """Twin of `kernels.updates.update`: what it writes, by the names of its arguments."""
