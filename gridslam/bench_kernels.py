@@ -71,17 +71,15 @@ class KernelSpeed:
     launch_us: float
 
 
-def _senders(case: Case) -> Array:
-    """Rows of the rays whose paths send messages, of those drawn, (K, 14)."""
-    drawn = case["drawn"].reshape(len(case["path"]), -1, 14)
-    send = (case["factor"][:, 1] > 0.5) & (drawn[..., 12].mean(1) > case["frame"][5])
-    return np.asarray(drawn[send].reshape(-1, 14))
+def _drawn(case: Case) -> Array:
+    """Rays of the paths that there are, (L, R, 14)."""
+    return np.asarray(case["drawn"].reshape(len(case["path"]), -1, 14)[: _listed(case)])
 
 
-def _bounces(case: Case) -> Array:
-    drawn = case["drawn"].reshape(len(case["path"]), -1, 14)
-    send = (case["factor"][:, 1] > 0.5) & (drawn[..., 12].mean(1) > case["frame"][5])
-    return np.asarray(case["path"][send, 0])
+def _senders(case: Case) -> NDArray[np.intp]:
+    """Paths that send messages."""
+    likely = case["factor"][: _listed(case), 1] > 0.5
+    return np.flatnonzero(likely & (_drawn(case)[..., 12].mean(1) > case["frame"][5]))
 
 
 def _visits(case: Case) -> int:
@@ -89,9 +87,9 @@ def _visits(case: Case) -> int:
 
     The kernel casts them all for V, and walks those of sending paths again for their messages.
     """
-    rays, total = case["state"].shape[1], 0
-    for row, count in zip(case["drawn"], np.repeat(case["path"][:, 0], rays), strict=True):
-        if row[12] > 0.5:
+    total = 0
+    for rays, count in zip(_drawn(case), case["path"][: _listed(case), 0], strict=True):
+        for row in rays[rays[:, 12] > 0.5]:
             corners, normals = row[:8].reshape(4, 2)[: count + 2], row[8:12].reshape(2, 2)[:count]
             crossed, met = twins.cells_of(corners, normals, case["frame"], case["occupied"].shape[1:])
             total += len(crossed) + sum(len(cells) for cells in met)
@@ -144,6 +142,10 @@ def _listed(case: Case) -> int:
     return int(case["found"][0])
 
 
+def _noted(case: Case) -> int:
+    return int(case["count"][0])
+
+
 def _told(case: Case) -> int:
     return int(case["told"][0])
 
@@ -154,13 +156,12 @@ def _surfaces(case: Case) -> int:
 
 def _cast_twin(case: Case) -> dict[str, Any]:
     """What was drawn of the sending paths; the kernel draws them itself, and casts the others for V alone."""
-    rows, bounces = _senders(case), _bounces(case)
-    drawn = case["drawn"].reshape(len(case["path"]), -1, 14)
-    send = (case["factor"][:, 1] > 0.5) & (drawn[..., 12].mean(1) > case["frame"][5])
+    send = _senders(case)
+    rows = _drawn(case)[send].reshape(-1, 14)
     traversed, hit = case["occupied"]
     return {
         "corners": rows[:, :8].reshape(-1, 4, 2), "normals": rows[:, 8:12].reshape(-1, 2, 2),
-        "possible": rows[:, 12], "bounces": bounces, "worth": case["factor"][send, 0],
+        "possible": rows[:, 12], "bounces": case["path"][send, 0], "worth": case["factor"][send, 0],
         "traversed": traversed, "hit": hit, "rays": case["state"].shape[1],
         "outside": case["frame"][3], "clip": case["frame"][4],
     }  # fmt: skip
@@ -183,7 +184,7 @@ CONTESTS = {
         "cell visit", twins.cast, _visits, given=_cast_twin,
         rows=("path", "found", "mean"),
         # that sends: it lists no paths, and tells no coefficients
-        size=lambda case: int((case["factor"][:, 1] > 0.5).sum()) if case["only"] == ALREADY_LISTED else -1,
+        size=lambda case: _listed(case) if case["only"] == ALREADY_LISTED else -1,
     ),
     "describe": Contest("path", twins.describe, _told, ("surface", "places", "table"), size=_surfaces),
     "duplicate": Contest("pair", twins.duplicate, lambda case: len(case["foot"]) ** 2, ("foot",)),
@@ -194,17 +195,21 @@ CONTESTS = {
     "foresee": Contest("path", twins.foresee, _listed, ("surface",), size=_surfaces),
     "glance": Contest("path", twins.glance, _born, ("born",), changes=("told", "measured")),
     "haunt": Contest("pair", twins.haunt, lambda case: len(case["surface"]) ** 2, ("surface",)),
-    "learn": Contest("path", twins.learn, _paths, changes=("surface", "held")),
+    "learn": Contest(
+        "path", twins.learn, _noted, ("count",), changes=("surface", "held", "foot", "extent", "times")
+    ),
     "listen": Contest(
         "node", twins.listen, lambda case: case["ahead"].size, ("ahead", "heard", "responsible", "density")
     ),
+    "mark": Contest("path", twins.mark, _paths, changes=("foot", "extent", "times")),
     "near": Contest("measurement", twins.near, lambda case: len(case["heard"]), ("heard", "places")),
     "polylines": Contest("path-ray", twins.polylines, _path_particles),
     "propose": Contest("sample", twins.propose, _samples, ("heard",), changes=("measured",)),
     "walk": Contest("node", twins.walk, lambda case: case["ahead"].size, ("ahead", "length")),
     "update": Contest(
         "path", twins.update, _paths, ("path", "share", "heard", "odds", "message", "measured"),
-        changes=("mean", "covariance", "message", "measured", "surface", "sight", "single", "double", "sums"),
+        changes=("mean", "covariance", "message", "measured", "surface", "sight", "single", "double", "sums",
+                 "count", "noted", "factor", "told", "begin", "said"),
     ),
 }  # fmt: skip
 
@@ -373,6 +378,8 @@ def _none(name: str, array: Array) -> Array:
     """No rows of an array; of those that have paths or measurements in columns, none of these either."""
     if name in ("born", "found"):
         return np.zeros_like(array[:1])
+    if name == "count":
+        return np.zeros_like(array)
     if name == "message":
         return np.ascontiguousarray(array[:, :0, :0])
     return np.ascontiguousarray(array[:, :0]) if name in ("blocks", "odds", "measured") else array[:0]

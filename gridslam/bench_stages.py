@@ -28,7 +28,7 @@ STAGES = {
     "updates": "updates",
     "births": "births",
     "proposals": "births",
-    "told": "cells",
+    "notes": "cells",
     "cells": "cells",
     "polylines": "cells",
     "materials": "cells",

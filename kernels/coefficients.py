@@ -6,14 +6,14 @@ from gridslam.kernels.amplitudes import detection_of
 from gridslam.kernels.bundles import cell_of
 from gridslam.kernels.functions import decay_of, logarithm_of
 from gridslam.kernels.launching import quick
+from gridslam.kernels.notes import CHANCE, LENGTH, SHARE, THERE
 from gridslam.kernels.radio import AT_1M, SAMPLES, log_rician
+from gridslam.kernels.sightings import LIKELIER_THAN_NOT, spot
 
-BINS, OTHER = 20, 6
-"""Bins of a coefficient's belief, products of two have twice as many nodes; where the frame says how likely a
-wall is of another material where it is hit next."""
-SEND, THERE, CHANCE, SHARE, LENGTH = range(5)
-"""Rows of `told`: whether a path says anything of cells; existence of its surfaces; chance that it is there;
-probability that it caused a measurement; its length."""
+BINS, LEAST, OTHER = 20, 5, 6
+"""Bins of a coefficient's belief, products of two have twice as many nodes; where the frame says at which
+share of its states a path must be possible, and how likely a wall is of another material where it is hit
+next."""
 FAINT = 1e-3
 """Probability of an association below which it says nothing about coefficients."""
 AUDIBLE = 0.05
@@ -81,7 +81,7 @@ def recall(
 
 @ti.func
 def say(
-    factor: ti.template(), told: ti.template(), pair: ti.template(), said: ti.template(),
+    log: ti.template(), told: ti.template(), begin: ti.template(), said: ti.template(),
     table: ti.template(), step, radio: ti.template(), row, other,
 ):  # fmt: skip
     """Log-likelihood over one coefficient of a path, `other` the product of the rest, softly by association.
@@ -92,15 +92,15 @@ def say(
     missed = ti.max(1 - told[SHARE, row], 0.0)
     for n in range(BINS):
         level = radio[AT_1M] / ti.max(told[LENGTH, row], 1e-3) * other * (n + 0.5) / BINS
-        factor[n] = missed * logarithm_of(1 - told[CHANCE, row] * detection_of(level, table, step) + 1e-9)
-        for k in range(pair.shape[0]):
-            if pair[k] == row and said[0, k] >= 0 and said[1, k] > FAINT:
-                factor[n] += said[1, k] * log_rician(said[0, k], level, radio[SAMPLES])
+        log[n] = missed * logarithm_of(1 - told[CHANCE, row] * detection_of(level, table, step) + 1e-9)
+        for k in range(begin[row], begin[row + 1]):
+            if said[0, k] >= 0 and said[1, k] > FAINT:
+                log[n] += said[1, k] * log_rician(said[0, k], level, radio[SAMPLES])
 
 
 @ti.func
 def absorb_at(
-    factor: ti.template(), share, drawn: ti.template(), held: ti.template(), frame: ti.template(), row, rays,
+    log: ti.template(), share, drawn: ti.template(), held: ti.template(), frame: ti.template(), row, rays,
     corner,
 ):  # fmt: skip
     """Add a log-likelihood to the cells that the rays of a path meet, shared among its rays."""
@@ -111,26 +111,35 @@ def absorb_at(
         if ix >= 0 and iy >= 0 and ix < held.shape[1] and iy < held.shape[0]:
             for n in range(BINS):
                 before = held[iy, ix, n]
-                held[iy, ix, n] = before + share * factor[n] / rays
+                held[iy, ix, n] = before + share * log[n] / rays
 
 
 @quick
 @ti.kernel
 def learn(
-    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 14] as cast
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
-    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [5, L] see `SEND` and so on
-    pair: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [K] path of every association
-    said: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, K] its amplitude, negative for none; probability
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
+    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room R, 14] as cast
+    seen: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room, 6] likewise
+    count: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] L and K: these six are notes, see `inference.notes`
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [room, 4] bounces, last, first, anchor
+    factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room, 2] unused; whether a path tells of cells
+    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, room] see `kernels.notes`
+    begin: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [room + 1] where the pairs of each path begin
+    said: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, room] amplitude, negative for none; probability
     table: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [T] p_d over ``0, step, ...``
     step: ti.f64,
     radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `kernels.radio`
-    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [3] origin x, y, side
+    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] as of `kernels.cells.cast`
     usual: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] scratch: mean coefficient of every surface
     surface: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] in/out: beliefs of surfaces
     held: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [ny, nx, BINS] in/out: log-likelihood that cells hold
+    latest: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [S] scratch: these four as of `kernels.sightings.mark`
+    foot: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] in/out
+    extent: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 2] in/out
+    times: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] in/out
 ):
-    """Learn coefficients: of surfaces by single bounces, of cells by both ends of double bounces, too.
+    """Learn coefficients: of surfaces by single bounces, of cells by both ends of double bounces, too; and
+    where surfaces were hit.
 
     A window isn't the wall around it (model.md, section 2.5). A double bounce that can't be heard says
     nothing of either.
@@ -138,31 +147,34 @@ def learn(
     ti.loop_config(serialize=True)
     for _ in range(1):
         for s in range(surface.shape[0]):
-            mean = ti.cast(0.0, ti.f64)
+            total, latest[s] = ti.cast(0.0, ti.f64), -1
             for n in range(BINS):
-                mean += surface[s, n] * (n + 0.5) / BINS
-            usual[s] = mean
+                total += surface[s, n] * (n + 0.5) / BINS
+            usual[s] = total
         rays = drawn.shape[0] // ti.max(path.shape[0], 1)
-        factor = ti.Vector([0.0] * BINS, dt=ti.f64)
-        for row in range(path.shape[0]):
+        log = ti.Vector([0.0] * BINS, dt=ti.f64)
+        for row in range(count[0]):
             bounces, last, first = path[row, 0], path[row, 1], path[row, 2]
-            heard, send = told[SHARE, row] > AUDIBLE, told[SEND, row] > 0.5
+            heard = told[SHARE, row] > AUDIBLE
+            send = factor[row, 1] > 0.5 and seen[row, 1] > frame[LEAST]
+            if send and told[SHARE, row] > LIKELIER_THAN_NOT:
+                spot(path, row, seen, mean, foot, extent, times, latest)
             if bounces == 1 and (heard or send):
-                say(factor, told, pair, said, table, step, radio, row, 1.0)
+                say(log, told, begin, said, table, step, radio, row, 1.0)
                 if heard:
                     most, total = ti.cast(-1e30, ti.f64), ti.cast(0.0, ti.f64)
                     for n in range(BINS):
-                        most = ti.max(most, factor[n])
+                        most = ti.max(most, log[n])
                     for n in range(BINS):
-                        surface[last, n] = surface[last, n] * decay_of(factor[n] - most) + 1e-9
+                        surface[last, n] = surface[last, n] * decay_of(log[n] - most) + 1e-9
                         total += surface[last, n]
                     for n in range(BINS):
                         before = surface[last, n]
                         surface[last, n] = before / total
                 if send:
-                    absorb_at(factor, told[THERE, row], drawn, held, frame, row, rays, 1)
+                    absorb_at(log, told[THERE, row], drawn, held, frame, row, rays, 1)
             elif bounces == 2 and heard and send:
-                say(factor, told, pair, said, table, step, radio, row, usual[first])
-                absorb_at(factor, told[THERE, row], drawn, held, frame, row, rays, 2)
-                say(factor, told, pair, said, table, step, radio, row, usual[last])
-                absorb_at(factor, told[THERE, row], drawn, held, frame, row, rays, 1)
+                say(log, told, begin, said, table, step, radio, row, usual[first])
+                absorb_at(log, told[THERE, row], drawn, held, frame, row, rays, 2)
+                say(log, told, begin, said, table, step, radio, row, usual[last])
+                absorb_at(log, told[THERE, row], drawn, held, frame, row, rays, 1)

@@ -7,6 +7,7 @@ from gridslam.kernels.existence import exist
 from gridslam.kernels.fitting import fit
 from gridslam.kernels.gaussian import correct
 from gridslam.kernels.launching import quick
+from gridslam.kernels.notes import note
 
 
 @quick
@@ -37,8 +38,14 @@ def update(
     double: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [J, S, S] in/out: over (last, first)
     share: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K or more] out: probability of each association
     sums: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 9] in/out: see `kernels.SUMS`
+    count: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] in/out: paths and pairs noted of other anchors, all
+    noted: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [0; or room, 4] in/out: notes, see `inference.notes`
+    factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room, 2] in/out
+    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, room] in/out: see `kernels.notes`
+    begin: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [room + 1] in/out
+    said: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, room] in/out
 ):
-    """Associate, correct agent and surfaces, update what exists, and note how well all that fits."""
+    """Associate, correct agent and surfaces, update what exists; note how well it fits, and what was said."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         if rounds > 0:
@@ -46,3 +53,5 @@ def update(
         correct(mean, covariance, path, start, index, pair, odds, message, places, scratch, share)
         fit(path, start, index, pair, predicted, share, message, heard, blocks, radio, anchor, turned, sums)
         exist(path, odds, message, scratch, surface, sight, single, double)
+        if noted.shape[0] > 0:
+            note(path, start, index, odds, predicted, heard, share, count, noted, factor, told, begin, said)

@@ -15,6 +15,7 @@ from gridslam.geometry import line_between, line_of_sfv, mirror, sfv, trace, wra
 from gridslam.inference.association import associate
 from gridslam.inference.belief import AGENT, Belief, separated, update
 from gridslam.inference.cells import Cells
+from gridslam.inference.notes import Notes
 from gridslam.inference.particles import BIN_M, DIVERGENCE, PORTION, Cloud, Particles, Sampling, needed
 from gridslam.inference.rays import Rays
 from gridslam.kernels import PATH_BLOCK
@@ -114,13 +115,20 @@ def test_update_of_a_sure_association_is_the_kalman_update():
     np.testing.assert_allclose(update(belief, jacobian, residual[None], noise[None], np.zeros(1)).mean, 0)
 
 
+def noted(rays, worth, send):
+    """Notes of rays that are worth so much, and of whether they are to be told to cells."""
+    notes = Notes()
+    notes.reserve(len(rays), 0, (1 + int(rays.last.max()), 1))
+    notes.count[0], rows = len(rays), slice(0, len(rays))
+    notes.path[rows], notes.factor[rows, 0], notes.factor[rows, 1] = rays.table, worth, send
+    return notes
+
+
 def told(cells, bounces, anchor, agent, line, worth):
     """Tell the cells of one path at one state, and absorb; return its V."""
     rays = Rays.of(*(np.array([value]) for value in (0, bounces, bounces - 1, bounces - 1, 1.0, 1.0)))
     cloud = Cloud(np.array([[*agent, 0.0, np.cos(line[0]), np.sin(line[0]), line[1]]]).T, 0.0)
-    drawn = cells.tell(
-        rays, Sampling.at(cloud), np.array([[*anchor, 0.0]]), np.array([worth]), np.array([True]), 0.0
-    )
+    drawn = cells.tell(noted(rays, worth, True), Sampling.at(cloud), np.array([[*anchor, 0.0]]), 0.0)
     cells.absorb()
     return drawn.validity[0]
 
@@ -251,9 +259,7 @@ def test_worthless_paths_tell_cells_nothing_and_never_list_more_than_there_are(w
     whole = np.ones(len(last))
     paths = Rays.of(0 * last, np.where(last == first, 1, 2), last, first, whole, whole)
     cells._touched[...] = -7
-    cells.tell(
-        paths, Sampling.at(Cloud(state, 0.0)), np.array([[1.0, 1.0, 0.0]]), worth * whole, whole > 0, 0.0
-    )
+    cells.tell(noted(paths, worth, True), Sampling.at(Cloud(state, 0.0)), np.array([[1.0, 1.0, 0.0]]), 0.0)
     assert (cells._touched[:, -1] == -7).all(), "the list is never full"
     cells.absorb()
     assert cells.observed.any() == (worth == 3.0)
@@ -264,22 +270,55 @@ def test_messages_of_an_interrupted_step_are_forgotten():
     one, none = np.ones(1), np.full(1, -1)
     ray = Rays.of(np.zeros(1, int), np.zeros(1, int), none, none, one, one)
     for forget in (True, False):
-        cells.tell(ray, Sampling.at(Cloud(np.array([[3.5, 3.5, 0.0]]).T, 0.0)), place, 9 * one, one > 0, 0.0)
+        samples = Sampling.at(Cloud(np.array([[3.5, 3.5, 0.0]]).T, 0.0))
+        cells.tell(noted(ray, 9.0, True), samples, place, 0.0)
         if forget:
             cells.forget()
         cells.absorb()
         assert cells.evidence.any() != forget
 
 
+def test_notes_stay_when_room_is_made_and_there_is_never_any_where_none_are_kept():
+    notes, draw = Notes(), np.random.default_rng(1)
+    notes.reserve(3, 5, (1, 2))
+    notes.count[:] = 3, 5
+    for array in notes.arrays[1:]:
+        array[...] = draw.integers(1, 99, array.shape)
+    notes.begin[0] = 0
+    before = [array.copy() for array in notes.arrays]
+    notes.reserve(2, 2, (4, 1))
+    np.testing.assert_array_equal(notes.path, before[1])
+    notes.reserve(500, 700, (0, 0))
+    count, path, factor, told, begin, said = notes.arrays
+    assert notes.among == (4, 2)
+    assert len(path) == len(factor) == told.shape[1] == len(begin) - 1 >= 503
+    assert said.shape[1] >= 705
+    found = count, path[:3], factor[:3], told[:, :3], begin[:4], said[:, :5]
+    wanted = before[0], before[1][:3], before[2][:3], before[3][:, :3], before[4][:4], before[5][:, :5]
+    for now, then in zip(found, wanted, strict=True):
+        np.testing.assert_array_equal(now, then)
+    assert all(array.flags.c_contiguous for array in notes.arrays)
+    none = Notes(kept=False)
+    none.reserve(3, 5, (1, 2))
+    assert not len(none.path)
+    cells, samples = (
+        Cells(np.zeros(2), 1.0, (4, 4), 5.0, np.zeros((1, 2))),
+        Sampling.at(Cloud(np.zeros((6, 1)), 0.0)),
+    )
+    with pytest.raises(ValueError, match="surfaces or anchors"):
+        cells.tell(notes, samples, np.zeros((2, 3)), 0.0)
+
+
 def test_rays_of_surfaces_or_anchors_that_are_not_there_are_refused():
     one = np.ones(1)
     bounce, sight = Rays.of(0, 1, 2, 2, one, one), Rays.of(1, 0, -1, -1, one, one)
-    both = Rays.stack([bounce, sight])
+    two = np.arange(2)
+    both = Rays.of(two, 1 - two, [2, -1], [2, -1], np.ones(2), np.ones(2))
     both.check(3, 2)
     both.check(3)  # by a kernel that looks at no anchor
     for rays in (bounce, both, Rays(sight.table, one, one, (3, 2))):
         with pytest.raises(ValueError, match="surface"):
             rays.check(2, 2)
-    for rays in (sight, both, both.take(np.array([1]))):
+    for rays in (sight, both):
         with pytest.raises(ValueError, match="anchor"):
             rays.check(3, 1)

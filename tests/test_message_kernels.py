@@ -170,9 +170,9 @@ def test_association_messages_equal_their_twin(seed, paths, count):
         np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-9)
 
 
-@given(seeds, st.integers(0, 3), st.sampled_from([0, 100]))
+@given(seeds, st.integers(0, 3), st.sampled_from([0, 100]), st.booleans())
 @settings(max_examples=60, deadline=None)
-def test_updates_equal_their_twin(seed, surfaces, rounds):
+def test_updates_equal_their_twin(seed, surfaces, rounds, noted):
     from gridslam.kernels.updates import update
 
     draw = np.random.default_rng(seed)
@@ -207,10 +207,16 @@ def test_updates_equal_their_twin(seed, surfaces, rounds):
     }  # fmt: skip
     messages = {"message": message, "measured": measured}
     kept = {"surface": surface, "sight": sight, "single": single, "double": double}
-    out = {
-        "share": np.full(len(chosen), np.nan), "sums": sums,
+    rows, pairs = len(path), len(chosen)
+    notes = {
+        "count": np.array([2, 3], np.int32), "noted": np.full((rows + 4, 4), 7, np.int32),
+        "factor": draw.normal(size=(rows + 4, 2)), "told": draw.normal(size=(4, rows + 4)),
+        "begin": np.full(rows + 5, 3, np.int32), "said": draw.normal(size=(2, pairs + 5)),
     }  # fmt: skip
-    expected = twins.update(**into, **messages, **kept, sums=sums)
+    if not noted:
+        notes["noted"] = np.empty((0, 4), np.int32)
+    out = {"share": np.full(len(chosen), np.nan), "sums": sums} | notes
+    expected = twins.update(**into, **messages, **kept, sums=sums, **notes)
     scratch = np.empty((len(mean), 6))
     update(*into.values(), scratch, *messages.values(), *kept.values(), *out.values())
     found = into | messages | kept | out

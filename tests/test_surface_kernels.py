@@ -205,23 +205,62 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
     assert len(REFLECTION_BINS) == OWN == BINS, "kernels can't import it, and hold so many on the stack"
     draw = np.random.default_rng(seed)
     state, path, place = random_world(draw, rays, np.float64, surfaces=3)
-    path, drawn = np.pad(path, ((0, 0), (0, 1))), np.zeros((len(path) * rays, 13))
+    path, room = np.pad(path, ((0, 2), (0, 1))), len(path) + 2  # more than are noted
+    drawn = np.zeros((room * rays, 13))
     polylines(state, path, place[None], drawn)
-    drawn = np.pad(drawn, ((0, 0), (0, 1)))
+    drawn, seen = np.pad(drawn, ((0, 0), (0, 1))), draw.uniform(0.5, 1.0, (room, 6))
     held = draw.normal(0, draw.choice([0.1, 30.0]), (9, 11, BINS))  # some so sure that all else is impossible
     surface = draw.dirichlet(np.full(BINS, 0.2), 3)
-    frame = np.array([-3.0, -2.0, 0.7])  # some hits are outside
-    told = draw.uniform(0, 1, (5, len(path)))
-    told[0], told[3] = draw.integers(0, 2, len(path)), draw.choice([0.0, 0.01, 0.6, 1.2], len(path))
-    told[4] *= 12
-    pair = np.sort(draw.integers(0, len(path), 6)).astype(np.int32)
-    said = np.stack([draw.choice([-1.0, 2.5, 9.0, 40.0], 6), draw.choice([1e-5, 0.3, 1.0], 6)])
-    (table, step), radio = detection_table(), random_radio(draw)
-    into = drawn, path, told, pair, said, table, step, radio, frame
-    beliefs, cells = twins.learn(*into, surface, held)
-    learn(*into, np.empty(3), surface, held)
-    np.testing.assert_allclose(surface, beliefs, rtol=1e-5, atol=1e-12)
-    np.testing.assert_allclose(held, cells, rtol=1e-6, atol=1e-5)
+    frame = np.array([-3.0, -2.0, 0.7, 0.1, 12.0, 0.8, 0.05])  # some hits are outside
+    factor, told = draw.integers(0, 2, (room, 2)).astype(float), draw.uniform(0, 1, (4, room))
+    told[2], told[3] = draw.choice([0.0, 0.01, 0.6, 1.2], room), 12 * told[3]
+    pairs = np.sort(draw.integers(0, 9, room - 2))
+    begin = np.concatenate([[0], pairs, [3, 7]]).astype(np.int32)
+    said = np.stack([draw.choice([-1.0, 2.5, 9.0, 40.0], 9), draw.choice([1e-5, 0.3, 1.0], 9)])
+    (table, step), radio, count = detection_table(), random_radio(draw), np.array([room - 2, 9], np.int32)
+    into = (
+        draw.normal(size=11),
+        drawn,
+        seen,
+        count,
+        path,
+        factor,
+        told,
+        begin,
+        said,
+        table,
+        step,
+        radio,
+        frame,
+    )
+    sights = draw.normal(size=3), draw.choice([np.nan, 0.3], (3, 2)), draw.integers(0, 9, 3)
+    expected = twins.learn(*into, surface, held, *sights)
+    learn(*into, np.empty(3), surface, held, np.full(3, 9, np.int32), *sights)
+    np.testing.assert_allclose(surface, expected[0], rtol=1e-5, atol=1e-12)
+    np.testing.assert_allclose(held, expected[1], rtol=1e-6, atol=1e-5)
+    for found, wanted in zip(sights, expected[2:], strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
+
+
+@given(seeds, st.integers(0, 4), st.integers(0, 12))
+@settings(max_examples=60, deadline=None)
+def test_sightings_of_surfaces_equal_their_twin(seed, surfaces, paths):
+    from gridslam.kernels.sightings import mark
+
+    draw = np.random.default_rng(seed)
+    mean, bounces = draw.normal(0, 3, 5 + 2 * surfaces), draw.integers(0, 3 if surfaces else 1, paths)
+    last, first = draw.integers(0, max(surfaces, 1), (2, paths))
+    first = np.where(bounces == 1, last, first)
+    path = np.stack([bounces, last, first, np.sort(draw.integers(0, 3, paths))], -1).astype(np.int32)
+    path[bounces == 0, 1:3] = -1
+    seen, share = draw.normal(0, 4, (paths, 6)), draw.uniform(0, 1.2, paths)
+    seen[:, 1] = draw.choice([0.0, 0.7, 1.0], paths)
+    extent = np.sort(draw.normal(size=(surfaces, 2))) * draw.choice([np.nan, 1.0], (surfaces, 1))
+    sights = draw.normal(size=surfaces), extent, draw.integers(0, 9, surfaces)
+    expected = twins.mark(mean, path, seen, share, *sights)
+    mark(mean, path, seen, share, np.full(surfaces, 9, np.int32), *sights)
+    for found, wanted in zip(sights, expected, strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
 
 
 @given(seeds, st.integers(1, 140), st.integers(0, 3))

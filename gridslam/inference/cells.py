@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.inference.belief import AGENT
+from gridslam.inference.notes import Notes
 from gridslam.inference.particles import Sampling
 from gridslam.inference.polylines import Polylines
 from gridslam.inference.prediction import Ahead
-from gridslam.inference.rays import Rays
 from gridslam.kernels import ALREADY_LISTED, CELL_SLABS
 from gridslam.signal import REFLECTION_BINS
 
@@ -145,43 +145,39 @@ class Cells:
             born, told, measured,
         )  # fmt: skip
 
-    def tell(
-        self, rays: Rays, samples: Sampling, anchors: Array, worth: Array, send: NDArray[np.bool_],
-        least: float,
-    ) -> Polylines:  # fmt: skip
+    def tell(self, notes: Notes, samples: Sampling, anchors: Array, least: float) -> Polylines:
         """Add the messages of paths to their cells, eqs. (43)-(45); `absorb` folds them in.
 
         What is drawn lasts until the next call.
 
         Parameters
         ----------
+        notes : Notes
+            The paths.
         samples : Sampling
             States at which the rays are cast.
-        worth : (L,)
-            A of each path: what it is worth if it is not blocked.
-        send : (L,)
-            Which paths tell anything.
         least : float
             Share of the states at which a path must be possible to tell anything.
         """
-        state, count = samples.draft.state, len(rays)
-        rays.check(len(state) // 3 - 1, len(anchors))
-        if not count:
-            return Polylines(rays.bounces, np.empty((0, 14)), np.empty((0, 6)))
+        state, most = samples.draft.state, len(notes.path)
+        if notes.among[0] > len(state) // 3 - 1 or notes.among[1] > len(anchors):
+            raise ValueError("notes are of surfaces or anchors that don't exist")
         self._pending = True
-        factor, found = runtime.scratch("told factor", (count, 2)), runtime.scratch("told", (1,), np.int32)
-        factor[:, 0], factor[:, 1], found[0] = worth, send, count
         seen, none, drawn = runtime.lasting(
-            "told by", (count, state.shape[1]), lambda: _room(count, state.shape[1], 0)
+            "told by", (most, state.shape[1]), lambda: _room(most, state.shape[1], 0)
         )
         before = (
             ALREADY_LISTED, 0, 0.0, 0.0, samples.belief.mean, samples.belief.covariance, anchors, *NO_BANK,
             1.0, samples.points, samples.first,
         )  # fmt: skip
-        after = rays.table, *NO_PATHS, found
+        after = notes.path, *NO_PATHS, notes.count
         asked = ((*before, *way, *after) for way in samples.attempts())
-        self._cast(asked, factor, least, none, drawn, seen, none, samples.given)
-        return Polylines(rays.bounces, drawn, seen)
+        self._cast(asked, notes.factor, least, none, drawn, seen, none, samples.given)
+        return Polylines(int(notes.count[0]), drawn, seen)
+
+    def hits(self, least: float) -> Array:
+        """`frame` for rays that are cast with so much that is left to chance."""
+        return self.frame(OUTSIDE, EVIDENCE_CLIP, least, OTHER_MATERIAL)
 
     def _cast(
         self, asked: Iterable[tuple[Any, ...]], factor: Array, least: float, surface: Array,
@@ -192,7 +188,7 @@ class Cells:
         from gridslam.kernels.cells import cast
         from gridslam.kernels.rays import foresee
 
-        frame = self.frame(OUTSIDE, EVIDENCE_CLIP, least, OTHER_MATERIAL)
+        frame = self.hits(least)
         for arguments in asked:
             if device == "gpu" and not given:
                 foresee(*arguments)

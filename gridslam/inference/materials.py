@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.inference.belief import Belief
 from gridslam.inference.cells import Cells
 from gridslam.inference.likelihood import DetectionTable
+from gridslam.inference.notes import Notes
 from gridslam.inference.polylines import Polylines
 from gridslam.inference.surfaces import Bank
-from gridslam.inference.told import Told
 from gridslam.signal import REFLECTION_BINS, SignalModel
 
 Array = NDArray[np.float64]
@@ -52,25 +53,27 @@ def _nodes(amplitude_at_1m: float) -> Array:
 
 
 def learn(
-    told: Told, bank: Bank, drawn: Polylines, send: NDArray[np.bool_], cells: Cells, table: DetectionTable,
-    signal: SignalModel,
+    notes: Notes, bank: Bank, belief: Belief, drawn: Polylines, least: float, cells: Cells,
+    table: DetectionTable, signal: SignalModel,
 ) -> None:  # fmt: skip
     """Learn coefficients of surfaces and cells, in place, from what a step's amplitudes said.
+
+    And remember which surfaces were seen, and where they were hit.
 
     Parameters
     ----------
     drawn : Polylines
-        The rays as cast at sampled states.
-    send : (L,)
-        Which paths tell anything of cells.
+        The paths as cast at sampled states.
+    least : float
+        Share of the states at which a path must be possible to tell of cells.
     """
     from gridslam.kernels.coefficients import learn as launch
 
-    rays = told.rays
-    rays.check(len(bank))
-    if len(rays):
-        launch(
-            drawn.drawn, rays.table, np.array([send, rays.surfaces, told.chance, told.share, told.distance]),
-            told.path, told.said, table.chance, table.step, signal.radio(0),
-            cells.frame(), runtime.scratch("learn", (len(bank),)), bank.reflection, cells.held,
-        )  # fmt: skip
+    surfaces = len(bank)
+    if notes.among[0] > surfaces or len(belief.lines) != surfaces:
+        raise ValueError("notes or belief aren't of these surfaces")
+    launch(
+        belief.mean, drawn.drawn, drawn.seen, *notes.arrays, table.chance, table.step, signal.radio(0),
+        cells.hits(least), runtime.scratch("learn", (surfaces,)), bank.reflection, cells.held,
+        runtime.scratch("latest", (surfaces,), np.int32), bank.foot, bank.extent, bank.seen,
+    )  # fmt: skip

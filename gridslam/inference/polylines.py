@@ -20,35 +20,36 @@ class Polylines:
 
     Attributes
     ----------
-    bounces : (L,) int
-    drawn : (L R, 13 or 14)
+    count : int
+        L.
+    drawn : (L R or more, 13 or 14)
         Corners (8), normals (4) and possibility as the kernel leaves them; then V, and where the device has
         them, if they were cast.
-    seen : (L, 6)
+    seen : (L or more, 6)
         Means over the states: of V where the path is possible (0 if it wasn't cast); how often that is; first
         and second corner after the anchor.
     """
 
-    bounces: NDArray[np.int32]
+    count: int
     drawn: runtime.Resident
     seen: Array
 
     @property
     def corners(self) -> Array:
         """Anchor, interaction points, agent, which repeats where there are fewer bounces, (L, R, 4, 2) m."""
-        count = len(self.bounces)
-        rays = self.drawn.shape[0] // count if count else 1
-        return runtime.on_host(self.drawn)[:, :8].reshape(count, rays, 4, 2)
+        rays = self.drawn.shape[0] // max(len(self.seen), 1)
+        drawn = runtime.on_host(self.drawn)[: self.count * rays, :8]
+        return drawn.reshape(self.count, rays, 4, 2)
 
     @property
     def possible(self) -> Array:
         """Share of the states at which the path is possible; else it is drawn as a point, (L,)."""
-        return self.seen[:, 1]
+        return self.seen[: self.count, 1]
 
     @property
     def validity(self) -> Array:
         """V of every path, paper 003 eq. (1): mean over the states at which it is possible, (L,)."""
-        return self.seen[:, 0]
+        return self.seen[: self.count, 0]
 
 
 def draw_paths(rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:
@@ -63,4 +64,4 @@ def draw_paths(rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:
         polylines(state, rays.table, anchors, drawn)
         own = drawn.reshape(count, -1, 13)
         seen[:, 1], seen[:, 2:] = own[..., 12].mean(1), own[..., 2:6].mean(1)
-    return Polylines(rays.bounces, drawn, seen)
+    return Polylines(count, drawn, seen)

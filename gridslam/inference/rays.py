@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -94,15 +92,3 @@ class Rays:
         """How many surfaces and anchors there must be at least."""
         most = self.table.max(0, initial=-1)
         return int(max(most[1], most[2])) + 1, int(most[3]) + 1
-
-    @classmethod
-    def stack(cls, parts: Sequence[Rays]) -> Rays:
-        """Join the rays of several anchors."""
-        tables, existences, surfaces = zip(*((p.table, p.existence, p.surfaces) for p in parts), strict=True)
-        known = [part.among or part._named for part in parts]
-        among = max(one for one, _ in known), max(one for _, one in known)
-        return cls(np.concatenate(tables), np.concatenate(existences), np.concatenate(surfaces), among)
-
-    def take(self, rows: NDArray[np.integer[Any]]) -> Rays:
-        """Some of the rays."""
-        return Rays(self.table[rows], self.existence[rows], self.surfaces[rows], self.among)

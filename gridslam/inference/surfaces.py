@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.geometry import unit
 from gridslam.inference.belief import AGENT, Belief, keep, slots, update
 from gridslam.signal import REFLECTION_BINS
 
@@ -141,33 +140,22 @@ def evolve(bank: Bank, survival: float, walk: float) -> None:
 
 
 def mark(bank: Bank, belief: Belief, rays: Rays, lines: Polylines, share: Array) -> None:
-    """Remember which surfaces were seen by each anchor, and where they were hit.
+    """Remember, in place, which surfaces were seen by each anchor, and where they were hit.
 
     Parameters
     ----------
     lines : Polylines
         The rays as drawn at sampled states.
     share : (L,)
-        Probability that the path caused a measurement; above one half it counts.
+        Probability that the path caused a measurement, if it is possible; above one half it counts.
     """
-    rows = ((share > 0.5) & (rays.bounces > 0)).nonzero()[0]
-    if not len(rows):
-        return
-    seen, foot, (lowest, highest) = set(), bank.foot.tolist(), bank.extent.T.tolist()
-    tangents = unit(belief.mean[AGENT::2] + 0.5 * np.pi).tolist()
-    for (bounces, last, first, anchor), (*one, x2, y2) in zip(
-        rays.table[rows].tolist(), lines.seen[rows, 2:].tolist(), strict=True
-    ):
-        for surface, x, y in ((first, *one), (last, x2, y2))[:bounces]:
-            tangent = tangents[surface]
-            along = foot[surface] = x * tangent[0] + y * tangent[1]
-            lowest[surface] = along if not lowest[surface] <= along else lowest[surface]  # NaN: none so far
-            highest[surface] = along if not highest[surface] >= along else highest[surface]
-            seen.add((surface, anchor))
-    bank.foot[:] = foot
-    bank.extent[:] = np.array([lowest, highest]).T
-    for surface, _ in seen:
-        bank.seen[surface] += 1
+    from gridslam.kernels.sightings import mark as launch
+
+    rays.check(len(bank))
+    if len(belief.lines) != len(bank) or not len(rays) == lines.count == len(share):
+        raise ValueError("belief, bank, rays and what was drawn of them don't belong together")
+    latest = runtime.scratch("latest", (len(bank),), np.int32)
+    launch(belief.mean, rays.table, lines.seen, share, latest, bank.foot, bank.extent, bank.seen)
 
 
 def prune(bank: Bank, belief: Belief, threshold: float) -> tuple[Bank, Belief]:

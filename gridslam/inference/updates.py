@@ -10,6 +10,7 @@ from gridslam.inference.association import ROUNDS, associate
 from gridslam.inference.belief import Belief
 from gridslam.inference.evaluation import Evaluation
 from gridslam.inference.heard import Heard
+from gridslam.inference.notes import Notes
 from gridslam.inference.prediction import Prediction
 from gridslam.inference.rays import Rays
 from gridslam.inference.surfaces import Bank
@@ -22,7 +23,8 @@ Array = NDArray[np.float64]
 def update(
     belief: Belief, bank: Bank, sight: Array, rays: Rays, predicted: Prediction, heard: Heard,
     said: Evaluation, given: tuple[Array, Array] | None, watch: Watch, radio: Array, anchors: Array,
-) -> Array:  # fmt: skip
+    notes: Notes,
+) -> None:  # fmt: skip
     """Associate; correct agent and surfaces and update what exists, in place; note how well it all fits.
 
     The joint belief is corrected by every path in turn, surest first, moment-matched over its association.
@@ -40,11 +42,8 @@ def update(
         `SignalModel.radio` of the anchor, as told.
     anchors : (J, 3)
         x, y (m) and orientation (rad).
-
-    Returns
-    -------
-    (K,)
-        Probability of each pair.
+    notes : Notes
+        To which what the measurements said is appended.
     """
     if runtime.start() == "gpu" and given is None:
         given = associate(said.beta, said.missed, said.new)  # a device may bound how long one launch loops
@@ -56,11 +55,11 @@ def update(
     share, rounds = runtime.scratch(f"share {heard.anchor}", (len(pairs.index),)), ROUNDS
     if given is not None:
         (said.message[tables.NU], said.measured[tables.CLAIMED]), rounds = given, 0
+    notes.reserve(len(rays), len(pairs), (len(bank), len(anchors)))
     launch(
         mean, covariance, rays.table, pairs.start, pairs.index, pairs.pair, said.odds, rounds, anchors,
         predicted.whole, heard.table, said.blocks, radio, heard.anchor,
         watch.taken,
         runtime.scratch("update", (len(mean), 6)), said.message, said.measured, bank.existence, sight,
-        bank.single, bank.double, share, watch.fits,
+        bank.single, bank.double, share, watch.fits, *notes.arrays,
     )  # fmt: skip
-    return share[: len(pairs)]

@@ -55,13 +55,13 @@ class AdaptiveSlam(SurfaceSlam):
         distance = predicted.value[:, 0]
         amplitudes = self.amplitudes.predict(rays, self.bank.identity, distance)
         # measurement evaluation, births, data association, updates of agent, surfaces and rays
-        said, _, births = self._exchange(heard, rays, predicted, amplitudes, np.ones(len(rays)), recipe)
+        said, births = self._exchange(heard, rays, predicted, amplitudes, np.ones(len(rays)), recipe)
         # amplitudes, eq. (26); what was seen; new surfaces
         self.amplitudes.correct(
             rays, self.bank.identity, amplitudes, distance, heard, said.responsible, self.detected
         )
         drawn = draw_paths(rays, at_mean(self.belief), self.anchors)
-        surfaces.mark(self.bank, self.belief, rays, drawn, said.responsible.sum(1) * drawn.possible)
+        surfaces.mark(self.bank, self.belief, rays, drawn, said.responsible.sum(1))
         self._learn_from_births(heard, births, said.claimed)
 
     def _tidy(self) -> None:

@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference import surfaces
 from gridslam.inference.cells import Cells
 from gridslam.inference.heard import Heard
 from gridslam.inference.materials import Reflected, learn
+from gridslam.inference.notes import Notes
 from gridslam.inference.prediction import look_ahead
-from gridslam.inference.told import Part, Told
 from gridslam.map import Map
 from gridslam.scene import Scene
 from gridslam.systems.surface_slam import SurfaceSlam
@@ -45,13 +44,13 @@ class GridSlam(SurfaceSlam):
         super().__init__(scene, agent, seed)
         grid, free_path = scene.grid, self.settings.mean_free_path_m
         self.cells = Cells(np.array(grid.origin_m), grid.cell_m, grid.shape, free_path, self.places)
-        self._to_tell: list[Part] = []
+        self.notes = Notes()
         if prior_map is not None:
             self._start_from(prior_map)
 
     def _move(self, now: float) -> None:
         """Motion; what a step that was interrupted left to be told is dropped."""
-        self._to_tell = []
+        self.notes.clear()
         self.cells.forget()
         super()._move(now)
 
@@ -66,9 +65,8 @@ class GridSlam(SurfaceSlam):
         rays, predicted = ahead.paths()
         amplitudes = Reflected(products, self.signal)
         # measurement evaluation, births, data association, updates of agent, surfaces and rays
-        said, share, births = self._exchange(heard, rays, predicted, amplitudes, validity, recipe)
-        # what cells and coefficients are to be told; new surfaces
-        self._to_tell.append(Part(heard, rays, predicted.value[:, 0], said, share))
+        said, births = self._exchange(heard, rays, predicted, amplitudes, validity, recipe)
+        # new surfaces; what cells and coefficients are to be told was noted
         self._bear(heard, births, said.claimed)
 
     def _number(self, anchor: int) -> int:
@@ -80,20 +78,17 @@ class GridSlam(SurfaceSlam):
 
     def _tidy(self) -> None:
         """Messages of all anchors to coefficients and cells; then merge and drop surfaces."""
-        self._tell(Told.by(self._to_tell))
+        self._tell()
         self.cells.absorb()
         super()._tidy()
 
-    def _tell(self, told: Told) -> None:
+    def _tell(self) -> None:
         """Messages to the cells that each path crosses or meets, eqs. (43) to (45), and to coefficients."""
-        rays = told.rays
-        belief = rays.surfaces * rays.existence
         few = self.particles.samples(self.belief, self._number(len(self.places)), RAYS)
-        worth, send = belief * told.worth + 1 - belief, belief > 0.1
-        drawn = self.cells.tell(rays, few, self.anchors, worth, send, MOSTLY_POSSIBLE)
-        send &= drawn.possible > MOSTLY_POSSIBLE
-        surfaces.mark(self.bank, self.belief, rays, drawn, told.share * send)
-        learn(told, self.bank, drawn, send, self.cells, self.detected, self.signal)
+        drawn = self.cells.tell(self.notes, few, self.anchors, MOSTLY_POSSIBLE)
+        learn(
+            self.notes, self.bank, self.belief, drawn, MOSTLY_POSSIBLE, self.cells, self.detected, self.signal
+        )
 
     def map(self) -> Map:
         """The map as it stands: evidence, coefficients, detected surfaces."""

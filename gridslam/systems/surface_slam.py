@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from gridslam.inference.cells import Cells
 from gridslam.inference.evaluation import Evaluation, evaluate
 from gridslam.inference.heard import Heard, hear
 from gridslam.inference.likelihood import AmplitudeBelief, DetectionTable
+from gridslam.inference.notes import Notes
 from gridslam.inference.particles import Particles, Recipe
 from gridslam.inference.prediction import Prediction, paths_now
 from gridslam.inference.proposals import propose
@@ -39,23 +40,6 @@ MOST_DOUBTFUL_M = 2.0
 
 JITTER = 0.2
 """Share of the papers' surface jitter that is used: it keeps particles apart, a Gaussian needs less."""
-
-
-class Messages(NamedTuple):
-    """What one anchor's measurements said of its rays.
-
-    Attributes
-    ----------
-    said : Evaluation
-        With the messages of the association.
-    share : (K,)
-        Probability of each pair's association.
-    births : Births
-    """
-
-    said: Evaluation
-    share: Array
-    births: Births
 
 
 class SurfaceSlam:
@@ -99,6 +83,7 @@ class SurfaceSlam:
         self.particles = Particles(self.settings.particles, seed, self.settings.adapt_particles)
         self.most_bounces = scene.radio.max_bounces
         self.detected = DetectionTable(self.signal)
+        self.notes = Notes(kept=False)
         self.last_time: float | None = None
         self.elapsed, self.start_velocity = 0.0, float(variance[2])
         self.next_identity, self.steps = 0, 0
@@ -220,7 +205,7 @@ class SurfaceSlam:
     def _exchange(
         self, heard: Heard, rays: Rays, predicted: Prediction, amplitudes: AmplitudeBelief, validity: Array,
         recipe: Recipe,
-    ) -> Messages:  # fmt: skip
+    ) -> tuple[Evaluation, Births]:  # fmt: skip
         """Evaluate and associate measurements; update agent, surfaces and the existence of rays.
 
         Parameters
@@ -229,6 +214,11 @@ class SurfaceSlam:
             V: probability that the path is open.
         recipe : Recipe
             Of the particles.
+
+        Returns
+        -------
+        (said, births)
+            What the measurements said, with the messages of the association, and the births they propose.
         """
         # measurement evaluation
         signal, anchor = self.signal, heard.anchor
@@ -248,11 +238,11 @@ class SurfaceSlam:
         )  # fmt: skip
         given = self._associate(heard, said)
         # association, updates
-        share = update(
+        update(
             self.belief, self.bank, self.sight, rays, predicted, heard, said, given, self.watch,
-            self.told.radio(anchor), self.anchors,
+            self.told.radio(anchor), self.anchors, self.notes,
         )  # fmt: skip
-        return Messages(said, share, births)
+        return said, births
 
     def _bear(self, heard: Heard, births: Births, claimed: Array) -> list[tuple[int, int, int]]:
         """Add the new surfaces that are likely enough.

@@ -5,7 +5,7 @@ Each takes what its kernel takes and returns what that writes, worked out anothe
 
 from gridslam.geometry import trace
 from gridslam.twins.births import glance, likely, propose
-from gridslam.twins.cells import absorb, cast, cells_of, learn, recall
+from gridslam.twins.cells import absorb, cast, cells_of, learn, mark, recall
 from gridslam.twins.gaussian import correct, predict
 from gridslam.twins.histograms import listen, walk
 from gridslam.twins.messages import associate, enter, evaluate, gate, log_rician, weigh
@@ -18,6 +18,6 @@ from gridslam.twins.updates import effective_sample_size, exist, fit, update
 __all__ = [
     "absorb", "associate", "cast", "cells_of", "correct", "densities", "describe", "draw", "duplicate",
     "effective_sample_size", "enter", "evaluate", "exist", "fit", "foresee", "gate", "glance", "haunt",
-    "learn", "likely", "lines_of", "listen", "log_rician", "near", "polylines", "predict", "prepare",
+    "learn", "likely", "lines_of", "listen", "log_rician", "mark", "near", "polylines", "predict", "prepare",
     "propose", "recall", "trace", "update", "walk", "weigh",
 ]  # fmt: skip

@@ -11,6 +11,7 @@ from gridslam.twins.messages import log_rician
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
+Long = NDArray[np.int64]
 
 
 def cells_of(
@@ -121,20 +122,35 @@ def recall(drawn: Array, path: Whole, held: Array, surface: Array, frame: Array,
 
 
 def learn(
-    drawn: Array, path: Whole, told: Array, pair: Whole, said: Array, table: Array, step: float, radio: Array,
-    frame: Array, surface: Array, held: Array,
-) -> tuple[Array, Array]:  # fmt: skip
-    """Twin of `kernels.coefficients.learn`: beliefs of surfaces, and log-likelihoods of cells, afterwards."""
+    mean: Array, drawn: Array, seen: Array, count: Whole, path: Whole, factor: Array, told: Array,
+    begin: Whole, said: Array, table: Array, step: float, radio: Array, frame: Array, surface: Array,
+    held: Array, foot: Array, extent: Array, times: Long,
+) -> tuple[Array, Array, Array, Array, Long]:  # fmt: skip
+    """Twin of `kernels.coefficients.learn`: beliefs of surfaces, log-likelihoods of cells, and `mark`'s."""
+    rays, path = len(drawn) // max(len(path), 1), path[: count[0]]
+    send = (factor[: len(path), 1] > 0.5) & (seen[: len(path), 1] > frame[5])
+    sure = send * told[2, : len(path)]
+    marked = mark(
+        mean,
+        path,
+        np.pad(seen[: len(path), 2:], ((0, 0), (2, 0)), constant_values=1),
+        sure,
+        foot,
+        extent,
+        times,
+    )
     surface, held, bins = surface.copy(), held.copy(), surface.shape[1]
-    centre, rays = (np.arange(bins) + 0.5) / bins, len(drawn) // max(len(path), 1)
+    centre = (np.arange(bins) + 0.5) / bins
     usual = surface @ centre
 
-    def factor(row: int, other: float) -> Array:
-        chance, share, length = told[2:, row]
+    def likelihood(row: int, other: float) -> Array:
+        chance, share, length = told[1:, row]
         level = radio[7] / max(length, 1e-3) * other * centre
         detected = np.interp(level, step * np.arange(len(table)), table)
         log = max(1 - share, 0.0) * np.log(1 - chance * detected + 1e-9)
-        for amplitude, weight in said[:, (pair == row) & (said[0] >= 0) & (said[1] > 1e-3)].T:
+        for amplitude, weight in said[:, begin[row] : begin[row + 1]].T:
+            if amplitude < 0 or weight <= 1e-3:
+                continue
             log = log + weight * log_rician(amplitude, level, radio[8])
         return np.asarray(log)
 
@@ -142,20 +158,41 @@ def learn(
         points = drawn[row * rays : (row + 1) * rays, 2 * corner : 2 * corner + 2]
         cell = np.floor((points - frame[:2]) / frame[2]).astype(int)
         cell = cell[((cell >= 0) & (cell < held.shape[1::-1])).all(1)]
-        np.add.at(held, (cell[:, 1], cell[:, 0]), told[1, row] * log / rays)
+        np.add.at(held, (cell[:, 1], cell[:, 0]), told[0, row] * log / rays)
 
     for row, (bounces, last, first) in enumerate(path[:, :3]):
-        heard, send = told[3, row] > 0.05, told[0, row] > 0.5
+        heard = told[2, row] > 0.05
         if bounces == 1 and heard:
-            log = factor(row, 1.0)
+            log = likelihood(row, 1.0)
             posterior = surface[last] * np.exp(log - log.max()) + 1e-9
             surface[last] = posterior / posterior.sum()
-        if bounces == 1 and send:
-            tell(row, 1, factor(row, 1.0))
-        if bounces == 2 and heard and send:
-            tell(row, 2, factor(row, usual[first]))
-            tell(row, 1, factor(row, usual[last]))
-    return surface, held
+        if bounces == 1 and send[row]:
+            tell(row, 1, likelihood(row, 1.0))
+        if bounces == 2 and heard and send[row]:
+            tell(row, 2, likelihood(row, usual[first]))
+            tell(row, 1, likelihood(row, usual[last]))
+    return surface, held, *marked
+
+
+def mark(
+    mean: Array, path: Whole, seen: Array, share: Array, foot: Array, extent: Array, times: Long
+) -> tuple[Array, Array, Long]:
+    """Twin of `kernels.sightings.mark`: where surfaces were hit, and how often they were seen, afterwards."""
+    rows = np.flatnonzero(share * seen[:, 1] > 0.5)
+    # of each path the surface that it hits first, then the one that it hits last
+    surface = np.where(path[rows, :1] == 2, path[rows, 2:0:-1], path[rows, 1:3])
+    there = np.arange(2) < path[rows, :1]
+    surface, corner = surface[there], seen[rows, 2:].reshape(-1, 2, 2)[there]
+    anchor = np.repeat(path[rows, 3], there.sum(1))
+    angle = mean[5 + 2 * surface]
+    along = corner[:, 1] * np.cos(angle) - corner[:, 0] * np.sin(angle)
+    foot, extent, times = foot.copy(), extent.copy(), times.copy()
+    for s in np.unique(surface):
+        own = along[surface == s]
+        foot[s] = own[-1]
+        extent[s] = np.fmin(extent[s, 0], own.min()), np.fmax(extent[s, 1], own.max())
+        times[s] += len(np.unique(anchor[surface == s]))
+    return foot, extent, times
 
 
 def absorb(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -85,12 +87,32 @@ def effective_sample_size(blocks: Array) -> Array:
     return np.asarray(np.maximum(particles / (1 + np.minimum(spread, 1e12)), 1.0))
 
 
+def note(
+    path: Whole, start: Whole, index: Whole, odds: Array, worth: Array, predicted: Array, heard: Array,
+    share: Array, count: Whole, noted: Whole, factor: Array, told: Array, begin: Whole, said: Array,
+) -> dict[str, NDArray[Any]]:  # fmt: skip
+    """Twin of `kernels.notes.note`: what it writes, by the names of its arguments."""
+    (n, k), paths, pairs = count, len(path), start[-1]
+    noted, begin, factor, told, said = noted.copy(), begin.copy(), factor.copy(), told.copy(), said.copy()
+    belief, after, more = odds[0] * odds[1], slice(n, n + paths), slice(k, k + pairs)
+    noted[after] = path
+    factor[after] = np.stack([belief * worth + 1 - belief, belief > 0.1], -1)
+    told[:, after] = odds[1], odds[5], np.bincount(index[:pairs, 0], share[:pairs], paths), predicted[:, 0]
+    begin[n + 1 : n + 1 + paths] = k + start[1:]
+    said[:, more] = heard[index[:pairs, 1], 6], share[:pairs]
+    count = count + np.array([paths, pairs], np.int32)
+    return {
+        "count": count, "noted": noted, "factor": factor, "told": told, "begin": begin, "said": said
+    }  # fmt: skip
+
+
 def update(
     mean: Array, covariance: Array, path: Whole, start: Whole, index: Whole, pair: Array, odds: Array,
     rounds: int, places: Array, predicted: Array, heard: Array, blocks: Array, radio: Array, anchor: int,
     turned: Array, message: Array, measured: Array, surface: Array, sight: Array, single: Array,
-    double: Array, sums: Array,
-) -> dict[str, Array]:  # fmt: skip
+    double: Array, sums: Array, count: Whole, noted: Whole, factor: Array, told: Array, begin: Whole,
+    said: Array,
+) -> dict[str, NDArray[Any]]:  # fmt: skip
     """Twin of `kernels.updates.update`: what it writes, by the names of its arguments."""
     ratio, beta, claim, nu, _ = message
     *before, claimed = measured
@@ -101,8 +123,14 @@ def update(
     )
     after = fit(path, index, pair, predicted, share, responsible, heard, blocks, radio, anchor, turned, sums)
     there = exist(path, odds, ratio, nu, surface, sight, single, double)
-    told = dict(zip(("surface", "sight", "single", "double", "worth"), there, strict=True))
-    return told | {
+    known: dict[str, NDArray[Any]] = {}
+    if len(noted):
+        known = note(
+            path, start, index, odds, there[-1], predicted, heard, share, count, noted, factor, told, begin,
+            said,
+        )  # fmt: skip
+    known |= dict(zip(("surface", "sight", "single", "double", "worth"), there, strict=True))
+    return known | {
         "mean": mean, "covariance": covariance, "share": share, "sums": after,
         "message": np.stack([ratio, beta, claim, nu, responsible]),
         "measured": np.stack([*before, claimed]),
