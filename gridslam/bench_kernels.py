@@ -146,10 +146,6 @@ def _noted(case: Case) -> int:
     return int(case["count"][0])
 
 
-def _told(case: Case) -> int:
-    return int(case["told"][0])
-
-
 def _surfaces(case: Case) -> int:
     return len(case["surface"])
 
@@ -186,7 +182,7 @@ CONTESTS = {
         # that sends: it lists no paths, and tells no coefficients
         size=lambda case: _listed(case) if case["only"] == ALREADY_LISTED else -1,
     ),
-    "describe": Contest("path", twins.describe, _told, ("surface", "places", "table"), size=_surfaces),
+    "describe": Contest("path", twins.describe, _listed, ("surface", "places", "table"), size=_surfaces),
     "duplicate": Contest("pair", twins.duplicate, lambda case: len(case["foot"]) ** 2, ("foot",)),
     "evaluate": Contest(
         "path-particle", twins.evaluate, _path_particles,

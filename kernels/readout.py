@@ -12,6 +12,8 @@ from gridslam.kernels.rays import enter_path, listed
 
 BELIEVED = 0.5
 """Existence from which on a path is told of."""
+NAN = 0x7FF8, 48
+"""Upper bits of what is no number, and by how much to shift them: it can't be worked out in fast math."""
 PI_HIGH, PI_LOW = 3.1415927410125732, 8.742277657347586e-08
 """Pi is their difference: constants alone have single precision."""
 
@@ -52,13 +54,26 @@ def tell_surface(
 
 
 @ti.func
-def foretell(mean: ti.template(), path: ti.template(), places: ti.template(), row, predicted: ti.template()):
-    """Predict one path's distance, AoD and AoA."""
-    anchor = path[row, 3]
+def tell_path(
+    row, existence, mean: ti.template(), path: ti.template(), places: ti.template(), identity: ti.template(),
+    at_1m, table: ti.template(), drawn: ti.template(), number: ti.template(), told: ti.template(),
+):  # fmt: skip
+    """Write one path's row: by which surfaces, and its parameters; `drawn` has its corners."""
+    bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
     place = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)
-    value, _slope = path_of(mean, place, path[row, 0], path[row, 1], path[row, 2])
+    value, _slope = path_of(mean, place, bounces, last, first)
+    coefficient = ti.cast(1.0, ti.f64)
+    number[row, 0], number[row, 1], number[row, 2] = anchor, -1, -1
+    if bounces > 0:
+        number[row, 1], number[row, 2] = identity[last], identity[first]
+        coefficient = table[last, 12] * (table[first, 12] if bounces == 2 else 1.0)
     for i in ti.static(range(3)):
-        predicted[row, i] = value[i]
+        told[row, i] = value[i]
+    told[row, 3], told[row, 4] = at_1m / ti.max(value[0], 1e-3) * coefficient, existence
+    for n in ti.static(range(8)):
+        told[row, 5 + n] = drawn[row, n]
+        if ti.static(2 <= n < 6) and bounces < (1 if ti.static(n < 4) else 2):
+            told[row, 5 + n] = ti.bit_cast(ti.cast(NAN[0], ti.i64) << NAN[1], ti.f64)
 
 
 @quick
@@ -75,14 +90,17 @@ def describe(
     sight: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J] existence of lines of sight
     single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] of rays over one surface
     double: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [J, S, S] over (last, first)
+    identity: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S]
+    at_1m: ti.f64,  # amplitude of a line of sight 1 m long
     state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, 1] scratch
     table: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 16] out: line (2) and covariance (4), SFV (2) and
     # covariance (4), coefficient and variance, extent (2), of the line with offset >= 0
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + J (1 + S S), 4] out: bounces, last, first, anchor
-    existence: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J (1 + S S)] out: of ray and surfaces
-    predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J (1 + S S), 3] out: distance, AoD, AoA
-    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [1 + J (1 + S S), 13] out: see `draw_path`
-    told: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: how many paths are told of
+    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [1 + J (1 + S S), 13] scratch: see `draw_path`
+    number: ti.types.ndarray(dtype=ti.i64, ndim=2),  # [J (1 + S S), 3] out: anchor, identities of last, first
+    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J (1 + S S), 13] out: distance, AoD, AoA; amplitude by
+    # coefficients; existence of ray and surfaces; corners (8), NaN for bounces that it doesn't have
+    found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: how many paths are told of
 ):
     """Describe all surfaces, and the believed paths that are possible, at the mean of the belief."""
     ti.loop_config(serialize=True)
@@ -102,7 +120,9 @@ def describe(
                             enter_path(path, n, kind, s, r, anchor)
                             draw_path(state, path, places, n, 0, drawn)
                             if drawn[n, 12] > 0.5:
-                                existence[n] = chance * together
-                                foretell(mean, path, places, n, predicted)
+                                tell_path(
+                                    n, chance * together, mean, path, places, identity, at_1m, table, drawn,
+                                    number, told,
+                                )  # fmt: skip
                                 n += 1
-        told[0] = n
+        found[0] = n

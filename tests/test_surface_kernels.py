@@ -296,25 +296,19 @@ def test_what_users_are_told_equals_its_twin(seed, surfaces):
     single[:, ::2], double[:, ::2] = 0.9, 0.95
     into = mean, covariance, extent, draw.dirichlet(np.ones(BINS), surfaces), 2, places, existence, owner
     bank, room = (sight, single, double), 1 + anchors * (1 + surfaces**2)
-    table, path, there = (
-        np.full((surfaces, 16), np.nan),
-        np.full((room, 4), -9, np.int32),
-        np.full(room, np.nan),
-    )
-    predicted, drawn, told = (
-        np.full((room, 3), np.nan),
-        np.full((room, 13), np.nan),
-        np.full(1, -9, np.int32),
-    )
-    scratch = np.full((3 + 3 * surfaces, 1), np.nan)
-    describe(*into, *bank, scratch, table, path, there, predicted, drawn, told)
-    wanted, paths, existence, values, corners = twins.describe(*into, *bank)
+    names = draw.permutation(surfaces).astype(np.int64), 5.0
+    table, path = np.full((surfaces, 16), np.nan), np.full((room, 4), -9, np.int32)
+    number, told, found = np.full((room, 3), -9), np.full((room, 13), 9.0), np.full(1, -9, np.int32)
+    drawn, scratch = np.full((room, 13), np.nan), np.full((3 + 3 * surfaces, 1), np.nan)
+    describe(*into, *bank, *names, scratch, table, path, drawn, number, told, found)
+    wanted, paths, numbers, values = twins.describe(*into, *bank, *names)
     np.testing.assert_allclose(table[:, 1:], wanted[:, 1:], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(wrap(table[:, 0] - wanted[:, 0]), 0, atol=1e-12)
     assert (np.abs(table[:, 0]) <= np.pi + 1e-12).all()
-    count = told[0]
+    count = found[0]
     np.testing.assert_array_equal(path[:count], paths)
-    np.testing.assert_allclose(there[:count], existence, rtol=1e-9)
+    np.testing.assert_array_equal(number[:count], numbers)
     far = values[:, 0] > 0.1  # next to its image, an agent has no direction to it
-    np.testing.assert_allclose(predicted[:count][far], values[far], rtol=1e-6, atol=4e-6)
-    np.testing.assert_allclose(drawn[:count, :8].reshape(-1, 4, 2), corners, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(told[:count, :3][far], values[far, :3], rtol=1e-6, atol=4e-6)
+    np.testing.assert_allclose(told[:count, 3:5], values[:, 3:5], rtol=1e-6)
+    np.testing.assert_allclose(told[:count, 5:], values[:, 5:], rtol=1e-9, atol=1e-9)

@@ -15,16 +15,17 @@ from gridslam.inference.surfaces import Bank
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
+Long = NDArray[np.int64]
 
 
 def surface_estimate(belief: Belief, bank: Bank) -> SurfaceEstimate:
     """Table of all potential surfaces."""
-    return _described(belief, bank, np.zeros(0), np.zeros((0, 3)), 0)[0]
+    return estimates(belief, bank, np.zeros(0), np.zeros((0, 3)), 0, 0.0)[0]
 
 
 def estimates(
-    belief: Belief, bank: Bank, sight: Array, anchors: Array, most_bounces: int,
-    strength: Callable[[Rays, Array], Array],
+    belief: Belief, bank: Bank, sight: Array, anchors: Array, most_bounces: int, at_1m: float,
+    strength: Callable[[Rays, Array], Array] | None = None,
 ) -> tuple[SurfaceEstimate, PathEstimate]:  # fmt: skip
     """Tables of all potential surfaces, and of the paths believed in over them as they stand.
 
@@ -34,42 +35,24 @@ def estimates(
         Existence of every anchor's line of sight.
     anchors : (J, 3)
         x, y (m) and orientation (rad).
-    strength : callable
-        Amplitudes (L,) of rays of given distances (L,).
+    at_1m : float
+        Amplitude of a line of sight 1 m long: others follow from coefficients (paper 003, eq. (2)).
+    strength : callable, optional
+        Amplitudes (L,) of rays of given distances (L,), if they are known otherwise.
     """
-    table, path, existence, value, points = _described(belief, bank, sight, anchors, most_bounces)
-    rays = Rays(path, existence, np.ones(len(path)), (len(bank), len(anchors)))
-    points[rays.bounces < 2, 2], points[rays.bounces < 1, 1] = np.nan, np.nan
-    identity = np.append(bank.identity, -1)
-    return table, PathEstimate(
-        rays.anchor.astype(np.intp),
-        identity[path[:, 1:3]],
-        value[:, 0],
-        value[:, 1],
-        value[:, 2],
-        strength(rays, value[:, 0]),
-        existence,
-        points,
-    )
-
-
-def _described(
-    belief: Belief, bank: Bank, sight: Array, anchors: Array, most_bounces: int
-) -> tuple[SurfaceEstimate, Whole, Array, Array, Array]:
-    """Surfaces; of the paths told of: table (L, 4), existence (L,), values (L, 3), corners (L, 4, 2)."""
     runtime.start()
     from gridslam.kernels.readout import describe
 
-    places = len(anchors)
+    count, places = len(bank), len(anchors)
     bank.check(belief, places, len(sight))
-    count = len(bank)
     table = np.empty((count, 16))
     most = 1 + places * listed_at_most(count, most_bounces)
-    told = runtime.lasting("described", (most, count), lambda: _room(most, count))
-    state, path, existence, predicted, drawn, found = told
+    room = runtime.lasting("described", (most, count), lambda: _room(most, count))
+    state, path, drawn, number, told, found = room
     describe(
         belief.mean, belief.covariance, bank.extent, bank.reflection, most_bounces, anchors, bank.existence,
-        bank.owner, sight, bank.single, bank.double, state, table, path, existence, predicted, drawn, found,
+        bank.owner, sight, bank.single, bank.double, bank.identity, at_1m, state, table, path, drawn, number,
+        told, found,
     )  # fmt: skip
     several = int(found[0])
     surfaces = SurfaceEstimate(
@@ -77,18 +60,20 @@ def _described(
         table[:, 2:6].reshape(-1, 2, 2), table[:, 12], table[:, 13], bank.existence.copy(), table[:, 14:],
         bank.owner,
     )  # fmt: skip
-    corners = drawn[:several, :8].copy().reshape(-1, 4, 2)
-    return surfaces, path[:several], existence[:several].copy(), predicted[:several].copy(), corners
+    number, told = number[:several].copy(), told[:several].copy()
+    amplitude = told[:, 3]
+    if strength is not None:
+        rays = Rays(path[:several], told[:, 4].copy(), np.ones(several), (count, places))
+        amplitude = strength(rays, told[:, 0].copy())
+    return surfaces, PathEstimate(
+        number[:, 0], number[:, 1:], told[:, 0], told[:, 1], told[:, 2], amplitude, told[:, 4],
+        told[:, 5:].reshape(-1, 4, 2),
+    )  # fmt: skip
 
 
-def _room(most: int, surfaces: int) -> tuple[Array, Whole, Array, Array, Array, Whole]:
-    """What `describe` fills in of so many paths, between scratch and their number."""
-    path, existence, predicted = np.empty((most, 4), np.int32), np.empty(most), np.empty((most, 3))
+def _room(most: int, surfaces: int) -> tuple[Array, Whole, Array, Long, Array, Whole]:
+    """What `describe` fills in of so many paths, after scratch, and their number."""
     return (
-        np.empty((3 + 3 * surfaces, 1)),
-        path,
-        existence,
-        predicted,
-        np.empty((most, 13)),
-        np.empty(1, np.int32),
-    )
+        np.empty((3 + 3 * surfaces, 1)), np.empty((most, 4), np.int32), np.empty((most, 13)),
+        np.empty((most, 3), np.int64), np.empty((most, 13)), np.empty(1, np.int32),
+    )  # fmt: skip

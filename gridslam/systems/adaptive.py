@@ -38,6 +38,8 @@ class AdaptiveSlam(SurfaceSlam):
     seed : int
     """
 
+    reflects = False
+
     def __init__(
         self, scene: Scene, prior_map: Map | None = None, agent: str | None = None, seed: int = 0
     ) -> None:

@@ -56,6 +56,8 @@ class SurfaceSlam:
 
     shared = True
     """Whether a surface serves all anchors."""
+    reflects = True
+    """Whether a ray's amplitude follows from the coefficients of its surfaces (paper 003, eq. (2))."""
 
     def __init__(self, scene: Scene, agent: str | None = None, seed: int = 0) -> None:
         self.scene, self.seed = scene, seed
@@ -299,10 +301,8 @@ class SurfaceSlam:
         self.bank.single[:] = surfaces.FRESH_SINGLE
 
     def _strength(self, rays: Rays, distance: Array) -> Array:
-        """Believed amplitudes of rays, by the coefficients of their surfaces (paper 003, eq. (2)), (L,)."""
-        coefficient = np.append(self.bank.reflection @ REFLECTION_BINS, 1.0)
-        other = np.where(rays.bounces == 2, coefficient[rays.first], 1.0)
-        return self.signal.amplitude(distance, coefficient[rays.last] * other)
+        """Amplitudes (L,) of rays of given distances (L,), where they don't follow from coefficients."""
+        raise NotImplementedError
 
     def _estimate(self, scan: Scan, seconds: float) -> Estimate:
         """MMSE estimates of agent and surfaces, and the paths believed in."""
@@ -310,8 +310,9 @@ class SurfaceSlam:
         variance = float(self.belief.covariance[0, 0] + self.belief.covariance[1, 1])
         health = self.watch.health(self.told, np.sqrt(variance), self.particles.drawn)
         table, paths = estimates(
-            self.belief, self.bank, self.sight, self.anchors, self.most_bounces, self._strength
-        )
+            self.belief, self.bank, self.sight, self.anchors, self.most_bounces, self.signal.amplitude_at_1m,
+            None if self.reflects else self._strength,
+        )  # fmt: skip
         return Estimate(
             scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[4])),
             self.belief.covariance[:AGENT, :AGENT].copy(), table, paths,

@@ -19,8 +19,9 @@ BINS: Array = (np.arange(20) + 0.5) / 20
 def describe(
     mean: Array, covariance: Array, extent: Array, reflection: Array, bounces: int, places: Array,
     surface: Array, owner: NDArray[np.int64], sight: Array, single: Array, double: Array,
-) -> tuple[Array, Whole, Array, Array, Array]:  # fmt: skip
-    """Twin of `kernels.readout.describe`: table (S, 16); paths, existence, values, corners (T, 4, 2)."""
+    identity: NDArray[np.int64], at_1m: float,
+) -> tuple[Array, Whole, NDArray[np.int64], Array]:  # fmt: skip
+    """Twin of `kernels.readout.describe`: table (S, 16); paths, numbers (T, 3), parameters (T, 13)."""
     line, count = mean[AGENT:].reshape(-1, 2), len(extent)
     spread = np.stack([covariance[n : n + 2, n : n + 2] for n in range(AGENT, len(mean), 2)] or [np.eye(2)])[
         :count
@@ -43,4 +44,11 @@ def describe(
     )
     corners, valid = polylines(at_mean(Belief(mean, covariance)).state, path, places)
     told = (existence * surfaces > 0.5) & (valid[:, 0] > 0.5)
-    return table, path[told], (existence * surfaces)[told], predicted[told, :3], corners[told, 0]
+    path, corners, value = path[told], corners[told, 0], predicted[told, :3]
+    corners[path[:, 0] < 1, 1], corners[path[:, 0] < 2, 2] = np.nan, np.nan
+    coefficient = np.append(first, 1.0)
+    strength = at_1m / np.maximum(value[:, 0], 1e-3) * coefficient[path[:, 1]]
+    strength *= np.where(path[:, 0] == 2, coefficient[path[:, 2]], 1.0)
+    number = np.column_stack([path[:, 3], np.append(identity, -1)[path[:, 1:3]]])
+    there = (existence * surfaces)[told]
+    return table, path, number, np.column_stack([value, strength, there, corners.reshape(-1, 8)])
