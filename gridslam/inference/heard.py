@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,8 +77,10 @@ def hear(scan: Scan, places: Array, facings: Array, threshold: float = 0.0) -> l
         Amplitude from which on the radio hears anything.
     """
     whose = np.asarray(scan.anchor, np.intp)
-    rows = np.flatnonzero((whose >= 0) & (whose < len(places)))  # others belong to no anchor of the scene
-    order = rows[np.argsort(whose[rows], kind="stable")]
+    order = whose.argsort(kind="stable")
+    ends = whose[order].searchsorted(np.arange(len(places) + 1)).tolist()
+    rows = slice(ends[0], ends[-1])  # others belong to no anchor of the scene
+    order = order[rows]
     value = np.array([scan.distance_m, scan.aod_rad, scan.aoa_rad]).T[order]
     own = np.full((len(order), 3), np.nan)
     for column, std in enumerate((scan.distance_std_m, scan.aod_std_rad, scan.aoa_std_rad)):
@@ -85,24 +88,22 @@ def hear(scan: Scan, places: Array, facings: Array, threshold: float = 0.0) -> l
             own[:, column] = std[order]
     amplitude = scan.amplitude[order]
     table = _table(value, own, amplitude, threshold)
-    ends = np.cumsum(np.bincount(whose[rows], minlength=len(places))).tolist()
+    parts = (slice(begin - rows.start, end - rows.start) for begin, end in itertools.pairwise(ends))
     return [
-        Heard(
-            anchor, places[anchor], float(facings[anchor]), value[begin:end], own[begin:end],
-            amplitude[begin:end], table[begin:end],
-        )
-        for anchor, (begin, end) in enumerate(zip([0, *ends], ends, strict=False))
-    ]  # fmt: skip
+        Heard(anchor, places[anchor], facing, value[part], own[part], amplitude[part], table[part])
+        for anchor, (facing, part) in enumerate(zip(facings.tolist(), parts, strict=True))
+    ]
 
 
 def _table(value: Array, own_std: Array, amplitude: Array, threshold: float) -> Array:
     table = np.empty((len(amplitude), 9))
     missing, silent = np.isnan(value), np.isnan(amplitude)
-    table[:, :3] = np.where(missing, 0.0, value)
-    std = np.where(np.isnan(own_std), 0.0, np.maximum(own_std, LEAST_STD))
-    table[:, 3:6] = np.where(missing, -1.0, std)
-    table[:, 6] = np.where(silent, -1.0, amplitude)
     excess = amplitude * amplitude - threshold * threshold
-    table[:, 7] = silent | (excess > LOUD)
-    table[:, 8] = np.where(silent, 1.0, CLUTTER_PER_QUIET * (excess < QUIET))
+    table[:, :3], table[:, 6], table[:, 7] = value, amplitude, excess > LOUD
+    table[:, 3:6] = np.where(np.isnan(own_std), 0.0, np.maximum(own_std, LEAST_STD))
+    table[:, 8] = CLUTTER_PER_QUIET * (excess < QUIET)
+    if missing.any():
+        table[:, :3][missing], table[:, 3:6][missing] = 0.0, -1.0
+    if silent.any():
+        table[silent, 6:] = -1.0, 1.0, 1.0
     return table

@@ -23,18 +23,17 @@ SAMPLES = 256
 
 def partners(bank: Bank, belief: Belief, most_bounces: int) -> NDArray[np.int32]:
     """Pairs (last, first) of known surfaces with which a new one may form a path, -1 for the new, (H, 2)."""
-    pairs = [(-1, -1)] if most_bounces >= 1 else []
-    if most_bounces >= 2:
-        spread = belief.covariance.diagonal()[AGENT + 1 :: 2].tolist()
-        for s, told in enumerate(zip(bank.existence.tolist(), bank.seen.tolist(), spread, strict=True)):
-            existence, seen, variance = told
-            if existence > 0.9 and seen >= 3 and variance < CONVERGED_STD_M**2:
-                pairs += [(-1, s), (s, -1)]
-    return _known(tuple(pairs))
+    if most_bounces < 2:
+        return _known(b"", most_bounces)
+    sure = belief.covariance.diagonal()[AGENT + 1 :: 2] < CONVERGED_STD_M**2
+    return _known((sure & (bank.existence > 0.9) & (bank.seen >= 3)).tobytes(), most_bounces)
 
 
 @lru_cache(64)
-def _known(pairs: tuple[tuple[int, int], ...]) -> NDArray[np.int32]:
+def _known(sure: bytes, most_bounces: int) -> NDArray[np.int32]:
+    surfaces = np.flatnonzero(np.frombuffer(sure, np.bool_)).tolist()
+    pairs = [(-1, -1)] if most_bounces >= 1 else []
+    pairs += [pair for s in surfaces for pair in ((-1, s), (s, -1))]
     known = np.array(pairs, np.int32).reshape(-1, 2)
     known.setflags(write=False)
     return known

@@ -132,8 +132,8 @@ def near_paths(
 
 def is_vague(belief: Belief) -> bool:
     """Whether the pose is known too badly to linearise paths about it."""
-    variance = np.diag(belief.covariance)
-    return bool(variance[0] + variance[1] > VAGUE_M**2 or variance[4] > VAGUE_RAD**2)
+    x, y, _, _, heading = belief.covariance.diagonal()[:AGENT].tolist()
+    return bool(x + y > VAGUE_M**2 or heading > VAGUE_RAD**2)
 
 
 def freed(belief: Belief, elapsed: float, acceleration: float) -> Belief:

@@ -136,8 +136,8 @@ class Watch:
     @property
     def turned(self) -> Array:
         """How far each anchor is turned from what was told, (J,) rad; 0 unless that is beyond doubt."""
-        estimate, doubt = self.turn / self.turn_weight, 1 / np.sqrt(self.turn_weight)
-        return np.where(np.abs(estimate) > BEYOND_DOUBT * doubt, estimate, 0.0)
+        told = zip(self.turn.tolist(), self.turn_weight.tolist(), strict=True)
+        return np.array([t / w if abs(t) > BEYOND_DOUBT * math.sqrt(w) else 0.0 for t, w in told])
 
     def estimate(self, anchor: int, told: float) -> float:
         """Mean clutter per step of an anchor: a Gamma-Poisson estimate about the level that was told."""
@@ -197,24 +197,25 @@ class Watch:
         particles : int
             How many there are.
         """
-        share = float((self.explained[0] + 1) / (self.loud[0] + 1))
-        freedom = float(self.freedom[0])
-        ratio = float(self.misfit[0]) / freedom if freedom > 0 else 1.0
+        misfit, freedom, _, _, explained, loud = self._sums.tolist()
+        silent, since, usual = int(self.silent[0]), int(self.since[0]), float(self.usual[0])
+        share = (explained + 1) / (loud + 1)
+        ratio = misfit / freedom if freedom > 0 else 1.0
         low, high = innovation_band(freedom)
         effective = float(min(self._effective, particles))
-        heard = np.array([self.estimate(j, told.false_alarms) for j in range(len(self.clutter))])
+        heard = [self.estimate(j, told.false_alarms) for j in range(len(self.clutter))]
         reasons = []
-        if self.silent[0] >= SILENT:
-            reasons.append(f"nothing heard for {int(self.silent[0])} steps")
+        if silent >= SILENT:
+            reasons.append(f"nothing heard for {silent} steps")
         if spread_m > VAGUE_M:
             reasons.append(f"position known to {spread_m:.1f} m alone")
-        if self.since[0] < AFRESH:
-            reasons.append(f"agent found again {int(self.since[0])} steps ago")
-        if self.usual[0] > 0 and share < LOST * self.usual[0]:
-            reasons.append(f"{share:.0%} of the loud measurements explained, usually {self.usual[0]:.0%}")
+        if since < AFRESH:
+            reasons.append(f"agent found again {since} steps ago")
+        if usual > 0 and share < LOST * usual:
+            reasons.append(f"{share:.0%} of the loud measurements explained, usually {usual:.0%}")
         if ratio > max(high, MISFIT):
             reasons.append(f"innovations {ratio:.1f} times as large as they should be")
-        clutter = float(heard.max() / told.false_alarms)
+        clutter = max(heard) / told.false_alarms
         if clutter > LOUD_CLUTTER:
             reasons.append(f"clutter {clutter:.1f} times what the scene says")
         if self.taken.any():
@@ -223,11 +224,11 @@ class Watch:
             reasons.append(f"anchor number {worst + 1} seems turned by {turn:.1f} degrees")
         if effective < FEW:
             reasons.append(f"{effective:.0f} particles carry the weight")
-        if not self.silent[0]:
-            self.usual += (SLOW if self.usual[0] > 0 else 1.0) * (share - self.usual)
+        if not silent:
+            self.usual[0] = usual + (SLOW if usual > 0 else 1.0) * (share - usual)
         return Health(
-            not reasons, "; ".join(reasons), effective, ratio, (low, high), share, heard,
-            self.gain, self.turned, int(self.silent[0]),
+            not reasons, "; ".join(reasons), effective, ratio, (low, high), share, np.array(heard),
+            self.gain, self.turned, silent,
         )  # fmt: skip
 
 

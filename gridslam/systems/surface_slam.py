@@ -67,7 +67,7 @@ class SurfaceSlam:
         self.watch = Watch.start(len(scene.anchors))
         self.places, self.facings = scene.anchor_positions, scene.anchor_orientations
         self.anchors = np.column_stack([self.places, self.facings])
-        self.told_facings = self.facings
+        self.told_facings, self.faced = self.facings, b""
         half = np.array(
             [body.prior.position_m] * 2 + [body.prior.velocity_mps] * 2 + [np.radians(body.prior.heading_deg)]
         )
@@ -96,7 +96,7 @@ class SurfaceSlam:
         began = time.perf_counter()
         self._move(scan.time_s)
         self.watch.begin(len(scan))
-        self._face(self.watch.turned)
+        self._face(self.watch.taken)
         scans = hear(scan, self.places, self.facings, self.told.threshold)
         self._find_again(scans)
         for heard in scans:
@@ -163,14 +163,13 @@ class SurfaceSlam:
 
     def _face(self, turned: Array) -> None:
         """Turn the anchors by (J,) rad from what the scene says."""
-        facings = wrap(self.told_facings + turned)
-        if (facings != self.facings).any():
-            self.facings = facings
-            self.anchors = np.column_stack([self.places, facings])
+        if turned.tobytes() != self.faced:
+            self.faced, self.facings = turned.tobytes(), wrap(self.told_facings + turned)
+            self.anchors = np.column_stack([self.places, self.facings])
 
     def _find_again(self, scans: list[Heard]) -> None:
         """Where the belief can't be followed from the last step on, find the agent by the map."""
-        count = sum(int(heard.loud.sum()) for heard in scans)
+        count = sum(int(np.count_nonzero(heard.loud)) for heard in scans)
         vague = relocation.is_vague(self.belief)
         if count < ENOUGH and not vague:
             return
