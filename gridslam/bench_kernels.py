@@ -176,6 +176,7 @@ CONTESTS = {
         "cell", twins.absorb, lambda case: case["before"].size, ("before",), changes=("message", "observed")
     ),
     "associate": Contest("pair", twins.associate, _messages, ("message", "odds", "measured")),
+    "bear": Contest("path", twins.bear, lambda case: 1, ("heard",)),
     "cast": Contest(
         "cell visit", twins.cast, _visits, given=_cast_twin,
         rows=("path", "found", "mean"),

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from kernel_worlds import random_belief, random_radio, random_table
 
 import gridslam as gs
+from gridslam import runtime, twins
 from gridslam.geometry import trace, wrap
 from gridslam.inference.belief import Belief, append
 from gridslam.inference.births import Births, bear
@@ -51,7 +53,8 @@ def born(off_deg, double):
     belief = append(Belief(np.array([*AGENT, 0, 0, HEADING]), spread), KNOWN, np.diag([1e-6, 1e-6]))
     hit = np.array([[0 if double else -1, -1]], np.int32)
     births = Births(np.zeros(1, int), hit, NEW[None], np.ones(1))
-    return bear(births, 0, heard, belief, SIGNAL), value[0, 0]
+    anchors = np.array([[*PLACE, 0.0]])
+    return bear(births, 0, heard, belief, SIGNAL.radio(0), anchors)[0], value[0, 0]
 
 
 def length(belief, double):
@@ -81,3 +84,58 @@ def test_a_new_line_is_consistent_with_its_covariance(double):
         gaps.append(gap @ np.linalg.solve(belief.covariance[-2:, -2:], gap))
     # the AoD is exact here, so the error is less than the covariance says; it must not be more
     assert np.mean(gaps) < 2
+
+
+def worth_a_birth(draw, surfaces):
+    """A belief, and a measurement of the path over a new line, maybe with one of its surfaces."""
+    mean, covariance, _ = random_belief(draw, surfaces)
+    covariance *= draw.choice([1e-4, 0.01, 1.0])
+    places = np.column_stack([draw.uniform(-5, 5, (2, 2)), draw.uniform(-3, 3, 2)])
+    ends = [(-1, -1), *(pair for s in range(surfaces) for pair in ((s, -1), (-1, s)))]
+    last, first = ends[draw.integers(len(ends))]
+    line = np.array([draw.uniform(-np.pi, np.pi), draw.choice([-1, 1]) * draw.uniform(1, 6)])
+    lines = np.concatenate([mean[5:].reshape(-1, 2), line[None]])
+    bounces = np.array([1 if last == first else 2])
+    path = trace(mean[None, :2], places[1:, :2], lines[[last]], lines[[first]], bounces)
+    value = np.array([path.distance[0], path.departure[0] - places[1, 2], path.arrival[0] - mean[4]])
+    heard = random_table(draw, 3)
+    heard[1, :3] = value + draw.normal(0, [0.02, 0.1, 0.2])
+    heard[1, 1:3] = wrap(heard[1, 1:3])
+    heard[1, 3:6] = draw.choice([0.0, 0.05], 3)
+    heard[1, 4] = draw.choice([-1.0, 0.0, 0.05])
+    return mean, covariance, 1, places, heard, 1, last, first, random_radio(draw)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 3))
+@settings(max_examples=200, deadline=None)
+def test_a_new_surface_joins_the_belief_as_in_its_twin(seed, surfaces):
+    runtime.start()
+    from gridslam.kernels.bearing import bear as launch
+
+    draw = np.random.default_rng(seed)
+    into = worth_a_birth(draw, surfaces)
+    size = len(into[0]) + 2
+    mean, covariance, reflection = np.full(size, np.nan), np.full((size, size), np.nan), np.full(20, np.nan)
+    launch(*into, np.full(size, np.nan), mean, covariance, reflection)
+    wanted = twins.bear(*into)
+    assume(abs(wanted[0][-2]) < 5)  # an image next to its anchor makes no line: it is moved round and round
+    scale = np.sqrt(np.diag(wanted[1]))
+    assert (np.abs(mean - wanted[0]) < 1e-3 * scale + 1e-5).all()  # directions are worked out to 1e-6 rad
+    np.testing.assert_allclose(
+        covariance / np.outer(scale, scale), wanted[1] / np.outer(scale, scale), atol=1e-4
+    )
+    np.testing.assert_array_equal(covariance, covariance.T)
+    np.testing.assert_allclose(reflection, wanted[2], rtol=1e-5, atol=1e-9)
+
+
+def test_a_birth_of_what_is_not_there_is_refused():
+    heard = Heard.of(0, PLACE, 0.0, np.ones((1, 3)), np.full((1, 3), np.nan), np.array([4.0]))
+    belief, anchors = Belief(np.zeros(5), np.eye(5)), np.array([[*PLACE, 0.0]])
+    radio, row, line, ratio = SIGNAL.radio(0), np.zeros(1, int), NEW[None], np.ones(1)
+    for births, places in (
+        (Births(row, np.array([[0, -1]]), line, ratio), anchors),
+        (Births(row + 1, np.array([[-1, -1]]), line, ratio), anchors),
+        (Births(row, np.array([[-1, -1]]), line, ratio), anchors[:0]),
+    ):
+        with pytest.raises(ValueError, match="doesn't exist"):
+            bear(births, 0, heard, belief, radio, places)

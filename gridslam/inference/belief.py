@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.lapack import dpotrf
 
-from gridslam.geometry import line_between, mirror, unit, wrap
+from gridslam.geometry import wrap
 
 Array = NDArray[np.float64]
 AGENT = 5
@@ -124,24 +124,6 @@ def update(belief: Belief, jacobian: Array, residuals: Array, noises: Array, wei
     mean = belief.mean + shift
     mean[4] = wrap(mean[4])
     return Belief(mean, 0.5 * (covariance + covariance.T))
-
-
-def birth_line(agent: Array, distance: Array, arrival: Array, source: Array, after: Array | None) -> Array:
-    """Line of the new surface that explains a measurement, (..., 2).
-
-    Parameters
-    ----------
-    agent : (..., 3) x, y, heading
-    distance, arrival : (...)
-    source : (..., 2) m
-        Point that the new surface mirrors: the anchor, or its image at a known first surface.
-    after : (..., 2) or None
-        Known last line; the image point seen by the agent is mirrored back at it first.
-    """
-    image = agent[..., :2] + distance[..., None] * unit(agent[..., 2] + arrival)
-    if after is not None:
-        image = mirror(after, image)
-    return line_between(source, image)
 
 
 def give_birth(belief: Belief, line: Array, by_state: Array, by_measurement: Array, noise: Array) -> Belief:

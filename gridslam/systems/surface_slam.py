@@ -15,7 +15,7 @@ from gridslam.frames import fitted, stamped
 from gridslam.geometry import unit, wrap
 from gridslam.inference import ghosts, relocation, surfaces
 from gridslam.inference.belief import AGENT, Belief, append, predict, separated
-from gridslam.inference.births import Births, bear, birth_reflection
+from gridslam.inference.births import Births, bear
 from gridslam.inference.cells import Cells
 from gridslam.inference.evaluation import Evaluation, evaluate
 from gridslam.inference.heard import Heard, hear
@@ -253,9 +253,9 @@ class SurfaceSlam:
         list of (measurement, last, first)
             What bore each, and the identities of the surfaces along the ray that did.
         """
-        bearers = []
+        bearers, radio = [], self.signal.radio(heard.anchor)
         for one, existence in births.chosen(claimed, 0.5 * self.settings.prune_below):
-            fresh = bear(births, one, heard, self.belief, self.signal)
+            fresh, reflection = bear(births, one, heard, self.belief, radio, self.anchors)
             if fresh.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not np.isfinite(fresh.mean).all():
                 continue
             self.belief = fresh
@@ -263,7 +263,7 @@ class SurfaceSlam:
             self.bank = self.bank.add(
                 self.next_identity,
                 existence,
-                birth_reflection(births, one, heard, self.signal),
+                reflection,
                 float(fresh.mean[:2] @ unit(fresh.lines[-1, 0] + 0.5 * np.pi)),
                 (heard.anchor, *ends),
                 -1 if self.shared else heard.anchor,

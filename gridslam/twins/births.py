@@ -1,11 +1,12 @@
-"""Twins of the kernels that propose births and cast their paths."""
+"""Twins of the kernels that propose births, cast their paths, and let new surfaces join the belief."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.geometry import line_between, mirror, trace, unit, wrap
+from gridslam.geometry import course, line_between, mirror, trace, unit, wrap
+from gridslam.inference.belief import Belief, give_birth, slots, update
 from gridslam.kernels import FAINTEST
 from gridslam.twins.cells import cells_of
 from gridslam.twins.messages import clutter, deviations, log_rician
@@ -14,6 +15,7 @@ from gridslam.twins.paths import lines_of
 Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 BINS: Array = (np.arange(20) + 0.5) / 20
+REACH, TRIALS = 4.0, 41
 FAINT, EXPLAINED, USUAL, DOUBLE_SHARE, WIDEST = 1e-3, 1e-3, 0.7, 0.5, 2.5
 
 
@@ -99,3 +101,66 @@ def glance(
             bounce = [1 - np.prod(1 - occupied[1][tuple(c.T)]) if len(c) else frame[3] for c in met]
             worth[b] = told[b, 2] * through * np.prod(bounce)
     return worth
+
+
+def bear(
+    mean: Array, covariance: Array, anchor: int, places: Array, heard: Array, m: int, last: int, first: int,
+    radio: Array,
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """Twin of `kernels.bearing.bear`: mean, covariance, and belief over the coefficient.
+
+    Lines are worked out at all inputs at once, and derivatives are differences.
+    """
+    value, amplitude, place, facing = heard[m, :3], heard[m, 6], places[anchor, :2], places[anchor, 2]
+    known, new, size = max(last, first), (len(mean) - 5) // 2, len(mean)
+    strength = amplitude if amplitude >= 0 else 0.5 * radio[7] / max(value[0], 1e-3)
+    std = deviations(np.array([max(strength, FAINTEST)]), value[None, 1:], radio)[0]
+    std = np.where(heard[m, 3:6] > 0, heard[m, 3:6], std)
+    known_line = mean[5 + 2 * known : 7 + 2 * known] if known >= 0 else np.zeros(2)
+
+    def lines_by(inputs: Array) -> Array:
+        """Lines (n, 2) by x, y, heading, distance, AoA, and the known line, (n, 7)."""
+        other = inputs[:, 5:]
+        image = inputs[:, :2] + inputs[:, 3, None] * unit(inputs[:, 2] + inputs[:, 4])
+        source = mirror(other, place) if first >= 0 else np.broadcast_to(place, other.shape)
+        return line_between(source, mirror(other, image) if last >= 0 else image)
+
+    def ends_over(lines: Array) -> tuple[Array, Array, Array, Array, NDArray[np.intp]]:
+        agents, sources, others = (np.broadcast_to(x, (len(lines), 2)) for x in (mean[:2], place, known_line))
+        bounces = np.full(len(lines), 1 if known < 0 else 2)
+        return agents, sources, (others if last >= 0 else lines), (others if first >= 0 else lines), bounces
+
+    inputs = np.concatenate([mean[[0, 1, 4]], value[[0, 2]], known_line])
+    at, departs = inputs.copy(), heard[m, 4] >= 0
+    wide = np.hypot(std[2], np.sqrt(covariance[4, 4]))
+    for reach in (REACH, 2 * REACH / TRIALS) if departs else ():
+        trials = np.tile(at, (TRIALS, 1))
+        trials[:, 4] += wide * np.linspace(-reach, reach, TRIALS)
+        path = course(*ends_over(lines_by(trials)))
+        misfit = np.square(wrap(trials[:, 4] - value[2]) / wide) + 1e3 * ~path.valid
+        misfit += np.square(wrap(value[1] - path.departure + facing) / std[1])
+        at[4] = trials[misfit.argmin(), 4]
+    small = 1e-5 * np.eye(len(at))
+    line, *around = np.split(lines_by(np.concatenate([at[None], at + small, at - small])), [1, 1 + len(at)])
+    change = around[0] - around[1]
+    derivative = np.stack([wrap(change[:, 0]), change[:, 1]]) / 2e-5
+    by_state = np.zeros((2, size))
+    by_state[:, [0, 1, 4]] = derivative[:, :3]
+    if known >= 0:
+        by_state[:, slots(known)] = derivative[:, 5:]
+    back = derivative[:, 4] * wrap(inputs[4] - at[4])
+    belief = Belief(mean, covariance)
+    fresh = give_birth(belief, line[0] + back, by_state, derivative[:, 3:5], np.square(std[[0, 2]]))
+    if departs:
+        traced, jacobian = trace(*ends_over(line)), np.zeros((1, size + 2))
+        jacobian[0, :2] = traced.jacobian[0, 1, :2]
+        jacobian[0, slots(last if last >= 0 else new)] += traced.jacobian[0, 1, 3:5]
+        jacobian[0, slots(first if first >= 0 else new)] += traced.jacobian[0, 1, 5:7]
+        predicted = traced.departure[0] - facing + jacobian[0, slots(new)] @ back
+        gap = wrap(np.array([[value[1] - predicted]]))
+        fresh = update(fresh, jacobian, gap, np.array([[std[1] ** 2]]), np.ones(1))
+    density = np.ones(len(BINS))
+    if amplitude >= 0:
+        level = radio[7] / max(value[0], 1e-3) * BINS * (1.0 if known < 0 else USUAL)
+        density = np.exp(log_rician(np.full(len(BINS), amplitude), level, radio[8])) + 1e-6
+    return fresh.mean, fresh.covariance, density / density.sum()
