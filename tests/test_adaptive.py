@@ -105,7 +105,10 @@ def test_amplitudes_of_dropped_surfaces_are_forgotten():
     states.start((0, 7, 7), 3.0, 5.0)
     states.start((0, 8, 7), 3.0, 5.0)
     states.start((0, 8, 8), 3.0, 5.0)
-    states.forget([8])
+    states.forget(np.array([8]))
+    assert set(states._kept) == {(0, 8, 8)}
+    states.start((0, 9, 9), 3.0, 5.0)  # and is dropped in the same step
+    states.forget(np.array([8]))
     assert set(states._kept) == {(0, 8, 8)}
 
 

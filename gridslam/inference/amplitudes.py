@@ -6,7 +6,6 @@ both told. Nodes stand densely enough for the amplitude's noise at any strength.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,6 +62,7 @@ class RayAmplitudes:
         self._detected: DetectionTable | None = None
         self._kept: dict[tuple[int, int, int], tuple[Array, float]] = {}
         """Belief of every ray, and the length (m) of its path then."""
+        self._alive: bytes | None = None
 
     def predict(self, rays: Rays, identity: NDArray[np.int64], distance: Array) -> Histogram:
         """Beliefs one step ahead, given that the ray exists.
@@ -106,6 +106,7 @@ class RayAmplitudes:
 
     def start(self, ray: tuple[int, int, int], distance: float, amplitude: float) -> None:
         """First belief of the `ray` (anchor, last, first) that bore a surface, from the measurement alone."""
+        self._alive = None  # a surface that dies in the step of its birth leaves rays behind, too
         if np.isfinite(amplitude) and np.isfinite(distance):
             log = self.signal.log_rician(np.minimum(amplitude, self.nodes[-1]), self.nodes)
             density = self._gap * np.exp(log - log.max())
@@ -132,10 +133,11 @@ class RayAmplitudes:
         walk(kept, length, rays.existence, self._table, self._number, scratch, ahead, mean)
         return ahead, mean
 
-    def forget(self, alive: Iterable[int]) -> None:
+    def forget(self, alive: NDArray[np.int64]) -> None:
         """Drop the rays of surfaces that are no more."""
-        living = {-1, *(int(i) for i in alive)}
-        self._kept = {key: value for key, value in self._kept.items() if {*key[1:]} <= living}
+        if alive.tobytes() != self._alive:  # else none can have gone
+            living, self._alive = {-1, *alive.tolist()}, alive.tobytes()
+            self._kept = {key: value for key, value in self._kept.items() if {*key[1:]} <= living}
 
     @staticmethod
     def _keys(rays: Rays, identity: NDArray[np.int64]) -> list[tuple[int, int, int]]:
