@@ -24,6 +24,8 @@ REACH, TRIALS = 4.0, 41
 """Deviations and number of directions of arrival that are tried for a new line, coarse and then fine."""
 IMPOSSIBLE = 1e3
 """Misfit of a direction from which no path leads to the anchor."""
+UNTOLD = 1e6
+"""Deviation from which on an AoD tells nothing, as that of an array without extent."""
 VAGUE = 1e-6
 """Share of a density that every coefficient has at least."""
 
@@ -153,7 +155,7 @@ def bear(
         at_1m = radio[AT_1M] / ti.max(distance, 1e-3)
         std = known_std(radio, heard, m, ti.max(amplitude if amplitude >= 0 else 0.5 * at_1m, FAINTEST))
         # where to linearise
-        departs, arrival = heard[m, 4] >= 0, heard[m, 2]
+        departs, arrival = heard[m, 4] >= 0 and std[1] < UNTOLD, heard[m, 2]
         wide = ti.sqrt(std[2] * std[2] + covariance[4, 4])
         for stage in range(2 if departs else 0):
             reach = wide * (REACH if stage == 0 else 2 * REACH / TRIALS)

@@ -55,7 +55,8 @@ def mark(
     latest: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [S] scratch
     foot: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] in/out: tangential coordinate of the latest hit
     extent: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 2] in/out: stretch that was hit, if any was
-    times: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] in/out: detections, one per anchor at most
+    times: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] in/out: detections, one per anchor at most, if its
+    # paths follow each other
 ):
     """Remember which surfaces were seen by an anchor, and where they were hit."""
     ti.loop_config(serialize=True)

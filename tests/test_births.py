@@ -103,7 +103,9 @@ def worth_a_birth(draw, surfaces):
     heard[1, 1:3] = wrap(heard[1, 1:3])
     heard[1, 3:6] = draw.choice([0.0, 0.05], 3)
     heard[1, 4] = draw.choice([-1.0, 0.0, 0.05])
-    return mean, covariance, 1, places, heard, 1, last, first, random_radio(draw)
+    radio = random_radio(draw)
+    radio[2:4] *= draw.choice([0.0, 1.0], p=[0.2, 0.8])  # an array without extent tells no AoD
+    return mean, covariance, 1, places, heard, 1, last, first, radio
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 3))

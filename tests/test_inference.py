@@ -12,6 +12,7 @@ from scipy.stats import norm
 import gridslam as gs
 from gridslam.bounds import known_map_bound
 from gridslam.geometry import line_between, line_of_sfv, mirror, sfv, trace, wrap
+from gridslam.inference import notes as notes_module
 from gridslam.inference.association import associate
 from gridslam.inference.belief import AGENT, Belief, separated, update
 from gridslam.inference.cells import Cells
@@ -307,6 +308,33 @@ def test_notes_stay_when_room_is_made_and_there_is_never_any_where_none_are_kept
     )
     with pytest.raises(ValueError, match="surfaces or anchors"):
         cells.tell(notes, samples, np.zeros((2, 3)), 0.0)
+
+
+def test_notes_have_room_for_all_or_none_where_something_interrupts(monkeypatch):
+    real, left = notes_module._longer, 3
+    monkeypatch.setattr(notes_module, "_longer", lambda *given: real(*given) if next(left) else 1 / 0)
+    for before in range(5):
+        left, notes = itertools.chain([1] * before, [0], itertools.repeat(1)), Notes()
+        with pytest.raises(ZeroDivisionError):
+            notes.reserve(3, 5, (1, 1))
+        assert len({len(notes.path), len(notes.factor), notes.told.shape[1], len(notes.begin) - 1}) == 1
+        notes.reserve(3, 5, (1, 1))
+        assert min(len(notes.path), len(notes.factor), notes.told.shape[1], len(notes.begin) - 1) >= 3
+        assert notes.said.shape[1] >= 5
+
+
+@pytest.mark.parametrize(("particles", "anchors"), [(32, 3), (192, 4), (384, 8), (10_016, 4)])
+def test_samples_are_spread_evenly_over_the_points_whatever_the_number_of_anchors(particles, anchors):
+    cloud, belief = Particles(particles, seed=1), Belief(np.zeros(5), np.eye(5))
+    firsts = [cloud.samples(belief, anchors * step + 1, 48).first for step in range(4 * particles)]
+    assert min(firsts) == 0
+    assert max(firsts) == particles - 1
+    count = np.bincount(firsts, minlength=particles)
+    # for a sequence by the golden ratio and its multiples, parts and their share differ by little
+    assert np.abs(np.cumsum(count) / len(firsts) - np.arange(1, particles + 1) / particles).max() < 0.05
+    sample = cloud.samples(belief, 1, 48)
+    assert sample.first != cloud.samples(belief, 2, 48).first
+    assert sample.draft.state.shape == (3, 48)
 
 
 def test_rays_of_surfaces_or_anchors_that_are_not_there_are_refused():

@@ -47,16 +47,6 @@ class Pairs:
     def __len__(self) -> int:
         return self.count
 
-    @property
-    def path(self) -> NDArray[np.int32]:
-        """Path of every pair, (K,)."""
-        return self.index[: self.count, 0]
-
-    @property
-    def measurement(self) -> NDArray[np.int32]:
-        """Measurement of every pair, (K,)."""
-        return self.index[: self.count, 1]
-
 
 @dataclass(frozen=True)
 class Evaluation:
@@ -83,19 +73,9 @@ class Evaluation:
     measured: Array
 
     @property
-    def chance(self) -> Array:
-        """Chance that the path is there, if its surfaces are, (L,)."""
-        return self.odds[tables.CHANCE]
-
-    @property
     def missed(self) -> Array:
         """Message of every path into the association for "caused none", (L,)."""
         return self.odds[tables.MISSED]
-
-    @property
-    def worth(self) -> Array:
-        """What the measurements are worth to the path: mean of ``sum_m nu_m g_m + 1 - p_d``, (L,)."""
-        return self.odds[tables.WORTH]
 
     @property
     def beta(self) -> Array:

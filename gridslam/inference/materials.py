@@ -67,6 +67,7 @@ def learn(
     least : float
         Share of the states at which a path must be possible to tell of cells.
     """
+    runtime.start()
     from gridslam.kernels.coefficients import learn as launch
 
     surfaces = len(bank)

@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Whole = NDArray[np.int32]
 PORTION = 64
 """Room for paths, and for pairs, comes in portions, so that it lasts."""
 
@@ -61,8 +59,10 @@ class Notes:
         noted, paired = self.count.tolist()
         if noted + paths > len(self.path):
             more = _portions(noted + paths) - len(self.path)
-            self.path, self.factor = _longer(self.path, more), _longer(self.factor, more)
-            self.told, self.begin = _longer(self.told.T, more).T.copy(), _longer(self.begin, more)
+            path, factor, begin = (_longer(array, more) for array in (self.path, self.factor, self.begin))
+            told = _longer(self.told.T, more).T.copy()
+            # all or, should anything interrupt, none: kernels rely on the length of one
+            self.path, self.factor, self.told, self.begin = path, factor, told, begin
         if paired + pairs > self.said.shape[1]:
             more = _portions(paired + pairs) - self.said.shape[1]
             self.said = _longer(self.said.T, more).T.copy()

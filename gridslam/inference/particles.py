@@ -31,6 +31,8 @@ PORTION = 512
 """Adapted numbers come in portions, each with mean 0 and deviation 1."""
 
 
+GOLDEN = 2654435769
+"""2^32 over the golden ratio: its multiples, and theirs, are spread evenly over the remainders."""
 NO_POINTS = np.empty((0, 0), np.float32)
 
 
@@ -213,16 +215,19 @@ class Particles:
         size = len(belief.mean)
         if size > len(self._points):
             fresh = [self._column(n) for n in range(len(self._points), size)]
-            self._points = np.concatenate([self._points, np.stack(fresh)])
-            self._held = runtime.resident(self._points)
+            points = np.concatenate([self._points, np.stack(fresh)])
+            self._held = runtime.resident(points)
+            self._points = points  # last, should anything interrupt
         return self._held
 
     def samples(self, belief: Belief, number: int, samples: int, site: str = "samples") -> Sampling:
-        """Exact samples of a belief by some of the points, by others for every `number`, in turn.
+        """Exact samples of a belief by points that follow each other, from another one on for every `number`.
 
-        What is drawn lasts until the next of this site.
+        Those of a sequence of numbers are spread evenly over all points. What is drawn lasts until the next
+        of this site.
         """
-        return Sampling.of(belief, self.points(belief), number * samples % self.count, samples, site)
+        first = (number * GOLDEN % 2**32) * self.count >> 32
+        return Sampling.of(belief, self.points(belief), first, samples, site)
 
     def ask(self, belief: Belief) -> tuple[int, float]:
         """How many particles to draw of a belief, and the share of the covariance that each keeps."""

@@ -35,18 +35,6 @@ class Polylines:
     seen: Array
 
     @property
-    def corners(self) -> Array:
-        """Anchor, interaction points, agent, which repeats where there are fewer bounces, (L, R, 4, 2) m."""
-        rays = self.drawn.shape[0] // max(len(self.seen), 1)
-        drawn = runtime.on_host(self.drawn)[: self.count * rays, :8]
-        return drawn.reshape(self.count, rays, 4, 2)
-
-    @property
-    def possible(self) -> Array:
-        """Share of the states at which the path is possible; else it is drawn as a point, (L,)."""
-        return self.seen[: self.count, 1]
-
-    @property
     def validity(self) -> Array:
         """V of every path, paper 003 eq. (1): mean over the states at which it is possible, (L,)."""
         return self.seen[: self.count, 0]

@@ -149,6 +149,7 @@ def mark(bank: Bank, belief: Belief, rays: Rays, lines: Polylines, share: Array)
     share : (L,)
         Probability that the path caused a measurement, if it is possible; above one half it counts.
     """
+    runtime.start()
     from gridslam.kernels.sightings import mark as launch
 
     rays.check(len(bank))

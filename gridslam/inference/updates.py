@@ -51,6 +51,8 @@ def update(
 
     rays.check(len(bank), len(sight))
     rays.check(len(bank), len(anchors))
+    if not 0 <= heard.anchor < len(watch.fits):
+        raise ValueError("there is no such anchor")
     pairs, mean, covariance = said.pairs, belief.mean, belief.covariance
     share, rounds = runtime.scratch(f"share {heard.anchor}", (len(pairs.index),)), ROUNDS
     if given is not None:

@@ -164,8 +164,9 @@ class SurfaceSlam:
     def _face(self, turned: Array) -> None:
         """Turn the anchors by (J,) rad from what the scene says."""
         if turned.tobytes() != self.faced:
-            self.faced, self.facings = turned.tobytes(), wrap(self.told_facings + turned)
-            self.anchors = np.column_stack([self.places, self.facings])
+            facings = wrap(self.told_facings + turned)
+            anchors = np.column_stack([self.places, facings])
+            self.facings, self.anchors, self.faced = facings, anchors, turned.tobytes()
 
     def _find_again(self, scans: list[Heard]) -> None:
         """Where the belief can't be followed from the last step on, find the agent by the map."""
@@ -258,9 +259,8 @@ class SurfaceSlam:
             fresh, reflection = bear(births, one, heard, self.belief, radio, self.anchors)
             if fresh.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not np.isfinite(fresh.mean).all():
                 continue
-            self.belief = fresh
             ends = tuple(births.hit[one].tolist())
-            self.bank = self.bank.add(
+            bank = self.bank.add(
                 self.next_identity,
                 existence,
                 reflection,
@@ -268,9 +268,10 @@ class SurfaceSlam:
                 (heard.anchor, *ends),
                 -1 if self.shared else heard.anchor,
             )
+            self.belief, self.bank = fresh, bank  # both or, should anything interrupt, none
+            self.next_identity += 1
             last, first = (int(self.bank.identity[s]) for s in ends)  # -1 is the last, which is the new one
             bearers.append((int(births.measurement[one]), last, first))
-            self.next_identity += 1
         return bearers
 
     def _tidy(self) -> None:

@@ -131,7 +131,7 @@ def bear(
         return agents, sources, (others if last >= 0 else lines), (others if first >= 0 else lines), bounces
 
     inputs = np.concatenate([mean[[0, 1, 4]], value[[0, 2]], known_line])
-    at, departs = inputs.copy(), heard[m, 4] >= 0
+    at, departs = inputs.copy(), heard[m, 4] >= 0 and std[1] < 1e6
     wide = np.hypot(std[2], np.sqrt(covariance[4, 4]))
     for reach in (REACH, 2 * REACH / TRIALS) if departs else ():
         trials = np.tile(at, (TRIALS, 1))
