@@ -24,12 +24,22 @@ Resident = Any
 Made = TypeVar("Made")
 _started: str | None = None
 _spare = threading.local()
+SPARE_THREADS = 2
+"""More threads than cores: a system may wake several on one core and leave them there for half a millisecond,
+which is longer than most launches take; some more find the idle cores."""
 
 
 def start(device: str = "auto", threads: int | None = None) -> str:
     """Start Taichi if it isn't running and return the device in use ("cpu" or "gpu").
 
     What isn't said is the CPU: two cores of it are as fast as the radio, and results repeat bit for bit.
+
+    Parameters
+    ----------
+    device : str
+        auto, cpu or gpu.
+    threads : int, optional
+        Of the kernels on a CPU (default: `threads_for` its cores); results don't depend on them.
 
     Raises
     ------
@@ -45,7 +55,7 @@ def start(device: str = "auto", threads: int | None = None) -> str:
 
         reused = _running(ti)
         if not reused:
-            options = {"cpu_max_num_threads": threads} if threads else {}
+            options = {"cpu_max_num_threads": threads or threads_for(_cores())}
             arch = [ti.cuda, ti.vulkan] if device == "gpu" else ti.cpu
             # it announces itself, and that it found no GPU, whatever it is told
             with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
@@ -57,6 +67,16 @@ def start(device: str = "auto", threads: int | None = None) -> str:
     if device not in ("auto", _started):
         raise InputError("device", repr(device), f"auto or {_started}, which is running already")
     return _started
+
+
+def threads_for(cores: int) -> int:
+    """How many threads kernels run on if nobody says: one for one core."""
+    return cores + SPARE_THREADS if cores > 1 else 1
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def resident(array: NDArray[Any]) -> Resident:

@@ -259,3 +259,7 @@ def test_the_root_of_a_singular_covariance_is_taken_another_way():
     )
     np.testing.assert_allclose(draft.state[1:], [[1.0] * 4000, [4.0] * 4000], atol=1e-7)
     np.testing.assert_allclose(draft.root, 0.9 * belief.root, rtol=1e-6)
+
+
+def test_kernels_run_on_more_threads_than_cores_but_not_on_one_core():
+    assert [runtime.threads_for(cores) for cores in (1, 2, 16)] == [1, 4, 18]
