@@ -144,7 +144,7 @@ def measure(
     device : str
         auto, cpu or gpu.
     threads : int, optional
-        Of the kernels (default: two more than cores; see `runtime`).
+        Of the kernels (default: one more than cores; see `runtime`).
     tell : callable, optional
         Gets (what comes next, parts done, parts in all).
 

@@ -24,9 +24,9 @@ Resident = Any
 Made = TypeVar("Made")
 _started: str | None = None
 _spare = threading.local()
-SPARE_THREADS = 2
+SPARE_THREADS = 1
 """More threads than cores: a system may wake several on one core and leave them there for half a millisecond,
-which is longer than most launches take; some more find the idle cores."""
+which is longer than most launches take. One more finds the idle core; two more compete with the others."""
 
 
 def start(device: str = "auto", threads: int | None = None) -> str:
