@@ -176,7 +176,7 @@ class Cells:
         return Polylines(int(notes.count[0]), drawn, seen)
 
     def hits(self, least: float) -> Array:
-        """`frame` for rays that are cast with so much that is left to chance."""
+        """What kernels that cast rays and learn from their hits want to know; `least` as of `tell`."""
         return self.frame(OUTSIDE, EVIDENCE_CLIP, least, OTHER_MATERIAL)
 
     def _cast(
