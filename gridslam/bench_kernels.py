@@ -91,7 +91,7 @@ def _visits(case: Case) -> int:
     for rays, count in zip(_drawn(case), case["path"][: _listed(case), 0], strict=True):
         for row in rays[rays[:, 12] > 0.5]:
             corners, normals = row[:8].reshape(4, 2)[: count + 2], row[8:12].reshape(2, 2)[:count]
-            crossed, met = twins.cells_of(corners, normals, case["frame"], case["occupied"].shape[1:])
+            crossed, met = twins.cells_of(corners, normals, case["frame"], case["held"].shape[:2])
             total += len(crossed) + sum(len(cells) for cells in met)
     return total
 
@@ -154,7 +154,7 @@ def _cast_twin(case: Case) -> dict[str, Any]:
     """What was drawn of the sending paths; the kernel draws them itself, and casts the others for V alone."""
     send = _senders(case)
     rows = _drawn(case)[send].reshape(-1, 14)
-    traversed, hit = case["occupied"]
+    traversed, hit = case["occupied"].reshape(2, *case["held"].shape[:2])
     return {
         "corners": rows[:, :8].reshape(-1, 4, 2), "normals": rows[:, 8:12].reshape(-1, 2, 2),
         "possible": rows[:, 12], "bounces": case["path"][send, 0], "worth": case["factor"][send, 0],
@@ -173,7 +173,8 @@ def _messages(case: Case) -> int:
 
 CONTESTS = {
     "absorb": Contest(
-        "cell", twins.absorb, lambda case: case["before"].size, ("before",), changes=("message", "observed")
+        "cell", twins.absorb, lambda case: case["before"].size, ("before", "news"),
+        changes=("message", "news", "observed"),
     ),
     "associate": Contest("pair", twins.associate, _messages, ("message", "odds", "measured")),
     "bear": Contest("path", twins.bear, lambda case: 1, ("heard",)),
@@ -379,7 +380,7 @@ def _none(name: str, array: Array) -> Array:
         return np.zeros_like(array)
     if name == "message":
         return np.ascontiguousarray(array[:, :0, :0])
-    return np.ascontiguousarray(array[:, :0]) if name in ("blocks", "odds", "measured") else array[:0]
+    return np.ascontiguousarray(array[:, :0]) if name in ("blocks", "odds", "measured", "news") else array[:0]
 
 
 def _copy(value: Any) -> Any:

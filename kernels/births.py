@@ -135,12 +135,12 @@ def likely(
 
 @ti.func
 def alone(
-    drawn: ti.template(), count, occupied: ti.template(), frame: ti.template(), line: ti.template(),
+    drawn: ti.template(), count, nx, occupied: ti.template(), frame: ti.template(), line: ti.template(),
     place: ti.template(),
 ):  # fmt: skip
     """V of the one ray that is drawn: a bundle of one, which needs none of what makes bundles fast."""
-    ny, nx = occupied.shape[1], occupied.shape[2]
-    meet_cells(drawn, 0, 1, count, frame, occupied, 0, line, place)
+    ny = occupied.shape[1] // nx
+    meet_cells(drawn, 0, 1, count, frame, nx, occupied, 0, line, place)
     through = line[0, 0, 0] * line[0, 1, 0]
     start, stop, entry, leave = ti.Vector([0]), ti.Vector([0]), ti.Vector([0]), ti.Vector([0])
     base, slope = ti.Vector([0.0], dt=ti.f64), ti.Vector([0.0], dt=ti.f64)
@@ -151,12 +151,12 @@ def alone(
         for c in range(ti.max(start[0], 0), ti.min(stop[0], columns - 1) + 1):
             lowest, highest = rows_alone(c, base, slope, start, stop, entry, leave)
             for r in range(ti.max(lowest, 0), ti.min(highest, rows - 1) + 1):
-                ix, iy = (c if flat else r), (r if flat else c)
+                cell = r * nx + c if flat else c * nx + r
                 met = False
                 for n in range(3 * count):
-                    met = met or place[0, n, 0] == iy * nx + ix
+                    met = met or place[0, n, 0] == cell
                 if not met:
-                    through *= 1 - occupied[0, iy, ix]
+                    through *= 1 - occupied[0, cell]
     return through
 
 
@@ -264,7 +264,8 @@ def glance(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
     anchor: ti.i32,
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
-    occupied: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [2, ny, nx] o of a traversed cell, of a hit one in V
+    wide: ti.i32,  # cells of a row
+    occupied: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [2, ny nx] o of a traversed cell, of a hit one in V
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [4 or more] origin x, y, side, factor outside
     line: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [1 or more, LINES, LANES] scratch
     place: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [1 or more, PLACES, LANES] scratch
@@ -293,5 +294,5 @@ def glance(
             draw_path(state, path, places, 0, 0, drawn)
             told[b, 2] = UNTOLD * worth
             if drawn[0, 12] > 0.5:
-                told[b, 2] = worth * alone(drawn, path[0, 0], occupied, frame, line, place)
+                told[b, 2] = worth * alone(drawn, path[0, 0], wide, occupied, frame, line, place)
         sum_up(born, told, measured)

@@ -11,73 +11,84 @@ own states above that. So a ray is walked twice at most: for V, and to add V to 
 
 import taichi as ti
 
-from gridslam.kernels.bundles import FAR, LANES, OWN, PLACES, lay_leg, meet_cells, rows_alone
+from gridslam.kernels.bundles import (
+    FAR,
+    LANES,
+    OWN,
+    cross_row,
+    lay_leg,
+    mark,
+    meet_cells,
+    rows_alone,
+    spare,
+    split,
+    step_of,
+)
 from gridslam.kernels.coefficients import recall
 from gridslam.kernels.device import ON_CPU, SPREAD
 from gridslam.kernels.functions import log_of
 from gridslam.kernels.launching import quick
+from gridslam.kernels.occupancy import CELL_BITS
 from gridslam.kernels.paths import draw_path
 from gridslam.kernels.rays import look_ahead
 
 
 @ti.func
-def listed(slab, ix, iy, scratch: ti.template(), touched: ti.template(), count):
-    """Enter a cell, whose sums are about to change, in the list of those that the path touches, once.
+def crossed(slab, cell, add, sums: ti.template(), touched: ti.template(), count):
+    """Add the V of rays that cross a cell, listed when it is the path's first; return how many are listed."""
+    before, more = sums[3 * slab, cell], ti.cast(add, ti.f32)
+    touched[2 * slab, count] = cell
+    # read, then written: an addition in place would be atomic
+    sums[3 * slab, cell] = before + more
+    return count + ti.select((before == 0.0) & (more > 0.0), 1, 0)
 
-    Returns how many there are; the list has room for all cells, but sums may cancel to 0 once more.
-    """
-    n = count
-    if (
-        n < touched.shape[1]
-        and scratch[slab, iy, ix, 0] == 0.0
-        and scratch[slab, iy, ix, 1] == 0.0
-        and scratch[slab, iy, ix, 2] == 0.0
-    ):
-        touched[slab, n, 0], touched[slab, n, 1] = ix, iy
+
+@ti.func
+def lifted(slab, cell, low, high, sums: ti.template(), touched: ti.template(), count):
+    """Add the lifts of a ray that meets a cell, likewise; lifts may cancel, so a cell is listed once more."""
+    n, row, one, two = count, 3 * slab, ti.cast(low, ti.f32), ti.cast(high, ti.f32)
+    before1, before2 = sums[row + 1, cell], sums[row + 2, cell]
+    fresh = (before1 == 0.0) & (before2 == 0.0) & ((one != 0.0) | (two != 0.0))
+    if fresh and n < touched.shape[1]:
+        touched[2 * slab + 1, n] = cell
         n += 1
+    sums[row + 1, cell], sums[row + 2, cell] = before1 + one, before2 + two
     return n
 
 
 @ti.func
-def crossed(slab, ix, iy, add, scratch: ti.template(), touched: ti.template(), count):
-    """Add the V of rays that cross a cell; return how many cells are listed."""
-    n, before, more = count, scratch[slab, iy, ix, 0], ti.cast(add, ti.f32)
-    if before == 0.0 and more > 0.0:
-        n = listed(slab, ix, iy, scratch, touched, n)
-    scratch[slab, iy, ix, 0] = before + more
-    return n
+def ratio_of(total, a, occupied, through, low, high):
+    """Log ratio that a path tells a cell, by what its rays are worth in all and the cell's own three sums."""
+    lift, free = (a - 1) * through, 1 - occupied
+    # both times 1 - o, since divisions take long
+    if_free = ti.max((total + low) * free + lift * occupied, 1e-12)
+    if_occupied = ti.max((total - lift + high) * free, 1e-12)
+    t = ti.cast(if_occupied - if_free, ti.f32) / ti.cast(if_occupied + if_free, ti.f32)
+    s = t * t
+    ratio = 2 * t * (1 + s * (1 / 3 + s * (0.2 + s * (1 / 7 + s * (1 / 9 + s / 11)))))
+    if s > 0.11:  # a ratio beyond 1 to 2
+        ratio = log_of(ti.cast(ti.min(if_occupied / if_free, 1e30), ti.f32))
+    return ratio
 
 
 @ti.func
-def mark(place: ti.template(), slab, live, value, met: ti.template()):
-    """Mark the cells that rays meet, or unmark them."""
-    for i in range(live):
-        for n in ti.static(range(PLACES)):
-            if place[slab, n, i] >= 0:
-                met[slab, place[slab, n, i]] = ti.cast(value, ti.u8)
-
-
-@ti.func
-def spare(place: ti.template(), slab, count, cell, low: ti.template(), since: ti.template()):
-    """Copy where rays begin, except that those that meet the cell begin where they never come to."""
-    for i in range(LANES):
-        since[i] = low[i]
-    for n in range(3 * count):
-        for i in range(LANES):
-            since[i] = ti.select(place[slab, n, i] == cell, FAR, since[i])
-
-
-@ti.func
-def cross_row(walk, r, low: ti.template(), high: ti.template(), free, through: ti.template()):
-    """Take the rays from `low` to `high` through a cell in row `r`; on the second walk, sum up their V."""
-    total = 0.0
-    if walk == 0:
-        for i in range(LANES):
-            through[i] *= ti.select((low[i] <= r) & (r <= high[i]), free, 1.0)
-    else:
-        for i in range(LANES):
-            total += ti.select((low[i] <= r) & (r <= high[i]), through[i], 0.0)
-    return total
+def settle(
+    slab, known, hits, total, a, clip, occupied: ti.template(), sums: ti.template(), touched: ti.template(),
+    message: ti.template(), news: ti.template(),
+):  # fmt: skip
+    """Tell the cells that a path touches, and clear their sums: those that it meets, then the others."""
+    row, most = 3 * slab, ti.cast(clip, ti.f32)
+    for n in range(hits + known):
+        cell = touched[2 * slab + 1, n] if n < hits else touched[2 * slab, n - hits]
+        o, low, high = ti.cast(occupied[0, cell], ti.f64), ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+        if n < hits:
+            low, high = sums[row + 1, cell], sums[row + 2, cell]
+            sums[row + 1, cell], sums[row + 2, cell] = 0.0, 0.0
+        ratio = ratio_of(total, a, o, sums[row, cell], low, high)
+        sums[row, cell] = 0.0  # nothing is left to tell if the cell is listed again
+        before = message[slab, cell]  # a slab has one thread, so nothing need be atomic
+        message[slab, cell] = before + ti.max(-most, ti.min(ratio, most))
+        news[slab, cell >> CELL_BITS] = ti.cast(1, ti.u8)
 
 
 @quick
@@ -110,7 +121,7 @@ def cast(
     predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),
     found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # L
     factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 2]  A of the path, and whether to send messages
-    occupied: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [2, ny, nx] o of a traversed cell, of a hit one in V
+    occupied: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [2, ny nx] o of a traversed cell, of a hit one in V
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] origin x, y, side; factor outside, clip, least
     # share, how likely a wall is of another material where it is hit next
     held: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [ny, nx, BINS] log-likelihood of coefficients in cells
@@ -123,10 +134,11 @@ def cast(
     belief: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L or 0, 2 BINS] out: over products of coefficients
     line: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [SLABS, LINES, LANES] scratch
     place: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [SLABS, PLACES, LANES] scratch
-    scratch: ti.types.ndarray(dtype=ti.f32, ndim=4),  # [SLABS, ny, nx, 3] zero on entry and exit
-    touched: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [SLABS, ny * nx + 1, 2] scratch
-    met: ti.types.ndarray(dtype=ti.u8, ndim=2),  # [SLABS, ny * nx] zero on entry and exit
-    message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [SLABS, ny, nx] in/out: sum of log ratios
+    sums: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 SLABS, ny nx] zero on entry and exit
+    touched: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [2 SLABS, ny nx + 1] scratch
+    met: ti.types.ndarray(dtype=ti.u8, ndim=2),  # [SLABS, ny nx] zero on entry and exit
+    message: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [SLABS, ny nx] in/out: sum of log ratios
+    news: ti.types.ndarray(dtype=ti.u8, ndim=2),  # [SLABS, ny nx / CELLS] in/out: where there are messages
 ):
     """Look ahead; cast the rays of all paths; add the log ratios to `message` of those that are to send.
 
@@ -145,12 +157,12 @@ def cast(
     for item in range(message.shape[0] * SPREAD):
         if item % SPREAD == 0:
             slab = item // SPREAD
-            ny, nx = occupied.shape[1], occupied.shape[2]
+            ny, nx = held.shape[0], held.shape[1]
             paths, rays = (found[0] if failed[0] == 0 else 0), state.shape[1]
             row = slab
             while row < paths:
                 count, a = path[row, 0], factor[row, 0]
-                total, known, possible = ti.cast(0.0, ti.f64), 0, 0
+                total, known, hits, possible = ti.cast(0.0, ti.f64), 0, 0, 0
                 open_to, middle = ti.cast(0.0, ti.f64), ti.Vector([0.0, 0.0, 0.0, 0.0], dt=ti.f64)
                 for ray in range(rays):
                     draw_path(state, path, places, row, ray, drawn)
@@ -164,11 +176,12 @@ def cast(
                     first, live = row * rays + group * LANES, ti.min(LANES, rays - group * LANES)
                     through, since = ti.Vector([1.0] * LANES), ti.Vector([0] * LANES)
                     low, high, enter = ti.Vector([0] * LANES), ti.Vector([0] * LANES), ti.Vector([0] * LANES)
+                    part, rise, rest = ti.Vector([0] * LANES), ti.Vector([0] * LANES), ti.Vector([0] * LANES)
                     start, stop = ti.Vector([0] * LANES), ti.Vector([0] * LANES)
                     entry, leave = ti.Vector([0] * LANES), ti.Vector([0] * LANES)
                     origin = ti.Vector([0.0] * LANES, dt=ti.f64)
                     slope = ti.Vector([0.0] * LANES, dt=ti.f64)
-                    meet_cells(drawn, first, live, count, frame, occupied, slab, line, place)
+                    meet_cells(drawn, first, live, count, frame, nx, occupied, slab, line, place)
                     mark(place, slab, live, 1, met)
                     common, passed = ti.cast(1.0, ti.f64), ti.cast(0.0, ti.f32)
                     for walk in range(2 if send else 1):  # 0: V; 1: add it to the cells
@@ -176,8 +189,10 @@ def cast(
                             plan = lay_leg(
                                 drawn, first, live, corner, frame, origin, slope, start, stop, entry, leave
                             )
+                            step_of(slope, rise, rest)
                             flat = plan[0] > 0.5
                             columns, rows = (nx if flat else ny), (ny if flat else nx)
+                            along, across = (1 if flat else nx), (nx if flat else 1)
                             begin = ti.max(ti.cast(plan[1], ti.i32), 0)
                             end = ti.min(ti.cast(plan[2], ti.i32), columns - 1)
                             inner, outer = plan[3], plan[4]
@@ -193,10 +208,9 @@ def cast(
                                 highest = ti.min(highest, rows - 1)
                                 together = same and one and highest - lowest < 2
                                 if together and lowest <= highest:  # a cell that a ray meets is looked at
-                                    step = nx if flat else 1
-                                    cell = lowest * step + c * (nx + 1 - step)
-                                    end_cell = cell + (highest - lowest) * step
-                                    together = met[slab, cell] == 0 and met[slab, end_cell] == 0
+                                    cell = c * along + lowest * across
+                                    beyond = c * along + highest * across
+                                    together = met[slab, cell] == 0 and met[slab, beyond] == 0
                                 if ti.static(LANES == 1):
                                     together = True
                                     lowest, highest = rows_alone(c, origin, slope, start, stop, entry, leave)
@@ -204,40 +218,39 @@ def cast(
                                 if together:
                                     fresh = False
                                     for r in range(lowest, highest + 1):
-                                        ix, iy = (c if flat else r), (r if flat else c)
-                                        spared = False
+                                        cell, spared = c * along + r * across, False
                                         if ti.static(LANES == 1):
-                                            spared = met[slab, iy * nx + ix] != 0
+                                            spared = met[slab, cell] != 0
                                         if not spared:
                                             if walk == 0:
-                                                common *= 1 - ti.cast(occupied[0, iy, ix], ti.f64)
+                                                common *= 1 - ti.cast(occupied[0, cell], ti.f64)
                                             else:
-                                                known = crossed(slab, ix, iy, passed, scratch, touched, known)
+                                                known = crossed(slab, cell, passed, sums, touched, known)
                                 else:
                                     if not fresh:
-                                        for i in range(LANES):
-                                            enter[i] = ti.cast(ti.floor(origin[i] + slope[i] * c), ti.i32)
+                                        split(origin, slope, c, enter, part)
                                     fresh = True
                                     bottom, top = FAR, -FAR
                                     for i in range(LANES):
-                                        goes = ti.cast(ti.floor(origin[i] + slope[i] * (c + 1)), ti.i32)
-                                        goes = ti.select(c >= stop[i], leave[i], goes)
+                                        ahead = part[i] + rest[i]  # less than before where a row is full
+                                        follows = enter[i] + rise[i] + ti.select(ahead < part[i], 1, 0)
+                                        goes = ti.select(c >= stop[i], leave[i], follows)
                                         came = ti.select(c <= start[i], entry[i], enter[i])
                                         here = (c >= start[i]) & (c <= stop[i])
                                         below = ti.select(here, ti.min(came, goes), FAR)
                                         above = ti.select(here, ti.max(came, goes), -FAR)
-                                        low[i], high[i], enter[i] = below, above, goes
+                                        low[i], high[i], enter[i], part[i] = below, above, follows, ahead
                                         bottom, top = ti.min(bottom, below), ti.max(top, above)
                                     for r in range(ti.max(bottom, 0), ti.min(top, rows - 1) + 1):
-                                        ix, iy = (c if flat else r), (r if flat else c)
-                                        free, add = 1 - occupied[0, iy, ix], 0.0
-                                        if met[slab, iy * nx + ix] == 0:
+                                        cell, add = c * along + r * across, 0.0
+                                        free = 1 - occupied[0, cell]
+                                        if met[slab, cell] == 0:
                                             add = cross_row(walk, r, low, high, free, through)
                                         else:  # rays that meet a cell don't traverse it
-                                            spare(place, slab, count, iy * nx + ix, low, since)
+                                            spare(place, slab, cell, low, since)
                                             add = cross_row(walk, r, since, high, free, through)
                                         if walk == 1:
-                                            known = crossed(slab, ix, iy, add, scratch, touched, known)
+                                            known = crossed(slab, cell, add, sums, touched, known)
                                 same, was = one, will
                         if walk == 0:
                             for i in range(live):
@@ -259,33 +272,15 @@ def cast(
                                 for n in range(3 * b, 3 * b + 3):
                                     cell = place[slab, n, i]
                                     if cell >= 0 and v > 0:
-                                        ix, iy = cell % nx, cell // nx
-                                        v0 = v1 * (1 - (1 - own) / (1 - occupied[0, iy, ix]))
-                                        low_lift = ti.cast((v0 - v) * (a - 1), ti.f32)
-                                        high_lift = ti.cast((v1 - v) * (a - 1), ti.f32)
-                                        if low_lift != 0.0 or high_lift != 0.0:
-                                            known = listed(slab, ix, iy, scratch, touched, known)
-                                        # read, then written: an addition in place would be atomic
-                                        before1, before2 = scratch[slab, iy, ix, 1], scratch[slab, iy, ix, 2]
-                                        scratch[slab, iy, ix, 1] = before1 + low_lift
-                                        scratch[slab, iy, ix, 2] = before2 + high_lift
+                                        v0 = v1 * (1 - (1 - own) / (1 - occupied[0, cell]))
+                                        hits = lifted(
+                                            slab, cell, (v0 - v) * (a - 1), (v1 - v) * (a - 1), sums, touched,
+                                            hits,
+                                        )  # fmt: skip
                 seen[row, 0], seen[row, 1] = open_to / ti.max(possible, 1), possible / ti.cast(rays, ti.f64)
                 for n in ti.static(range(4)):
                     seen[row, 2 + n] = middle[n]
                 if belief.shape[0] > 0:
                     recall(drawn, path, held, reflection, frame, row, rays, belief)
-                for n in range(known):
-                    ix, iy = touched[slab, n, 0], touched[slab, n, 1]
-                    o, lift = ti.cast(occupied[0, iy, ix], ti.f64), (a - 1) * scratch[slab, iy, ix, 0]
-                    # both times 1 - o, since divisions take long
-                    if_free = ti.max((total + scratch[slab, iy, ix, 1]) * (1 - o) + lift * o, 1e-12)
-                    if_occupied = ti.max((total - lift + scratch[slab, iy, ix, 2]) * (1 - o), 1e-12)
-                    excess = (if_occupied - if_free) / if_free
-                    ratio = ti.cast(excess * (1 - excess * (0.5 - excess * (1 / 3 - excess / 4))), ti.f32)
-                    if ti.abs(excess) > 0.01:
-                        ratio = log_of(ti.min(1 + excess, 1e30))
-                    before = message[slab, iy, ix]  # a slab has one thread, so nothing need be atomic
-                    message[slab, iy, ix] = before + ti.max(-frame[4], ti.min(frame[4], ratio))
-                    for part in ti.static(range(3)):
-                        scratch[slab, iy, ix, part] = 0.0
+                settle(slab, known, hits, total, a, frame[4], occupied, sums, touched, message, news)
                 row += message.shape[0]

@@ -150,7 +150,7 @@ def test_cell_visits_of_a_straight_ray_are_the_cells_on_its_way():
     case = {
         "state": np.zeros((3, 1)), "path": np.array([[0, -1, -1, 0]]), "drawn": drawn,
         "factor": np.ones((1, 2)), "frame": np.array([0.0, 0.0, 1.0, 0.1, 12.0, 0.5]),
-        "occupied": np.zeros((2, 4, 4)), "found": np.ones(1, int),
+        "held": np.zeros((4, 4, 20)), "found": np.ones(1, int),
     }  # fmt: skip
     assert bench_kernels.CONTESTS["cast"].units(case) == 4
 

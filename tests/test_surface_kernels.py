@@ -126,7 +126,7 @@ def test_a_glance_at_births_equals_its_twin(seed, surfaces):
     draw = np.random.default_rng(seed)
     mean, _, _ = random_belief(draw, surfaces)
     places, shape = places_of(draw, 2), (17, 23)
-    occupied = draw.uniform(0.001, 0.5, (2, *shape)).astype(np.float32)
+    occupied = draw.uniform(0.001, 0.5, (2, shape[0] * shape[1])).astype(np.float32)
     frame = np.array([-4.0, -3.0, 0.41, 0.1])  # much is outside
     hit = np.array([[-1, -1]] * 3 + [p for s in range(surfaces) for p in ((-1, s), (s, -1))], np.int32)
     count = len(hit)
@@ -136,7 +136,7 @@ def test_a_glance_at_births_equals_its_twin(seed, surfaces):
         [draw.uniform(-3, 3, count), draw.uniform(-5, 5, count), draw.exponential(1.0, count)]
     )
     measured = np.full((4, 4), 7.0)
-    into = mean, 1, places, occupied, frame
+    into = mean, 1, places, shape[1], occupied, frame
     expected = twins.glance(*into, born, told)
     glance(
         *into, np.empty((1, LINES, LANES)), np.empty((1, PLACES, LANES), np.int32),
@@ -263,22 +263,41 @@ def test_sightings_of_surfaces_equal_their_twin(seed, surfaces, paths):
         np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
 
 
-@given(seeds, st.integers(1, 140), st.integers(0, 3))
+@given(seeds, st.integers(1, 300), st.integers(0, 3))
 @settings(max_examples=30, deadline=None)
-def test_absorbed_messages_equal_their_twin(seed, columns, slabs):
-    from gridslam.kernels.occupancy import absorb
+def test_absorbed_messages_equal_their_twin(seed, count, slabs):
+    from gridslam.kernels.occupancy import CELLS, absorb
 
-    draw, shape = np.random.default_rng(seed), (3, columns)
-    message, before = draw.normal(0, 3, (slabs, *shape)), draw.normal(0, 8, shape)
-    message[:, draw.random(shape) < 0.5] = 0.0
-    clear, observed = (draw.random((2, *shape)) < 0.2).astype(np.uint8)
-    evidence, occupied = np.full(shape, np.nan), np.full((2, *shape), np.nan, np.float32)
-    expected = twins.absorb(message, before, clear, -2.0, 12.0, observed)
-    absorb(message, before, clear, -2.0, 12.0, evidence, observed, occupied)
-    np.testing.assert_allclose(evidence, expected[0], rtol=1e-12, atol=1e-12)
-    np.testing.assert_array_equal(observed, expected[1])
-    np.testing.assert_allclose(occupied, expected[2], rtol=1e-4)
-    assert not message.any()
+    draw, groups = np.random.default_rng(seed), -(-count // CELLS)
+    message, before = np.zeros((slabs, count), np.float32), draw.normal(0, 8, count)
+    clear, observed = (draw.random((2, count)) < 0.2).astype(np.uint8)
+    occupied, news = np.full((2, count), np.nan, np.float32), np.zeros((slabs, groups), np.uint8)
+    for every in (1, 0, 0):
+        news[...] = draw.random(news.shape) < 0.5
+        there = (np.repeat(news, CELLS, 1)[:, :count] > 0) & (draw.random(message.shape) < 0.5)
+        message[there] = draw.normal(0, 3, there.sum())
+        evidence = np.full(count, np.nan)
+        expected = twins.absorb(message, before, clear, -2.0, 12.0, observed)
+        absorb(message, news, before, clear, every, -2.0, 12.0, evidence, observed, occupied)
+        np.testing.assert_allclose(evidence, expected[0], rtol=1e-12, atol=1e-12)
+        np.testing.assert_array_equal(observed, expected[1])
+        np.testing.assert_allclose(occupied, expected[2], rtol=1e-4)
+        assert not message.any()
+        assert not news.any()
+        before = evidence
+
+
+def test_cells_that_nothing_is_told_keep_their_occupancy():
+    from gridslam.kernels.occupancy import CELLS, absorb
+
+    message, before = np.zeros((2, 3 * CELLS), np.float32), np.full(3 * CELLS, 20.0)
+    news, occupied = np.array([[0, 1, 0], [0, 0, 0]], np.uint8), np.full((2, 3 * CELLS), 0.25, np.float32)
+    observed, evidence = np.zeros(3 * CELLS, np.uint8), np.empty(3 * CELLS)
+    absorb(message, news, before, np.zeros_like(observed), 0, -2.0, 12.0, evidence, observed, occupied)
+    told = np.repeat([False, True, False], CELLS)
+    assert (occupied[:, ~told] == 0.25).all()
+    assert (occupied[:, told] > 0.9).all()
+    np.testing.assert_array_equal(evidence, np.where(told, 12.0, 20.0))
 
 
 @given(seeds, st.integers(0, 5))

@@ -45,25 +45,27 @@ class Cells:
         self, origin: Array, cell: float, shape: tuple[int, int], free_path: float, anchors: Array
     ) -> None:
         self.origin, self.cell, self.shape = np.asarray(origin, float), cell, shape
-        self._evidence = np.zeros(shape)
+        self._evidence, count = np.zeros(shape), shape[0] * shape[1]
         self.observed = np.zeros(shape, dtype=bool)
         self.held = runtime.resident(np.zeros((*shape, BINS)))
         self.prior = 1 - np.exp(-cell / free_path)
         y, x = np.indices(shape)
         centre = self.origin + cell * (np.stack([x, y], -1) + 0.5)
         gap = np.linalg.norm(centre[:, :, None] - anchors, axis=-1).min(-1)
-        self._clear = np.ascontiguousarray(gap < CLEAR_ANCHOR_M).view(np.uint8)
+        self._clear = np.ascontiguousarray(gap < CLEAR_ANCHOR_M).view(np.uint8).reshape(-1)
         slabs = CELL_SLABS[runtime.start()]
         from gridslam.kernels.bundles import LANES, LINES, PLACES
+        from gridslam.kernels.occupancy import CELLS
 
         self._pending, self._stale = False, True
-        self._occupied = runtime.room((2, *shape))
+        self._occupied = runtime.room((2, count))
         self._line = runtime.room((slabs, LINES, LANES), np.float64)
         self._place = runtime.room((slabs, PLACES, LANES), np.int32)
-        self._scratch = runtime.resident(np.zeros((slabs, *shape, 3), np.float32))
-        self._touched = runtime.resident(np.zeros((slabs, shape[0] * shape[1] + 1, 2), np.int32))
-        self._met = runtime.resident(np.zeros((slabs, shape[0] * shape[1]), np.uint8))
-        self._message = runtime.resident(np.zeros((slabs, *shape)))
+        self._sums = runtime.resident(np.zeros((3 * slabs, count), np.float32))
+        self._touched = runtime.resident(np.zeros((2 * slabs, count + 1), np.int32))
+        self._met = runtime.resident(np.zeros((slabs, count), np.uint8))
+        self._message = runtime.resident(np.zeros((slabs, count), np.float32))
+        self._news = runtime.resident(np.zeros((slabs, -(-count // CELLS)), np.uint8))
         self._frames: dict[tuple[float, ...], Array] = {}
 
     @property
@@ -85,9 +87,10 @@ class Cells:
         self.held = runtime.resident(np.ascontiguousarray(value, dtype=np.float64))
 
     def occupied(self) -> runtime.Resident:
-        """Occupancy in both roles, crossed and met, (2, ny, nx) float32; it follows the evidence."""
+        """Occupancy in both roles, crossed and met, (2, ny nx) float32; it follows the evidence."""
         if self._stale:
-            self._fold(np.zeros((0, *self.shape)))  # messages stay for `absorb`
+            cells, groups = self._message.shape[1], self._news.shape[1]
+            self._fold(np.empty((0, cells), np.float32), np.empty((0, groups), np.uint8))  # messages stay
         return self._occupied
 
     def frame(self, *more: float) -> Array:
@@ -139,8 +142,8 @@ class Cells:
         from gridslam.kernels.births import glance
 
         glance(
-            mean, anchor, anchors, self.occupied(), self.frame(OUTSIDE), self._line, self._place,
-            runtime.scratch("glance state", ((len(mean) - AGENT) // 2 * 3 + 6, 1)),
+            mean, anchor, anchors, self.shape[1], self.occupied(), self.frame(OUTSIDE), self._line,
+            self._place, runtime.scratch("glance state", ((len(mean) - AGENT) // 2 * 3 + 6, 1)),
             runtime.scratch("glance path", (1, 4), np.int32), runtime.scratch("glance drawn", (1, 14)),
             born, told, measured,
         )  # fmt: skip
@@ -194,29 +197,30 @@ class Cells:
                 foresee(*arguments)
             cast(
                 *arguments, factor, self.occupied(), frame, self.held, surface, drawn, seen, belief,
-                self._line, self._place, self._scratch, self._touched, self._met, self._message,
+                self._line, self._place, self._sums, self._touched, self._met, self._message, self._news,
             )  # fmt: skip
 
     def forget(self) -> None:
         """Drop messages that were never absorbed, since a step was interrupted."""
         if self._pending:
             self._message.fill(0)
+            self._news.fill(0)
             self._pending = False
 
     def absorb(self) -> None:
         """Fold the messages of all paths and anchors into the beliefs, eq. (46)."""
-        self._fold(self._message)
+        self._fold(self._message, self._news)
         self._pending = False
 
-    def _fold(self, message: runtime.Resident) -> None:
+    def _fold(self, message: runtime.Resident, news: runtime.Resident) -> None:
         runtime.start()
         from gridslam.kernels.occupancy import absorb
 
         fresh, odds = np.empty(self.shape), float(np.log(self.prior / (1 - self.prior)))
-        self._stale = True  # until all of it is done
+        every, self._stale = int(self._stale), True  # until all of it is done
         absorb(
-            message, self._evidence, self._clear, odds, EVIDENCE_CLIP, fresh,
-            self.observed.view(np.uint8), self._occupied,
+            message, news, self._evidence.reshape(-1), self._clear, every, odds, EVIDENCE_CLIP,
+            fresh.reshape(-1), self.observed.view(np.uint8).reshape(-1), self._occupied,
         )  # fmt: skip
         self._evidence, self._stale = fresh, False
 

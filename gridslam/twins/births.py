@@ -84,9 +84,11 @@ def likely(state: Array, noise: Array, heard: Array, known: Whole, place: Array)
 
 
 def glance(
-    mean: Array, anchor: int, places: Array, occupied: Array, frame: Array, born: Whole, told: Array
-) -> Array:
+    mean: Array, anchor: int, places: Array, wide: int, occupied: Array, frame: Array, born: Whole,
+    told: Array,
+) -> Array:  # fmt: skip
     """Twin of `kernels.births.glance`: weighed births (B,)."""
+    occupied = occupied.reshape(2, -1, wide)
     lines, place, worth = mean[5:].reshape(-1, 2), places[anchor, :2], 0.3 * told[: born[0, 0], 2]
     for b, (_, last, first) in enumerate(born[1 : 1 + born[0, 0]]):
         ends = [lines[n] if n >= 0 else told[b, :2] for n in (last, first)]

@@ -199,8 +199,8 @@ def absorb(
     message: Array, before: Array, clear: Whole, prior: float, clip: float, observed: Whole
 ) -> tuple[Array, Array, Array]:
     """Twin of `kernels.occupancy.absorb`: evidence, which cells are observed, occupancy in both roles."""
-    total = message.sum(0)
+    total = message.sum(0, dtype=np.float64)
     evidence = np.clip(before + total, -clip, clip)
     both = 1 / (1 + np.exp(-np.stack([evidence + prior, evidence])))
-    both = np.clip(both, np.array([1e-4, 1e-3])[:, None, None], 0.99)
+    both = np.clip(both, np.array([[1e-4], [1e-3]]), 0.99)
     return evidence, (observed > 0) | (np.abs(total) > 0.01), np.where(clear > 0, 1e-6, both)
