@@ -63,7 +63,7 @@ def ratio_of(total, a, occupied, through, low, high):
     # both times 1 - o, since divisions take long
     if_free = ti.max((total + low) * free + lift * occupied, 1e-12)
     if_occupied = ti.max((total - lift + high) * free, 1e-12)
-    t = ti.cast(if_occupied - if_free, ti.f32) / ti.cast(if_occupied + if_free, ti.f32)
+    t = ti.cast((if_occupied - if_free) / (if_occupied + if_free), ti.f32)
     s = t * t
     ratio = 2 * t * (1 + s * (1 / 3 + s * (0.2 + s * (1 / 7 + s * (1 / 9 + s / 11)))))
     if s > 0.11:  # a ratio beyond 1 to 2
@@ -138,7 +138,7 @@ def cast(
     touched: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [2 SLABS, ny nx + 1] scratch
     met: ti.types.ndarray(dtype=ti.u8, ndim=2),  # [SLABS, ny nx] zero on entry and exit
     message: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [SLABS, ny nx] in/out: sum of log ratios
-    news: ti.types.ndarray(dtype=ti.u8, ndim=2),  # [SLABS, ny nx / CELLS] in/out: where there are messages
+    news: ti.types.ndarray(dtype=ti.u8, ndim=2),  # [SLABS, groups of CELLS] in/out: where there are any
 ):
     """Look ahead; cast the rays of all paths; add the log ratios to `message` of those that are to send.
 

@@ -28,7 +28,7 @@ def probability_of(odds):
 @ti.kernel
 def absorb(
     message: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [SLABS, N] sums of log ratios; 0 afterwards
-    news: ti.types.ndarray(dtype=ti.u8, ndim=2),  # [SLABS, N / CELLS] whether there are any; 0 afterwards
+    news: ti.types.ndarray(dtype=ti.u8, ndim=2),  # [SLABS, groups of CELLS] whether there are any; 0 after
     before: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] evidence: log odds without the prior
     clear: ti.types.ndarray(dtype=ti.u8, ndim=1),  # [N] whether the cell is next to an anchor
     every: ti.i32,  # whether occupancy is worked out where nothing is told, too

@@ -266,17 +266,53 @@ def test_worthless_paths_tell_cells_nothing_and_never_list_more_than_there_are(w
     assert cells.observed.any() == (worth == 3.0)
 
 
-def test_messages_of_an_interrupted_step_are_forgotten():
-    cells, place = Cells(np.zeros(2), 1.0, (4, 4), 5.0, np.array([[0.5, 0.5]])), np.array([[0.5, 0.5, 0.0]])
+def sighting(cells, worth=9.0):
+    """Tell 4 x 4 cells of a line of sight along their diagonal."""
     one, none = np.ones(1), np.full(1, -1)
     ray = Rays.of(np.zeros(1, int), np.zeros(1, int), none, none, one, one)
-    for forget in (True, False):
-        samples = Sampling.at(Cloud(np.array([[3.5, 3.5, 0.0]]).T, 0.0))
-        cells.tell(noted(ray, 9.0, True), samples, place, 0.0)
-        if forget:
-            cells.forget()
-        cells.absorb()
-        assert cells.evidence.any() != forget
+    samples = Sampling.at(Cloud(np.array([[3.5, 3.5, 0.0]]).T, 0.0))
+    cells.tell(noted(ray, worth, True), samples, np.array([[0.5, 0.5, 0.0]]), 0.0)
+
+
+def test_messages_of_an_interrupted_step_are_forgotten():
+    cells, other = (Cells(np.zeros(2), 1.0, (4, 4), 5.0, np.array([[0.5, 0.5]])) for _ in range(2))
+    sighting(cells)
+    cells.forget()
+    cells.absorb()
+    assert not cells.evidence.any()
+    for grid in (cells, other):
+        sighting(grid)
+        grid.absorb()
+    assert cells.evidence.any()
+    np.testing.assert_array_equal(cells.evidence, other.evidence)
+
+
+def test_occupancy_follows_evidence_that_is_set_and_a_step_that_was_interrupted(monkeypatch):
+    from gridslam.kernels import occupancy
+
+    cells = Cells(np.zeros(2), 1.0, (4, 4), 5.0, np.array([[0.5, 0.5]]))
+    sighting(cells)
+    cells.absorb()
+    before = cells.occupied().copy()
+    cells.evidence = np.full(cells.shape, 3.0)
+    assert (cells.occupied()[1] > 0.9).sum() == 15  # all but the anchor's own
+    known, absorb = cells.evidence, occupancy.absorb
+
+    def interrupted(*arguments):
+        absorb(*arguments)
+        raise KeyboardInterrupt
+
+    sighting(cells)
+    with monkeypatch.context() as patch:
+        patch.setattr(occupancy, "absorb", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            cells.absorb()
+    assert cells.evidence is known
+    assert (cells.occupied()[1] > 0.9).sum() == 15
+    cells.evidence = np.zeros(cells.shape)
+    sighting(cells)
+    cells.absorb()
+    np.testing.assert_array_equal(cells.occupied(), before)
 
 
 def test_notes_stay_when_room_is_made_and_there_is_never_any_where_none_are_kept():

@@ -109,13 +109,41 @@ def test_rays_cross_the_right_cells_a_thousand_columns_on(seed, tall):
     assert np.isclose(message, expected[1], rtol=1e-3, atol=1e-9).sum() >= message.size - 3
 
 
-def cast_sight(start, end, shape=(4, 4)):
+def cast_sight(start, end, shape=(4, 4), worth=9.0):
     """V and the messages of one line of sight through cells of 1 m with o = 0.1."""
     state, path = np.array([[*end, 0.0]]).T, np.array([[0, -1, -1]], np.int32)
     table = np.full(shape, 0.1)
     return launch_cast(
-        state, path, np.array(start), np.array([9.0]), table, table, np.array([0.0, 0.0, 1.0])
+        state, path, np.array(start), np.array([worth]), table, table, np.array([0.0, 0.0, 1.0])
     )[1:]
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 65), (64, 1), (8, 8)])
+@pytest.mark.parametrize("worth", [0.3, 0.51, 0.9, 1.0001, 1.4, 1.99, 2.01, 3.3])
+def test_a_cell_alone_on_a_ray_is_told_its_whole_worth(shape, worth):
+    """Free, it makes the path worth so much; occupied, nothing gets through."""
+    message = cast_sight((0.3, 0.4), (0.6, 0.5), shape, worth)[1]
+    assert message[0, 0] == pytest.approx(-np.log(worth), rel=5e-6, abs=2e-7)
+    assert np.count_nonzero(message) == 1
+
+
+def test_rays_that_rise_steeply_across_an_edge_cross_the_right_cells():
+    """In a bundle that goes the other way, and but a millionth of a cell along it."""
+    shape, rays = (40, 300), 48
+    draw = np.random.default_rng(1)
+    state = np.zeros((3, rays))
+    state[0], state[1] = draw.uniform(10, 250, rays), draw.uniform(1, 39, rays)
+    start, table = np.array([290.0 - 1e-6, 20.4]), draw.choice([1e-3, 0.02], shape)
+    for n, (along, rise) in enumerate([(1.3e-6, 18.3), (1.3e-6, -18.6), (1.6e-6, 19.1), (3e-6, -15.0)]):
+        state[0, n], state[1, n] = start[0] + along, start[1] + rise
+    path, frame = np.array([[0, -1, -1]], np.int32), np.array([0.0, 0.0, 1.0])
+    drawn, validity, message = launch_cast(state, path, start, np.array([0.5]), table, table, frame)
+    expected = twins.cast(
+        drawn[:, :8].reshape(-1, 4, 2), drawn[:, 8:12].reshape(-1, 2, 2), drawn[:, 12], path[:, 0],
+        np.array([0.5]), table, table, frame, rays, 0.1, 12.0,
+    )  # fmt: skip
+    np.testing.assert_allclose(validity, expected[0], rtol=1e-4)
+    np.testing.assert_allclose(message, expected[1], rtol=1e-3, atol=1e-7)
 
 
 @pytest.mark.parametrize(

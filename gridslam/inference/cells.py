@@ -218,6 +218,7 @@ class Cells:
 
         fresh, odds = np.empty(self.shape), float(np.log(self.prior / (1 - self.prior)))
         every, self._stale = int(self._stale), True  # until all of it is done
+        self.observed = np.ascontiguousarray(self.observed)  # which is written to in place
         absorb(
             message, news, self._evidence.reshape(-1), self._clear, every, odds, EVIDENCE_CLIP,
             fresh.reshape(-1), self.observed.view(np.uint8).reshape(-1), self._occupied,
