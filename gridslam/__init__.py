@@ -1,15 +1,15 @@
 """gridslam: radio multipath in, a map out."""
 
 from gridslam.errors import InputError
-from gridslam.fusion import fuse
-from gridslam.map import Map
-from gridslam.mapping import map_scene
-from gridslam.measurements import Measurements, Scan
-from gridslam.result import Run
-from gridslam.scene import Scene, bundled_scenes
-from gridslam.simulate import Truth, ground_truth, simulate
+from gridslam.maps.fusion import fuse
+from gridslam.maps.map import Map
+from gridslam.measurements.table import Measurements, Scan
+from gridslam.runs.map_scene import map_scene
+from gridslam.runs.run import Run
+from gridslam.simulation.image_source import Truth, ground_truth, simulate
 from gridslam.systems.grid import GridSlam
-from gridslam.trajectory import Trajectory
+from gridslam.world.scene import Scene, bundled_scenes
+from gridslam.world.trajectory import Trajectory
 
 __version__ = "0.1.0"
 __all__ = [

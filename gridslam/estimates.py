@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from gridslam.geometry import sfv, sfv_covariance, unit
+from gridslam.world.geometry import sfv, sfv_covariance, unit
 
 
 class _Rows:

@@ -29,5 +29,5 @@ USUAL_REFLECTION = 0.7
 """Coefficient of a known surface, where no better one is at hand."""
 
 SUMS = 9
-"""What `kernels.fitting` sums up of an anchor: misfit, degrees of freedom; gain times its precision, and
+"""What `fitting` sums up of an anchor: misfit, degrees of freedom; gain times its precision, and
 that; explained, loud; turn times its precision, and that; and the least effective number of particles."""

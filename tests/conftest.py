@@ -29,7 +29,7 @@ class Said(NamedTuple):
 @pytest.fixture
 def say(tmp_path, monkeypatch, capsys):
     """Call the command line in an empty folder: `say("run", "room")` gives exit code, stdout, stderr."""
-    from gridslam.cli import main
+    from gridslam.cli.main import main
 
     monkeypatch.chdir(tmp_path)
 
@@ -54,7 +54,7 @@ def short_room(tmp_path):
 @pytest.fixture
 def no_figures(monkeypatch):
     """Leave out the figures, which take longer than the filter."""
-    monkeypatch.setattr("gridslam.plots.draw_all", lambda folder: [])
+    monkeypatch.setattr("gridslam.viewers.plots.draw_all", lambda folder: [])
 
 
 @pytest.fixture

@@ -5,13 +5,13 @@ from functools import cache
 
 @cache
 def stages():
-    """Kernels (weigh and gate, densities, enter); arguments as of `gridslam.kernels.evaluation.evaluate`."""
+    """Kernels (weigh and gate, densities, enter); arguments as of `kernels.messages.evaluation`."""
     import taichi as ti
 
-    from gridslam.kernels.amplitudes import weigh
-    from gridslam.kernels.association import enter
-    from gridslam.kernels.gating import gate
-    from gridslam.kernels.paths import densities
+    from gridslam.kernels.messages.association import enter
+    from gridslam.kernels.messages.gating import gate
+    from gridslam.kernels.propagation.amplitudes import weigh
+    from gridslam.kernels.propagation.paths import densities
 
     whole, row = ti.types.ndarray(dtype=ti.i32, ndim=2), ti.types.ndarray(dtype=ti.i32, ndim=1)
     single, line = ti.types.ndarray(dtype=ti.f32, ndim=2), ti.types.ndarray(dtype=ti.f64, ndim=1)

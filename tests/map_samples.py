@@ -5,8 +5,8 @@ from dataclasses import fields
 import numpy as np
 
 from gridslam.estimates import SurfaceEstimate
-from gridslam.map import Map
-from gridslam.signal import REFLECTION_BINS
+from gridslam.maps.map import Map
+from gridslam.world.radio import REFLECTION_BINS
 
 BINS = len(REFLECTION_BINS)
 

@@ -115,7 +115,7 @@ def trace(scene, agent, step, building):
 if __name__ == "__main__":
     from dataclasses import replace
 
-    from gridslam.scene import Scene
+    from gridslam.world.scene import Scene
 
     name, _, through = (sys.argv[4] if len(sys.argv) > 4 else "plane").partition("+")
     place = replace(BUILDINGS[name], through=bool(through))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gridslam.formats import DEVIATIONS, KEYS, VALUES
+from gridslam.measurements.csv_hdf5 import DEVIATIONS, KEYS, VALUES
 
 COLUMNS = (*KEYS, *VALUES, *DEVIATIONS)
 

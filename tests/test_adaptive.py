@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gridslam as gs
-from gridslam.geometry import sfv
-from gridslam.inference.amplitudes import RayAmplitudes
-from gridslam.inference.heard import Heard
-from gridslam.inference.likelihood import DetectionTable
-from gridslam.inference.rays import Rays
-from gridslam.mapping import METHODS
+from gridslam.inference.messages.likelihood import DetectionTable
+from gridslam.inference.messages.ray_amplitudes import RayAmplitudes
+from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.rays import Rays
+from gridslam.runs.map_scene import METHODS
+from gridslam.world.geometry import sfv
 
 SIGNAL = gs.Scene.load("room").signal_model("agent1")
 TABLE = DetectionTable(SIGNAL)

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from kernel_worlds import random_belief, random_radio, random_table
 
 import gridslam as gs
-from gridslam import runtime, twins
-from gridslam.geometry import trace, wrap
-from gridslam.inference.belief import Belief, append
-from gridslam.inference.births import Births, bear
-from gridslam.inference.heard import Heard
+from gridslam import reference, runtime
+from gridslam.inference.messages.births import Births, bear
+from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.belief import Belief, append
+from gridslam.world.geometry import trace, wrap
 
 SIGNAL = gs.Scene.load("alcove").signal_model("agent1")
 PLACE, AGENT, HEADING = np.array([-0.7, 4.2]), np.array([4.25, -3.2]), np.pi
@@ -119,17 +119,17 @@ def nudged(into):
 @settings(max_examples=200, deadline=None)
 def test_a_new_surface_joins_the_belief_as_in_its_twin(seed, surfaces):
     runtime.start()
-    from gridslam.kernels.bearing import bear as launch
+    from gridslam.kernels.management.bearing import bear as launch
 
     draw = np.random.default_rng(seed)
     into = worth_a_birth(draw, surfaces)
     size = len(into[0]) + 2
     mean, covariance, reflection = np.full(size, np.nan), np.full((size, size), np.nan), np.full(20, np.nan)
     launch(*into, np.full(size, np.nan), mean, covariance, reflection)
-    wanted = twins.bear(*into)
+    wanted = reference.bear(*into)
     # an image next to its anchor makes no line: none that differences tell, and it is moved round and round
     assume(abs(wanted[0][-2]) < 5)
-    assume(np.abs(wanted[0][-2:] - twins.bear(*nudged(into))[0][-2:]).max() < 0.02)
+    assume(np.abs(wanted[0][-2:] - reference.bear(*nudged(into))[0][-2:]).max() < 0.02)
     scale = np.sqrt(np.diag(wanted[1]))
     assert (np.abs(mean - wanted[0]) < 0.01 * scale + 1e-5).all()  # directions are worked out to 1e-6 rad
     np.testing.assert_allclose(

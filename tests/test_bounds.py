@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gridslam.bounds import (
+from gridslam.evaluation.bounds import (
     AGENT,
     estimable_covariance,
     known_map_bound,
@@ -16,9 +16,9 @@ from gridslam.bounds import (
     unknown_map_bound,
     whitened_jacobian,
 )
-from gridslam.geometry import mirror, sfv_covariance, wrap
-from gridslam.scene import Scene
-from gridslam.simulate import true_paths
+from gridslam.simulation.image_source import true_paths
+from gridslam.world.geometry import mirror, sfv_covariance, wrap
+from gridslam.world.scene import Scene
 
 
 def linear_slam(draw, steps, landmarks):

@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from gridslam.scene import BUNDLED, Scene, bundled_scenes
-from gridslam.simulate import true_paths
+from gridslam.simulation.image_source import true_paths
+from gridslam.world.scene import BUNDLED, Scene, bundled_scenes
 
 
 def test_bundled_scenes_cite_their_source_and_say_what_is_hard():

@@ -211,7 +211,7 @@ def test_ctrl_c_while_nothing_is_done_leaves_nothing(say, short_room, monkeypatc
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(importlib.import_module("gridslam.simulate"), "true_paths", stop)
+    monkeypatch.setattr(importlib.import_module("gridslam.simulation.image_source"), "true_paths", stop)
     said = say("run", short_room, "-o", "out")
     assert (said.code, said.complaints) == (130, ["interrupted"])
     assert listing(tmp_path) == ["short.toml"]
@@ -221,7 +221,7 @@ def test_ctrl_c_while_drawing_keeps_the_run(say, short_room, monkeypatch):
     def stop(folder):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gridslam.plots.draw_all", stop)
+    monkeypatch.setattr("gridslam.viewers.plots.draw_all", stop)
     said = say("run", short_room, "--agent", "agent1", "-o", "out")
     assert said.code == 130
     assert "out holds what was done" in said.err
@@ -261,7 +261,7 @@ def test_disk_full_at_the_figures_keeps_the_rest(say, short_room, monkeypatch):
     def full(path, content):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("gridslam.plots.write_bytes", full)
+    monkeypatch.setattr("gridslam.viewers.plots.write_bytes", full)
     said = say("run", short_room, "--agent", "agent1", "-o", "out")
     assert said.code == 2
     assert len(said.complaints) == 1

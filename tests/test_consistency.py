@@ -7,10 +7,10 @@ import pytest
 from scipy.stats import binom, kstest
 
 import gridslam as gs
-from gridslam.consistency import follow, nees, nees_band, true_rays, virtual_anchors
 from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
-from gridslam.geometry import line_of_sfv, mirror
-from gridslam.surface_truth import HeardSurfaces, surface_scores
+from gridslam.evaluation.consistency import follow, nees, nees_band, true_rays, virtual_anchors
+from gridslam.evaluation.surface_truth import HeardSurfaces, surface_scores
+from gridslam.world.geometry import line_of_sfv, mirror
 
 
 def test_nees_of_the_right_covariance_is_chi_square_and_of_a_bold_one_is_not():

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from gridslam.diagnose import describe, suspicions
+from gridslam.checks.diagnose import describe, suspicions
+from gridslam.checks.line_of_sight_filter import explain, turning_rad
 from gridslam.errors import InputError
-from gridslam.geometry import wrap
-from gridslam.measurements import Measurements
-from gridslam.scene import Scene
-from gridslam.sight import explain, turning_rad
-from gridslam.signal import SPEED_OF_LIGHT
-from gridslam.simulate import simulate
+from gridslam.measurements.table import Measurements
+from gridslam.simulation.image_source import simulate
+from gridslam.world.geometry import wrap
+from gridslam.world.radio import SPEED_OF_LIGHT
+from gridslam.world.scene import Scene
 
 SCENES = {name: Scene.load(name) for name in ("room", "alcove")}
 

@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gridslam as gs
-from gridslam import disturbances, unusual_paths
-from gridslam.formats import KEYS, VALUES
-from gridslam.simulate import true_paths
+from gridslam.measurements.csv_hdf5 import KEYS, VALUES
+from gridslam.simulation import disturbances, unusual_paths
+from gridslam.simulation.image_source import true_paths
+from gridslam.world import geometry
 
 CASE = disturbances.undisturbed(gs.Scene.load("room"), seed=1)
 
@@ -114,7 +115,7 @@ def test_triple_bounces_leave_as_seen_from_the_other_end(room):
     np.testing.assert_allclose(np.sort(own.distance_m), np.sort(first.distance_m), rtol=1e-9)
     away = first.aod_rad + room.scene.anchor_orientations[0]
     order, other = np.argsort(first.distance_m), np.argsort(own.distance_m)
-    gap = gs.geometry.wrap(own.aoa_rad[other] - away[order])
+    gap = geometry.wrap(own.aoa_rad[other] - away[order])
     np.testing.assert_allclose(gap, 0, atol=1e-9)
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from gridslam.dxf import read_walls
 from gridslam.errors import InputError
-from gridslam.floorplans import plan_of, write_plan
-from gridslam.scene import Scene
+from gridslam.importers.dxf import read_walls
+from gridslam.importers.floorplans import plan_of, write_plan
+from gridslam.world.scene import Scene
 
 ezdxf = pytest.importorskip("ezdxf")
 

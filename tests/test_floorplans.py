@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gridslam import geojson
-from gridslam.cli import main
+from gridslam.cli.main import main
 from gridslam.errors import InputError
 from gridslam.estimates import SurfaceEstimate
-from gridslam.floorplans import Line, plan_of, write_plan
-from gridslam.geometry import line_through
-from gridslam.scene import Scene
+from gridslam.importers import geojson
+from gridslam.importers.floorplans import Line, plan_of, write_plan
+from gridslam.world.geometry import line_through
+from gridslam.world.scene import Scene
 
 ROOM = [[0, 0], [8, 0], [8, 6], [0, 6], [0, 0]]
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from tables import same, table
 
-from gridslam import foreign
 from gridslam.errors import InputError
-from gridslam.formats import KIND
-from gridslam.measurements import Measurements
+from gridslam.io import hdf5_guard
+from gridslam.measurements.csv_hdf5 import KIND
+from gridslam.measurements.table import Measurements
 
 HERE = Measurements(**table(8))
 
@@ -41,7 +41,7 @@ def change(path, at, new):
 
 def test_files_of_both_are_read_and_only_those_of_others_in_another_process(ours, theirs, monkeypatch):
     same(Measurements.from_h5(theirs), Measurements.from_h5(ours))
-    monkeypatch.setattr(foreign.subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=-11))
+    monkeypatch.setattr(hdf5_guard.subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=-11))
     same(Measurements.from_h5(ours), HERE)
     with pytest.raises(InputError, match="crashes the HDF5 library"):
         Measurements.from_h5(theirs)
@@ -67,7 +67,7 @@ def test_ours_after_a_change_by_another_program_is_read(ours):
 
 def test_endless_loop_of_the_library_ends(theirs, monkeypatch):
     """One wrong bit in the length of a text: h5py 3.16 with HDF5 2.0 never comes back from it."""
-    monkeypatch.setattr(foreign, "START_S", 1.5)
+    monkeypatch.setattr(hdf5_guard, "START_S", 1.5)
     change(theirs, theirs.read_bytes().index(b"GCOL") + 25, b"\x02")
     with pytest.raises(InputError, match=r"theirs\.h5"):
         Measurements.from_h5(theirs)

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from tables import same, table
 
 from gridslam.errors import InputError
-from gridslam.formats import DEVIATIONS, VALUES
-from gridslam.measurements import Measurements
-from gridslam.scene import Scene
-from gridslam.simulate import simulate
-from gridslam.trajectory import Trajectory
+from gridslam.measurements.csv_hdf5 import DEVIATIONS, VALUES
+from gridslam.measurements.table import Measurements
+from gridslam.simulation.image_source import simulate
+from gridslam.world.scene import Scene
+from gridslam.world.trajectory import Trajectory
 
 HEADER = "step,time_s,anchor,distance_m,aod_rad,aoa_rad,amplitude"
 

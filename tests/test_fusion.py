@@ -11,8 +11,8 @@ from map_samples import assert_same, random_map, surfaces
 
 from gridslam.errors import InputError
 from gridslam.estimates import SurfaceEstimate
-from gridslam.fusion import fuse
-from gridslam.map import Map
+from gridslam.maps.fusion import fuse
+from gridslam.maps.map import Map
 
 
 @given(seeds=st.lists(st.integers(0, 10**6), min_size=2, max_size=3, unique=True), order=st.randoms())

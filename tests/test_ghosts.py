@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gridslam.geometry import line_between, mirror
-from gridslam.inference import ghosts
-from gridslam.inference.belief import Belief, append
-from gridslam.inference.surfaces import Bank
-from gridslam.signal import REFLECTION_BINS
+from gridslam.inference.management import ghosts
+from gridslam.inference.state.belief import Belief, append
+from gridslam.inference.state.surface_bank import Bank
+from gridslam.world.geometry import line_between, mirror
+from gridslam.world.radio import REFLECTION_BINS
 
 NEAR_M, AROUND_M = 0.5, 1.0
 """Gaps of virtual anchors that are looked at, as kernels have them."""

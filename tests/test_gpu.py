@@ -10,7 +10,8 @@ import pytest
 from tiny import TINY
 
 import gridslam as gs
-from gridslam import bench_kernels, runtime
+from gridslam import runtime
+from gridslam.bench import kernels as bench_kernels
 from gridslam.kernels import CELL_SLABS
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")

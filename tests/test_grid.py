@@ -10,11 +10,12 @@ import pytest
 from scene_samples import shortened
 
 import gridslam as gs
-from gridslam import checkpoint, files
-from gridslam.bounds import known_map_bound
 from gridslam.estimates import SurfaceEstimate
-from gridslam.inference.heard import hear
-from gridslam.mapping import METHODS
+from gridslam.evaluation.bounds import known_map_bound
+from gridslam.inference.state.anchor_measurements import hear
+from gridslam.io import files
+from gridslam.runs.map_scene import METHODS
+from gridslam.systems import checkpoint
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 SEEDS = (1, 2, 3)
@@ -124,7 +125,7 @@ def test_rows_of_anchors_that_the_scene_lacks_are_passed_over():
 
 
 def test_the_command_line_maps_room_and_repeats_bit_for_bit(tmp_path):
-    command = [sys.executable, "-c", "from gridslam.cli import main; main()"]
+    command = [sys.executable, "-c", "from gridslam.cli.main import main; main()"]
     summaries = []
     for threads in ("1", "3"):
         folder = tmp_path / threads
@@ -151,7 +152,7 @@ def test_the_command_line_maps_room_and_repeats_bit_for_bit(tmp_path):
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(words, tmp_path):
-    command = [sys.executable, "-c", "from gridslam.cli import main; main()", *words]
+    command = [sys.executable, "-c", "from gridslam.cli.main import main; main()", *words]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1
@@ -194,7 +195,7 @@ def test_an_adapted_number_of_particles_leads_to_the_same_place():
 
 
 def test_every_launch_of_a_running_filter_is_a_quick_one(monkeypatch):
-    from gridslam.kernels import launching
+    from gridslam.kernels.primitives import launching
 
     scene = shortened(gs.Scene.load("room"), 6)
     slam, (first, *rest) = gs.GridSlam(scene, seed=1), list(gs.simulate(scene, "agent1", 1))

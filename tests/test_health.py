@@ -10,17 +10,19 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 import gridslam as gs
-from gridslam import disturbances, robustness
-from gridslam.bounds import known_map_bound
 from gridslam.estimates import Health
-from gridslam.geometry import wrap
-from gridslam.inference import relocation
-from gridslam.inference.belief import Belief, append
-from gridslam.inference.evaluation import Evaluation, Pairs
-from gridslam.inference.heard import hear
-from gridslam.inference.likelihood import DetectionTable
-from gridslam.inference.watch import LEAST_CLUTTER, MOST_CLUTTER, Watch, innovation_band
-from gridslam.kernels import tables
+from gridslam.evaluation.bounds import known_map_bound
+from gridslam.inference.management import pose_recovery
+from gridslam.inference.messages.likelihood import DetectionTable
+from gridslam.inference.messages.likelihood_ratios import Evaluation, Pairs
+from gridslam.inference.state.anchor_measurements import hear
+from gridslam.inference.state.belief import Belief, append
+from gridslam.inference.state.calibration import LEAST_CLUTTER, MOST_CLUTTER, Watch, innovation_band
+from gridslam.kernels.primitives import tables
+from gridslam.simulation import disturbances
+from gridslam.studies import robustness
+from gridslam.world import geometry
+from gridslam.world.geometry import wrap
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
@@ -179,33 +181,33 @@ def test_the_agent_is_found_wherever_it_was_believed(room, signal, off):
     belief = mapped(room, truth + off, (2.0, 1.5))
     lines = belief.lines
     sources = [
-        relocation.Sources(
-            np.concatenate([heard.place[None], gs.geometry.mirror(lines, heard.place)]),
+        pose_recovery.Sources(
+            np.concatenate([heard.place[None], geometry.mirror(lines, heard.place)]),
             np.concatenate([np.zeros((1, 2)), lines]), np.array([1, 0.7, 0.7, 0.7, 0.7]), np.full(5, 0.9),
         )
         for heard in scan_of(room, step)
     ]  # fmt: skip
-    fix = relocation.find_pose(
+    fix = pose_recovery.find_pose(
         belief, belief, sources, scan_of(room, step), DetectionTable(signal), signal, [1, 2]
     )
     assert np.linalg.norm(fix.pose[:2] - truth[:2]) < 0.15
     assert abs(wrap(fix.pose[2] - truth[2])) < 0.1
-    assert fix.lead > relocation.CLEAR
-    assert fix.gain > relocation.WORTH
-    after = relocation.moved(relocation.freed(belief, 1.0, 0.03), fix, 0.01)
+    assert fix.lead > pose_recovery.CLEAR
+    assert fix.gain > pose_recovery.WORTH
+    after = pose_recovery.moved(pose_recovery.freed(belief, 1.0, 0.03), fix, 0.01)
     assert np.linalg.norm(after.mean[:2] - truth[:2]) < 0.3
     assert np.linalg.eigvalsh(after.covariance).min() > -1e-12
 
 
 def test_no_measurement_gives_no_fix(room, signal):
     belief = mapped(room, (0.0, 0.0, 0.0), (1.0, 1.0))
-    assert relocation.find_pose(belief, belief, [], [], DetectionTable(signal), signal, [1]) is None
+    assert pose_recovery.find_pose(belief, belief, [], [], DetectionTable(signal), signal, [1]) is None
 
 
 def test_a_jump_cuts_the_agent_from_the_map_and_keeps_the_map(room):
     belief = mapped(room, (0.0, 0.0, 0.0), (0.01, 0.01))
-    fix = relocation.Fix(np.array([2.0, 1.0, 1.0]), np.diag([1e-3, 1e-3, 1e-3]), 50.0, 50.0)
-    after = relocation.moved(belief, fix, 0.04)
+    fix = pose_recovery.Fix(np.array([2.0, 1.0, 1.0]), np.diag([1e-3, 1e-3, 1e-3]), 50.0, 50.0)
+    after = pose_recovery.moved(belief, fix, 0.04)
     np.testing.assert_allclose(after.mean[[0, 1, 4]], fix.pose)
     np.testing.assert_array_equal(after.mean[5:], belief.mean[5:])
     np.testing.assert_array_equal(after.covariance[5:, 5:], belief.covariance[5:, 5:])

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from kernel_worlds import random_table
 
 import gridslam as gs
-from gridslam import runtime, twins
-from gridslam.inference.amplitudes import RayAmplitudes
+from gridslam import reference, runtime
+from gridslam.inference.messages.ray_amplitudes import RayAmplitudes
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 SIGNAL = gs.Scene.load("room").signal_model("agent1")
@@ -27,7 +27,7 @@ def histograms(draw, paths):
 @given(seeds, st.integers(0, 5))
 @settings(max_examples=40, deadline=None)
 def test_walking_histograms_equal_their_twin(seed, paths):
-    from gridslam.kernels.histograms import walk
+    from gridslam.kernels.messages.histograms import walk
 
     draw = np.random.default_rng(seed)
     length = draw.choice([0.0, 0.1, 3.0, 40.0], (2, paths)) + draw.uniform(0, 1, (2, paths))
@@ -35,7 +35,7 @@ def test_walking_histograms_equal_their_twin(seed, paths):
     kept, existence = histograms(draw, paths), draw.choice([0.005, 0.01, 0.5, 0.95], paths)
     ahead, mean = np.full((paths, len(NODES)), np.nan), np.full(paths, np.nan)
     walk(kept, length, existence, TABLE, NUMBER, np.full(len(NODES), np.nan), ahead, mean)
-    wanted = twins.walk(kept, length, existence, TABLE, NUMBER)
+    wanted = reference.walk(kept, length, existence, TABLE, NUMBER)
     np.testing.assert_allclose(ahead, wanted[0], rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(mean, wanted[1], rtol=1e-6)
     np.testing.assert_allclose(ahead.sum(1), 1, atol=1e-9)
@@ -44,7 +44,7 @@ def test_walking_histograms_equal_their_twin(seed, paths):
 @given(seeds, st.integers(0, 5), st.integers(0, 6))
 @settings(max_examples=40, deadline=None)
 def test_histograms_that_listened_equal_their_twin(seed, paths, count):
-    from gridslam.kernels.histograms import listen
+    from gridslam.kernels.messages.histograms import listen
 
     draw = np.random.default_rng(seed)
     ahead, heard = histograms(draw, paths), random_table(draw, count)
@@ -52,6 +52,6 @@ def test_histograms_that_listened_equal_their_twin(seed, paths, count):
     responsible[draw.random((paths, count)) < 0.3] = 0.0
     density, after = np.full((count, len(NODES)), np.nan), np.full(ahead.shape, np.nan)
     listen(ahead, heard, responsible, TABLE, NUMBER, float(SIGNAL.samples), density, after)
-    wanted = twins.listen(ahead, heard, responsible, TABLE, NUMBER, SIGNAL.samples)
+    wanted = reference.listen(ahead, heard, responsible, TABLE, NUMBER, SIGNAL.samples)
     np.testing.assert_allclose(after, wanted, rtol=1e-4, atol=1e-9)
     np.testing.assert_allclose(after.sum(1), 1, atol=1e-9)

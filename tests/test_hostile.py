@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 from tables import table
 
-from gridslam import geojson
-from gridslam.diagnose import describe
+from gridslam.checks.diagnose import describe
 from gridslam.errors import InputError
-from gridslam.floorplans import plan_of
-from gridslam.foreign import seal
-from gridslam.formats import KIND
-from gridslam.measurements import Measurements
-from gridslam.scene import BUNDLED, Scene
+from gridslam.importers import geojson
+from gridslam.importers.floorplans import plan_of
+from gridslam.io.hdf5_guard import seal
+from gridslam.measurements.csv_hdf5 import KIND
+from gridslam.measurements.table import Measurements
+from gridslam.world.scene import BUNDLED, Scene
 
 VECTORS = {name: np.asarray(values) for name, values in table(8).items() if name != "anchors"}
 ROWS = ["step,time_s,anchor,distance_m,aod_rad,aoa_rad,amplitude"]
@@ -193,7 +193,7 @@ def test_geojson(tmp_path, content):
 @given(content=damaged(DRAWING.encode()) | retold(DRAWING))
 def test_dxf(tmp_path, content):
     pytest.importorskip("ezdxf")
-    from gridslam.dxf import read_walls
+    from gridslam.importers.dxf import read_walls
 
     def read(path):
         lines, _ = read_walls(path)
@@ -206,7 +206,7 @@ def test_good_files_are_read(tmp_path, good):
     """What the damaged ones are made of."""
     ezdxf = pytest.importorskip("ezdxf")
     assert ezdxf
-    from gridslam.dxf import read_walls
+    from gridslam.importers.dxf import read_walls
 
     (tmp_path / "a.dxf").write_text(DRAWING)
     assert len(read_walls(tmp_path / "a.dxf")[0]) == 8

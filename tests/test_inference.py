@@ -10,16 +10,16 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 import gridslam as gs
-from gridslam.bounds import known_map_bound
-from gridslam.geometry import line_between, line_of_sfv, mirror, sfv, trace, wrap
-from gridslam.inference import notes as notes_module
-from gridslam.inference.association import associate
-from gridslam.inference.belief import AGENT, Belief, separated, update
-from gridslam.inference.cells import Cells
-from gridslam.inference.notes import Notes
-from gridslam.inference.particles import BIN_M, DIVERGENCE, PORTION, Cloud, Particles, Sampling, needed
-from gridslam.inference.rays import Rays
+from gridslam.evaluation.bounds import known_map_bound
+from gridslam.inference.messages.association import associate
+from gridslam.inference.messages.cells import Cells
+from gridslam.inference.state import path_messages as notes_module
+from gridslam.inference.state.belief import AGENT, Belief, separated, update
+from gridslam.inference.state.particles import BIN_M, DIVERGENCE, PORTION, Cloud, Particles, Sampling, needed
+from gridslam.inference.state.path_messages import Notes
+from gridslam.inference.state.rays import Rays
 from gridslam.kernels import PATH_BLOCK
+from gridslam.world.geometry import line_between, line_of_sfv, mirror, sfv, trace, wrap
 
 angles, offsets = st.floats(-3, 3), st.floats(0.5, 20)
 places = st.tuples(st.floats(-20, 20), st.floats(-20, 20)).map(np.array)
@@ -288,7 +288,7 @@ def test_messages_of_an_interrupted_step_are_forgotten():
 
 
 def test_occupancy_follows_evidence_that_is_set_and_a_step_that_was_interrupted(monkeypatch):
-    from gridslam.kernels import occupancy
+    from gridslam.kernels.propagation import occupancy
 
     cells = Cells(np.zeros(2), 1.0, (4, 4), 5.0, np.array([[0.5, 0.5]]))
     sighting(cells)

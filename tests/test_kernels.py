@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from kernel_stages import stages
 from kernel_worlds import random_world
 
-from gridslam import runtime, twins
-from gridslam.inference.belief import Belief
-from gridslam.inference.particles import Sampling
-from gridslam.inference.prediction import Ahead
-from gridslam.inference.surfaces import Bank
+from gridslam import reference, runtime
+from gridslam.inference.messages.prediction import Ahead
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.particles import Sampling
+from gridslam.inference.state.surface_bank import Bank
 from gridslam.kernels import PATH_BLOCK
-from gridslam.signal import REFLECTION_BINS
+from gridslam.world.radio import REFLECTION_BINS
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 seeds = st.integers(0, 2**32 - 1)
@@ -34,7 +34,7 @@ def with_anchor(path):
 
 
 def expected_densities(state, path, start, pair, place):
-    return twins.densities(state, with_anchor(path), place[None].astype(float), start, pair, PATH_BLOCK)
+    return reference.densities(state, with_anchor(path), place[None].astype(float), start, pair, PATH_BLOCK)
 
 
 @given(seeds)
@@ -46,9 +46,9 @@ def test_path_evaluation_equals_its_twin(seed):
     per_path = draw.integers(0, 3, len(path))
     start = np.concatenate([[0], np.cumsum(per_path)]).astype(np.int32)
     pair = np.zeros((start[-1], 11), np.float32)
-    surfaces = twins.lines_of(state).mean(1)
+    surfaces = reference.lines_of(state).mean(1)
     for row, (bounces, last, first) in enumerate(path):
-        drawn = twins.trace(
+        drawn = reference.trace(
             agent[None, :2].mean(2).astype(float), place[None, :2].astype(float), surfaces[[max(last, 0)]],
             surfaces[[max(first, 0)]], np.array([bounces]),
         )  # fmt: skip
@@ -92,7 +92,7 @@ def test_a_wall_that_the_path_runs_along_or_stands_on_gives_no_reflection():
 @given(seeds)
 @settings(max_examples=25, deadline=None)
 def test_drawn_polylines_equal_their_twin(seed):
-    from gridslam.kernels.paths import polylines
+    from gridslam.kernels.propagation.paths import polylines
 
     draw = np.random.default_rng(seed)
     state, path, place = random_world(draw, 7, np.float64)
@@ -100,7 +100,7 @@ def test_drawn_polylines_equal_their_twin(seed):
     path = np.pad(path, ((0, 0), (0, 1)))
     polylines(state, path, place[None], drawn)
     drawn = drawn.reshape(len(path), 7, 13)
-    expected, possible = twins.polylines(state, path, place[None])
+    expected, possible = reference.polylines(state, path, place[None])
     near = np.abs(expected).max((2, 3)) < 1e3
     np.testing.assert_array_equal(drawn[near, 12], possible[near])
     np.testing.assert_allclose(drawn[near, :8].reshape(-1, 4, 2), expected[near], rtol=1e-6, atol=1e-6)
@@ -108,7 +108,7 @@ def test_drawn_polylines_equal_their_twin(seed):
 
 
 def test_a_quick_launch_is_the_same_and_refuses_what_it_was_not_compiled_for():
-    from gridslam.kernels.paths import polylines
+    from gridslam.kernels.propagation.paths import polylines
 
     draw = np.random.default_rng(3)
     state, places = draw.normal(size=(9, 5)), np.zeros((1, 3))
@@ -132,7 +132,7 @@ def test_a_quick_launch_is_the_same_and_refuses_what_it_was_not_compiled_for():
 def test_a_launch_takes_what_it_is_given_whatever_it_was_given_before():
     import taichi as ti
 
-    from gridslam.kernels.paths import polylines
+    from gridslam.kernels.propagation.paths import polylines
 
     draw, places = np.random.default_rng(4), np.zeros((1, 3))
     path = np.array([[1, 0, 0, 0], [2, 0, 1, 0]], np.int32)
@@ -159,8 +159,8 @@ def test_a_launch_takes_what_it_is_given_whatever_it_was_given_before():
 
 
 def test_launches_that_are_kept_side_by_side_are_not_mixed_up():
-    from gridslam.kernels.launching import MOST_KEPT
-    from gridslam.kernels.paths import polylines
+    from gridslam.kernels.primitives.launching import MOST_KEPT
+    from gridslam.kernels.propagation.paths import polylines
 
     draw, places = np.random.default_rng(6), np.zeros((1, 3))
     worlds = [
@@ -190,7 +190,7 @@ def test_what_lasts_is_kept_by_site_key_and_thread():
 
 
 def test_a_kernel_of_another_taichi_is_launched_as_it_is():
-    from gridslam.kernels.launching import quick
+    from gridslam.kernels.primitives.launching import quick
 
     def kernel():
         """Without what Taichi 1.7 keeps of a kernel."""
@@ -201,7 +201,7 @@ def test_a_kernel_of_another_taichi_is_launched_as_it_is():
 @pytest.mark.parametrize("surfaces", [0, 1, 7])
 @pytest.mark.parametrize("spread", [0.01, 3.0])
 def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
-    from gridslam.kernels.evaluation import evaluate
+    from gridslam.kernels.messages.evaluation import evaluate
 
     random, size = np.random.default_rng(5), 5 + 2 * surfaces
     root = np.tril(spread * random.normal(size=(size, size)) / np.sqrt(size)).astype(np.float32)
@@ -216,12 +216,12 @@ def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
         np.zeros((1, 11), np.float32), np.zeros((11, 0)), np.zeros(1, np.int32), np.zeros((1, 2), np.int32),
         np.zeros((1, 8)), state, np.zeros((0, 3), np.float32), np.zeros((5, 0, 0)), np.zeros((4, 0)),
     )  # fmt: skip
-    np.testing.assert_allclose(state, twins.draw(root, base, points), atol=1e-5)
+    np.testing.assert_allclose(state, reference.draw(root, base, points), atol=1e-5)
 
 
 def drawn_by(belief, points, first, samples):
     """What the kernel that looks ahead makes ready of a belief: its draft."""
-    from gridslam.kernels.rays import foresee
+    from gridslam.kernels.propagation.rays import foresee
 
     surfaces = len(belief.lines)
     bank, anchors = Bank.empty(1), np.zeros((1, 3))
@@ -246,7 +246,7 @@ def test_a_root_and_its_samples_equal_their_twin(seed, surfaces, count):
     draft = drawn_by(Belief(mean, covariance), points, first, count)
     assert draft.failed[0] == 0
     taken = points[:size, (first + np.arange(count)) % 64].astype(float)  # after the last comes the first
-    for found, wanted in zip(draft, twins.prepare(mean, covariance, 0.9, taken), strict=False):
+    for found, wanted in zip(draft, reference.prepare(mean, covariance, 0.9, taken), strict=False):
         np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-6)
 
 
@@ -255,7 +255,7 @@ def test_the_root_of_a_singular_covariance_is_taken_another_way():
     points = np.random.default_rng(2).standard_normal((5, 4000)).astype(np.float32)
     draft = drawn_by(belief, points, 0, 4000)
     np.testing.assert_allclose(
-        draft.state, twins.draw(belief.root, draft.base, points.astype(float)), atol=1e-6
+        draft.state, reference.draw(belief.root, draft.base, points.astype(float)), atol=1e-6
     )
     np.testing.assert_allclose(draft.state[1:], [[1.0] * 4000, [4.0] * 4000], atol=1e-7)
     np.testing.assert_allclose(draft.root, 0.9 * belief.root, rtol=1e-6)

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from map_samples import BINS, assert_same, random_map
 
 from gridslam.errors import InputError
-from gridslam.map import Map
-from gridslam.signal import REFLECTION_BINS
+from gridslam.maps.map import Map
+from gridslam.world.radio import REFLECTION_BINS
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1  # values of a ROS occupancy grid
 
@@ -207,7 +207,7 @@ def test_full_disk_leaves_the_old_file_and_no_rest(tmp_path):
     random_map(1).save(tmp_path / "map.h5")
     before = (tmp_path / "map.h5").read_bytes()
     code = (
-        "import resource, signal, sys; from gridslam.map import Map; from gridslam.errors import InputError\n"
+        "import resource, signal, sys; from gridslam import InputError, Map\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN); grid = Map.load(sys.argv[1])\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n"
         "try: grid.save(sys.argv[1])\n"

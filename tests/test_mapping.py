@@ -8,10 +8,10 @@ from rich.console import Console
 from scene_samples import shortened
 
 import gridslam as gs
-from gridslam.frames import fitted, stamped
-from gridslam.progress import progress_bar
-from gridslam.scoring import inherited_truth, known_bound, truth_of, with_truth
-from gridslam.trajectory import Trajectory
+from gridslam.evaluation.ground_truth import inherited_truth, known_bound, truth_of, with_truth
+from gridslam.maps.frames import fitted, stamped
+from gridslam.runs.progress import progress_bar
+from gridslam.world.trajectory import Trajectory
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 STEPS = 4

@@ -10,7 +10,7 @@ from scipy.io import savemat
 from tables import same, table
 
 from gridslam.errors import InputError
-from gridslam.measurements import Measurements
+from gridslam.measurements.table import Measurements
 
 VECTORS = {name: values for name, values in table(6).items() if name != "anchors"}
 
@@ -144,7 +144,7 @@ def test_array_that_claims_more_than_the_file_holds_is_refused(tmp_path, group, 
 
 
 def test_packed_zeros_are_refused_before_they_fill_the_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr("gridslam.matlab.LARGEST_MAT_BYTES", 2**20)
+    monkeypatch.setattr("gridslam.measurements.matlab.LARGEST_MAT_BYTES", 2**20)
     write_5(tmp_path / "a.mat", columns())
     content = (tmp_path / "a.mat").read_bytes()[:128]
     bomb = zlib.compress(bytes(2**24))

@@ -5,8 +5,8 @@ import pytest
 from tables import same, table
 
 from gridslam.errors import InputError
-from gridslam.formats import VALUES
-from gridslam.measurements import Measurements
+from gridslam.measurements.csv_hdf5 import VALUES
+from gridslam.measurements.table import Measurements
 
 # ---- steps
 

@@ -8,7 +8,7 @@ from kernel_stages import stages
 from kernel_worlds import detection_table, random_bank, random_belief, random_radio, random_table
 from scipy.special import i0e
 
-from gridslam import runtime, twins
+from gridslam import reference, runtime
 from gridslam.kernels import PATH_BLOCK, SUMS
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
@@ -40,7 +40,7 @@ def test_gated_pairs_equal_their_twin(seed, given_std, flat_array, spreading):
     strength = np.full((2, paths, count), np.nan)
     given_to = belief, level, float(spreading), predicted, heard, chance, step, radio, 0.1
     measured = np.full((4, count), np.nan)
-    chosen, expected, inverse, sure, weight = twins.gate(*given_to, odds)
+    chosen, expected, inverse, sure, weight = reference.gate(*given_to, odds)
     gate(*given_to, np.empty((2, count, nodes)), strength, odds, start, index, pair, table, measured)
     found = start[-1]
     np.testing.assert_allclose(odds[3], sure, rtol=1e-6)
@@ -61,7 +61,7 @@ def test_gated_pairs_equal_their_twin(seed, given_std, flat_array, spreading):
 def test_the_scaled_bessel_function_is_as_precise_as_it_says():
     import taichi as ti
 
-    from gridslam.kernels.radio import scaled_bessel
+    from gridslam.kernels.primitives.radio import scaled_bessel
 
     @ti.kernel
     def tabulate(x: ti.types.ndarray(dtype=ti.f64, ndim=1), y: ti.types.ndarray(dtype=ti.f64, ndim=1)):
@@ -90,7 +90,7 @@ def test_messages_into_the_association_equal_their_twin(seed):
     odds[:4] = draw.uniform(0, 1, (4, paths))
     message, measured = np.full((5, paths, count), 7.0), np.full((4, count), 7.0)
     given_to = blocks, start, index, pair, odds, message, measured
-    expected = twins.enter(*given_to)
+    expected = reference.enter(*given_to)
     enter(*given_to)
     for found, wanted in zip((odds, message, measured), expected, strict=True):
         np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-12)
@@ -100,14 +100,14 @@ def test_messages_into_the_association_equal_their_twin(seed):
 @given(seeds, st.booleans())
 @settings(max_examples=25, deadline=None)
 def test_evaluation_equals_its_twin(seed, spreading):
-    from gridslam.kernels.evaluation import evaluate
+    from gridslam.kernels.messages.evaluation import evaluate
 
     draw = np.random.default_rng(seed)
     surfaces, count, nodes, blocks = int(draw.integers(0, 4)), int(draw.integers(0, 9)), 12, 3
     mean, covariance, path = random_belief(draw, surfaces)
     places = np.column_stack([draw.uniform(-5, 5, (2, 2)), draw.uniform(-3, 3, 2)])
     path[:, 3] = draw.integers(0, 2, len(path))
-    value, _, spread = twins.predict(mean, covariance, path, places)
+    value, _, spread = reference.predict(mean, covariance, path, places)
     rows = value[:, 0] > 0.5  # next to its image, an agent has no direction to it
     path, predicted = path[rows], np.concatenate([value, spread.reshape(-1, 9)], 1)[rows]
     paths, most = len(path), max(len(path) * count, 1)
@@ -121,7 +121,7 @@ def test_evaluation_equals_its_twin(seed, spreading):
     odds[:3] = draw.choice([0.0, 0.7, 1.0], (3, paths), p=[0.1, 0.5, 0.4])
     measured, state = np.full((4, count), 7.0), np.empty((3 + 3 * surfaces, points.shape[1]), np.float32)
     given_to = belief, level, float(spreading), predicted, heard, *detection_table(), radio, kept, root, base
-    expected = twins.evaluate(*given_to, points, path, places, odds, state, message, measured)
+    expected = reference.evaluate(*given_to, points, path, places, odds, state, message, measured)
     out = {
         "odds": odds, "start": np.full(paths + 1, -1, np.int32), "index": np.full((most, 2), -1, np.int32),
         "pair": np.full((most, 8), np.nan), "state": state,
@@ -145,7 +145,7 @@ def test_evaluation_equals_its_twin(seed, spreading):
     # what enters the association follows from these blocks, whose least weights only the twin keeps
     own = (out[name] for name in ("blocks", "start", "index", "pair"))
     before = odds, np.full_like(message, 7.0), np.full_like(measured, 7.0)
-    _, entered, explained = twins.enter(*own, *before)
+    _, entered, explained = reference.enter(*own, *before)
     explained[1] = expected["measured"][1]
     np.testing.assert_allclose(message, entered, rtol=1e-5, atol=1e-12)
     np.testing.assert_allclose(measured, explained, rtol=1e-5, atol=1e-12)
@@ -154,7 +154,7 @@ def test_evaluation_equals_its_twin(seed, spreading):
 @given(seeds, st.integers(0, 6), st.integers(0, 6))
 @settings(max_examples=40, deadline=None)
 def test_association_messages_equal_their_twin(seed, paths, count):
-    from gridslam.kernels.association import associate
+    from gridslam.kernels.messages.association import associate
 
     draw = np.random.default_rng(seed)
     odds, message, measured = (
@@ -164,7 +164,7 @@ def test_association_messages_equal_their_twin(seed, paths, count):
     message[1] *= draw.random((paths, count)) < 0.6
     odds[7], measured[2] = draw.uniform(1e-6, 1, paths), 1 + draw.exponential(1.0, count)
     rounds = int(draw.choice([1, 7, 100]))
-    expected = twins.associate(odds, message, measured, rounds)
+    expected = reference.associate(odds, message, measured, rounds)
     associate(odds, message, measured, rounds)
     for found, wanted in zip((message[2], message[3], measured[3]), expected, strict=True):
         np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-9)
@@ -173,13 +173,13 @@ def test_association_messages_equal_their_twin(seed, paths, count):
 @given(seeds, st.integers(0, 3), st.sampled_from([0, 100]), st.booleans())
 @settings(max_examples=60, deadline=None)
 def test_updates_equal_their_twin(seed, surfaces, rounds, noted):
-    from gridslam.kernels.updates import update
+    from gridslam.kernels.messages.updates import update
 
     draw = np.random.default_rng(seed)
     mean, covariance, path = random_belief(draw, surfaces)
     places = np.column_stack([draw.uniform(-5, 5, (2, 2)), draw.uniform(-3, 3, 2)])
     path[:, 3] = draw.integers(0, 2)
-    value, _, spread = twins.predict(mean, covariance, path, places)
+    value, _, spread = reference.predict(mean, covariance, path, places)
     far = value[:, 0] > 0.5  # next to its image, an agent has no direction to it
     path, value, spread = path[far], value[far], spread[far]
     count, anchors = 4, 2
@@ -216,7 +216,7 @@ def test_updates_equal_their_twin(seed, surfaces, rounds, noted):
     if not noted:
         notes["noted"] = np.empty((0, 4), np.int32)
     out = {"share": np.full(len(chosen), np.nan), "sums": sums} | notes
-    expected = twins.update(**into, **messages, **kept, sums=sums, **notes)
+    expected = reference.update(**into, **messages, **kept, sums=sums, **notes)
     scratch = np.empty((len(mean), 6))
     update(*into.values(), scratch, *messages.values(), *kept.values(), *out.values())
     found = into | messages | kept | out
@@ -232,7 +232,7 @@ def test_updates_equal_their_twin(seed, surfaces, rounds, noted):
 def test_equally_sure_paths_are_taken_as_they_stand():
     import taichi as ti
 
-    from gridslam.kernels.gaussian import sorted_by
+    from gridslam.kernels.primitives.gaussian import sorted_by
 
     @ti.kernel
     def order_of(rank: ti.types.ndarray(dtype=ti.f64, ndim=2)) -> ti.i32:
@@ -248,7 +248,7 @@ def test_equally_sure_paths_are_taken_as_they_stand():
 
 
 def test_effective_sample_size_is_all_of_equal_weights_and_follows_their_spread():
-    draw, size = np.random.default_rng(1), twins.effective_sample_size
+    draw, size = np.random.default_rng(1), reference.effective_sample_size
     assert size(np.full((1, 20), 7.0, np.float32)) == pytest.approx(20 * PATH_BLOCK)
     assert size(np.zeros((1, 20), np.float32)) == 20 * PATH_BLOCK
     # exponential weights: E[w]^2 / E[w^2] = 1 / 2; 4000 blocks tell their variance to 1 / sqrt(2000)

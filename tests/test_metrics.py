@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from wall_samples import paths, walls
 
-from gridslam import metrics
 from gridslam.errors import InputError
-from gridslam.geometry import Segments
-from gridslam.map import Map
-from gridslam.trajectory import Trajectory
+from gridslam.evaluation import metrics
+from gridslam.maps.map import Map
+from gridslam.world.geometry import Segments
+from gridslam.world.trajectory import Trajectory
 
 micrometres = st.integers(-8_000_000, 8_000_000).map(
     lambda n: n / 1e6

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_worlds import BINS
 
-from gridslam import runtime, twins
+from gridslam import reference, runtime
 from gridslam.kernels import ALREADY_LISTED, CELL_SLABS, STATE_GIVEN
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
@@ -15,9 +15,9 @@ seeds = st.integers(0, 2**32 - 1)
 
 def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0):
     """Rays as drawn (K, 13), their V (K,) and the messages to the cells (ny, nx); coefficients by `seed`."""
-    from gridslam.kernels.bundles import LANES, LINES, PLACES
-    from gridslam.kernels.cells import cast
-    from gridslam.kernels.occupancy import CELLS
+    from gridslam.kernels.propagation.bundles import LANES, LINES, PLACES
+    from gridslam.kernels.propagation.cells import cast
+    from gridslam.kernels.propagation.occupancy import CELLS
 
     slabs = CELL_SLABS["cpu"]
     shape, rays = traversed.shape, state.shape[1]
@@ -47,7 +47,9 @@ def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0):
         sums, touched, met, message, news,
     )  # fmt: skip
     np.testing.assert_allclose(belief.sum(1), 1, rtol=1e-9)
-    np.testing.assert_allclose(belief, twins.recall(drawn, table, held, surface, frame[:3], 0.05), atol=1e-9)
+    np.testing.assert_allclose(
+        belief, reference.recall(drawn, table, held, surface, frame[:3], 0.05), atol=1e-9
+    )
     for array in (sums, met):
         assert not array.any(), "scratch is left as it was found"
     told = np.pad(message != 0, ((0, 0), (0, news.shape[1] * CELLS - traversed.size)))
@@ -77,7 +79,7 @@ def test_ray_casting_and_cell_messages_equal_their_twin(seed, rays, spread):
     path, worth = np.array(path, np.int32), np.exp(draw.normal(0, 2, len(path)))
     frame, place = np.array([-0.3, 0.2, 0.3]), draw.uniform(0, 5, 2)
     drawn, validity, message = launch_cast(state, path, place, worth, traversed, hit, frame, seed)
-    expected = twins.cast(
+    expected = reference.cast(
         drawn[:, :8].reshape(-1, 4, 2), drawn[:, 8:12].reshape(-1, 2, 2), drawn[:, 12], path[:, 0], worth,
         traversed, hit, frame, rays, 0.1, 12.0,
     )  # fmt: skip
@@ -99,7 +101,7 @@ def test_rays_cross_the_right_cells_a_thousand_columns_on(seed, tall):
     table = draw.choice([1e-4, 0.02], shape)
     path, frame = np.array([[0, -1, -1]], np.int32), np.array([0.0, 0.0, 1.0])
     drawn, validity, message = launch_cast(ends, path, start, np.array([0.5]), table, table, frame, seed)
-    expected = twins.cast(
+    expected = reference.cast(
         drawn[:, :8].reshape(-1, 4, 2), drawn[:, 8:12].reshape(-1, 2, 2), drawn[:, 12], path[:, 0],
         np.array([0.5]), table, table, frame, rays, 0.1, 12.0,
     )  # fmt: skip
@@ -138,7 +140,7 @@ def test_rays_that_rise_steeply_across_an_edge_cross_the_right_cells():
         state[0, n], state[1, n] = start[0] + along, start[1] + rise
     path, frame = np.array([[0, -1, -1]], np.int32), np.array([0.0, 0.0, 1.0])
     drawn, validity, message = launch_cast(state, path, start, np.array([0.5]), table, table, frame)
-    expected = twins.cast(
+    expected = reference.cast(
         drawn[:, :8].reshape(-1, 4, 2), drawn[:, 8:12].reshape(-1, 2, 2), drawn[:, 12], path[:, 0],
         np.array([0.5]), table, table, frame, rays, 0.1, 12.0,
     )  # fmt: skip

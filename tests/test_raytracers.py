@@ -12,15 +12,15 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 from tables import same
 
-from gridslam.bounds import known_map_bound
 from gridslam.errors import InputError
-from gridslam.geometry import wrap
-from gridslam.mapping import map_scene
-from gridslam.measurements import Measurements
-from gridslam.metrics import diverged, rmse, track_errors
-from gridslam.scene import Scene
-from gridslam.signal import SPEED_OF_LIGHT
-from gridslam.simulate import receive, simulate, true_paths
+from gridslam.evaluation.bounds import known_map_bound
+from gridslam.evaluation.metrics import diverged, rmse, track_errors
+from gridslam.measurements.table import Measurements
+from gridslam.runs.map_scene import map_scene
+from gridslam.simulation.image_source import receive, simulate, true_paths
+from gridslam.world.geometry import wrap
+from gridslam.world.radio import SPEED_OF_LIGHT
+from gridslam.world.scene import Scene
 
 ROOM = Scene.load("room")
 TRACK = ROOM.track("agent1")

@@ -43,7 +43,7 @@ def brief_scenes(monkeypatch):
 
 
 def commands():
-    from gridslam.cli import app
+    from gridslam.cli.main import app
 
     return typer.main.get_command(app).commands
 
@@ -106,7 +106,7 @@ def test_links_lead_somewhere():
             assert (ROOT / link).is_file(), link
 
 
-@pytest.mark.parametrize("name", ["measurements", "scene", "simulate"])
+@pytest.mark.parametrize("name", ["measurements.table", "world.scene", "simulation.image_source"])
 def test_examples_in_docstrings(name, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     found = doctest.testmod(importlib.import_module(f"gridslam.{name}"))

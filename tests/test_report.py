@@ -13,12 +13,12 @@ import pytest
 from PIL import Image
 
 import gridslam as gs
-from gridslam.animation import animate, film_ending
-from gridslam.cli import main
+from gridslam.cli.main import main
 from gridslam.errors import InputError
-from gridslam.geojson import write_surfaces
-from gridslam.report import write_report
-from gridslam.runfiles import read_run, write_run
+from gridslam.importers.geojson import write_surfaces
+from gridslam.runs.run_files import read_run, write_run
+from gridslam.viewers.animation import animate, film_ending
+from gridslam.viewers.report import write_report
 
 STEPS = 5
 NASTY = '<script>alert("&")</script>'
@@ -113,12 +113,12 @@ def test_every_frame_differs_and_the_last_step_is_shown(run_folder, tmp_path):
 
 def test_films_that_cannot_be_written_leave_nothing(run_folder, tmp_path, monkeypatch):
     run = read_run(run_folder)
-    monkeypatch.setattr("gridslam.animation._ffmpeg", lambda: None)
+    monkeypatch.setattr("gridslam.viewers.animation._ffmpeg", lambda: None)
     assert film_ending() == ".gif"
     for name in ("a.mp4", "a.avi", "none/a.gif"):
         with pytest.raises(InputError):
             animate(run.scene, run.agents["agent1"], tmp_path / name, 2)
-    monkeypatch.setattr("gridslam.animation._ffmpeg", lambda: which("false"))
+    monkeypatch.setattr("gridslam.viewers.animation._ffmpeg", lambda: which("false"))
     for name in ("a.mp4", "none/a.mp4"):
         with pytest.raises(InputError):
             animate(run.scene, run.agents["agent1"], tmp_path / name, 2)

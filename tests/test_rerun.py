@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from scene_samples import shortened
 
 import gridslam as gs
-from gridslam.rerun_target import open_stream
-from gridslam.rerun_view import ellipse
-from gridslam.runfiles import read_run
+from gridslam.runs.run_files import read_run
+from gridslam.viewers.rerun_target import open_stream
+from gridslam.viewers.rerun_view import ellipse
 
 STEPS, AGENTS = 12, 2
 
@@ -87,8 +87,8 @@ def test_target_that_cannot_be_had_is_refused_before_the_run(
 
 
 def test_viewer_that_falls_over_is_one_line(rerun, say, short_room, nothing_computed, monkeypatch):
-    monkeypatch.setattr("gridslam.rerun_target._answers", lambda host, port: False)
-    monkeypatch.setattr("gridslam.rerun_target.sys.executable", which("false"))
+    monkeypatch.setattr("gridslam.viewers.rerun_target._answers", lambda host, port: False)
+    monkeypatch.setattr("gridslam.viewers.rerun_target.sys.executable", which("false"))
     said = say("run", short_room, "-o", "out", "--rerun")
     assert (said.code, len(said.complaints)) == (2, 1)
     assert "--rerun-to" in said.err
@@ -142,13 +142,13 @@ class Recorded:
 @pytest.fixture(scope="module")
 def session(rerun, tmp_path_factory):
     """A recorded run, its folder, and the folder of the same run unrecorded."""
-    from gridslam.cli import main
+    from gridslam.cli.main import main
 
     home = tmp_path_factory.mktemp("rerun")
     scene = home / "short.toml"
     scene.write_text(shortened(gs.Scene.load("room"), STEPS, agents=AGENTS).to_toml())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gridslam.plots.draw_all", lambda folder: [])
+        patch.setattr("gridslam.viewers.plots.draw_all", lambda folder: [])
         for words in (
             ["-o", str(home / "plain")],
             ["-o", str(home / "out"), "--rerun-to", str(home / "a.rrd")],

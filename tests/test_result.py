@@ -12,12 +12,12 @@ import pytest
 
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
-from gridslam.map import Map
-from gridslam.measurements import Measurements
-from gridslam.result import Run, check_output, read_run, read_steps, write_run, write_steps
-from gridslam.scene import Scene
-from gridslam.simulate import ground_truth
-from gridslam.trajectory import Trajectory
+from gridslam.maps.map import Map
+from gridslam.measurements.table import Measurements
+from gridslam.runs.run import Run, check_output, read_run, read_steps, write_run, write_steps
+from gridslam.simulation.image_source import ground_truth
+from gridslam.world.scene import Scene
+from gridslam.world.trajectory import Trajectory
 
 SCENE = """
 name = "hall"
@@ -328,7 +328,7 @@ def test_full_disk_is_one_line_that_names_the_folder(tmp_path):
     pytest.importorskip("resource")  # not on Windows
     code = (
         "import resource, signal, sys, test_result as t; from gridslam.errors import InputError\n"
-        "from gridslam.scene import Scene; scene = Scene.from_toml(t.SCENE, 'x')\n"
+        "from gridslam.world.scene import Scene; scene = Scene.from_toml(t.SCENE, 'x')\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (9000, 9000))\n"
         "try: t.write(sys.argv[1], scene)\n"

@@ -8,16 +8,17 @@ from hypothesis import strategies as st
 from scene_samples import shortened
 
 import gridslam as gs
-from gridslam.bounds import whitened_jacobian
-from gridslam.geometry import mirror, mirror_derivative
-from gridslam.inference import ranging, rings
-from gridslam.inference.association import associate
-from gridslam.inference.belief import AGENT, Belief, append, slots, update
-from gridslam.inference.exact import MOST_CONTESTED, associate_exactly
-from gridslam.inference.heard import Heard
-from gridslam.inference.likelihood import DetectionTable
-from gridslam.simulate import simulate_labelled, true_paths
+from gridslam.evaluation.bounds import whitened_jacobian
+from gridslam.inference.messages import ranging
+from gridslam.inference.messages.association import associate
+from gridslam.inference.messages.exact_association import MOST_CONTESTED, associate_exactly
+from gridslam.inference.messages.likelihood import DetectionTable
+from gridslam.inference.state import rings
+from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.belief import AGENT, Belief, append, slots, update
+from gridslam.simulation.image_source import simulate_labelled, true_paths
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
+from gridslam.world.geometry import mirror, mirror_derivative
 
 PLACE = np.array([0.5, 3.0])
 

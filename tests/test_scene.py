@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gridslam.errors import InputError
-from gridslam.geometry import distance_to_segments, wrap
-from gridslam.scene import Scene
+from gridslam.world.geometry import distance_to_segments, wrap
+from gridslam.world.scene import Scene
 
 WORLD = {
     "grid": {"x_m": [-5.0, 5.0], "y_m": [-4.0, 4.0], "cell_m": 0.1},

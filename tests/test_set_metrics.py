@@ -5,7 +5,7 @@ import datetime
 import numpy as np
 import pytest
 
-from gridslam.metrics import gospa, ospa
+from gridslam.evaluation.metrics import gospa, ospa
 
 SETS = ((0, 3), (3, 0), (1, 1), (2, 5), (4, 4), (6, 3))
 

@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 
 import gridslam as gs
-from gridslam.geometry import wrap
-from gridslam.simulate import simulate_labelled, true_paths, visible
+from gridslam.simulation.image_source import simulate_labelled, true_paths, visible
+from gridslam.world.geometry import wrap
 
 SEEDS = range(12)
 

@@ -14,16 +14,16 @@ from hypothesis import strategies as st
 from tiny import TINY
 
 import gridslam as gs
-from gridslam.bounds import Bound, MapBound
-from gridslam.cli import main
-from gridslam.cli_study import _setting
-from gridslam.consistency import true_rays
+from gridslam.cli.main import main
+from gridslam.cli.study import _setting
 from gridslam.errors import InputError
-from gridslam.scene import Scene
-from gridslam.study import Outcome, Study, identity, run_study
-from gridslam.study_plots import draw_study
-from gridslam.study_tables import Benchmark, batches, run_rows, step_rows, summary_rows, write_tables
-from gridslam.surface_truth import HeardSurfaces
+from gridslam.evaluation.bounds import Bound, MapBound
+from gridslam.evaluation.consistency import true_rays
+from gridslam.evaluation.surface_truth import HeardSurfaces
+from gridslam.studies.plots import draw_study
+from gridslam.studies.study import Outcome, Study, identity, run_study
+from gridslam.studies.tables import Benchmark, batches, run_rows, step_rows, summary_rows, write_tables
+from gridslam.world.scene import Scene
 
 AGENTS = ("agent1", "agent2")
 
@@ -310,7 +310,7 @@ def test_bound_of_the_map_counts_surfaces_there_and_unknowable_ones_as_the_cutof
 
 
 def test_figures_of_several_settings_are_drawn_side_by_side(scene, tmp_path, monkeypatch):
-    monkeypatch.setattr("gridslam.study_plots.MOST_SURFACES", 2)  # every panel costs
+    monkeypatch.setattr("gridslam.studies.plots.MOST_SURFACES", 2)  # every panel costs
     study = plan(scene, 2, settings=(("radio.snr_at_1m_db", (20.0, 30.0)),), agents=("agent1",))
     outcome = run_study(study, tmp_path / "s", Here())
     written = draw_study(tmp_path / "s", batches(outcome))
@@ -367,14 +367,14 @@ def test_command_writes_goes_on_and_reports(scene, tmp_path, monkeypatch, capsys
     (tmp_path / "tiny.toml").write_text(TINY)
     given = (tmp_path / "tiny.toml", "--runs", "2", "-o", tmp_path / "s")
     drawn = []
-    monkeypatch.setattr("gridslam.study_plots.draw_study", lambda folder, found: drawn.append(folder))
+    monkeypatch.setattr("gridslam.studies.plots.draw_study", lambda folder, found: drawn.append(folder))
     for fate, code, says in (
         ({0: KeyboardInterrupt()}, 130, "interrupted: 1 of 2 runs are kept"),
         ({0: RuntimeError("no luck")}, 1, "1 runs failed (RuntimeError: no luck)"),
         ({}, 0, "2 of 2 runs, 1 of them new"),
         ({0: RuntimeError("never asked")}, 0, "2 of 2 runs, 0 of them new"),
     ):
-        monkeypatch.setattr("gridslam.study_workers.LocalWorkers", lambda count, fate=fate: Here(fate))
+        monkeypatch.setattr("gridslam.studies.workers.LocalWorkers", lambda count, fate=fate: Here(fate))
         assert command(monkeypatch, *given) == code
         told = capsys.readouterr()
         assert says in told.out + told.err

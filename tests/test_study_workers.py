@@ -9,11 +9,11 @@ from contextlib import contextmanager
 import pytest
 from tiny import TINY
 
-from gridslam import study_workers
 from gridslam.errors import InputError
-from gridslam.scene import Scene
-from gridslam.study import Study, run_job, run_study
-from gridslam.study_workers import ClusterWorkers, LocalWorkers
+from gridslam.studies import workers
+from gridslam.studies.study import Study, run_job, run_study
+from gridslam.studies.workers import ClusterWorkers, LocalWorkers
+from gridslam.world.scene import Scene
 
 pytest.importorskip("joblib")
 
@@ -126,7 +126,7 @@ def test_cluster_does_again_what_a_dying_worker_took_along_and_gives_up_on_what_
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x", "", "127.0.0.1:99999"])
 def test_scheduler_that_cannot_be_reached_is_one_clear_line(address, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr(study_workers, "CONNECT_S", 0.3)
+    monkeypatch.setattr(workers, "CONNECT_S", 0.3)
     with pytest.raises(InputError, match="no scheduler") as caught:
         list(ClusterWorkers(address).run(abs, [1]))
     assert "\n" not in str(caught.value)

@@ -14,11 +14,11 @@ from kernel_worlds import (
     random_world,
 )
 
-from gridslam import runtime, twins
-from gridslam.geometry import line_between, mirror, wrap
-from gridslam.inference.proposals import SAMPLES
+from gridslam import reference, runtime
+from gridslam.inference.messages.birth_proposals import SAMPLES
 from gridslam.kernels import TAKE_ROOT
-from gridslam.signal import REFLECTION_BINS
+from gridslam.world.geometry import line_between, mirror, wrap
+from gridslam.world.radio import REFLECTION_BINS
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 seeds = st.integers(0, 2**32 - 1)
@@ -31,7 +31,7 @@ def places_of(draw, anchors):
 @given(seeds, st.integers(0, 4), st.integers(0, 2), st.sampled_from([-1, 0, 1]))
 @settings(max_examples=60, deadline=None)
 def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, only):
-    from gridslam.kernels.rays import foresee
+    from gridslam.kernels.propagation.rays import foresee
 
     draw, anchors = np.random.default_rng(seed), 2
     mean, covariance, _ = random_belief(draw, surfaces)
@@ -49,10 +49,12 @@ def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, onl
     drafts = whole, root, base, state
     foresee(*into, 0.9, points, 0, TAKE_ROOT, *drafts, failed, path, existence, together, predicted, found)
     assert failed[0] == 0
-    for told, wanted in zip(drafts, twins.prepare(mean, covariance, 0.9, points.astype(float)), strict=True):
+    for told, wanted in zip(
+        drafts, reference.prepare(mean, covariance, 0.9, points.astype(float)), strict=True
+    ):
         np.testing.assert_allclose(told, wanted, rtol=1e-5, atol=1e-6)
     count = int(found[0])
-    rays, own, both, whole = twins.foresee(*into)
+    rays, own, both, whole = reference.foresee(*into)
     np.testing.assert_array_equal(path[:count], rays)
     np.testing.assert_allclose(existence[:count], own, rtol=1e-6)
     np.testing.assert_allclose(together[:count], both, rtol=1e-9)
@@ -66,31 +68,31 @@ def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, onl
 @given(seeds, st.integers(0, 3), st.booleans())
 @settings(max_examples=60, deadline=None)
 def test_loud_measurements_near_a_path_equal_their_twin(seed, surfaces, given_std):
-    from gridslam.kernels.rays import near
+    from gridslam.kernels.propagation.rays import near
 
     draw, anchors = np.random.default_rng(seed), 2
     mean, covariance, _ = random_belief(draw, surfaces)
     bank = random_bank(draw, surfaces, anchors)
     places = places_of(draw, anchors)
-    _, _, _, predicted = twins.foresee(-1, 1, 1.0, 0.0, mean, covariance, places, *bank[:2], *bank[3:])
+    _, _, _, predicted = reference.foresee(-1, 1, 1.0, 0.0, mean, covariance, places, *bank[:2], *bank[3:])
     start = np.append(0, np.cumsum(draw.integers(0, 4, anchors))).astype(np.int32)
     heard = random_table(draw, int(start[-1]), predicted[:, :3], draw.choice([0.01, 0.4]))
     radio = np.stack([random_radio(draw, given_std) for _ in range(anchors)])
     claimed = np.full(len(heard), -1, np.int32)
     into = mean, covariance, places, *bank[:2], start, heard, radio
     near(*into, claimed)
-    np.testing.assert_array_equal(claimed, twins.near(*into))
+    np.testing.assert_array_equal(claimed, reference.near(*into))
 
 
 @given(seeds, st.booleans(), st.sampled_from([SAMPLES // 2, SAMPLES, 2 * SAMPLES]))
 @settings(max_examples=25, deadline=None)
 def test_birth_proposals_equal_their_twin(seed, with_departure, particles):
-    from gridslam.kernels.births import propose
+    from gridslam.kernels.management.births import propose
 
     draw, count = np.random.default_rng(seed), 5
     state, _, place = random_world(draw, particles, np.float32, surfaces=2)
     places, radio = np.stack([places_of(draw, 1)[0], place.astype(np.float64)]), random_radio(draw)
-    mean = np.concatenate([state[:2, 0], [0.0, 0.0], state[2:3, 0], twins.lines_of(state)[:, 0].ravel()])
+    mean = np.concatenate([state[:2, 0], [0.0, 0.0], state[2:3, 0], reference.lines_of(state)[:, 0].ravel()])
     mean = mean.astype(np.float64)
     heard = random_table(draw, count)
     heard[:, 4] = 0.3 if with_departure else -1.0
@@ -98,7 +100,7 @@ def test_birth_proposals_equal_their_twin(seed, with_departure, particles):
     noise, measured = draw.normal(size=(2, SAMPLES)), np.full((4, count), 7.0)
     measured[0] = draw.choice([0.0, 1.0, 1e4], count)
     into = state, noise, mean, heard, known, 1, places, radio, 0.1 / (4 * np.pi * 8)
-    expected, lines = twins.propose(*into, measured)
+    expected, lines = reference.propose(*into, measured)
     born, told = np.full((1 + expected.size, 3), -9, np.int32), np.full((expected.size, 3), np.nan)
     propose(*into, np.empty(expected.shape), measured, born, told)
     born, told = born[1 : 1 + born[0, 0]], told[: born[0, 0]]
@@ -120,8 +122,8 @@ def test_birth_proposals_equal_their_twin(seed, with_departure, particles):
 @given(seeds, st.integers(0, 3))
 @settings(max_examples=40, deadline=None)
 def test_a_glance_at_births_equals_its_twin(seed, surfaces):
-    from gridslam.kernels.births import glance
-    from gridslam.kernels.bundles import LANES, LINES, PLACES
+    from gridslam.kernels.management.births import glance
+    from gridslam.kernels.propagation.bundles import LANES, LINES, PLACES
 
     draw = np.random.default_rng(seed)
     mean, _, _ = random_belief(draw, surfaces)
@@ -137,7 +139,7 @@ def test_a_glance_at_births_equals_its_twin(seed, surfaces):
     )
     measured = np.full((4, 4), 7.0)
     into = mean, 1, places, shape[1], occupied, frame
-    expected = twins.glance(*into, born, told)
+    expected = reference.glance(*into, born, told)
     glance(
         *into, np.empty((1, LINES, LANES)), np.empty((1, PLACES, LANES), np.int32),
         np.empty((6 + 3 * surfaces, 1)), np.empty((1, 4), np.int32), np.empty((1, 14)), born, told, measured,
@@ -150,7 +152,7 @@ def test_a_glance_at_births_equals_its_twin(seed, surfaces):
 @given(seeds, st.integers(0, 5))
 @settings(max_examples=80, deadline=None)
 def test_duplicates_equal_their_twin(seed, surfaces):
-    from gridslam.kernels.tidying import duplicate
+    from gridslam.kernels.management.tidying import duplicate
 
     draw = np.random.default_rng(seed)
     mean, covariance, _ = random_belief(draw, surfaces)
@@ -161,7 +163,7 @@ def test_duplicates_equal_their_twin(seed, surfaces):
             mean[5 + 2 * copy], mean[6 + 2 * copy] = wrap(mean[5 + 2 * copy] + np.pi), -mean[6 + 2 * copy]
     found, tie = np.full(2, -9, np.int32), np.full((2, 5), np.nan)
     duplicate(mean, covariance, foot, owner, found, tie)
-    expected = twins.duplicate(mean, covariance, foot, owner)
+    expected = reference.duplicate(mean, covariance, foot, owner)
     if expected is None:
         assert found.tolist() == [-1, -1]
         return
@@ -175,7 +177,7 @@ def test_duplicates_equal_their_twin(seed, surfaces):
 @given(seeds, st.integers(2, 6))
 @settings(max_examples=80, deadline=None)
 def test_ghosts_equal_their_twin(seed, surfaces):
-    from gridslam.kernels.tidying import haunt
+    from gridslam.kernels.management.tidying import haunt
 
     draw, anchors = np.random.default_rng(seed), 2
     mean, covariance, _ = random_belief(draw, surfaces)
@@ -192,15 +194,15 @@ def test_ghosts_equal_their_twin(seed, surfaces):
     ghosts = np.full(surfaces, -1, np.int32)
     into = mean, covariance, existence, seen.astype(np.int64), single, places
     haunt(*into, ghosts)
-    np.testing.assert_array_equal(ghosts, twins.haunt(*into))
+    np.testing.assert_array_equal(ghosts, reference.haunt(*into))
 
 
 @given(seeds, st.sampled_from([1, 5, 48]))
 @settings(max_examples=30, deadline=None)
 def test_learned_coefficients_equal_their_twin(seed, rays):
-    from gridslam.kernels.coefficients import BINS as OWN
-    from gridslam.kernels.coefficients import learn
-    from gridslam.kernels.paths import polylines
+    from gridslam.kernels.propagation.coefficients import BINS as OWN
+    from gridslam.kernels.propagation.coefficients import learn
+    from gridslam.kernels.propagation.paths import polylines
 
     assert len(REFLECTION_BINS) == OWN == BINS, "kernels can't import it, and hold so many on the stack"
     draw = np.random.default_rng(seed)
@@ -234,7 +236,7 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
         frame,
     )
     sights = draw.normal(size=3), draw.choice([np.nan, 0.3], (3, 2)), draw.integers(0, 9, 3)
-    expected = twins.learn(*into, surface, held, *sights)
+    expected = reference.learn(*into, surface, held, *sights)
     learn(*into, np.empty(3), surface, held, np.full(3, 9, np.int32), *sights)
     np.testing.assert_allclose(surface, expected[0], rtol=1e-5, atol=1e-12)
     np.testing.assert_allclose(held, expected[1], rtol=1e-6, atol=1e-5)
@@ -245,7 +247,7 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
 @given(seeds, st.integers(0, 4), st.integers(0, 12))
 @settings(max_examples=60, deadline=None)
 def test_sightings_of_surfaces_equal_their_twin(seed, surfaces, paths):
-    from gridslam.kernels.sightings import mark
+    from gridslam.kernels.propagation.sightings import mark
 
     draw = np.random.default_rng(seed)
     mean, bounces = draw.normal(0, 3, 5 + 2 * surfaces), draw.integers(0, 3 if surfaces else 1, paths)
@@ -257,7 +259,7 @@ def test_sightings_of_surfaces_equal_their_twin(seed, surfaces, paths):
     seen[:, 1] = draw.choice([0.0, 0.7, 1.0], paths)
     extent = np.sort(draw.normal(size=(surfaces, 2))) * draw.choice([np.nan, 1.0], (surfaces, 1))
     sights = draw.normal(size=surfaces), extent, draw.integers(0, 9, surfaces)
-    expected = twins.mark(mean, path, seen, share, *sights)
+    expected = reference.mark(mean, path, seen, share, *sights)
     mark(mean, path, seen, share, np.full(surfaces, 9, np.int32), *sights)
     for found, wanted in zip(sights, expected, strict=True):
         np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
@@ -266,7 +268,7 @@ def test_sightings_of_surfaces_equal_their_twin(seed, surfaces, paths):
 @given(seeds, st.integers(1, 300), st.integers(0, 3))
 @settings(max_examples=30, deadline=None)
 def test_absorbed_messages_equal_their_twin(seed, count, slabs):
-    from gridslam.kernels.occupancy import CELLS, absorb
+    from gridslam.kernels.propagation.occupancy import CELLS, absorb
 
     draw, groups = np.random.default_rng(seed), -(-count // CELLS)
     message, before = np.zeros((slabs, count), np.float32), draw.normal(0, 8, count)
@@ -277,7 +279,7 @@ def test_absorbed_messages_equal_their_twin(seed, count, slabs):
         there = (np.repeat(news, CELLS, 1)[:, :count] > 0) & (draw.random(message.shape) < 0.5)
         message[there] = draw.normal(0, 3, there.sum())
         evidence = np.full(count, np.nan)
-        expected = twins.absorb(message, before, clear, -2.0, 12.0, observed)
+        expected = reference.absorb(message, before, clear, -2.0, 12.0, observed)
         absorb(message, news, before, clear, every, -2.0, 12.0, evidence, observed, occupied)
         np.testing.assert_allclose(evidence, expected[0], rtol=1e-12, atol=1e-12)
         np.testing.assert_array_equal(observed, expected[1])
@@ -288,7 +290,7 @@ def test_absorbed_messages_equal_their_twin(seed, count, slabs):
 
 
 def test_cells_that_nothing_is_told_keep_their_occupancy():
-    from gridslam.kernels.occupancy import CELLS, absorb
+    from gridslam.kernels.propagation.occupancy import CELLS, absorb
 
     message, before = np.zeros((2, 3 * CELLS), np.float32), np.full(3 * CELLS, 20.0)
     news, occupied = np.array([[0, 1, 0], [0, 0, 0]], np.uint8), np.full((2, 3 * CELLS), 0.25, np.float32)
@@ -303,7 +305,7 @@ def test_cells_that_nothing_is_told_keep_their_occupancy():
 @given(seeds, st.integers(0, 5))
 @settings(max_examples=60, deadline=None)
 def test_what_users_are_told_equals_its_twin(seed, surfaces):
-    from gridslam.kernels.readout import describe
+    from gridslam.kernels.management.readout import describe
 
     draw, anchors = np.random.default_rng(seed), 2
     mean, covariance, _ = random_belief(draw, surfaces)
@@ -320,7 +322,7 @@ def test_what_users_are_told_equals_its_twin(seed, surfaces):
     number, told, found = np.full((room, 3), -9), np.full((room, 13), 9.0), np.full(1, -9, np.int32)
     drawn, scratch = np.full((room, 13), np.nan), np.full((3 + 3 * surfaces, 1), np.nan)
     describe(*into, *bank, *names, scratch, table, path, drawn, number, told, found)
-    wanted, paths, numbers, values = twins.describe(*into, *bank, *names)
+    wanted, paths, numbers, values = reference.describe(*into, *bank, *names)
     np.testing.assert_allclose(table[:, 1:], wanted[:, 1:], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(wrap(table[:, 0] - wanted[:, 0]), 0, atol=1e-12)
     assert (np.abs(table[:, 0]) <= np.pi + 1e-12).all()

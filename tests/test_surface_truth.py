@@ -11,10 +11,11 @@ from wall_samples import paths, walls
 
 import gridslam as gs
 from gridslam.estimates import SurfaceEstimate
-from gridslam.geometry import line_of_sfv
-from gridslam.metrics import ospa
-from gridslam.simulate import Truth
-from gridslam.surface_truth import HeardSurfaces, assigned_error, surface_scores
+from gridslam.evaluation.metrics import ospa
+from gridslam.evaluation.surface_truth import HeardSurfaces, assigned_error, surface_scores
+from gridslam.simulation.image_source import Truth
+from gridslam.world import geometry
+from gridslam.world.geometry import line_of_sfv
 
 
 def truth_of(segments, seen):
@@ -54,7 +55,7 @@ def test_surface_seen_by_no_path_is_not_demanded_and_a_window_is_no_second_wall(
 
 def test_world_without_walls_has_nothing_to_be_found():
     whole = np.zeros(0, int)
-    none = gs.geometry.Segments(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), whole, whole, whole)
+    none = geometry.Segments(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), whole, whole, whole)
     truth = truth_of(none, paths(([[2.5, 2.5], [6.5, 2.5]], [-1, -1])))
     heard = HeardSurfaces.of(truth)
     assert (len(heard.feature), len(heard.first), heard.count()) == (0, 0, 0)

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from gridslam.errors import InputError
-from gridslam.geometry import wrap
-from gridslam.track import TightCorner, smooth_track
-from gridslam.trajectory import Trajectory
+from gridslam.world.geometry import wrap
+from gridslam.world.trajectory import Trajectory
+from gridslam.world.waypoints import TightCorner, smooth_track
 
 NUMBERS = st.floats(-1e6, 1e6, allow_subnormal=False)
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from gridslam.geometry import Segments
-from gridslam.simulate import TruePaths
+from gridslam.simulation.image_source import TruePaths
+from gridslam.world.geometry import Segments
 
 
 def walls(*pieces, curve=None):

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference import surfaces
-from gridslam.inference.amplitudes import RayAmplitudes
-from gridslam.inference.births import Births
-from gridslam.inference.heard import Heard
-from gridslam.inference.particles import at_mean
-from gridslam.inference.polylines import draw_paths
-from gridslam.inference.prediction import foresee
-from gridslam.inference.rays import Rays
-from gridslam.map import Map
-from gridslam.scene import Scene
+from gridslam.inference.messages.births import Births
+from gridslam.inference.messages.prediction import foresee
+from gridslam.inference.messages.ray_amplitudes import RayAmplitudes
+from gridslam.inference.state import surface_bank
+from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.particles import at_mean
+from gridslam.inference.state.polylines import draw_paths
+from gridslam.inference.state.rays import Rays
+from gridslam.maps.map import Map
 from gridslam.systems.surface_slam import SurfaceSlam
+from gridslam.world.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ class AdaptiveSlam(SurfaceSlam):
             rays, self.bank.identity, amplitudes, distance, heard, said.responsible, self.detected
         )
         drawn = draw_paths(rays, at_mean(self.belief), self.anchors)
-        surfaces.mark(self.bank, self.belief, rays, drawn, said.responsible.sum(1))
+        surface_bank.mark(self.bank, self.belief, rays, drawn, said.responsible.sum(1))
         self._learn_from_births(heard, births, said.claimed)
 
     def _tidy(self) -> None:

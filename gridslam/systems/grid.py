@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.cells import Cells
-from gridslam.inference.heard import Heard
-from gridslam.inference.materials import Reflected, learn
-from gridslam.inference.notes import Notes
-from gridslam.inference.prediction import look_ahead
-from gridslam.map import Map
-from gridslam.scene import Scene
+from gridslam.inference.messages.cells import Cells
+from gridslam.inference.messages.prediction import look_ahead
+from gridslam.inference.messages.reflection import Reflected, learn
+from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.path_messages import Notes
+from gridslam.maps.map import Map
 from gridslam.systems.surface_slam import SurfaceSlam
+from gridslam.world.scene import Scene
 
 Array = NDArray[np.float64]
 RAYS = 48
@@ -109,13 +109,13 @@ class GridSlam(SurfaceSlam):
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a checkpoint, from which `resume` goes on bit for bit."""
-        from gridslam.checkpoint import save
+        from gridslam.systems.checkpoint import save
 
         save(self, path)
 
     @staticmethod
     def resume(path: str | os.PathLike[str]) -> GridSlam:
         """Read a checkpoint; `InputError` if it isn't one."""
-        from gridslam.checkpoint import resume
+        from gridslam.systems.checkpoint import resume
 
         return resume(path)

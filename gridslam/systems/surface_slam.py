@@ -11,28 +11,29 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.estimates import Estimate, SurfaceEstimate
-from gridslam.frames import fitted, stamped
-from gridslam.geometry import unit, wrap
-from gridslam.inference import ghosts, relocation, surfaces
-from gridslam.inference.belief import AGENT, Belief, append, predict, separated
-from gridslam.inference.births import Births, bear
-from gridslam.inference.cells import Cells
-from gridslam.inference.evaluation import Evaluation, evaluate
-from gridslam.inference.heard import Heard, hear
-from gridslam.inference.likelihood import AmplitudeBelief, DetectionTable
-from gridslam.inference.notes import Notes
-from gridslam.inference.particles import Particles, Recipe
-from gridslam.inference.prediction import Prediction, paths_now
-from gridslam.inference.proposals import propose
-from gridslam.inference.rays import Rays
-from gridslam.inference.readout import estimates, surface_estimate
-from gridslam.inference.surfaces import Bank
-from gridslam.inference.updates import update
-from gridslam.inference.watch import ENOUGH, Watch
-from gridslam.map import Map
-from gridslam.measurements import Scan
-from gridslam.scene import Scene
-from gridslam.signal import REFLECTION_BINS
+from gridslam.inference.management import ghosts, pose_recovery
+from gridslam.inference.management.readout import estimates, surface_estimate
+from gridslam.inference.messages.birth_proposals import propose
+from gridslam.inference.messages.births import Births, bear
+from gridslam.inference.messages.cells import Cells
+from gridslam.inference.messages.likelihood import AmplitudeBelief, DetectionTable
+from gridslam.inference.messages.likelihood_ratios import Evaluation, evaluate
+from gridslam.inference.messages.prediction import Prediction, paths_now
+from gridslam.inference.messages.updates import update
+from gridslam.inference.state import surface_bank
+from gridslam.inference.state.anchor_measurements import Heard, hear
+from gridslam.inference.state.belief import AGENT, Belief, append, predict, separated
+from gridslam.inference.state.calibration import ENOUGH, Watch
+from gridslam.inference.state.particles import Particles, Recipe
+from gridslam.inference.state.path_messages import Notes
+from gridslam.inference.state.rays import Rays
+from gridslam.inference.state.surface_bank import Bank
+from gridslam.maps.frames import fitted, stamped
+from gridslam.maps.map import Map
+from gridslam.measurements.table import Scan
+from gridslam.world.geometry import unit, wrap
+from gridslam.world.radio import REFLECTION_BINS
+from gridslam.world.scene import Scene
 
 Array = NDArray[np.float64]
 MOST_DOUBTFUL_M = 2.0
@@ -158,7 +159,7 @@ class SurfaceSlam:
                 JITTER * self.settings.surface_m,
                 self.bank.foot,
             )
-            surfaces.evolve(self.bank, self.settings.survival, self.settings.reflection)
+            surface_bank.evolve(self.bank, self.settings.survival, self.settings.reflection)
         self.last_time = now
 
     def _face(self, turned: Array) -> None:
@@ -171,25 +172,27 @@ class SurfaceSlam:
     def _find_again(self, scans: list[Heard]) -> None:
         """Where the belief can't be followed from the last step on, find the agent by the map."""
         count = sum(int(np.count_nonzero(heard.loud)) for heard in scans)
-        vague = relocation.is_vague(self.belief)
+        vague = pose_recovery.is_vague(self.belief)
         if count < ENOUGH and not vague:
             return
-        near = relocation.near_paths(scans, self.bank, self.belief, self.anchors, self.told)
+        near = pose_recovery.near_paths(scans, self.bank, self.belief, self.anchors, self.told)
         lost = self.watch.lost(count, near)
         if not (lost or vague):
             return
         rays = paths_now(self.bank, self.sight, self.belief, self.anchors, 1, self.particles)
-        sources = relocation.sources(rays, self.belief, self.places, self.bank.reflection @ REFLECTION_BINS)
+        sources = pose_recovery.sources(
+            rays, self.belief, self.places, self.bank.reflection @ REFLECTION_BINS
+        )
         belief = self.belief
         if lost:
-            belief = relocation.freed(belief, self.elapsed, self.settings.acceleration_mps2)
+            belief = pose_recovery.freed(belief, self.elapsed, self.settings.acceleration_mps2)
         with runtime.one_blas_thread():
-            fix = relocation.find_pose(
+            fix = pose_recovery.find_pose(
                 belief, self.belief, sources, scans, self.detected, self.watch.tuned(self.told, 0),
                 self._stream(len(scans), 2),
             )  # fmt: skip
         if fix is not None and fix.clear and (fix.better or not lost):
-            self.belief = relocation.moved(belief, fix, self.start_velocity)
+            self.belief = pose_recovery.moved(belief, fix, self.start_velocity)
             self.watch.found(lost)
 
     def _stream(self, anchor: int, purpose: int) -> list[int]:
@@ -276,10 +279,10 @@ class SurfaceSlam:
 
     def _tidy(self) -> None:
         """Merge duplicates, drop ghosts and the unlikely."""
-        self.bank, self.belief = surfaces.merge(self.bank, self.belief)
+        self.bank, self.belief = surface_bank.merge(self.bank, self.belief)
         if self.most_bounces > 1:
             self.bank, self.belief = ghosts.lay(self.bank, self.belief, self.places)
-        self.bank, self.belief = surfaces.prune(self.bank, self.belief, self.settings.prune_below)
+        self.bank, self.belief = surface_bank.prune(self.bank, self.belief, self.settings.prune_below)
         self.steps += 1
 
     def _inherit(self, known: SurfaceEstimate, reflection: Array | None) -> None:
@@ -296,9 +299,9 @@ class SurfaceSlam:
                 (0, -1, -1),
             )
             self.bank.extent[-1] = known.extent_m[row]
-            self.bank.seen[-1] = self.bank.age[-1] = surfaces.SETTLED
+            self.bank.seen[-1] = self.bank.age[-1] = surface_bank.SETTLED
             self.next_identity += 1
-        self.bank.single[:] = surfaces.FRESH_SINGLE
+        self.bank.single[:] = surface_bank.FRESH_SINGLE
 
     def _strength(self, rays: Rays, distance: Array) -> Array:
         """Amplitudes (L,) of rays of given distances (L,), where they don't follow from coefficients."""

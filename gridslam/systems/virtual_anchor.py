@@ -8,15 +8,16 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.geometry import unit
-from gridslam.inference import ranging, rings
-from gridslam.inference.evaluation import Evaluation
-from gridslam.inference.exact import associate_exactly
-from gridslam.inference.heard import Heard
-from gridslam.map import Map
-from gridslam.scene import Scene
-from gridslam.signal import REFLECTION_BINS
+from gridslam.inference.messages import ranging
+from gridslam.inference.messages.exact_association import associate_exactly
+from gridslam.inference.messages.likelihood_ratios import Evaluation
+from gridslam.inference.state import rings
+from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.maps.map import Map
 from gridslam.systems.adaptive import AdaptiveSlam
+from gridslam.world.geometry import unit
+from gridslam.world.radio import REFLECTION_BINS
+from gridslam.world.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -29,7 +30,7 @@ class VirtualAnchorSlam(AdaptiveSlam):
     learn again; double bounces, whose departure no single bounce explains, count as clutter.
 
     Of a radio that measures distances alone, the images start as rings about the agent, which shrink while it
-    moves (`gridslam.inference.rings`); its heading can't be told then.
+    moves (`gridslam.inference.state.rings`); its heading can't be told then.
 
     Parameters
     ----------

@@ -1,0 +1,107 @@
+"""How time grows with what there is to do."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import tomli_w
+
+from gridslam.bench.course import PeakMemory, changed, heard, run
+from gridslam.runs.map_scene import METHODS
+from gridslam.world.scene import Scene
+
+if TYPE_CHECKING:
+    from gridslam.bench.bench import Plan
+
+
+@dataclass(frozen=True)
+class Growth:
+    """How time grows with one thing.
+
+    Attributes
+    ----------
+    of : str
+    size : tuple of float
+        How much of it there was, on average.
+    seconds : tuple of float
+        Of a step (median); of the whole run where `of` is "steps".
+    cpu_s : tuple of float
+        The same of what all threads together computed: other programs disturb it less.
+    peak_memory_mb : tuple of float
+    exponent, cpu_exponent : float or None
+        Slopes of straight lines through the logarithms of `seconds` and `cpu_s`; None for less than two
+        sizes, or where the clock ticks too slowly to tell.
+    """
+
+    of: str
+    size: tuple[float, ...]
+    seconds: tuple[float, ...]
+    cpu_s: tuple[float, ...]
+    peak_memory_mb: tuple[float, ...]
+    exponent: float | None
+    cpu_exponent: float | None
+
+
+def fitted(
+    of: str, size: Sequence[float], seconds: Sequence[float], cpu: Sequence[float], memory: Sequence[float]
+) -> Growth:
+    """Fit the exponents of time against size."""
+
+    def exponent(times: Sequence[float]) -> float | None:
+        told = len(set(size)) > 1 and min(times) > 0
+        return float(np.polyfit(np.log(size), np.log(times), 1)[0]) if told else None
+
+    sizes = tuple(float(n) for n in size)
+    return Growth(of, sizes, tuple(seconds), tuple(cpu), tuple(memory), exponent(seconds), exponent(cpu))
+
+
+def polygon(sides: int, particles: int) -> Scene:
+    """Closed room of `sides` equal walls, 3.5 m from its middle."""
+    data = tomllib.loads(Scene.load("room").to_toml())
+    turn = 2 * np.pi * (np.arange(sides) + 0.5) / sides
+    corner = 3.5 / np.cos(np.pi / sides) * np.stack([np.cos(turn), np.sin(turn)], -1)
+    side = float(np.abs(corner).max()) + 0.5
+    data["grid"] = {"x_m": [-side, side], "y_m": [-side, side], "cell_m": 0.1}
+    data["walls"] = [{"material": "concrete", "points_m": corner.tolist(), "closed": True}]
+    for anchor, place in zip(data["anchors"], ([-1.5, 0.8], [1.2, -1.3]), strict=True):
+        anchor["position_m"] = place
+    agent = {"start_m": [-1.0, -0.6], "waypoints_m": [[0.5, -0.4], [1.0, 0.6], [-0.4, 1.2], [-1.4, 0.2]]}
+    data["agents"] = [{**data["agents"][0], **agent, "start_heading_deg": 8.0}]
+    del data["agents"][0]["steps"]
+    return Scene.from_toml(tomli_w.dumps(data), "polygon").with_filter(particles=particles)
+
+
+def growth(alcove: Scene, plan: Plan) -> list[Growth]:
+    """Growth of grid SLAM's time in all but particles.
+
+    Surfaces are those of polygons, and rays grow with their square; the rest is varied on `alcove`: clutter,
+    size of the cells, and length of the run.
+    """
+    particles = alcove.filter.particles
+    variants: dict[str, list[Scene]] = {
+        "surfaces": [polygon(sides, particles) for sides in plan.surfaces],
+        "measurements": [changed(alcove, radio={"false_alarms": mean}) for mean in plan.false_alarms],
+        "grid cells": [changed(alcove, grid={"cell_m": side}) for side in plan.cell_m],
+    }
+    found = []
+    for of, scenes in variants.items():
+        sizes, seconds, cpu, peaks = [], [], [], []
+        for scene in scenes:
+            scans, memory = heard(scene, plan.before + plan.timed), PeakMemory()
+            course = run(METHODS["grid"](scene, seed=1).step, scans, memory)
+            counts = [len(scan) for scan in scans[plan.before :]]
+            size = {"surfaces": np.mean(course.surfaces[plan.before :]), "measurements": np.mean(counts)}
+            sizes.append(float(size.get(of, np.prod(scene.grid.shape))))
+            seconds.append(float(np.median(course.took[plan.before :])))
+            cpu.append(float(np.median(course.cpu[plan.before :])))
+            peaks.append(course.peak[-1])
+        found.append(fitted(of, sizes, seconds, cpu, peaks))
+    scans, memory = heard(alcove, max(plan.steps)), PeakMemory()
+    course = run(METHODS["grid"](alcove, seed=1).step, scans, memory)
+    ends = [steps - 1 for steps in plan.steps]
+    total, computed = (np.cumsum(times)[ends].tolist() for times in (course.took, course.cpu))
+    return [*found, fitted("steps", plan.steps, total, computed, [course.peak[end] for end in ends])]

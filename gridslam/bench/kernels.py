@@ -1,0 +1,393 @@
+"""Each kernel against its NumPy twin, on what it was given in a running filter."""
+
+from __future__ import annotations
+
+import inspect
+import itertools
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam import reference, runtime
+from gridslam.bench.stages import Function, kernels, modules, replaced
+from gridslam.kernels import ALREADY_LISTED
+from gridslam.measurements.table import Scan
+from gridslam.runs.map_scene import METHODS
+from gridslam.simulation.image_source import simulate
+from gridslam.world.scene import Scene
+
+Array = NDArray[Any]
+
+
+class Case(dict[str, Any]):
+    """Arguments of one launch, by name.
+
+    Attributes
+    ----------
+    lasting : frozenset of str
+        Those that most launches get from an earlier one: the very same arrays.
+    """
+
+    lasting: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class KernelSpeed:
+    """One kernel and its twin on the same case.
+
+    Attributes
+    ----------
+    name, scene, unit : str
+        The scene in which the case was taken, and what is counted: "path-particle", "cell visit", "path-ray",
+        "path", "pair", "sample", "measurement", "cell", "entry".
+    units : int
+        How many of them the case has.
+    kernel_s, twin_s : float
+        Medians, s.
+    kernel_best_s : float
+        Shortest of all repeats, s.
+    ratio : float
+        ``twin_s / kernel_s``.
+    ns_per_unit : float
+        Of the kernel, launch included.
+    launch_us : float
+        Of a launch with nothing to do.
+    """
+
+    name: str
+    scene: str
+    unit: str
+    units: int
+    kernel_s: float
+    kernel_best_s: float
+    twin_s: float
+    ratio: float
+    ns_per_unit: float
+    launch_us: float
+
+
+def _drawn(case: Case) -> Array:
+    """Rays of the paths that there are, (L, R, 14)."""
+    return np.asarray(case["drawn"].reshape(len(case["path"]), -1, 14)[: _listed(case)])
+
+
+def _senders(case: Case) -> NDArray[np.intp]:
+    """Paths that send messages."""
+    likely = case["factor"][: _listed(case), 1] > 0.5
+    return np.flatnonzero(likely & (_drawn(case)[..., 12].mean(1) > case["frame"][5]))
+
+
+def _visits(case: Case) -> int:
+    """Cells that the rays of possible paths cross, and those that they meet, each counted once.
+
+    The kernel casts them all for V, and walks those of sending paths again for their messages.
+    """
+    total = 0
+    for rays, count in zip(_drawn(case), case["path"][: _listed(case), 0], strict=True):
+        for row in rays[rays[:, 12] > 0.5]:
+            corners, normals = row[:8].reshape(4, 2)[: count + 2], row[8:12].reshape(2, 2)[:count]
+            crossed, met = reference.cells_of(corners, normals, case["frame"], case["held"].shape[:2])
+            total += len(crossed) + sum(len(cells) for cells in met)
+    return total
+
+
+@dataclass(frozen=True)
+class Contest:
+    """What the benchmark knows of a kernel.
+
+    Attributes
+    ----------
+    unit : str
+    twin : callable
+        Takes arguments of the kernel by name, and `given`.
+    units : callable
+        How many units a case has.
+    rows : tuple of str
+        Arguments without which, or without whose rows, there is nothing to do.
+    given : callable
+        The twin's arguments that the kernel doesn't have.
+    size : callable, optional
+        Which launch of a step is the largest, if not by its units.
+    changes : tuple of str
+        Arguments that the kernel reads and changes.
+    """
+
+    unit: str
+    twin: Function
+    units: Callable[[Case], int]
+    rows: tuple[str, ...] = ("path",)
+    given: Callable[[Case], dict[str, Any]] = lambda case: {}
+    size: Callable[[Case], int] | None = None
+    changes: tuple[str, ...] = ()
+
+
+def _path_particles(case: Case) -> int:
+    return len(case["path"]) * case["state"].shape[1]
+
+
+def _samples(case: Case) -> int:
+    return len(case["heard"]) * len(case["known"]) * min(case["state"].shape[1], case["noise"].shape[1])
+
+
+def _paths(case: Case) -> int:
+    return len(case["path"])
+
+
+def _listed(case: Case) -> int:
+    return int(case["found"][0])
+
+
+def _noted(case: Case) -> int:
+    return int(case["count"][0])
+
+
+def _surfaces(case: Case) -> int:
+    return len(case["surface"])
+
+
+def _cast_twin(case: Case) -> dict[str, Any]:
+    """What was drawn of the sending paths; the kernel draws them itself, and casts the others for V alone."""
+    send = _senders(case)
+    rows = _drawn(case)[send].reshape(-1, 14)
+    traversed, hit = case["occupied"].reshape(2, *case["held"].shape[:2])
+    return {
+        "corners": rows[:, :8].reshape(-1, 4, 2), "normals": rows[:, 8:12].reshape(-1, 2, 2),
+        "possible": rows[:, 12], "bounces": case["path"][send, 0], "worth": case["factor"][send, 0],
+        "traversed": traversed, "hit": hit, "rays": case["state"].shape[1],
+        "outside": case["frame"][3], "clip": case["frame"][4],
+    }  # fmt: skip
+
+
+def _born(case: Case) -> int:
+    return int(case["born"][0, 0])
+
+
+def _messages(case: Case) -> int:
+    return int(np.prod(case["message"].shape[1:]))
+
+
+CONTESTS = {
+    "absorb": Contest(
+        "cell", reference.absorb, lambda case: case["before"].size, ("before", "news"),
+        changes=("message", "news", "observed"),
+    ),
+    "associate": Contest("pair", reference.associate, _messages, ("message", "odds", "measured")),
+    "bear": Contest("path", reference.bear, lambda case: 1, ("heard",)),
+    "cast": Contest(
+        "cell visit", reference.cast, _visits, given=_cast_twin,
+        rows=("path", "found", "mean"),
+        # that sends: it lists no paths, and tells no coefficients
+        size=lambda case: _listed(case) if case["only"] == ALREADY_LISTED else -1,
+    ),
+    "describe": Contest("path", reference.describe, _listed, ("surface", "places", "table"), size=_surfaces),
+    "duplicate": Contest("pair", reference.duplicate, lambda case: len(case["foot"]) ** 2, ("foot",)),
+    "evaluate": Contest(
+        "path-particle", reference.evaluate, _path_particles,
+        ("path", "belief", "predicted", "heard", "odds", "root", "blocks", "message", "measured"),
+    ),
+    "foresee": Contest("path", reference.foresee, _listed, ("surface",), size=_surfaces),
+    "glance": Contest("path", reference.glance, _born, ("born",), changes=("told", "measured")),
+    "haunt": Contest("pair", reference.haunt, lambda case: len(case["surface"]) ** 2, ("surface",)),
+    "learn": Contest(
+        "path", reference.learn, _noted, ("count",), changes=("surface", "held", "foot", "extent", "times")
+    ),
+    "listen": Contest(
+        "node",
+        reference.listen,
+        lambda case: case["ahead"].size,
+        ("ahead", "heard", "responsible", "density"),
+    ),
+    "mark": Contest("path", reference.mark, _paths, changes=("foot", "extent", "times")),
+    "near": Contest("measurement", reference.near, lambda case: len(case["heard"]), ("heard", "places")),
+    "polylines": Contest("path-ray", reference.polylines, _path_particles),
+    "propose": Contest("sample", reference.propose, _samples, ("heard",), changes=("measured",)),
+    "walk": Contest("node", reference.walk, lambda case: case["ahead"].size, ("ahead", "length")),
+    "update": Contest(
+        "path", reference.update, _paths, ("path", "share", "heard", "odds", "message", "measured"),
+        changes=("mean", "covariance", "message", "measured", "surface", "sight", "single", "double", "sums",
+                 "count", "noted", "factor", "told", "begin", "said"),
+    ),
+}  # fmt: skip
+
+
+def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Case]:
+    """Run grid SLAM for some steps, then keep each kernel's largest launch of the next few.
+
+    Of a kernel that grid SLAM doesn't launch, that of adaptive SLAM is kept. Association is part of updates
+    in both, of which it is taken out.
+
+    Parameters
+    ----------
+    scene : Scene
+    steps : int
+        Before any launch is looked at.
+    watched : int
+        Steps that are; from the third on, which arrays last is looked at, too.
+    """
+    runtime.start()
+    scans = list(simulate(scene, scene.agents[0].name, seed=1))[: steps + watched]
+    found = _launches("adaptive", scene, scans, steps) | _launches("grid", scene, scans, steps)
+    names = inspect.signature(kernels()["associate"]).parameters
+    return found | {"associate": Case((name, _copy(found["update"][name])) for name in names)}
+
+
+def _launches(method: str, scene: Scene, scans: Sequence[Scan], steps: int) -> dict[str, Case]:
+    slam = METHODS[method](scene, seed=1)
+    for scan in scans[:steps]:
+        slam.step(scan)
+    best: dict[str, tuple[int, Case]] = {}
+    before: defaultdict[tuple[str, str], list[Any]] = defaultdict(list)
+    number: Counter[str] = Counter()
+    moved: Counter[tuple[str, str]] = Counter()
+
+    def recorder(name: str, kernel: Function) -> Function:
+        names = list(inspect.signature(kernel).parameters)
+
+        def record(*arguments: Any) -> Any:
+            case = Case(zip(names, arguments, strict=True))
+            contest = CONTESTS[name]
+            size = (contest.size or contest.units)(case)
+            fresh = {k for k, v in case.items() if not any(v is one for one in before[name, k])}
+            number[name] += 1
+            for key in fresh:
+                before[name, key].append(case[key])
+                moved[name, key] += 1
+            if name not in best or size > best[name][0]:
+                best[name] = size, Case({k: _copy(v) for k, v in case.items()})
+            return kernel(*arguments)
+
+        return record
+
+    with replaced({id(k): (k, recorder(name, k)) for name, k in kernels().items()}, modules("gridslam.")):
+        for watched, scan in enumerate(scans[steps:]):
+            slam.step(scan)
+            if watched < 2:  # what lasts was handed over once by then
+                number.clear()
+                moved.clear()
+    for name, (_, case) in best.items():  # of a kernel that wasn't launched since, nothing is known to last
+        case.lasting = frozenset(key for key in case if 2 * moved[name, key] < number[name])
+    return {name: case for name, (_, case) in best.items()}
+
+
+def compete(name: str, scene: str, case: Case, seconds: float) -> KernelSpeed:
+    """Time a kernel and its twin on one case.
+
+    Parameters
+    ----------
+    name, scene : str
+        Of the kernel, and where its case was taken.
+    seconds : float
+        At least so long for the kernel, and for the twin; each runs three times or more, the twin once.
+    """
+    import taichi as ti
+
+    kernel, contest = kernels()[name], CONTESTS[name]
+
+    held = {key: runtime.on_host(value) for key, value in case.items() if hasattr(value, "shape")}
+    used, idle = Case(case | {key: _copy(case[key]) for key in contest.changes}), IdleLaunches({name: case})
+
+    def launch(arguments: Case) -> None:
+        kernel(*arguments.values())
+        ti.sync()
+
+    def restore() -> None:
+        for key in contest.changes:
+            if isinstance(used[key], np.ndarray):
+                used[key][...] = held[key]
+            else:
+                used[key].from_numpy(held[key])
+
+    launch(used)  # compiled, and in the cache; what counts its units is there
+    case = Case(case | {key: runtime.on_host(case[key]) for key in held})
+    units = contest.units(case)
+    known = {**case, **contest.given(case)}
+    wanted = {key: known[key] for key in inspect.signature(contest.twin).parameters}
+    took = repeated(lambda: launch(used), seconds, before=restore)
+    nothing = idle.seconds(0.1 * seconds)[name]
+    twin = float(np.median(repeated(lambda: contest.twin(**wanted), seconds, 1)))
+    median = float(np.median(took))
+    return KernelSpeed(
+        name, scene, contest.unit, units, median, min(took), twin, twin / median,
+        1e9 * median / max(units, 1), 1e6 * nothing,
+    )  # fmt: skip
+
+
+class IdleLaunches:
+    """Launches of kernels that have nothing to do.
+
+    Parameters
+    ----------
+    cases : dict
+        One of every kernel, by its name.
+    """
+
+    def __init__(self, cases: dict[str, Case]) -> None:
+        from gridslam.kernels.primitives.launching import MOST_KEPT
+
+        self._cases: dict[str, list[Case]] = {}
+        for name, case in cases.items():
+            idle = Case(case | {key: _none(key, runtime.on_host(case[key])) for key in CONTESTS[name].rows})
+            # arrays are others than the time before, if they are in a filter
+            self._cases[name] = [
+                Case((key, value if key in case.lasting else _copy(value)) for key, value in idle.items())
+                for _ in range(MOST_KEPT + 1)
+            ]
+
+    def seconds(self, each: float = 0.01) -> dict[str, float]:
+        """Median of the launches of each kernel, which are repeated for so many seconds."""
+        import taichi as ti
+
+        from gridslam.kernels.primitives.device import ON_CPU
+
+        taken = {}
+        for name, cases in self._cases.items():
+            kernel, turn = kernels()[name], itertools.cycle(cases)
+
+            def launch(kernel: Function = kernel, turn: Iterator[Case] = turn) -> None:
+                kernel(*next(turn).values())
+                if not ON_CPU:
+                    ti.sync()
+
+            launch()
+            taken[name] = float(np.median(repeated(launch, each)))
+        return taken
+
+
+def repeated(
+    action: Callable[[], object],
+    seconds: float,
+    at_least: int = 3,
+    before: Callable[[], object] = lambda: None,
+) -> list[float]:
+    """Seconds that each of many calls took, without what is done `before` each."""
+    took: list[float] = []
+    until = time.perf_counter() + seconds
+    while len(took) < at_least or time.perf_counter() < until:
+        before()
+        began = time.perf_counter()
+        action()
+        took.append(time.perf_counter() - began)
+    return took
+
+
+def _none(name: str, array: Array) -> Array:
+    """No rows of an array; of those that have paths or measurements in columns, none of these either."""
+    if name in ("born", "found"):
+        return np.zeros_like(array[:1])
+    if name == "count":
+        return np.zeros_like(array)
+    if name == "message":
+        return np.ascontiguousarray(array[:, :0, :0])
+    return np.ascontiguousarray(array[:, :0]) if name in ("blocks", "odds", "measured", "news") else array[:0]
+
+
+def _copy(value: Any) -> Any:
+    """A copy of an array, where it is."""
+    if isinstance(value, np.ndarray):
+        return value.copy()
+    return runtime.resident(value.to_numpy()) if hasattr(value, "to_numpy") else value

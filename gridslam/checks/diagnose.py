@@ -1,0 +1,246 @@
+"""What is in a file of measurements, and whether it is what it says: units, frames, signs, padding.
+
+Some errors show in the numbers alone (an angle of 120, a distance of 1e-8). The others show against the
+scene: of all readings of a column, the right one lets the line of sight to the anchors explain what was heard
+near the agent's start and on from there (`gridslam.checks.line_of_sight_filter`).
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
+from gridslam.checks.unit_hypotheses import ADVICE, ANGLES, Suspicion, absurd, finite, padding, readings
+from gridslam.errors import InputError
+from gridslam.measurements import csv_hdf5, matlab
+from gridslam.measurements.csv_hdf5 import DEVIATIONS, VALUES, Columns
+from gridslam.measurements.table import Measurements
+from gridslam.world.geometry import wrap
+from gridslam.world.scene import Scene
+
+Array = NDArray[np.float64]
+ENOUGH, CERTAIN = 10.0, 30.0
+"""Log likelihood ratios in nats above which a reading is told, and told as certain."""
+LEVEL_DB = 2.5
+"""Amplitudes whose level is nearer to the expected one aren't questioned."""
+EXPLAINED = 0.85
+"""Share of scans with a line of sight above which a column isn't questioned further."""
+
+
+def read_raw(path: str | os.PathLike[str], anchors: tuple[str, ...] | None = None) -> tuple[Columns, tuple]:
+    """Columns and names of the anchors of a file, the content of its rows not yet checked.
+
+    Raises
+    ------
+    InputError
+        Not a table of measurements.
+    """
+    with csv_hdf5.located(path):
+        kind = Path(path).suffix.lower()
+        if kind == ".csv":
+            return csv_hdf5.read_csv(path, checked=False)
+        if kind == ".mat":
+            return matlab.read_mat(path, None, checked=False)
+        whole = csv_hdf5.read_h5(path, checked=False)
+        names = ("step", "time_s", "anchor", *VALUES, *DEVIATIONS)
+        return {name: whole[name] for name in names if name in whole}, tuple(whole["anchors"])
+
+
+def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: str | None = None) -> list[str]:
+    """Say what a file of measurements holds, in units, and what looks wrong with it.
+
+    Parameters
+    ----------
+    path : path
+        CSV, HDF5 or MATLAB file.
+    scene : Scene, optional
+        Lets the angles, distances and amplitudes be compared with the anchors and the agent's start.
+    agent : str, optional
+        Whose table it is; otherwise the scene's first agent.
+
+    Returns
+    -------
+    list of str
+        Lines for a person; those of suspicions start with ``suspect:``, a fault for which the file is refused
+        with ``refused:``.
+
+    Raises
+    ------
+    InputError
+        Not a table of measurements at all, or no such agent.
+    """
+    columns, names = read_raw(path)
+    lines = summary(columns, names)
+    found = suspicions(columns, names, scene, agent)
+    lines += [f"suspect: {item}" for item in found]
+    try:
+        if Measurements.load(path).truth is not None:
+            lines[0] += ", true track known"
+    except InputError as error:
+        lines.append(f"refused: {error}")
+    if scene is not None and not found:
+        lines.append(_verdict(columns, names, scene, agent))
+    return lines
+
+
+def summary(columns: Columns, names: tuple[str, ...]) -> list[str]:
+    """What the columns hold, in their units."""
+    step, count = columns["step"], len(columns["step"])
+    if not count:
+        return [f"measurements: no paths, anchors {', '.join(names)}"]
+    steps, time = int(step.max()) - int(step.min()) + 1, columns["time_s"]
+    heard = np.unique(np.stack([step, columns["anchor"]]), axis=1).shape[1]
+    lines = [
+        f"measurements: {steps} steps ({step.min()} to {step.max()}, {time.min():g} to {time.max():g} s), "
+        f"{count} paths, anchors {', '.join(names)}",
+        f"  {count / heard:.1f} paths in a scan (an anchor at a step), {heard} of {steps * len(names)} "
+        "scans hold any",
+    ]
+    for name in VALUES:
+        values = columns[name][~np.isnan(columns[name])] if name in columns else np.zeros(0)
+        lines.append(f"  {name}: {_range(name, values, count)}")
+    own = [name for name in DEVIATIONS if name in columns]
+    return [*lines, f"  its own standard deviations: {', '.join(own)}"] if own else lines
+
+
+def _range(name: str, values: Array, count: int) -> str:
+    if not len(values):
+        return "not measured"
+    low, middle, high = values.min(), np.median(values), values.max()
+    unit = {"amplitude": "", "distance_m": " m"}.get(name, " rad")
+    text = f"{low:.4g} to {high:.4g}{unit}, median {middle:.4g}"
+    if name == "amplitude" and low > 0:
+        text += f" (SNR {20 * np.log10(low):.1f} to {20 * np.log10(high):.1f} dB)"
+    return text if len(values) == count else f"{text}, in {len(values)} of {count} rows"
+
+
+def suspicions(
+    columns: Columns, names: tuple[str, ...], scene: Scene | None = None, agent: str | None = None
+) -> list[Suspicion]:
+    """Find what is probably wrong with a table; without a scene only what the numbers alone show.
+
+    Raises
+    ------
+    InputError
+        No such agent in the scene.
+    """
+    found, columns = padding(columns)
+    plain, columns = absurd(columns)
+    found += plain
+    if scene is None or not len(columns["step"]):
+        return found
+    place = _anchors(names, scene)
+    if place is None:
+        allowed = ", ".join(scene.anchor_names)
+        text = f"names that aren't the scene's ({allowed})"
+        return [*found, Suspicion("anchor", "anchors", text, True, f"found {', '.join(names)}")]
+    table = columns | {"anchor": place[columns["anchor"]]}
+    who = agent if agent is not None else (scene.agents[0].name if scene.agents else None)
+    return found + _against_scene(table, scene, who, {item.column for item in plain})
+
+
+def _anchors(names: tuple[str, ...], scene: Scene) -> NDArray[np.intp] | None:
+    known = scene.anchor_names
+    if all(name in known for name in names):
+        return np.array([known.index(name) for name in names], dtype=np.intp)
+    numbered = all(name == str(number + 1) for number, name in enumerate(names))
+    return np.arange(len(names)) if numbered and len(names) <= len(known) else None
+
+
+def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[str]) -> list[Suspicion]:
+    """Question the columns one after the other, each with those before it read rightly."""
+    found: list[Suspicion] = []
+    order = np.argsort(table["step"], kind="stable")
+    table = {name: values[order] for name, values in table.items()}
+    keys = {name: table[name] for name in ("step", "anchor", *DEVIATIONS) if name in table}
+    trusted: Columns = dict(keys)
+    sight: Sight | None = None
+    for name in ("distance_m", *ANGLES):
+        if not len(finite(table, name)):
+            continue
+        sight = explain(trusted | {name: table[name]}, scene, agent)
+        best, read, plain = sight, table[name], sight
+        kind = ""
+        straight = name == "aoa_rad" and _faces_along_x(scene, agent)
+        if sight.explained < EXPLAINED or name == "aoa_rad":
+            for label, reading in readings(name, scene, table).items():
+                world = name == "aoa_rad" and label == "world frame"
+                if sight.explained >= EXPLAINED and not world:
+                    continue  # what explains nearly all is read rightly, but for a heading that never moves
+                values = reading(table[name], keys["anchor"])
+                other = explain(trusted | {name: values}, scene, agent, world)
+                if world and straight and turning_rad(other.position_m) < np.radians(30):
+                    continue  # relative to a heading of 0 is the same as in the world
+                if other.evidence > max(best.evidence, plain.evidence + ENOUGH, ENOUGH):
+                    best, read, kind = other, values, label
+        if kind:
+            gain = best.evidence - plain.evidence
+            reason = (
+                f"line of sight in {best.explained:.0%} of {best.scans} scans, {plain.explained:.0%} as it "
+                f"stands; log likelihood ratio {gain:.0f}"
+            )
+            advice = (
+                kind if kind in ADVICE else f"{kind} of {'departure' if name == 'aod_rad' else 'arrival'}"
+            )
+            found.append(Suspicion(name, kind, ADVICE[advice], gain > CERTAIN, reason))
+            if kind == "swapped":
+                table["aoa_rad"] = table["aod_rad"]
+        if kind != "world frame" or name != "aoa_rad":
+            trusted[name] = read
+        sight = best
+    if sight is not None and "amplitude" not in known and len(finite(table, "amplitude")):
+        found += _loudness(table["amplitude"], sight, scene)
+    return found
+
+
+def _faces_along_x(scene: Scene, agent: str | None) -> bool:
+    if agent is None:
+        return True
+    body = scene.agent(agent)
+    return bool(abs(wrap(np.radians(body.start_heading_deg))) < np.radians(body.prior.heading_deg + 10))
+
+
+def _loudness(amplitude: Array, sight: Sight, scene: Scene) -> list[Suspicion]:
+    """Amplitudes of the lines of sight against one over the distance, the level being known to some 4 dB."""
+    rows = sight.row[sight.probability > 0.7]
+    near = sight.distance_m[sight.probability > 0.7]
+    with np.errstate(invalid="ignore"):
+        good = (amplitude[rows] > 0) & (near > 0)
+    heard, near = amplitude[rows][good], near[good]
+    if len(heard) < 10:
+        return []
+    expected = np.log(scene.signal_model().amplitude(near))
+    readings = {"": np.log(heard), "dB": heard * np.log(10) / 20, "power": 0.5 * np.log(heard)}
+    scores = {kind: _level(values - expected) for kind, values in readings.items()}
+    kind = max(scores, key=lambda name: scores[name])
+    gain = scores[kind] - scores[""]
+    level = 20 / np.log(10) * float(np.median(readings[""] - expected))
+    if not kind or gain < ENOUGH or abs(level) < LEVEL_DB:
+        return []
+    shown = f"{len(heard)} lines of sight are {level:+.0f} dB off as it stands"
+    reason = f"{shown}; log likelihood ratio {gain:.0f}"
+    return [Suspicion("amplitude", kind, ADVICE[kind], gain > CERTAIN, reason)]
+
+
+def _level(gap: Array, spread: float = 0.2, stray: float = 0.2) -> float:
+    """Log likelihood of log amplitudes off by one common level (std 0.5); a fifth may be anything."""
+    levels = np.linspace(-1.5, 1.5, 61)
+    near = np.exp(-0.5 * ((gap - levels[:, None]) / spread) ** 2) / (np.sqrt(2 * np.pi) * spread)
+    each = np.log((1 - stray) * near + stray / 6).sum(1) - 0.5 * (levels / 0.5) ** 2
+    return float(np.logaddexp.reduce(each))
+
+
+def _verdict(columns: Columns, names: tuple[str, ...], scene: Scene, agent: str | None) -> str:
+    place = _anchors(names, scene)
+    who = agent if agent is not None else (scene.agents[0].name if scene.agents else None)
+    if place is None or not len(columns["step"]):
+        return "nothing to compare with the scene"
+    seen = explain(columns | {"anchor": place[columns["anchor"]]}, scene, who)
+    told = f"line of sight to the anchors in {seen.explained:.0%} of {seen.scans} scans"
+    if seen.explained < 0.3:
+        return f"{told}: too few to tell whether units and frames are right"
+    return f"{told}: units and frames fit the scene"

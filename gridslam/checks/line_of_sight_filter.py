@@ -1,0 +1,202 @@
+"""How well the line of sight to known anchors explains what was heard: a small particle filter of its own.
+
+It knows nothing of walls, so it works before any map does, and it is blunt on purpose: the standard
+deviations are wide, and a scan whose line of sight is blocked costs little. Its evidence compares readings of
+the same table (radians or degrees, metres or seconds).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.world.geometry import unit, wrap
+from gridslam.world.radio import SPEED_OF_LIGHT
+from gridslam.world.scene import Scene
+
+Array = NDArray[np.float64]
+PARTICLES, STEPS = 300, 100
+HEARD = 0.9
+"""Share of the scans in which a line of sight is expected."""
+ANGLE_STD = np.radians(5.0)
+LEAST_DISTANCE_STD_M = 0.1
+QUANTITIES = ("distance_m", "aod_rad", "aoa_rad")
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What the line of sight explains under one reading of the table.
+
+    Attributes
+    ----------
+    evidence : float
+        Log likelihood ratio to a table whose values have nothing to do with the anchors, nats.
+    scans : int
+        Pairs of step and anchor with something heard.
+    explained : float
+        Expected share of them that hold a path in line of sight.
+    row, distance_m, probability : (R,) int, float64, float64
+        The likeliest row of each scan, the distance predicted for it, and how likely it is the line of sight.
+    position_m : (N, 2) float64, m
+        Mean position of the agent at each step.
+    """
+
+    evidence: float
+    scans: int
+    explained: float
+    row: NDArray[np.intp]
+    distance_m: Array
+    probability: Array
+    position_m: Array
+
+
+def explain(
+    columns: Mapping[str, NDArray], scene: Scene, agent: str | None, world_arrival: bool = False
+) -> Sight:
+    """Follow the agent by line of sight alone over the first steps.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        ``step`` and ``anchor`` (an index into the scene's), and any of ``distance_m``, ``aod_rad`` and
+        ``aoa_rad``; NaN where not measured.
+    scene : Scene
+        For the anchors and the agent's start.
+    agent : str or None
+        None starts anywhere in the grid.
+    world_arrival : bool
+        Take ``aoa_rad`` as a direction in the world, not relative to the heading.
+    """
+    draw = np.random.default_rng(0)
+    position, heading, pace = _start(scene, agent, draw)
+    turn = np.radians(scene.filter.heading_deg)
+    step, anchor = columns["step"], columns["anchor"]
+    first = int(step[0]) if len(step) else 0
+    used = np.flatnonzero(step < first + STEPS)
+    weight = np.full(len(position), 1 / len(position))
+    usual = {name: _density(columns[name]) for name in QUANTITIES if name in columns}
+    evidence, rows, ranges, chances, track = 0.0, [], [], [], []
+    bounds = np.flatnonzero(np.diff(step[used])) + 1
+    before = first
+    for group in np.split(used, bounds) if len(used) else []:
+        gap = np.sqrt(max(int(step[group[0]]) - before, 1))
+        before = int(step[group[0]])
+        position = position + gap * pace[:, None] * draw.standard_normal(position.shape)
+        heading = heading + gap * turn * draw.standard_normal(len(heading))
+        score = np.zeros(len(position))
+        scans = []
+        for number in np.unique(anchor[group]):
+            own = group[anchor[group] == number]
+            distance, ratio = _ratio(
+                columns, usual, own, scene, int(number), position, heading, world_arrival
+            )
+            total = (1 - HEARD) + HEARD * ratio.sum(1) / len(own)
+            score += np.log(total)
+            scans.append((own, distance, HEARD * ratio / len(own) / total[:, None]))
+        peak = score.max()
+        weight = weight * np.exp(score - peak)
+        evidence += peak + np.log(weight.sum())
+        weight /= weight.sum()
+        for own, distance, share in scans:
+            chance = weight @ share
+            rows.append(own[chance.argmax()])
+            ranges.append(float(weight @ distance))
+            chances.append(float(chance.sum()))
+        track.append(weight @ position)
+        places = (draw.random() + np.arange(len(weight))) / len(weight)  # systematic resampling
+        kept = np.minimum(np.searchsorted(np.cumsum(weight), places), len(weight) - 1)
+        position, heading, pace = position[kept], heading[kept], pace[kept]
+        weight = np.full(len(kept), 1 / len(kept))
+    return Sight(
+        float(evidence),
+        len(rows),
+        float(np.mean(chances)) if chances else 0.0,
+        np.array(rows, dtype=np.intp),
+        np.array(ranges),
+        np.array(chances),
+        np.reshape(track, (-1, 2)),
+    )
+
+
+def _start(scene: Scene, agent: str | None, draw: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Positions, headings and paces (std of a step, m) of the particles."""
+    if agent is None:
+        low, high = np.transpose([scene.grid.x_m, scene.grid.y_m])
+        count = 10 * PARTICLES
+        return draw.uniform(low, high, (count, 2)), draw.uniform(-np.pi, np.pi, count), np.full(count, 0.1)
+    body = scene.agent(agent)
+    wide = max(body.prior.position_m, 0.1)
+    position = body.start_m + draw.uniform(-wide, wide, (PARTICLES, 2))
+    facing = np.radians(body.start_heading_deg + body.prior.heading_deg * draw.uniform(-1, 1, PARTICLES))
+    # a quarter of them hurries, since a table of one's own needn't keep to the scene's step
+    return position, facing, body.step_m * np.where(np.arange(PARTICLES) % 4 == 0, 4.0, 0.8)
+
+
+def _ratio(
+    columns: Mapping[str, NDArray],
+    usual: Mapping[str, Array],
+    rows: NDArray[np.intp],
+    scene: Scene,
+    number: int,
+    position: Array,
+    heading: Array,
+    world_arrival: bool,
+) -> tuple[Array, Array]:
+    """Distance to the anchor (P,), and likelihood of each row (P, M) as its line of sight, over any path."""
+    away = position - scene.anchor_positions[number]
+    distance, direction = np.hypot(*away.T), np.arctan2(away[:, 1], away[:, 0])
+    shape = (len(position), len(rows))
+    exponent, peak = np.zeros(shape), np.ones(len(rows))
+    if "distance_m" in columns:
+        own = _deviation(columns, "distance_std_m", rows)
+        sigma = np.hypot(max(LEAST_DISTANCE_STD_M, 0.5 * SPEED_OF_LIGHT / scene.radio.bandwidth_hz), own)
+        values = columns["distance_m"][rows]
+        exponent += _square(values - distance[:, None], sigma, values)
+        peak /= np.where(np.isnan(values), 1, np.sqrt(2 * np.pi) * sigma * usual["distance_m"][rows])
+    for name, zero, frame in (
+        ("aod_rad", direction, scene.anchor_orientations[number]),
+        ("aoa_rad", direction + np.pi, 0.0 if world_arrival else heading),
+    ):
+        if name in columns:
+            values = columns[name][rows]
+            sigma = np.hypot(ANGLE_STD, _deviation(columns, name.replace("rad", "std_rad"), rows))
+            gap = values - (zero - frame)[:, None]
+            exponent += _square(wrap(np.nan_to_num(gap)), sigma, values)
+            peak /= np.where(np.isnan(values), 1, np.sqrt(2 * np.pi) * sigma * usual[name][rows])
+    return distance, peak * np.exp(-0.5 * exponent)
+
+
+def _density(values: Array) -> Array:
+    """How dense the column's own values lie about each of them, by quantiles: what chance would give (K,).
+
+    Without it, whatever reading draws the values together would look like a discovery.
+    """
+    known = values[np.isfinite(values)]
+    bins = int(np.clip(len(known) // 10, 1, 16))
+    edges = np.quantile(known, np.linspace(0, 1, bins + 1)) if len(known) else np.array([0.0, 1.0])
+    width = np.maximum(np.diff(edges), 1e-9)
+    return 1 / (bins * width[np.clip(np.searchsorted(edges, values, side="right") - 1, 0, bins - 1)])
+
+
+def _square(gap: Array, sigma: Array, values: Array) -> Array:
+    return np.where(np.isnan(values), 0.0, (gap / sigma) ** 2)
+
+
+def _deviation(columns: Mapping[str, NDArray], name: str, rows: NDArray[np.intp]) -> Array:
+    return np.nan_to_num(columns[name][rows]) if name in columns else np.zeros(len(rows))
+
+
+def turning_rad(track: Array, leg_m: float = 0.5) -> float:
+    """Greatest change of course of a noisy track (N, 2) in m, seen over legs of some length, rad."""
+    corners = [0]
+    for place in range(len(track)):
+        if np.linalg.norm(track[place] - track[corners[-1]]) > leg_m:
+            corners.append(place)
+    legs = np.diff(track[corners], axis=0)
+    if len(legs) < 2:
+        return 0.0
+    course = np.arctan2(legs[:, 1], legs[:, 0])
+    return float(np.abs(np.arccos(np.clip(unit(course) @ unit(course[0]), -1, 1))).max())

@@ -1,0 +1,138 @@
+"""What a column of measurements could have been meant as, and what its numbers alone give away."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.measurements.csv_hdf5 import VALUES, Columns
+from gridslam.world.geometry import wrap
+from gridslam.world.radio import SPEED_OF_LIGHT
+from gridslam.world.scene import Scene
+
+Array = NDArray[np.float64]
+Reading = Callable[[Array, NDArray], Array]
+ANGLES = ("aod_rad", "aoa_rad")
+PAD_VALUES = (-1.0, 0.0, -99.0, -999.0, -9999.0, 999.0, 9999.0)
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """One thing that is probably wrong.
+
+    Attributes
+    ----------
+    column : str
+    kind : str
+        "padding", "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "round trip",
+        "flipped", "world frame", "backwards", "swapped", "dB" or "power".
+    text : str
+        What it looks like and what to do.
+    certain : bool
+    reason : str
+        The numbers behind it.
+    """
+
+    column: str
+    kind: str
+    text: str
+    certain: bool
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.column}: {'' if self.certain else 'probably '}{self.text} ({self.reason})"
+
+
+ADVICE = {
+    "degrees": "degrees, where radians belong",
+    "radians twice": "turned from degrees to radians twice",
+    "seconds": "delays in seconds, where metres belong (times the speed of light)",
+    "nanoseconds": "delays in nanoseconds, where metres belong (times 0.299792458)",
+    "millimetres": "millimetres, where metres belong",
+    "round trip": "the way there and back, twice the distance",
+    "flipped": "counted clockwise; angles are counter-clockwise",
+    "world frame of departure": "directions in the world; the anchor's orientation must be subtracted",
+    "world frame of arrival": "directions in the world; the agent's heading must be subtracted",
+    "backwards": "the direction of travel, where the direction towards where the path comes from belongs",
+    "swapped": "exchanged with the other angle: departure is at the anchor, arrival at the agent",
+    "dB": "decibels, where the linear root of the SNR belongs",
+    "power": "the SNR itself, where its root belongs",
+}
+
+
+def padding(columns: Columns) -> tuple[list[Suspicion], Columns]:
+    """Rows of one filler value in several columns, or in one that can't hold it; and the table without."""
+    count = len(columns["step"])
+    present = [name for name in VALUES if name in columns]
+    for value in PAD_VALUES:
+        equal = {name: columns[name] == value for name in present}
+        several = np.sum(list(equal.values()), axis=0) >= min(2, len(present))
+        positive = [equal[name] for name in ("distance_m", "amplitude") if name in present and value <= 0]
+        rows = several | np.any(positive, axis=0) if positive else several
+        if rows.sum() >= max(2, 0.002 * count):
+            held = ", ".join(name for name in present if (equal[name] & rows).any())
+            reason = f"{rows.sum()} of {count} rows"
+            text = f"padding: {value:g} stands for nothing there; leave such cells empty or such rows out"
+            rest = {name: values[~rows] for name, values in columns.items()}
+            more, rest = padding(rest)
+            return [Suspicion(held, "padding", text, True, reason), *more], rest
+    return [], columns
+
+
+def absurd(columns: Columns) -> tuple[list[Suspicion], Columns]:
+    """What no value of a column can be, and the table read the other way."""
+    found, table = [], dict(columns)
+    for name in ANGLES:
+        values = finite(columns, name)
+        wide = np.abs(values) > 2 * np.pi
+        if wide.mean() > 0.01 if len(values) else False:
+            reason = f"up to {np.abs(values).max():.4g}, {wide.mean():.0%} beyond 2 pi"
+            found.append(Suspicion(name, "degrees", ADVICE["degrees"], True, reason))
+            table[name] = np.radians(columns[name])
+    values = finite(columns, "distance_m")
+    if len(values) and 0 < np.median(values) < 1e-5:
+        reason = f"median {np.median(values):.3g}"
+        found.append(Suspicion("distance_m", "seconds", ADVICE["seconds"], True, reason))
+        table["distance_m"] = columns["distance_m"] * SPEED_OF_LIGHT
+    values = finite(columns, "amplitude")
+    if len(values) and (values < 0).mean() > 0.002:
+        reason = f"{(values < 0).mean():.0%} below 0"
+        found.append(Suspicion("amplitude", "dB", ADVICE["dB"], True, reason))
+        table["amplitude"] = 10 ** (columns["amplitude"] / 20)
+    return found, table
+
+
+def readings(name: str, scene: Scene, table: Columns) -> dict[str, Reading]:
+    """Other ways in which a column could have been meant."""
+    if name == "distance_m":
+        factors = {"seconds": SPEED_OF_LIGHT, "nanoseconds": SPEED_OF_LIGHT * 1e-9}
+        factors |= {"millimetres": 1e-3, "round trip": 0.5}
+        return {kind: partial(_times, factor) for kind, factor in factors.items()}
+    readings: dict[str, Reading] = {
+        "degrees": lambda values, _: np.radians(values),
+        "radians twice": lambda values, _: np.degrees(values),
+        "flipped": lambda values, _: -values,
+        "backwards": lambda values, _: wrap(values + np.pi),
+    }
+    if name == "aod_rad":
+        orientation = scene.anchor_orientations
+        readings["world frame"] = lambda values, anchor: wrap(values - orientation[anchor])
+        if "aoa_rad" in table:
+            readings["swapped"] = lambda values, _: table["aoa_rad"]
+    else:
+        readings["world frame"] = lambda values, _: values
+    return readings
+
+
+def _times(factor: float, values: Array, _: NDArray) -> Array:
+    return factor * values
+
+
+def finite(columns: Columns, name: str) -> Array:
+    """Values of a column that are there and finite; none if the column is missing."""
+    values = columns.get(name, np.zeros(0))
+    return values[np.isfinite(values)]

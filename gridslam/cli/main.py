@@ -1,0 +1,315 @@
+"""Command line: mapping and simulating. Nothing heavy is imported before a command runs."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from gridslam.cli import bench, files, scene
+from gridslam.cli.robustness import robustness
+from gridslam.cli.study import study
+from gridslam.errors import InputError
+
+if TYPE_CHECKING:
+    from gridslam.maps.map import Map
+    from gridslam.measurements.table import Measurements
+    from gridslam.runs.run import Run
+    from gridslam.viewers.rerun_view import RunView
+    from gridslam.world.scene import Scene
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
+out, err = Console(), Console(stderr=True)
+MAIN_SCENE = "canyon"
+WIDEST_TABLE = 160
+"""Columns up to which the table is printed whole, whatever the terminal."""
+app.command()(study)
+app.command()(robustness)
+
+
+@app.command()
+def run(
+    scene: Annotated[str, typer.Argument(help="bundled name or path")] = MAIN_SCENE,
+    agent: Annotated[list[str] | None, typer.Option(help="agents, in order")] = None,
+    method: Annotated[str, typer.Option(help="grid or adaptive")] = "grid",
+    particles: Annotated[int | None, typer.Option(help="instead of the scene's filter.particles")] = None,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    measurements: Annotated[
+        Path | None, typer.Option(help="CSV, MATLAB or HDF5 file of the one agent")
+    ] = None,
+    truth: Annotated[Path | None, typer.Option(help="TUM track to score --measurements by")] = None,
+    map_file: Annotated[Path | None, typer.Option("--map", help="map to start from")] = None,
+    device: Annotated[str, typer.Option(help="auto, cpu or gpu")] = "auto",
+    threads: Annotated[int | None, typer.Option(min=1)] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="new folder")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier run's folder")] = False,
+    rerun: Annotated[bool, typer.Option("--rerun", help="show it in the Rerun viewer meanwhile")] = False,
+    rerun_to: Annotated[
+        str | None, typer.Option(help="FILE.rrd to record to instead, or HOST:PORT of a viewer")
+    ] = None,
+) -> None:
+    """Map a scene with its agents, each starting from the map that the one before it left."""
+    from gridslam import runtime
+    from gridslam.maps.frames import fitted
+    from gridslam.maps.map import Map
+    from gridslam.runs.map_scene import METHODS, check_anchors
+    from gridslam.runs.run import check_output
+    from gridslam.world.scene import Scene
+
+    world = Scene.load(scene)
+    world = world if particles is None else world.with_filter(particles=particles)
+    if method not in METHODS:
+        raise InputError("--method", repr(method), ", ".join(METHODS))
+    names = _agents(world, agent, measurements)
+    folder = output or _free_folder(world.name)
+    check_output(folder, overwrite)
+    recorded = _recorded(world, measurements, truth)
+    if recorded is not None:
+        check_anchors(world, recorded)
+    given, note = fitted(Map.load(map_file), world, str(map_file)) if map_file else (None, None)
+    with _view(world, names, rerun_to, overwrite) if rerun or rerun_to else nullcontext() as view:
+        runtime.start(device, threads)
+        if note:
+            err.print(f"note: {note}", highlight=False, markup=False, soft_wrap=True)
+        runs, heards = _explore(world, names, method, seed, recorded, given, view)
+        stopped = len(runs) < len(names) or runs[-1].interrupted
+        try:
+            with _busy("scoring"):
+                scores = _scores(world, runs, heards, given)
+        except KeyboardInterrupt:
+            scores, stopped = [done.score() for done in runs], True
+        stopped = not _finish(folder, world, runs, heards, scores, overwrite) or stopped
+    if stopped:
+        done = f"{len(runs[-1].estimates)} of {len(heards[-1])} steps of {runs[-1].agent}"
+        line = f"interrupted after {done}: {folder} holds what was done"
+        err.print(line, highlight=False, markup=False, soft_wrap=True)
+        sys.exit(130)
+
+
+@app.command()
+def simulate(
+    scene: Annotated[str, typer.Argument(help="bundled name or path")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="FILE.csv or FILE.h5")],
+    agent: Annotated[list[str] | None, typer.Option(help="default: the first")] = None,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+) -> None:
+    """Write what an agent would hear; for several agents, their names go into the files' names."""
+    from gridslam.simulation.image_source import simulate as hear
+    from gridslam.world.scene import Scene
+
+    if output.suffix not in (".csv", ".h5"):
+        raise InputError("-o", repr(output.name), "a name that ends in .csv or .h5")
+    world = Scene.load(scene)
+    names = _agents(world, agent or [a.name for a in world.agents[:1]], None)
+    for name in names:
+        path = output if len(names) == 1 else output.with_stem(f"{output.stem}-{name}")
+        heard = hear(world, name, seed)
+        (heard.to_csv if output.suffix == ".csv" else heard.to_h5)(path)
+        counts = f"{len(heard)} steps, {len(heard.step)} measurements"
+        out.print(f"wrote {path}: {counts}", highlight=False, soft_wrap=True)
+
+
+files.register(app)
+scene.register(app)
+bench.register(app)
+
+
+def main() -> None:
+    """Entry point: bad input is one line and exit code 2, Ctrl-C is 130, never a traceback for either."""
+    try:
+        code = app(standalone_mode=False)
+    except InputError as error:
+        _refuse(str(error))
+    except (KeyboardInterrupt, typer.Abort):
+        code = 130
+    except OSError as error:
+        _refuse(f"{error.filename or 'output'}: {error.strerror or error}")
+    except Exception as error:
+        if not hasattr(error, "format_message"):  # a usage error, whichever click typer brings along
+            raise
+        _refuse(error.format_message())
+    if code == 130:  # typer makes it of a Ctrl-C that no command took care of
+        err.print("interrupted")
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _refuse(reason: str) -> None:
+    """Say in one line what is wrong, whatever line breaks it quotes."""
+    line = " ".join(reason.split())
+    if line:  # no arguments at all: the help was shown
+        err.print(f"error: {line}", highlight=False, markup=False, soft_wrap=True)
+    sys.exit(2)
+
+
+def _busy(what: str) -> AbstractContextManager[object]:
+    """A sign of life on a terminal."""
+    return err.status(what) if err.is_terminal else nullcontext()
+
+
+def _free_folder(name: str) -> Path:
+    """First unused folder runs/NAME-1, runs/NAME-2, ..."""
+    number = 1
+    while (Path("runs") / f"{name}-{number}").exists():
+        number += 1
+    return Path("runs") / f"{name}-{number}"
+
+
+def _agents(world: Scene, chosen: list[str] | None, measurements: Path | None) -> list[str]:
+    """Names of the agents to run, all of which can be."""
+    names = chosen or [agent.name for agent in world.agents[: 1 if measurements else None]]
+    if not names:
+        raise InputError(f"{world.name}: agents", "none", "at least one")
+    if measurements and len(names) > 1:
+        raise InputError("--agent", ", ".join(names), "one agent with --measurements")
+    if len(set(names)) < len(names):
+        raise InputError("--agent", ", ".join(names), "each agent once")
+    for name in names:
+        world.agent(name)
+        if measurements is None and not world.walls:
+            raise InputError(f"{world.name}: walls", "none", "walls to simulate from, or --measurements FILE")
+        if measurements is None:
+            world.track(name)
+    return names
+
+
+def _recorded(world: Scene, file: Path | None, truth: Path | None) -> Measurements | None:
+    """Measurements from a file, with the truth that goes with them."""
+    from gridslam.evaluation.ground_truth import with_truth
+    from gridslam.measurements.table import Measurements
+    from gridslam.world.trajectory import Trajectory
+
+    if file is None:
+        if truth is not None:
+            raise InputError("--truth", str(truth), "only together with --measurements")
+        return None
+    heard = Measurements.load(file, world.anchor_names)
+    if truth is None:
+        return with_truth(heard, None, f"{file}: /truth")
+    return with_truth(heard, Trajectory.from_tum(truth), str(truth))
+
+
+def _view(
+    world: Scene, names: list[str], where: str | None, overwrite: bool
+) -> AbstractContextManager[RunView]:
+    from gridslam.viewers.rerun_view import open_view
+
+    return open_view(world, names, where, overwrite)
+
+
+def _explore(
+    world: Scene,
+    names: list[str],
+    method: str,
+    seed: int,
+    recorded: Measurements | None,
+    given: Map | None,
+    view: RunView | None = None,
+) -> tuple[list[Run], list[Measurements]]:
+    """Run the agents one after the other; Ctrl-C ends the list early, and raises only if it is empty."""
+    from gridslam.runs.map_scene import map_scene
+    from gridslam.runs.progress import progress_bar
+    from gridslam.simulation.image_source import simulate as hear
+
+    runs: list[Run] = []
+    heards: list[Measurements] = []
+    try:
+        for name in names:
+            with _busy(f"simulating {name}"):
+                heard = hear(world, name, seed) if recorded is None else recorded
+            watch = view.follow(name, heard.truth) if view else None
+            with progress_bar(name, heard.truth, err) as tell:
+                before = runs[-1].map if runs else given
+                done = map_scene(world, heard, method, name, seed, before, tell, watch=watch)
+            if view:
+                view.show_map(done.map)
+            heards.append(heard)
+            runs.append(done)
+            if done.interrupted:
+                break
+    except KeyboardInterrupt:
+        if not runs:
+            raise
+    return runs, heards[: len(runs)]
+
+
+def _scores(
+    world: Scene, runs: list[Run], heards: list[Measurements], given: Map | None
+) -> list[dict[str, Any]]:
+    """Score each run against its own track and the walls that any agent so far could hear of."""
+    from gridslam.evaluation.ground_truth import inherited_truth, truth_of
+    from gridslam.simulation.image_source import Truth
+
+    earlier = inherited_truth(world, given) if given is not None else []
+    scores = []
+    for done, heard in zip(runs, heards, strict=True):
+        truth = truth_of(world, done.agent, heard.truth)
+        scores.append(done.score(truth, earlier))
+        if isinstance(truth, Truth):
+            earlier = [*earlier, truth.first(len(done.estimates))]
+    return scores
+
+
+def _finish(
+    folder: Path,
+    world: Scene,
+    runs: list[Run],
+    heards: list[Measurements],
+    scores: list[dict[str, Any]],
+    overwrite: bool,
+) -> bool:
+    """Write the folder and say what is in it; False if Ctrl-C ended the drawing."""
+    from gridslam.runs.run import write_run
+    from gridslam.viewers.plots import draw_all
+
+    whole = True
+
+    def draw(part: Path) -> None:
+        nonlocal whole
+        try:
+            with _busy("drawing figures"):
+                draw_all(part)
+        except KeyboardInterrupt:
+            whole = False
+
+    write_run(folder, world, runs, heards, scores, {}, overwrite, draw)
+    out.print(_table(runs, scores), width=max(out.width, WIDEST_TABLE), crop=False)
+    for done, score in zip(runs, scores, strict=True):
+        for why, steps in score["health"]["why"].items():
+            line = f"note: {done.agent} at {steps} of {len(done.estimates)} steps: {why}"
+            out.print(line, highlight=False, markup=False, soft_wrap=True)
+    out.print(
+        f"wrote {folder}, computed on the {runs[-1].device}", highlight=False, markup=False, soft_wrap=True
+    )
+    return whole
+
+
+def _table(runs: list[Run], scores: list[dict[str, Any]]) -> Table:
+    """One line per agent; units in the titles."""
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    titles = "agent", "steps", "position\nRMSE cm", "bound\ncm", "heading\nRMSE deg", "bound\ndeg"
+    for title in (*titles, "surfaces\nof true", "map\nprecision", "map\nrecall", "s/step"):
+        table.add_column(title, justify="left" if title == "agent" else "right", no_wrap=True)
+
+    def number(value: float | None, form: str, scale: float = 1) -> str:
+        return "-" if value is None else format(scale * value, form)
+
+    for done, score in zip(runs, scores, strict=True):
+        of = "" if score["surfaces_true"] is None else f"/{score['surfaces_true']}"
+        table.add_row(
+            done.agent,
+            str(score["steps"]),
+            number(score["position_rmse_m"], ".2f", 100),
+            number(score["position_bound_m"], ".2f", 100),
+            number(score["heading_rmse_deg"], ".2f"),
+            number(score["heading_bound_deg"], ".2f"),
+            f"{score['surfaces_detected']}{of}",
+            number(score["map"]["occupied_precision"], ".1%"),
+            number(score["map"]["occupied_recall"], ".1%"),
+            number(score["seconds_per_step"], ".3f"),
+        )
+    return table

@@ -1,0 +1,139 @@
+"""Command line: floor plans as scenes, reports of runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from gridslam.errors import InputError
+
+out = Console()
+scene_app = typer.Typer(no_args_is_help=True, help="Make scene files of floor plans.")
+KINDS = "FILE.geojson, FILE.json or FILE.dxf"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.add_typer(scene_app, name="scene")
+    app.command()(report)
+
+
+@scene_app.callback()
+def _scene() -> None:
+    """Make scene files of floor plans."""
+
+
+@scene_app.command("import")
+def import_plan(
+    file: Annotated[Path, typer.Argument(metavar="PLAN", help=KINDS)],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="SCENE.toml")],
+    anchor: Annotated[list[str] | None, typer.Option(help="x,y or x,y,deg in m; repeat for each")] = None,
+    start: Annotated[str | None, typer.Option(help="x,y or x,y,deg of the agent")] = None,
+    material: Annotated[list[str] | None, typer.Option(help="LAYER=MATERIAL")] = None,
+    reflection: Annotated[list[str] | None, typer.Option(help="MATERIAL=COEFFICIENT")] = None,
+    layer: Annotated[list[str] | None, typer.Option(help="only this layer of a DXF drawing")] = None,
+    unit: Annotated[str | None, typer.Option(help="of a DXF drawing: m, dm, cm, mm, in or ft")] = None,
+    origin: Annotated[str, typer.Option(help="x,y of the plan that becomes the scene's 0,0, m")] = "0,0",
+    cell: Annotated[float, typer.Option(min=0.001, help="side of a cell, m")] = 0.1,
+    geographic: Annotated[bool, typer.Option("--geographic", help="GeoJSON in degrees")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
+) -> None:
+    """Make a scene file of a floor plan, and a picture of it beside it."""
+    from gridslam.importers import dxf, geojson
+    from gridslam.importers.floorplans import plan_of, write_plan
+
+    if output.suffix != ".toml":
+        raise InputError("-o", repr(output.name), "a name that ends in .toml")
+    for taken in (output, output.with_suffix(".png")):
+        if taken.exists() and not overwrite:
+            raise InputError(str(taken), "something of this name", "a new name (or --overwrite)")
+    anchors = tuple(_pose(text, "--anchor") for text in anchor or ())
+    place = _numbers(origin, "--origin", 2)
+    names, values = _table(material, "--material"), _table(reflection, "--reflection")
+    coefficients = {name: _share(name, text) for name, text in values.items()}
+    kind = file.suffix.lower()
+    if kind == ".dxf":
+        lines, note = dxf.read_walls(file, unit, layer or ())
+    elif kind in (".geojson", ".json"):
+        lines, note = geojson.read_walls(file, geographic), ""
+    else:
+        raise InputError(str(file), f"a name that ends in {kind!r}", KINDS)
+    plan = plan_of(
+        lines,
+        file.name,
+        names,
+        coefficients,
+        (place[0], place[1]),
+        name=output.stem[:100],
+        anchors=anchors,
+        start=_pose(start, "--start") if start is not None else None,
+        cell_m=cell,
+    )
+    picture = write_plan(plan, output)
+    if note:
+        _say(note)
+    for name, (value, why) in plan.materials.items():
+        _say(f"{name}: {sum(item.material == name for item in plan.lines)} walls, {value:g} ({why})")
+    _say(f"wrote {output} and {picture}" + ("" if anchors else "; it has no anchor yet: place one in it"))
+
+
+def report(
+    directory: Annotated[Path, typer.Argument(metavar="RUN", help="a run's folder")],
+    still: Annotated[bool, typer.Option("--still", help="without the moving picture of each agent")] = False,
+) -> None:
+    """Write report.html into a run's folder: one page with all its figures, which opens offline."""
+    from rich.progress import Progress
+
+    from gridslam.viewers.report import write_report
+
+    err = Console(stderr=True)
+    with Progress(console=err, transient=True, disable=not err.is_terminal) as bar:
+        task = bar.add_task("drawing", total=None)
+        page = write_report(
+            directory, not still, lambda done, total: bar.update(task, completed=done, total=total)
+        )
+    _say(f"wrote {page}")
+
+
+def _numbers(text: str, option: str, count: int) -> list[float]:
+    from math import isfinite
+
+    try:
+        values = [float(word) for word in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(isfinite(value) and abs(value) < 1e9 for value in values):
+        raise InputError(option, repr(text), ",".join(("x", "y", "deg")[:count]) + " in numbers")
+    return values
+
+
+def _pose(text: str, option: str) -> tuple[float, float, float]:
+    x, y, facing = _numbers(text if text.count(",") > 1 else f"{text},0", option, 3)
+    return x, y, facing
+
+
+def _table(pairs: list[str] | None, option: str) -> dict[str, str]:
+    table = {}
+    for pair in pairs or ():
+        name, equals, value = pair.rpartition("=")
+        if not (equals and name and value):
+            raise InputError(option, repr(pair), "NAME=VALUE")
+        table[name] = value
+    return table
+
+
+def _share(name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 < value <= 1:
+        raise InputError("--reflection", f"{name}={text}", "a coefficient above 0, up to 1")
+    return value
+
+
+def _say(text: str) -> None:
+    out.print(text, highlight=False, markup=False, soft_wrap=True)

@@ -1,0 +1,142 @@
+"""The command ``gridslam study``. Nothing heavy is imported before it runs."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from gridslam.errors import InputError
+
+if TYPE_CHECKING:
+    from gridslam.studies.study import Outcome, Study
+    from gridslam.studies.workers import Workers
+
+out, err = Console(), Console(stderr=True)
+WIDEST_TABLE = 160
+"""Columns up to which the table is printed whole, whatever the terminal."""
+
+
+def study(
+    scene: Annotated[list[str], typer.Argument(help="bundled names or paths")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="folder; an interrupted study goes on")],
+    runs: Annotated[int, typer.Option(min=1, help="seeds per method, scene and setting")] = 20,
+    seed: Annotated[int, typer.Option(min=0, help="the first seed")] = 0,
+    method: Annotated[list[str] | None, typer.Option(help="grid, adaptive or va; may be repeated")] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="values to try, e.g. filter.particles=1000,10000")
+    ] = None,
+    agent: Annotated[list[str] | None, typer.Option(help="agents, in order")] = None,
+    scheduler: Annotated[str | None, typer.Option(help="of a Dask cluster, e.g. tcp://host:8786")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="processes here; default: one per core")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="begin anew")] = False,
+) -> None:
+    """Run many seeds, methods and settings; write tables and figures. Started again, it goes on."""
+    from gridslam.studies.plots import draw_study
+    from gridslam.studies.study import Study
+    from gridslam.studies.tables import batches, summary_rows, write_tables
+    from gridslam.studies.workers import ClusterWorkers, LocalWorkers
+    from gridslam.world.scene import Scene
+
+    if scheduler is not None and workers:
+        raise InputError("--workers", f"{workers} with --scheduler", "one of them; a cluster has its own")
+    plan = Study(
+        tuple(Scene.load(name) for name in scene),
+        tuple(method or ["grid"]),
+        tuple(range(seed, seed + runs)),
+        tuple(_setting(text) for text in settings or ()),
+        tuple(agent or ()),
+    )
+    where: Workers = ClusterWorkers(scheduler) if scheduler is not None else LocalWorkers(workers)
+    outcome = _run(plan, output, where, overwrite)
+    found = batches(outcome)
+    if found:
+        write_tables(output, found)
+        draw_study(output, found)
+        _table(summary_rows(found))
+    done = sum(record is not None for record in outcome.records)
+    line = f"{output}: {done} of {len(outcome.records)} runs, {outcome.fresh} of them new"
+    out.print(line, highlight=False, markup=False, soft_wrap=True)
+    (output / "failures.log").unlink(missing_ok=True)
+    if outcome.failures:
+        _report(outcome, output)
+        raise typer.Exit(1)
+
+
+def _setting(text: str) -> tuple[str, tuple[Any, ...]]:
+    """Key and values of ``--set KEY=VALUE,VALUE``, as a scene file would read them."""
+    key, equals, values = text.partition("=")
+    try:
+        whole = tomllib.loads(f"values = [{values}]") if equals and key.strip() else {}
+    except tomllib.TOMLDecodeError:
+        whole = {}
+    found = whole["values"] if list(whole) == ["values"] else []
+    if not found:
+        raise InputError("--set", repr(text), 'KEY=VALUE,VALUE as in a scene file (text in "quotes")')
+    return key.strip(), tuple(found)
+
+
+def _run(plan: Study, output: Path, where: Workers, overwrite: bool) -> Outcome:
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from gridslam.studies.study import run_study
+
+    kept = [0, 0]
+    columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+        task = bar.add_task("runs", total=None)
+
+        def tell(done: int, total: int) -> None:
+            kept[:] = done, total
+            bar.update(task, completed=done, total=total)
+
+        try:
+            return run_study(plan, output, where, overwrite, tell)
+        except KeyboardInterrupt:
+            bar.stop()
+            again = f"{kept[0]} of {kept[1]} runs are kept; the same command goes on from here"
+            err.print(f"interrupted: {again}", highlight=False, soft_wrap=True)
+            raise typer.Exit(130) from None
+
+
+def _table(rows: list[dict[str, Any]]) -> None:
+    table = Table(box=None)
+    table.add_column("")
+    for title in ("runs", "diverged", "position", "heading", "MOSPA", "VAs", "NEES", "paths"):
+        table.add_column(title, justify="right", no_wrap=True)
+    names = list(rows[0])
+    for row in rows:
+        table.add_row(
+            ", ".join(str(row[name]) for name in names[: names.index("runs")] if name in row),
+            str(row["runs"]),
+            str(row["diverged"]),
+            f"{100 * row['position_rmse_m']:.2f} cm = {row['position_to_bound']:.2f}",
+            f"{row['heading_rmse_deg']:.2f} deg = {row['heading_to_bound']:.2f}",
+            f"{row['surface_ospa_m']:.3f} m",
+            f"{row['image_ospa_m']:.3f} m",
+            f"{row['nees_in_band']:.0%}",
+            f"{row['ray_excess']:+.2f}",
+        )
+    Console(width=max(out.width, WIDEST_TABLE)).print(table)
+    note = (
+        "= times the bound of an unknown map; MOSPA: of the surfaces at the end; VAs: of the paths' virtual "
+        "anchors; NEES: share of steps in its 95 % band; paths: detected minus true"
+    )
+    out.print(note, highlight=False, soft_wrap=True)
+
+
+def _report(outcome: Outcome, output: Path) -> None:
+    from gridslam.io.files import write_bytes
+
+    jobs, lines = outcome.study.jobs(), []
+    for number, trace in sorted(outcome.failures.items()):
+        job = jobs[number]
+        lines.append(f"{job.variant.label}, {job.method}, seed {job.seed}\n{trace}\n")
+    write_bytes(output / "failures.log", "".join(lines).encode())
+    first = outcome.failures[min(outcome.failures)].strip().splitlines()[-1]
+    line = f"{len(lines)} runs failed ({first}); see {output / 'failures.log'}"
+    err.print(line, highlight=False, markup=False, soft_wrap=True)

@@ -1,0 +1,1 @@
+"""Scores, bounds and consistency: estimates against the truth."""

@@ -1,0 +1,304 @@
+"""Posterior Cramer-Rao bounds: what no filter can beat on average (Tichavsky's recursion).
+
+The joint state is [x, y, vx, vy, heading, angle_1, offset_1, ...]: the agent, then the lines of the true
+surfaces. The recursion runs in information form, in which a surface that nothing has told of yet is a zero.
+Paths are those that are truly visible, each weighted by its detection probability; which measurement is which
+path counts as known. So the bounds are those of paper 002 (section VI-B, refs. [37]-[39]), taken at the true
+track. The amplitude's own information about geometry is left out: it is below a thousandth of that of the
+distance. The motion and the jitter of the surfaces are those that the filter assumes: of walls that stand
+still, a filter may know a little more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.simulation.image_source import TruePaths, true_paths
+from gridslam.world.geometry import sfv_covariance, trace, unit
+from gridslam.world.scene import Scene
+from gridslam.world.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+AGENT = 5
+JITTER_SHARE = 0.2
+"""Share of ``filter.surface_m`` by which the filter lets a surface move along its normal per step."""
+TURN_LEVER_M = 5.0
+"""A surface that may shift by j at its wall may turn by j over this length."""
+BLIND, REACHED = 1e-11, 1e-6
+"""Relative information that counts as none; share of an unknown direction that makes a quantity unknown."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bound:
+    """Root mean square errors that can't be beaten.
+
+    Attributes
+    ----------
+    position_m : (N,) m
+    heading_rad : (N,) rad
+    """
+
+    position_m: Array
+    heading_rad: Array
+
+
+@dataclass(frozen=True, eq=False)
+class MapBound(Bound):
+    """Bound of an agent that finds the map as it goes.
+
+    Attributes
+    ----------
+    surface : (S,) int
+        Surfaces of ``scene.segments()`` that some visible path hit, by this agent or an earlier one.
+    line : (S, 2) rad, m
+        Their lines: normal angle and offset.
+    surface_m : (N, S) m
+        Mapping error bound: root mean square error of the surface feature vector (the mirror image of the
+        scene's origin); infinite until the paths so far fix the surface.
+    information : (2 S, 2 S)
+        What is known of the lines at the end, for the agent that inherits the map.
+    """
+
+    surface: NDArray[np.intp]
+    line: Array
+    surface_m: Array
+    information: Array
+
+
+def known_map_bound(
+    scene: Scene, agent: str, paths: TruePaths | None = None, track: Trajectory | None = None
+) -> Bound:
+    """Bound of an agent that knows the walls.
+
+    Parameters
+    ----------
+    scene : Scene
+    agent : str
+    paths : TruePaths, optional
+        What ``true_paths(scene, agent)`` gives, if it is at hand.
+    track : Trajectory, optional
+        Another way than the scene's, to which `paths` belong.
+    """
+    track = scene.track(agent) if track is None else track
+    paths = true_paths(scene, agent, track) if paths is None else paths
+    jacobian = whitened_jacobian(scene, agent, paths, _hit(scene, paths), track)
+    rows = _information(scene, agent, paths, jacobian, len(track))
+    information, bounds = agent_prior(scene, agent), []
+    for step in range(len(rows)):
+        if step:
+            information = predict_information(information, *_motion(scene, track.time_s, step, 0))
+        information = information + rows[step, :AGENT, :AGENT]
+        bounds.append(_agent_bound(estimable_covariance(information)))
+    position, heading = np.transpose(bounds)
+    return Bound(position, heading)
+
+
+def unknown_map_bound(
+    scene: Scene,
+    agent: str,
+    paths: TruePaths | None = None,
+    jitter_m: float | None = None,
+    before: MapBound | None = None,
+) -> MapBound:
+    """Bound of an agent that finds the surfaces as it goes, with no prior on them.
+
+    Parameters
+    ----------
+    scene : Scene
+    agent : str
+    paths : TruePaths, optional
+        What ``true_paths(scene, agent)`` gives, if it is at hand.
+    jitter_m : float, optional
+        Standard deviation, per step, of a surface's shift along its normal where it was last hit, as the
+        filter assumes it (and of its turn about that place, over 5 m). Default: 0.2 of ``filter.surface_m``.
+    before : MapBound, optional
+        Bound of the earlier agent whose map this one starts from.
+    """
+    paths = true_paths(scene, agent) if paths is None else paths
+    jitter = JITTER_SHARE * scene.filter.surface_m if jitter_m is None else jitter_m
+    surface = _hit(scene, paths)
+    if before is not None:
+        surface = np.union1d(surface, before.surface)
+    line, rows = surface_lines(scene)[surface], whitened_jacobian(scene, agent, paths, surface)
+    times = scene.track(agent).time_s
+    gained = _information(scene, agent, paths, rows, len(times))
+    information = np.zeros((AGENT + 2 * len(surface),) * 2)
+    information[:AGENT, :AGENT] = agent_prior(scene, agent)
+    if before is not None:
+        own = AGENT + (2 * np.searchsorted(surface, before.surface)[:, None] + np.arange(2)).ravel()
+        information[np.ix_(own, own)] = before.information
+
+    feet, bounds = np.zeros(len(surface)), []
+    surface_m = np.full((len(gained), len(surface)), np.inf)
+    for step in range(len(gained)):
+        if step:
+            motion = _motion(scene, times, step, len(surface), jitter, feet)
+            information = predict_information(information, *motion)
+        information = information + gained[step]
+        covariance = estimable_covariance(information)
+        bounds.append(_agent_bound(covariance))
+        blocks = AGENT + 2 * np.arange(len(surface))[:, None] + np.arange(2)
+        own_covariance = covariance[blocks[:, :, None], blocks[:, None, :]]
+        known = np.isfinite(own_covariance).all((1, 2))
+        spread = sfv_covariance(line[known], own_covariance[known])
+        surface_m[step, known] = np.sqrt(np.trace(spread, axis1=1, axis2=2))
+        _follow_hits(feet, scene, paths.at(step), surface, line)
+    corner, cross = information[:AGENT, :AGENT], information[:AGENT, AGENT:]
+    left = information[AGENT:, AGENT:] - cross.T @ np.linalg.solve(corner, cross)
+    position, heading = np.transpose(bounds)
+    return MapBound(position, heading, surface, line, surface_m, 0.5 * (left + left.T))
+
+
+def predict_information(information: Array, backward: Array, push: Array, variance: Array) -> Array:
+    """Information about the next state: (Q + F J^-1 F^T)^-1, without inverting J or Q.
+
+    Parameters
+    ----------
+    information : (N, N)
+        J, positive semidefinite; directions of which nothing is known are zero.
+    backward : (N, N)
+        F^-1.
+    push : (N, K)
+        How K independent noises move the state, Q = push diag(variance) push^T.
+    variance : (K,)
+        Above 0.
+    """
+    carried = backward.T @ information @ backward
+    pressed = carried @ push
+    gain = np.linalg.solve(push.T @ pressed + np.diag(1 / variance), pressed.T).T
+    rest = np.eye(len(carried)) - gain @ push.T
+    predicted = rest @ carried @ rest.T + (gain / variance) @ gain.T  # Joseph's form stays positive
+    return 0.5 * (predicted + predicted.T)
+
+
+def estimable_covariance(information: Array) -> Array:
+    """Inverse of an information matrix (N, N) that may be blind to some directions.
+
+    Rows and columns of entries that a blind direction reaches are infinite; the others are the covariance
+    that is left once those are marginalised out.
+    """
+    scale = np.zeros(len(information))
+    told = np.diag(information) > 0
+    scale[told] = 1 / np.sqrt(np.diag(information)[told])
+    value, vector = np.linalg.eigh(information * np.outer(scale, scale))
+    blind = value < BLIND * len(value)
+    inverse = np.divide(1, value, out=np.zeros_like(value), where=~blind)
+    covariance = np.asarray((vector * inverse) @ vector.T * np.outer(scale, scale))
+    lost = ~told | ((vector[:, blind] ** 2).sum(1) > REACHED)
+    covariance[lost] = covariance[:, lost] = np.inf
+    return covariance
+
+
+def agent_prior(scene: Scene, agent: str) -> Array:
+    """Information about [x, y, vx, vy, heading] at the start, (5, 5), as the filter assumes it."""
+    body = scene.agent(agent)
+    half = [body.prior.position_m] * 2 + [body.prior.velocity_mps] * 2 + [np.radians(body.prior.heading_deg)]
+    variance = np.maximum(half, 1e-4) ** 2 / 3
+    variance[2:4] += (body.step_m / body.interval_s) ** 2  # the prior's centre is rest, the track's isn't
+    return np.diag(1 / variance)
+
+
+def surface_lines(scene: Scene) -> Array:
+    """Line of every surface of ``scene.segments()``, (S, 2): normal angle (rad), offset (m)."""
+    walls = scene.segments()
+    if not len(walls):
+        return np.zeros((0, 2))
+    return walls.line[np.unique(walls.surface, return_index=True)[1]]
+
+
+def whitened_jacobian(
+    scene: Scene, agent: str, paths: TruePaths, surface: NDArray[np.intp], track: Trajectory | None = None
+) -> Array:
+    """Derivative of (distance, AoD, AoA) of each path by the joint state, over its standard deviations.
+
+    Parameters
+    ----------
+    surface : (S,) int, rising
+        The surfaces in the state; they hold every one that the paths hit.
+    track : Trajectory, optional
+        Another way than the scene's.
+
+    Returns
+    -------
+    (L, 3, 5 + 2 S)
+    """
+    signal, track = scene.signal_model(agent), scene.track(agent) if track is None else track
+    hit = np.append(scene.segments().surface, -1)[paths.segment]
+    double = paths.bounces == 2
+    last = np.where(double, hit[:, 1], hit[:, 0])
+    lines = surface_lines(scene) if len(scene.walls) else np.zeros((1, 2))
+    geometry = trace(
+        track.position_m[paths.step],
+        scene.anchor_positions[paths.anchor],
+        lines[np.maximum(last, 0)],
+        lines[np.maximum(hit[:, 0], 0)],
+        paths.bounces,
+    )
+    jacobian = np.zeros((len(paths), 3, AGENT + 2 * len(surface)))
+    jacobian[:, :, [0, 1, 4]] = geometry.jacobian[:, :, :3]
+    for used, which, columns in ((paths.bounces > 0, last, (3, 4)), (double, hit[:, 0], (5, 6))):
+        rows = np.flatnonzero(used)
+        slot = AGENT + 2 * np.searchsorted(surface, which[rows])
+        for side, column in enumerate(columns):
+            jacobian[rows, :, slot + side] = geometry.jacobian[rows, :, column]
+    anchors = signal.anchor_aperture[paths.anchor]
+    std = (
+        signal.distance_std(paths.amplitude),
+        signal.angle_std(paths.amplitude, paths.aod_rad, anchors),
+        signal.angle_std(paths.amplitude, paths.aoa_rad, signal.agent_aperture),
+    )
+    measured = [quantity in signal.measures for quantity in ("distance", "aod", "aoa")]
+    return jacobian / np.where(measured, np.stack(std, -1), np.inf)[:, :, None]
+
+
+def _information(scene: Scene, agent: str, paths: TruePaths, rows: Array, steps: int) -> Array:
+    """Information that each step's paths give, (N, state, state)."""
+    chance = scene.signal_model(agent).detection_probability(paths.amplitude)
+    gained = np.zeros((steps, rows.shape[2], rows.shape[2]))
+    for row, step, weight in zip(rows, paths.step, chance, strict=True):
+        gained[step] += weight * row.T @ row
+    return gained
+
+
+def _motion(
+    scene: Scene, times: Array, step: int, surfaces: int, jitter: float = 0.0, feet: Array | None = None
+) -> tuple[Array, Array, Array]:
+    """Inverse transition, noise inputs and their variances from the step before (see predict_information)."""
+    size = AGENT + 2 * surfaces
+    dt = times[step] - times[step - 1]
+    backward = np.eye(size)
+    backward[0, 2] = backward[1, 3] = -dt
+    push, variance = np.zeros((size, 3)), np.full(3, scene.filter.acceleration_mps2**2)
+    push[[0, 1], [0, 1]], push[[2, 3], [0, 1]] = 0.5 * dt**2, dt
+    push[4, 2], variance[2] = 1.0, np.radians(scene.filter.heading_deg) ** 2
+    if jitter > 0 and feet is not None:
+        turn, shift = np.zeros((2, size, surfaces))
+        own, angle = np.arange(surfaces), AGENT + 2 * np.arange(surfaces)
+        turn[angle, own], turn[angle + 1, own] = 1.0, feet  # a turn about the foot also moves the offset
+        shift[angle + 1, own] = 1.0
+        push = np.concatenate([push, turn, shift], axis=1)
+        each = np.repeat([(jitter / TURN_LEVER_M) ** 2, jitter**2], surfaces)
+        variance = np.concatenate([variance, each])
+    return backward, push, variance
+
+
+def _agent_bound(covariance: Array) -> tuple[float, float]:
+    return float(np.sqrt(covariance[0, 0] + covariance[1, 1])), float(np.sqrt(covariance[4, 4]))
+
+
+def _hit(scene: Scene, paths: TruePaths) -> NDArray[np.intp]:
+    """Surfaces that some path hit, rising."""
+    return np.unique(scene.segments().surface[paths.segment[paths.segment >= 0]])
+
+
+def _follow_hits(feet: Array, scene: Scene, paths: TruePaths, surface: NDArray[np.intp], line: Array) -> None:
+    """Note where along its line each surface was hit last (tangential coordinate, m)."""
+    owner = scene.segments().surface
+    for bounce in range(2):
+        rows = np.flatnonzero(paths.segment[:, bounce] >= 0)
+        slot = np.searchsorted(surface, owner[paths.segment[rows, bounce]])
+        tangent = unit(line[slot, 0] + 0.5 * np.pi)
+        feet[slot] = (paths.points[rows, 1 + bounce] * tangent).sum(-1)

@@ -1,0 +1,85 @@
+"""The truth that a run is judged against: of a simulation, of a recorded track, of agents in turn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gridslam.errors import InputError
+from gridslam.evaluation.bounds import Bound, known_map_bound
+from gridslam.maps.map import Map
+from gridslam.measurements.table import Measurements
+from gridslam.simulation.image_source import Truth, ground_truth
+from gridslam.world.scene import Scene
+from gridslam.world.trajectory import Trajectory
+
+SAME_WAY_M = 1e-6
+"""Deviation up to which a recorded track is the scene's own, written to a file and read again."""
+
+
+def with_truth(heard: Measurements, track: Trajectory | None, where: str) -> Measurements:
+    """Return the measurements with a true track that has one pose per step.
+
+    Parameters
+    ----------
+    heard : Measurements
+    track : Trajectory or None
+        At any times, between which it is interpolated; None keeps the measurements' own, if any.
+    where : str
+        Names the track in errors.
+
+    Raises
+    ------
+    InputError
+        The track doesn't cover the times of the steps.
+    """
+    track = heard.truth if track is None else track
+    if track is None:
+        return heard
+    time = np.array([scan.time_s for scan in heard])
+    slack = 1e-6 * max(heard.interval_s, 1e-3)
+    if len(time) and (time[0] < track.time_s[0] - slack or time[-1] > track.time_s[-1] + slack):
+        found = f"a track from {track.time_s[0]:g} to {track.time_s[-1]:g} s"
+        raise InputError(where, found, f"one that covers the steps, {time[0]:g} to {time[-1]:g} s")
+    if len(time) == len(track) and np.allclose(time, track.time_s, rtol=0, atol=slack):
+        return replace(heard, truth=replace(track, time_s=time))
+    columns = [*track.position_m.T, *track.velocity_mps.T, np.unwrap(track.heading_rad)]
+    x, y, vx, vy, heading = (np.interp(time, track.time_s, column) for column in columns)
+    return replace(heard, truth=Trajectory(time, np.stack([x, y], -1), np.stack([vx, vy], -1), heading))
+
+
+def truth_of(scene: Scene, agent: str, track: Trajectory | None) -> Truth | Trajectory | None:
+    """What is known of an agent's way: with the paths where the scene has walls, else the track alone."""
+    return track if track is None or not scene.walls else ground_truth(scene, agent, track)
+
+
+def inherited_truth(scene: Scene, grid: Map, latest: bool = True) -> list[Truth]:
+    """Truth of the agents that made a map, as far as the scene knows their ways.
+
+    Parameters
+    ----------
+    scene : Scene
+    grid : Map
+    latest : bool
+        Whether the agent that left the map is one of them, or only those before it.
+    """
+    agents, steps = (grid.provenance.get(key) for key in ("agents", "steps"))
+    if not (scene.walls and isinstance(agents, list) and isinstance(steps, list)):
+        return []
+    made = list(zip(agents, steps, strict=False))
+    ways = {agent.name for agent in scene.agents if agent.waypoints_m is not None}
+    return [
+        ground_truth(scene, name).first(int(count))
+        for name, count in (made if latest else made[:-1])
+        if name in ways and isinstance(count, int)
+    ]
+
+
+def known_bound(scene: Scene, agent: str, truth: Truth | Trajectory | None) -> Bound | None:
+    """Known-map bound, where the walls are known and the agent went the scene's own way; else None."""
+    if not isinstance(truth, Truth) or scene.agent(agent).waypoints_m is None:
+        return None
+    own, went = scene.track(agent), truth.trajectory
+    same = len(own) == len(went) and np.allclose(own.position_m, went.position_m, rtol=0, atol=SAME_WAY_M)
+    return known_map_bound(scene, agent, truth.paths) if same else None

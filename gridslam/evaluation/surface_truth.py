@@ -1,0 +1,130 @@
+"""The surfaces that there were to be found, and how near the found ones are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.estimates import SurfaceEstimate
+from gridslam.evaluation.metrics import OSPA_CUTOFF_M, ospa
+from gridslam.simulation.image_source import Truth
+from gridslam.world.geometry import line_through, sfv
+
+Array = NDArray[np.float64]
+NEVER = np.iinfo(np.intp).max
+
+
+@dataclass(frozen=True, eq=False)
+class HeardSurfaces:
+    """Surfaces that some visible path hit, in the order of their numbers in ``Truth.segments``.
+
+    A window shares the surface of its wall. To the paths, every facet of a curved wall is a surface of its
+    own, but the wall is there once: any number of straight lines may stand for it, each for one facet.
+
+    Attributes
+    ----------
+    feature : (S, 2) float64, m
+        Surface feature vectors.
+    curve : (S,) int
+        Curved wall of which the surface is a facet; -1 for a straight wall.
+    since : (S, J) int
+        First step at which a path of each anchor hits the surface; `NEVER` if none does.
+    """
+
+    feature: Array
+    curve: NDArray[np.intp]
+    since: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, truth: Truth, earlier: Sequence[Truth] = ()) -> Self:
+        """Surfaces that an agent's paths hit, or those of the agents whose map it started from.
+
+        The latter are there from step 0 on. J is the number of anchors up to the last that has a path.
+        """
+        walls, every = truth.segments, (truth, *earlier)
+        anchors = max((int(one.paths.anchor.max(initial=-1)) for one in every), default=-1) + 1
+        first = np.full((int(walls.surface.max(initial=-1)) + 1, anchors), NEVER, np.intp)
+        for one in every:
+            path, bounce = np.nonzero(one.paths.segment >= 0)
+            step = one.paths.step[path] if one is truth else 0
+            surface = walls.surface[one.paths.segment[path, bounce]]
+            np.minimum.at(first, (surface, one.paths.anchor[path]), step)
+        curve = np.full(len(first), NEVER, np.intp)
+        np.minimum.at(curve, walls.surface, walls.curve)  # a facet in line with a straight wall is part of it
+        heard = np.flatnonzero((first < NEVER).any(1))
+        number, piece = np.unique(walls.surface, return_index=True)
+        piece = piece[np.searchsorted(number, heard)]
+        return cls(sfv(line_through(walls.start[piece], walls.end[piece])), curve[heard], first[heard])
+
+    @property
+    def first(self) -> NDArray[np.intp]:
+        """First step at which a path of any anchor hits each surface, (S,)."""
+        return np.asarray(self.since.min(1, initial=NEVER))
+
+    def count(self, step: int = NEVER - 1) -> int:
+        """How many are there at a step (default: ever): straight ones, and each curved wall once."""
+        there = self.curve[self.first <= step]
+        return int((there < 0).sum() + len(np.unique(there[there >= 0])))
+
+    def ospa(self, found: SurfaceEstimate, step: int = NEVER - 1) -> float:
+        """OSPA (5 m, order 1) of found surfaces against those there at a step (default: ever), m.
+
+        Lines that serve one anchor each (virtual anchors) are judged anchor by anchor, against the surfaces
+        that paths of this anchor hit, and the mean is taken over the anchors that have either: else each
+        wall that two anchors found would count as a wall and a ghost.
+        """
+        there = self.since <= step
+        if not (found.owner >= 0).any():
+            return self._distance(found.sfv_m, np.asarray(there.any(1)))
+        each = []
+        for anchor in np.union1d(np.arange(there.shape[1]), found.owner[found.owner >= 0]):
+            own = there[:, anchor] if anchor < there.shape[1] else np.zeros(len(there), bool)
+            mine = (found.owner == anchor) | (found.owner < 0)
+            if own.any() or mine.any():
+                each.append(self._distance(found.sfv_m[mine], own))
+        return float(np.mean(each))
+
+    def _distance(self, found: Array, there: NDArray[np.bool_]) -> float:
+        """OSPA against some of the surfaces; of a curved wall, the facets that lines were found for."""
+        from scipy.optimize import linear_sum_assignment
+
+        feature, curve = self.feature[there], self.curve[there]
+        distance = np.linalg.norm(found[:, None] - feature, axis=-1)
+        which, whom = linear_sum_assignment(np.minimum(distance, OSPA_CUTOFF_M))
+        wanted = curve < 0
+        wanted[whom[distance[which, whom] < OSPA_CUTOFF_M]] = True
+        for wall in np.setdiff1d(curve, curve[wanted]):
+            wanted[np.argmax(curve == wall)] = True  # missed: once
+        return ospa(found, feature[wanted], OSPA_CUTOFF_M, 1.0)
+
+
+def assigned_error(found: Array, truth: Array, cutoff: float = OSPA_CUTOFF_M) -> Array:
+    """Distance of each true point to the estimate that the cheapest assignment gives it.
+
+    Parameters
+    ----------
+    found, truth : (M, 2) and (S, 2), m
+    cutoff : float, m
+
+    Returns
+    -------
+    (S,) m
+        NaN where no estimate is left for it, or none nearer than the cutoff.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    distance = np.linalg.norm(found[:, None] - truth[None], axis=-1)
+    which, whom = linear_sum_assignment(np.minimum(distance, cutoff))
+    error = np.full(len(truth), np.nan)
+    error[whom] = distance[which, whom]
+    return np.where(error < cutoff, error, np.nan)
+
+
+def surface_scores(found: SurfaceEstimate, truth: Truth) -> dict[str, float | int]:
+    """Compare detected surfaces with all that the truth's paths hit: how many these are, and the OSPA."""
+    heard = HeardSurfaces.of(truth)
+    return {"surfaces_true": heard.count(), "surface_ospa_m": heard.ospa(found)}

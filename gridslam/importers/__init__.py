@@ -1,0 +1,1 @@
+"""What other programs write (ray tracers, floor plans), as measurements or scenes."""

@@ -1,0 +1,70 @@
+"""Arrays of DeepMIMO (its Dataset of version 4, one per transmitter) as paths.
+
+Conventions of DeepMIMO, of which only the arrays are read: ``delay`` in s; ``aod_az``, ``aoa_az`` azimuths
+and ``aod_el``, ``aoa_el`` angles from the vertical, all in degrees and world coordinates, the arrival towards
+where the path comes from; ``power`` in dB of the channel gain (dBm at 0 dBm sent); each (users, paths),
+padded with NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gridslam.errors import InputError
+from gridslam.importers.raytracers import TracedPaths
+
+ARRAYS = ("delay", "aod_az", "aoa_az", "aod_el", "aoa_el", "power")
+
+
+def traced(datasets: Sequence[Mapping[str, Any]], users: ArrayLike | None = None) -> TracedPaths:
+    """Collect what was traced.
+
+    Parameters
+    ----------
+    datasets : sequence of mappings, one per anchor
+        A Dataset of DeepMIMO, or a dictionary of its arrays; without elevations the paths count as
+        horizontal.
+    users : (N,) int, optional
+        Users along which the agent moves, in order; otherwise all, in theirs.
+
+    Raises
+    ------
+    InputError
+        An array is missing, is no table, or has another shape than ``delay``; or there is no such user.
+    """
+    if isinstance(datasets, Mapping) or not len(datasets):
+        raise InputError("datasets", "one mapping" if datasets else "none", "a list, one item per anchor")
+    return TracedPaths.join([_one(item, k, users) for k, item in enumerate(datasets)], axis=1)
+
+
+def _one(dataset: Mapping[str, Any], number: int, users: ArrayLike | None) -> TracedPaths:
+    table: dict[str, NDArray[np.float64]] = {}
+    for name in ARRAYS:
+        where = f"datasets[{number}].{name}"
+        try:
+            values = np.asarray(dataset[name], dtype=np.float64)
+        except (KeyError, AttributeError):
+            if not name.endswith("_el"):
+                raise InputError(where, "none", f"all of {', '.join(ARRAYS)}") from None
+            values = np.full_like(table["delay"], 90.0)
+        except (TypeError, ValueError) as error:
+            raise InputError(where, "no numbers", "an array (users, paths)") from error
+        if values.ndim != 2 or values.shape != table.get("delay", values).shape:
+            raise InputError(where, f"shape {values.shape}", "(users, paths), the same for all")
+        table[name] = values
+    rows = np.arange(len(table["delay"])) if users is None else np.asarray(users)
+    if rows.ndim != 1 or rows.dtype.kind not in "iu" or ((rows < 0) | (rows >= len(table["delay"]))).any():
+        raise InputError("users", f"shape {rows.shape}", f"whole numbers from 0 to {len(table['delay']) - 1}")
+    cut = {name: values[rows][:, None, :] for name, values in table.items()}
+    return TracedPaths(
+        delay_s=cut["delay"],
+        departure_rad=np.radians(cut["aod_az"]),
+        arrival_rad=np.radians(cut["aoa_az"]),
+        departure_zenith_rad=np.radians(cut["aod_el"]),
+        arrival_zenith_rad=np.radians(cut["aoa_el"]),
+        gain=10 ** (cut["power"] / 20),
+    )

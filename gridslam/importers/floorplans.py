@@ -1,0 +1,348 @@
+"""Floor plans of other programs as scene files that a person can go on editing.
+
+A reader (`geojson`, `dxf`) makes lines of a file, `Plan` puts them together, and its text is a scene file
+with every assumption said in a comment.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+
+from gridslam.errors import InputError
+from gridslam.io.files import write_bytes
+from gridslam.world.scene import Scene
+from gridslam.world.scene_parts import SAME_PLACE_M, Wall
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+KNOWN = {"concrete": 0.7, "glass": 0.3}
+ASSUMED = 0.7
+MOST_PIECES, FARTHEST_M = 20_000, 10_000.0
+LARGEST_BYTES = 2**26
+MARGIN_M, ROUND_M = 1.0, 0.5
+
+
+@dataclass(frozen=True)
+class Line:
+    """One wall of a plan.
+
+    Attributes
+    ----------
+    points : tuple of (x, y), m
+        Corners of a polyline; empty for an arc.
+    material : str
+    closed : bool
+        Whether the last corner joins the first.
+    reflection : float or None
+        Amplitude reflection coefficient that the file gives.
+    name : str or None
+    arc : dict or None
+        An arc as in scene files.
+    """
+
+    points: tuple[tuple[float, float], ...]
+    material: str = "concrete"
+    closed: bool = False
+    reflection: float | None = None
+    name: str | None = None
+    arc: Mapping[str, Any] | None = None
+
+    @property
+    def wall(self) -> dict[str, Any]:
+        """The entry of a scene file."""
+        entry: dict[str, Any] = {"name": self.name} if self.name else {}
+        entry["material"] = self.material
+        if self.arc is not None:
+            return entry | {"arc": dict(self.arc)}
+        entry["points_m"] = [list(point) for point in self.points]
+        return entry | {"closed": True} if self.closed else entry
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a floor plan says, and what was added to it.
+
+    Attributes
+    ----------
+    name : str
+    lines : tuple of Line
+    reflection : dict of float
+        Coefficients by material, beyond those of the lines.
+    anchors : tuple of (x, y, deg)
+    start : (x, y, deg) or None
+        Where the agent starts.
+    cell_m : float, m
+    source : str
+        Name of the file, for the comment.
+    """
+
+    name: str
+    lines: tuple[Line, ...]
+    reflection: Mapping[str, float]
+    anchors: tuple[tuple[float, float, float], ...] = ()
+    start: tuple[float, float, float] | None = None
+    cell_m: float = 0.1
+    source: str = "a floor plan"
+
+    @property
+    def materials(self) -> dict[str, tuple[float, str]]:
+        """Coefficient of each material, and where it comes from."""
+        table: dict[str, tuple[float, str]] = {}
+        for line in self.lines:
+            if line.material in self.reflection:
+                table[line.material] = self.reflection[line.material], "as asked for"
+            elif line.reflection is not None:
+                table[line.material] = line.reflection, "from the plan"
+            elif line.material in KNOWN:
+                table.setdefault(line.material, (KNOWN[line.material], "assumed for this material"))
+            else:
+                table.setdefault(line.material, (ASSUMED, "assumed: the plan doesn't say"))
+        return table
+
+    @property
+    def corners(self) -> Array:
+        """All corners of all walls, arcs as facets, (P, 2) m."""
+        return np.concatenate([Wall.checked(line.wall, self.source).corners for line in self.lines])
+
+    @property
+    def region(self) -> tuple[list[float], list[float]]:
+        """Region to map, about everything with a margin: ([x, x], [y, y]) m."""
+        places = [self.corners, np.reshape([a[:2] for a in self.anchors], (-1, 2))]
+        places += [np.reshape(self.start[:2], (1, 2))] if self.start else []
+        whole = np.concatenate(places)
+        low = np.floor((whole.min(0) - MARGIN_M) / ROUND_M) * ROUND_M
+        high = np.ceil((whole.max(0) + MARGIN_M) / ROUND_M) * ROUND_M
+        return [float(low[0]), float(high[0])], [float(low[1]), float(high[1])]
+
+    def toml(self) -> str:
+        """The scene file, with comments.
+
+        Raises
+        ------
+        InputError
+            With anchors: any fault that the scene has.
+        """
+        x, y = self.region
+        materials = self.materials
+        lines = [
+            f"# Walls from {_plain(self.source)}: {len(self.lines)} of them. Edit freely; `gridslam check`",
+            "# says whether it is still a scene. Lengths in m, angles in degrees, counter-clockwise from x.",
+            *_pairs(name=self.name),
+            "",
+            "[grid]                        # region to map",
+            *_pairs(x_m=x, y_m=y, cell_m=self.cell_m),
+            "",
+            "[materials]                   # amplitude reflection coefficients",
+        ]
+        lines += [f"{_pairs(**{n: value})[0]}  # {why}" for n, (value, why) in materials.items()]
+        for number, (px, py, facing) in enumerate(self.anchors):
+            lines += ["", "[[anchors]]"]
+            lines += _pairs(name=_letters(number), position_m=[px, py], orientation_deg=facing)
+        if not self.anchors:
+            lines += [
+                "",
+                "# Every scene needs an anchor: put yours here and take the signs away.",
+                "# [[anchors]]",
+                '# name = "A"',
+                f"# position_m = [{(x[0] + x[1]) / 2:g}, {(y[0] + y[1]) / 2:g}]",
+                "# orientation_deg = 0.0",
+            ]
+        if self.start:
+            lines += ["", "[[agents]]"]
+            lines += _pairs(name="agent1", start_m=list(self.start[:2]), start_heading_deg=self.start[2])
+        else:
+            lines += ["", "# [[agents]]", '# name = "agent1"', "# start_m = [0.0, 0.0]"]
+            lines += ["# start_heading_deg = 0.0"]
+        lines += ["# waypoints_m = [[1.0, 0.0], [1.0, 1.0]]   # a way to simulate"]
+        for line in self.lines:
+            lines += ["", "[[walls]]", *_pairs(**line.wall)]
+        text = "\n".join(lines) + "\n"
+        if self.anchors:
+            Scene.from_toml(text, self.source)
+        return text
+
+
+def plan_of(
+    lines: Sequence[Line],
+    source: str,
+    rename: Mapping[str, str] | None = None,
+    reflection: Mapping[str, float] | None = None,
+    origin_m: tuple[float, float] = (0.0, 0.0),
+    **more: Any,
+) -> Plan:
+    """Put lines together: materials renamed, moved, without points that repeat.
+
+    Parameters
+    ----------
+    lines : sequence of Line
+    source : str
+        Name of the file that they come from.
+    rename : mapping, optional
+        Materials by what the file calls them (its layers).
+    reflection : mapping, optional
+        Coefficients by material.
+    origin_m : (x, y), m
+        Place in the plan that becomes the scene's origin.
+    **more
+        Other arguments of `Plan`.
+
+    Raises
+    ------
+    InputError
+        Nothing to read, too much, or far from the origin.
+    """
+    rename, reflection = dict(rename or {}), dict(reflection or {})
+    for name in rename:
+        if name not in {line.material for line in lines}:
+            known = ", ".join(sorted({line.material for line in lines})) or "none"
+            raise InputError("--material", repr(name), f"what {source} has: {known}")
+    moved = [
+        _moved(replace(line, material=rename.get(line.material, line.material)), origin_m) for line in lines
+    ]
+    kept = tuple(line for line in moved if line is not None)
+    if not kept:
+        raise InputError(source, "no walls", "lines or polygons")
+    plan = Plan(source=source, lines=_apart(kept), reflection=reflection, **more)
+    pieces = sum(len(line.points) or int((line.arc or {}).get("facets", 1)) for line in kept)
+    if pieces > MOST_PIECES:
+        raise InputError(source, f"{pieces} pieces of walls", f"at most {MOST_PIECES}")
+    places = [np.reshape(line.points or [line.arc["centre_m"]], (-1, 2)) for line in kept]  # type: ignore[index]
+    whole = np.concatenate(places)
+    if np.abs(whole).max() > FARTHEST_M:
+        near = f"--origin {whole[:, 0].min() + origin_m[0]:.0f},{whole[:, 1].min() + origin_m[1]:.0f}"
+        raise InputError(source, f"walls {np.abs(whole).max():.0f} m from the origin", near)
+    return plan
+
+
+def _moved(line: Line, origin: tuple[float, float]) -> Line | None:
+    """The line about another origin, without repeated points; None if nothing is left."""
+    if line.arc is not None:
+        x, y = line.arc["centre_m"]
+        return replace(line, arc={**line.arc, "centre_m": [x - origin[0], y - origin[1]]})
+    points = np.reshape(np.array(line.points, dtype=np.float64), (-1, 2)) - origin
+    if not np.isfinite(points).all():
+        return None
+    kept: list[tuple[float, float]] = []
+    for x, y in points.tolist():
+        if not kept or np.hypot(x - kept[-1][0], y - kept[-1][1]) >= 10 * SAME_PLACE_M:
+            kept.append((round(x, 6), round(y, 6)))
+    closed = line.closed
+    if len(kept) > 2 and np.hypot(kept[0][0] - kept[-1][0], kept[0][1] - kept[-1][1]) < 10 * SAME_PLACE_M:
+        kept, closed = kept[:-1], True
+    return replace(line, points=tuple(kept), closed=closed and len(kept) > 2) if len(kept) > 1 else None
+
+
+def _apart(lines: tuple[Line, ...]) -> tuple[Line, ...]:
+    """Walls of one material with different coefficients become different materials."""
+    found: dict[str, set[float | None]] = {}
+    for line in lines:
+        found.setdefault(line.material, set()).add(line.reflection)
+    return tuple(
+        line
+        if len(found[line.material]) == 1 or line.reflection is None
+        else replace(line, material=f"{line.material} {line.reflection:g}"[:100])
+        for line in lines
+    )
+
+
+def _pairs(**values: Any) -> list[str]:
+    """Lines ``key = value`` of TOML, tables within one line."""
+    lines = []
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            lines.append(f"{key} = {{ {', '.join(_pairs(**value))} }}")
+        elif isinstance(value, list):
+            inner = ", ".join(_pairs(x=item)[0].removeprefix("x = ") for item in value)
+            lines.append(f"{tomli_w.dumps({key: 0}).split(' = ')[0]} = [{inner}]")
+        else:
+            lines.append(tomli_w.dumps({key: value}).rstrip("\n"))
+    return lines
+
+
+def _plain(text: str) -> str:
+    return "".join(c if c.isprintable() else "?" for c in text)[:80]
+
+
+def _letters(number: int) -> str:
+    """A, B, ... Z, then A1, B1, ..."""
+    return chr(ord("A") + number % 26) + (str(number // 26) if number >= 26 else "")
+
+
+def write_plan(plan: Plan, path: str | os.PathLike[str]) -> Path:
+    """Write the scene file and a picture of it beside it.
+
+    Returns
+    -------
+    Path
+        The picture.
+
+    Raises
+    ------
+    InputError
+        The scene has a fault, or the folder can't be written to.
+    """
+    path = Path(path)
+    text, picture = plan.toml(), path.with_suffix(".png")
+    image = _picture(plan)
+    write_bytes(path, text.encode("utf-8"))
+    write_bytes(picture, image)
+    return picture
+
+
+def _picture(plan: Plan) -> bytes:
+    """Walls by material, anchors and start, as PNG."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    x, y = plan.region
+    wide, high = x[1] - x[0], y[1] - y[0]
+    scale = 7.0 / max(wide, high)
+    figure = Figure(
+        figsize=(max(wide * scale, 3) + 1, max(high * scale, 3) + 1), layout="constrained", dpi=120
+    )
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    _draw(axes, plan)
+    axes.set(xlim=x, ylim=y, aspect="equal", xlabel="x (m)", ylabel="y (m)")
+    axes.set_title(
+        f"{plan.name}: {len(plan.lines)} walls, {wide:g} m x {high:g} m to map".replace("$", r"\$"),
+        fontsize=9,
+    )
+    figure.legend(loc="outside lower center", ncols=3, fontsize=8, frameon=False)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def _draw(axes: Axes, plan: Plan) -> None:
+    from matplotlib.collections import LineCollection
+
+    palette = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+    for number, (material, (value, _)) in enumerate(plan.materials.items()):
+        own = [line for line in plan.lines if line.material == material]
+        walls = [Wall.checked(line.wall, plan.source).corners for line in own]
+        label = f"{_plain(material)} ({value:g})".replace("$", r"\$") if number < 12 else None
+        axes.add_collection(LineCollection(walls, colors=palette[number % len(palette)], lw=1.4, label=label))
+    for number, (px, py, facing) in enumerate(plan.anchors):
+        axes.plot(px, py, "k^", ms=6, label="anchors" if number == 0 else None)
+        axes.annotate(_letters(number), (px, py), (4, 4), textcoords="offset points", fontsize=8)
+        _arrow(axes, px, py, facing)
+    if plan.start:
+        axes.plot(*plan.start[:2], "ko", mfc="w", ms=6, label="start")
+        _arrow(axes, *plan.start)
+
+
+def _arrow(axes: Axes, x: float, y: float, facing: float) -> None:
+    tip = (x + np.cos(np.radians(facing)), y + np.sin(np.radians(facing)))
+    axes.annotate("", tip, (x, y), arrowprops={"arrowstyle": "->", "lw": 0.8})

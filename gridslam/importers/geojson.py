@@ -1,0 +1,216 @@
+"""GeoJSON: walls in, detected surfaces out. Coordinates are metres of the scene unless told otherwise."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gridslam.errors import InputError
+from gridslam.estimates import SurfaceEstimate
+from gridslam.importers.floorplans import LARGEST_BYTES, MOST_PIECES, Line
+from gridslam.io.files import write_bytes
+
+DEEPEST = 20
+EARTH_M = 6_378_137.0
+FLATTENING = 1 / 298.257223563
+SMALLEST_M = 0.05
+"""A plan smaller than this isn't in metres: floor plans in degrees are."""
+
+
+def read_walls(path: str | os.PathLike[str], geographic: bool = False) -> list[Line]:
+    """Read all lines and polygons, with their ``material``, ``reflection`` and ``name``.
+
+    Parameters
+    ----------
+    path : path
+    geographic : bool
+        Coordinates are longitudes and latitudes (WGS 84), to be flattened about their middle.
+
+    Raises
+    ------
+    InputError
+        Not GeoJSON, coordinates that are no numbers, or properties that make no sense.
+    """
+    path = Path(path)
+    lines = []
+    for geometry, properties, where in _features(_load(path), f"{path}", 0):
+        material, reflection, name = _properties(properties, where)
+        for ring, closed in _rings(geometry, where, 0):
+            lines.append(Line(ring, material, closed, reflection, name))
+            if len(lines) > MOST_PIECES:
+                raise InputError(str(path), "too many lines", f"at most {MOST_PIECES}")
+    if not lines:
+        raise InputError(str(path), "no walls", "LineString or Polygon features")
+    return _in_metres(lines, geographic, str(path))
+
+
+def _load(path: Path) -> Any:
+    try:
+        if path.stat().st_size > LARGEST_BYTES:
+            raise InputError(str(path), f"{path.stat().st_size} bytes", f"at most {LARGEST_BYTES}")
+        return json.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise InputError(str(path), error.strerror or "no file", "a GeoJSON file") from error
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:  # broken JSON, bytes that aren't text, endless numbers
+        found = f"broken JSON ({' '.join(str(error).split())[:100]})"
+        raise InputError(str(path), found, "a GeoJSON file") from error
+
+
+def _features(item: Any, where: str, depth: int) -> Iterator[tuple[dict[str, Any], dict[str, Any], str]]:
+    """Geometries with the properties of their feature."""
+    if not isinstance(item, dict) or depth > DEEPEST:
+        raise InputError(where, "no GeoJSON object", "a FeatureCollection, Feature or geometry")
+    kind = item.get("type")
+    if kind == "FeatureCollection":
+        for number, feature in enumerate(_list(item.get("features"), f"{where}: features")):
+            yield from _features(feature, f"{where}: features[{number}]", depth + 1)
+    elif kind == "Feature":
+        if item.get("geometry") is not None:
+            properties = item.get("properties") or {}
+            if not isinstance(properties, dict):
+                raise InputError(f"{where}: properties", "something else", "an object")
+            if not isinstance(item["geometry"], dict):
+                raise InputError(f"{where}: geometry", "something else", "an object")
+            yield item["geometry"], properties, where
+    else:
+        yield item, {}, where
+
+
+def _rings(geometry: Any, where: str, depth: int) -> Iterator[tuple[tuple[tuple[float, float], ...], bool]]:
+    if not isinstance(geometry, dict) or depth > DEEPEST:
+        raise InputError(where, "no geometry", "a GeoJSON geometry")
+    kind, found = geometry.get("type"), geometry.get("coordinates")
+    place = f"{where}: coordinates"
+    if kind == "GeometryCollection":
+        for item in _list(geometry.get("geometries"), f"{where}: geometries"):
+            yield from _rings(item, where, depth + 1)
+    elif kind == "LineString":
+        yield _points(found, place), False
+    elif kind in ("MultiLineString", "Polygon"):
+        for ring in _list(found, place):
+            yield _points(ring, place), kind == "Polygon"
+    elif kind == "MultiPolygon":
+        for polygon in _list(found, place):
+            for ring in _list(polygon, place):
+                yield _points(ring, place), True
+    elif kind not in ("Point", "MultiPoint"):  # points are no walls
+        allowed = "LineString, Polygon, their Multi forms or GeometryCollection"
+        raise InputError(f"{where}: type", repr(kind)[:40], allowed)
+
+
+def _list(value: Any, where: str) -> list[Any]:
+    if not isinstance(value, list):
+        raise InputError(where, "no list", "a list")
+    return value
+
+
+def _points(values: Any, where: str) -> tuple[tuple[float, float], ...]:
+    points = []
+    for pair in _list(values, where):
+        good = isinstance(pair, list) and len(pair) >= 2 and all(_real(x) for x in pair[:2])
+        if not good:
+            raise InputError(where, repr(pair)[:40], "[x, y] in numbers")
+        points.append((float(pair[0]), float(pair[1])))
+    return tuple(points)
+
+
+def _real(value: Any) -> bool:
+    try:
+        return (
+            isinstance(value, int | float)
+            and not isinstance(value, bool)
+            and math.isfinite(value)
+            and abs(value) < 1e9
+        )
+    except OverflowError:  # a whole number with hundreds of digits
+        return False
+
+
+def _properties(table: dict[str, Any], where: str) -> tuple[str, float | None, str | None]:
+    reflection, material, name = table.get("reflection"), table.get("material"), table.get("name")
+    if reflection is not None and not (_real(reflection) and 0 < reflection <= 1):
+        found = repr(reflection)[:40]
+        raise InputError(f"{where}: properties.reflection", found, "a number above 0, up to 1")
+    if material is None:
+        material = "concrete" if reflection is None else f"reflection {float(reflection):g}"
+    if not isinstance(material, str) or not 0 < len(material) <= 60:
+        raise InputError(f"{where}: properties.material", repr(material)[:40], "a name")
+    named = name if isinstance(name, str) and name else None
+    return material, None if reflection is None else float(reflection), named
+
+
+def _in_metres(lines: list[Line], geographic: bool, where: str) -> list[Line]:
+    points = np.array([point for line in lines for point in line.points]).reshape(-1, 2)
+    if not len(points):
+        raise InputError(where, "no walls", "lines with points")
+    if not geographic:
+        size = np.ptp(points, axis=0).max()
+        if size < SMALLEST_M:
+            raise InputError(where, f"a plan {size:.3g} wide", "metres, or --geographic for degrees")
+        return lines
+    if np.abs(points[:, 0]).max() > 180 or np.abs(points[:, 1]).max() > 89:
+        raise InputError(where, "numbers beyond 180 or 89", "longitudes and latitudes with --geographic")
+    middle = 0.5 * (points.min(0) + points.max(0))
+    latitude, squared = np.radians(middle[1]), FLATTENING * (2 - FLATTENING)
+    bend = 1 - squared * np.sin(latitude) ** 2
+    scale = np.radians(EARTH_M) * np.array([np.cos(latitude) / bend**0.5, (1 - squared) / bend**1.5])
+    flat = iter(((points - middle) * scale).tolist())
+    return [
+        Line(
+            tuple((x, y) for x, y in (next(flat) for _ in line.points)),
+            line.material,
+            line.closed,
+            line.reflection,
+            line.name,
+        )
+        for line in lines
+    ]
+
+
+def surfaces(found: SurfaceEstimate) -> dict[str, Any]:
+    """Detected surfaces as a FeatureCollection, metres in the scene's frame.
+
+    Each is the stretch that was hit, a LineString (null where nothing was), with its number, existence,
+    reflection coefficient and standard deviation, surface feature vector and length.
+    """
+    features = []
+    for number, ends in enumerate(found.ends_m):
+        seen = bool(np.isfinite(ends).all())
+        properties = {
+            "id": int(found.identity[number]),
+            "existence": _number(found.existence[number]),
+            "reflection": _number(found.reflection[number]),
+            "reflection_std": _number(np.sqrt(max(found.reflection_var[number], 0))),
+            "sfv_m": [_number(x) for x in found.sfv_m[number]],
+            "normal_rad": _number(found.line[number, 0]),
+            "offset_m": _number(found.line[number, 1]),
+            "offset_std_m": _number(np.sqrt(max(found.line_cov[number, 1, 1], 0))),
+            "extent_m": [_number(x) for x in found.extent_m[number]] if seen else None,
+            "length_m": _number(np.ptp(found.extent_m[number])) if seen else None,
+        }
+        geometry = {"type": "LineString", "coordinates": [[float(x), float(y)] for x, y in ends]}
+        features.append({"type": "Feature", "geometry": geometry if seen else None, "properties": properties})
+    return {"type": "FeatureCollection", "features": features}
+
+
+def _number(value: Any) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def write_surfaces(path: str | os.PathLike[str], found: SurfaceEstimate) -> None:
+    """Write detected surfaces as GeoJSON.
+
+    Raises
+    ------
+    InputError
+        The file can't be written.
+    """
+    write_bytes(path, (json.dumps(surfaces(found), indent=1, allow_nan=False) + "\n").encode())

@@ -1,0 +1,162 @@
+"""Paths of three-dimensional ray tracers as planar measurements: Sionna RT, DeepMIMO.
+
+A path that a planar map can explain runs over vertical walls alone: it leaves and arrives at the same slope,
+and not too far from the horizontal. Every other path (over the floor, the ceiling, a roof) is left out. What
+is kept is projected on the plane: the azimuths as they are, the length times the cosine of the slope.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gridslam.errors import InputError
+from gridslam.world.geometry import wrap
+from gridslam.world.radio import SPEED_OF_LIGHT
+
+if TYPE_CHECKING:
+    from gridslam.world.scene import Scene
+
+Array = NDArray[np.float64]
+CHOICES = ("slope_deg", "carrier_hz", "least_snr_db")
+SAME_SLOPE_RAD = np.radians(1.0)
+"""Largest difference of the slopes at both ends; slopes of ray tracers in single precision are this good."""
+
+
+@dataclass(frozen=True, eq=False)
+class TracedPaths:
+    """All paths of a ray tracer, in world directions; padding is NaN in `delay_s`.
+
+    Attributes
+    ----------
+    delay_s : (N, J, L) float64, s
+        Over N steps and J anchors.
+    departure_rad, arrival_rad : (N, J, L) float64, rad
+        Azimuth in which the path leaves the anchor, and from the agent towards where it comes from.
+    departure_zenith_rad, arrival_zenith_rad : (N, J, L) float64, rad
+        Angles of the same directions from the vertical.
+    gain : (N, J, L) float64
+        Magnitude of the channel coefficient, 1 being no loss at all.
+    """
+
+    delay_s: Array
+    departure_rad: Array
+    arrival_rad: Array
+    departure_zenith_rad: Array
+    arrival_zenith_rad: Array
+    gain: Array
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            values = np.asarray(getattr(self, field.name), dtype=np.float64)
+            object.__setattr__(self, field.name, values)
+            if values.ndim != 3 or values.shape != self.delay_s.shape:
+                raise InputError(
+                    f"paths: {field.name}", f"shape {values.shape}", "one shape (N, J, L) for all"
+                )
+
+    @property
+    def planar(self) -> NDArray[np.bool_]:
+        """Paths with the same slope at both ends, (N, J, L)."""
+        with np.errstate(invalid="ignore"):
+            return np.abs(self.departure_zenith_rad + self.arrival_zenith_rad - np.pi) < SAME_SLOPE_RAD
+
+    @classmethod
+    def join(cls, parts: Sequence[TracedPaths], axis: int = 0) -> TracedPaths:
+        """Put the steps (axis 0) or the anchors (axis 1) of several one after another.
+
+        Raises
+        ------
+        InputError
+            None at all, or parts that don't agree along the other axis.
+        """
+        others = {part.delay_s.shape[1 - axis] for part in parts}
+        if len(others) != 1:
+            what = ("transmitters", "steps")[axis]
+            raise InputError("paths", f"{sorted(others)} {what}", f"the same number of {what} in every part")
+        width = max(part.delay_s.shape[2] for part in parts)
+
+        def column(name: str) -> Array:
+            values = [getattr(part, name) for part in parts]
+            pads = [((0, 0), (0, 0), (0, width - v.shape[2])) for v in values]
+            padded = [np.pad(v, pad, constant_values=np.nan) for v, pad in zip(values, pads, strict=True)]
+            return np.concatenate(padded, axis=axis)
+
+        return cls(**{field.name: column(field.name) for field in fields(cls)})
+
+
+def plane_table(
+    paths: TracedPaths,
+    scene: Scene,
+    heading_rad: ArrayLike,
+    slope_deg: float = 30.0,
+    carrier_hz: float | None = None,
+    least_snr_db: float | None = None,
+) -> dict[str, Any]:
+    """Quantities for `gridslam.Measurements.from_arrays`, of the paths that run in the plane.
+
+    Parameters
+    ----------
+    paths : TracedPaths
+        One step per heading, one anchor per anchor of the scene, in its order.
+    scene : Scene
+        Its anchors' orientations turn world directions into angles of departure, its radio gain into
+        amplitude.
+    heading_rad : float or (N,) float, rad
+        Heading of the agent at each step.
+    slope_deg : float
+        Steepest path that is kept; paths over the floor or the ceiling never are. Too small a value leaves
+        out the line of sight to anchors close by; the amplitude isn't projected, and at 30 degrees is 13 %
+        below what the plane lets expect.
+    carrier_hz : float or None
+        Frequency that was traced; None takes the scene's.
+    least_snr_db : float or None
+        Weaker paths are left out; None takes the scene's detection threshold. For `simulate.receive`, which
+        decides itself what is detected, go some 10 dB below that.
+
+    Returns
+    -------
+    dict of dict of (N, L) arrays
+        ``distance_m``, ``aod_rad``, ``aoa_rad`` and ``amplitude`` by anchor, padded with NaN.
+
+    Raises
+    ------
+    InputError
+        Numbers of steps or anchors that don't match, or a heading that is no finite number.
+
+    Notes
+    -----
+    The amplitude is the root of the SNR (paper 003, eq. (2)): line of sight at 1 m has ``snr_at_1m_db``, and
+    a ray tracer gives it the gain ``lambda / (4 pi)``; so ``u = u_1m |a| 4 pi / lambda``.
+    """
+    steps, count, _ = paths.delay_s.shape
+    if count != len(scene.anchors):
+        raise InputError("paths: transmitters", str(count), f"{len(scene.anchors)}, as the scene has anchors")
+    heading = np.asarray(heading_rad, dtype=np.float64)
+    if heading.shape not in ((), (steps,)) or not np.isfinite(heading).all():
+        raise InputError(
+            "heading_rad", f"shape {heading.shape}", f"one finite number, or one for each of {steps}"
+        )
+    wavelength = SPEED_OF_LIGHT / (carrier_hz or scene.radio.carrier_hz)
+    signal = scene.signal_model()
+    amplitude = signal.amplitude_at_1m * paths.gain * 4 * np.pi / wavelength
+    least = signal.threshold if least_snr_db is None else 10 ** (least_snr_db / 20)
+    slope = np.abs(paths.departure_zenith_rad - 0.5 * np.pi)
+    with np.errstate(invalid="ignore"):
+        kept = paths.planar & (slope <= np.radians(slope_deg)) & (paths.delay_s > 0) & (amplitude > least)
+    turned = np.broadcast_to(heading, (steps,))[:, None, None]
+    columns = {
+        "distance_m": SPEED_OF_LIGHT * paths.delay_s * np.cos(slope),
+        "aod_rad": wrap(paths.departure_rad - scene.anchor_orientations[:, None]),
+        "aoa_rad": wrap(paths.arrival_rad - turned),
+        "amplitude": amplitude,
+    }
+    cut = {name: np.where(kept, values, np.nan) for name, values in columns.items()}
+    return {
+        name: {anchor: values[:, j] for j, anchor in enumerate(scene.anchor_names)}
+        for name, values in cut.items()
+    }

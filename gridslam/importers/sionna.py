@@ -1,0 +1,102 @@
+"""Paths of Sionna RT (its `Paths` class, since version 1.0) as arrays.
+
+Only attributes are read, so that nothing here needs the package. Sionna RT gives directions in world
+coordinates, whatever the orientations of the devices, delays in s (-1 for padding) and complex channel
+coefficients, which hold the antenna patterns: trace with isotropic, vertically polarised antennas. Give the
+path solver the first delays too: ``paths.cir(normalize_delays=True)`` shifts them, ``paths.tau`` doesn't.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.errors import InputError
+from gridslam.importers.raytracers import TracedPaths
+
+Array = NDArray[np.float64]
+ANGLES = ("phi_t", "phi_r", "theta_t", "theta_r")
+
+
+def traced(paths: Any, uplink: bool = False) -> TracedPaths:
+    """Collect what was traced.
+
+    Parameters
+    ----------
+    paths : sionna.rt.Paths, or a sequence of them
+        All receivers are steps, one object after the other; all transmitters are anchors.
+    uplink : bool
+        The other way round: the transmitters are the steps, the receivers the anchors.
+
+    Returns
+    -------
+    TracedPaths
+
+    Raises
+    ------
+    InputError
+        An attribute is missing or has a shape that Sionna RT doesn't give it.
+
+    Notes
+    -----
+    The gain is the root of the mean power over the antennas of both ends, the other quantities are those
+    between the first antennas (with ``synthetic_array`` they are the same for all).
+    """
+    several = paths if isinstance(paths, Sequence) else [paths]
+    if not several:
+        raise InputError("paths", "none", "one Paths object or more")
+    return TracedPaths.join([_one(item, uplink) for item in several])
+
+
+def _one(paths: Any, uplink: bool) -> TracedPaths:
+    tau = _array(paths, "tau")
+    several_antennas = tau.ndim == 5  # otherwise one value for the whole of a synthetic array
+    if tau.ndim not in (3, 5):
+        raise InputError("paths: tau", f"{tau.ndim} dimensions", "3 or 5, as Sionna RT gives them")
+    columns = {"tau": tau} | {name: _array(paths, name) for name in (*ANGLES, "valid")}
+    for name, values in columns.items():
+        if values.shape != tau.shape:
+            raise InputError(f"paths: {name}", f"shape {values.shape}", f"shape {tau.shape}, as tau")
+    if several_antennas:
+        columns = {name: values[:, 0, :, 0] for name, values in columns.items()}
+    power = _power(paths)
+    if power.shape != columns["tau"].shape:
+        raise InputError("paths: a", f"shape {power.shape} over the antennas", f"{columns['tau'].shape}")
+    good = columns.pop("valid").astype(bool) & (columns["tau"] >= 0)
+    table = {name: np.where(good, values, np.nan) for name, values in columns.items()}
+    table["gain"] = np.where(good, np.sqrt(power), np.nan)
+    if uplink:
+        table = {name: np.swapaxes(values, 0, 1) for name, values in table.items()}
+    near, far = ("r", "t") if uplink else ("t", "r")
+    return TracedPaths(
+        delay_s=table["tau"],
+        departure_rad=table[f"phi_{near}"],
+        arrival_rad=table[f"phi_{far}"],
+        departure_zenith_rad=table[f"theta_{near}"],
+        arrival_zenith_rad=table[f"theta_{far}"],
+        gain=table["gain"],
+    )
+
+
+def _power(paths: Any) -> Array:
+    """Mean of |a|^2 over the antennas, (receivers, transmitters, paths)."""
+    pair = getattr(paths, "a", None)
+    if isinstance(pair, tuple) and len(pair) == 2:
+        real, imaginary = (np.asarray(part, dtype=np.float64) for part in pair)
+    else:
+        whole = np.asarray(pair)
+        real, imaginary = np.real(whole), np.imag(whole)
+    if real.ndim != 5 or real.shape != imaginary.shape:
+        raise InputError(
+            "paths: a", f"{real.ndim} dimensions", "(real, imaginary) with 5, as Sionna RT gives"
+        )
+    return (real**2 + imaginary**2).mean(axis=(1, 3))
+
+
+def _array(paths: Any, name: str) -> NDArray:
+    if not hasattr(paths, name):
+        raise InputError(f"paths: {name}", "none", "a Paths object of Sionna RT 1.0 or later")
+    return np.asarray(getattr(paths, name)).astype(np.float64)

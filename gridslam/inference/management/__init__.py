@@ -1,0 +1,1 @@
+"""What keeps a belief in order: ghosts, recovery of a lost pose, readout."""

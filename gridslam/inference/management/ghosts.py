@@ -1,0 +1,43 @@
+"""Ghosts: surfaces that a double bounce bore while its walls weren't known.
+
+A double bounce has the virtual anchor of a single bounce at some other line. Heard before its walls are known
+it bears a surface there, which lives on beside them: once they explain what is heard, its silence is laid
+to an obstacle. So a surface yields to a pair of surer ones that makes the same virtual anchor.
+
+Owner of the kernel that finds them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam import runtime
+from gridslam.inference.state.belief import Belief, keep
+from gridslam.inference.state.surface_bank import Bank
+from gridslam.kernels import OFTEN, OFTENER
+
+Array = NDArray[np.float64]
+
+
+def lay(bank: Bank, belief: Belief, places: Array) -> tuple[Bank, Belief]:
+    """Drop the surfaces that are ghosts of double bounces over surer surfaces.
+
+    Parameters
+    ----------
+    places : (J, 2) m
+        The anchors.
+    """
+    runtime.start()
+    from gridslam.kernels.management.tidying import haunt
+
+    if len(belief.lines) != len(bank) or len(places) != len(bank.single):
+        raise ValueError("surfaces or anchors don't belong together")
+    often = sorted(bank.seen.tolist())
+    if len(often) < 3 or often[-2] < OFTEN or often[-2] <= OFTENER * often[0]:
+        return bank, belief  # no two that were seen so much more often than a third
+    ghost = np.empty(len(bank), np.int32)
+    haunt(belief.mean, belief.covariance, bank.existence, bank.seen, bank.single, places, ghost)
+    if not ghost.any():
+        return bank, belief
+    return bank.take(ghost == 0), keep(belief, ghost == 0)

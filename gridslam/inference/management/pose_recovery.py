@@ -1,0 +1,301 @@
+"""Finding the agent again: poses proposed by the measurements themselves, scored against the map.
+
+Owner of the kernel that says whether that is needed.
+
+A Gaussian belief follows what it can linearise. After a long silence, from a vague start, or after a turn
+that the motion model doesn't know, it can't; but each path that is heard with distance and both angles fixes
+a whole pose, if one knows over which surface it came. All such poses are tried; the likelihood of a scan is
+that of a Poisson process of paths and clutter (every measurement may come from any path or from none).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam import runtime
+from gridslam.inference.messages.likelihood import DetectionTable, deviations
+from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.belief import AGENT, Belief
+from gridslam.inference.state.rays import Rays
+from gridslam.inference.state.surface_bank import Bank
+from gridslam.world.geometry import direction, mirror, unit, wrap
+from gridslam.world.radio import SignalModel
+
+Array = NDArray[np.float64]
+POSE = np.array([0, 1, 4])
+"""Entries of the agent's pose in the state."""
+COPIES, KEPT, REFINED = 10, 150, 400
+"""Draws per hypothesis, of the belief, and about the best pose."""
+MODE_M, MODE_RAD = 0.6, 0.45
+"""Poses closer than this are one mode."""
+MAP_M, MAP_RAD = 0.03, 0.02
+"""What the map's own errors add to a measurement's."""
+CLEAR, WORTH = 5.0, 8.0
+"""Log-likelihood by which a mode must beat the next one, and the pose that was believed."""
+LOUDEST = 25.0
+VAGUE_M, VAGUE_RAD = 0.6, 0.4
+"""Standard deviations of position and heading from which on a pose is searched for."""
+FREEDOM, FREE_TURN = 10.0, 1.0
+"""Times the usual acceleration, and turn in rad, that a lost agent may have made."""
+BLUR, TOO_FAR = 3.0, 5.0
+"""Widening of a fix; standard deviations at which it counts as a jump."""
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Images of one anchor over the surfaces at the belief's mean: where its paths seem to come from.
+
+    Attributes
+    ----------
+    image : (L, 2) m
+    line : (L, 2)
+        Surface hit; the line of sight's is never used.
+    level : (L,)
+        Coefficient of the path.
+    chance : (L,)
+        Probability that the path is there.
+    """
+
+    image: Array
+    line: Array
+    level: Array
+    chance: Array
+
+
+def sources(rays: Rays, belief: Belief, places: Array, coefficient: Array) -> list[Sources]:
+    """Lines of sight and single bounces of anchors at `places` (J, 2), by surfaces' coefficients (S,)."""
+    every = np.concatenate([belief.lines, np.zeros((1, 2))])
+    found = []
+    for anchor, place in enumerate(places):
+        own = (rays.anchor == anchor) & (rays.bounces < 2) & (rays.surfaces > 0.5)
+        straight, last = rays.bounces[own] == 0, rays.last[own]
+        image = np.where(straight[:, None], place, mirror(every[last], place))
+        level = np.where(straight, 1.0, np.append(coefficient, 1.0)[last])
+        chance = np.clip(rays.existence[own] * rays.surfaces[own], 0.2, 0.95)
+        found.append(Sources(image, every[last], level, chance))
+    return found
+
+
+@dataclass(frozen=True)
+class Fix:
+    """A pose that explains a scan.
+
+    Attributes
+    ----------
+    pose : (3,) m, m, rad
+    covariance : (3, 3)
+        Of the mode.
+    gain : float
+        Log-likelihood above that of the best pose that was believed in.
+    lead : float
+        Log-likelihood above that of the next mode.
+    """
+
+    pose: Array
+    covariance: Array
+    gain: float
+    lead: float
+
+    @property
+    def clear(self) -> bool:
+        """Whether no other mode comes near."""
+        return self.lead > CLEAR
+
+    @property
+    def better(self) -> bool:
+        """Whether it explains the scan far better than what was believed."""
+        return self.gain > WORTH
+
+
+def near_paths(
+    scans: Sequence[Heard], bank: Bank, belief: Belief, anchors: Array, signal: SignalModel
+) -> int:
+    """How many loud measurements lie where their anchor's line of sight or a single bounce is predicted."""
+    runtime.start()
+    from gridslam.kernels.propagation.rays import near
+
+    bank.check(belief, len(scans), len(anchors))
+    start = np.zeros(len(scans) + 1, np.int32)
+    np.cumsum([len(heard) for heard in scans], out=start[1:])
+    table = np.concatenate([heard.table for heard in scans])
+    claimed = np.empty(len(table), np.int32)
+    near(
+        belief.mean, belief.covariance, anchors, bank.existence, bank.owner, start, table, signal.numbers,
+        claimed,
+    )  # fmt: skip
+    return int(claimed.sum())
+
+
+def is_vague(belief: Belief) -> bool:
+    """Whether the pose is known too badly to linearise paths about it."""
+    x, y, _, _, heading = belief.covariance.diagonal()[:AGENT].tolist()
+    return bool(x + y > VAGUE_M**2 or heading > VAGUE_RAD**2)
+
+
+def freed(belief: Belief, elapsed: float, acceleration: float) -> Belief:
+    """The belief with room for a turn and a push that the motion model doesn't allow for."""
+    covariance = belief.covariance.copy()
+    push = np.array([0.5 * elapsed**2, elapsed])
+    for axis in range(2):
+        entry = np.array([axis, axis + 2])
+        covariance[np.ix_(entry, entry)] += (FREEDOM * acceleration) ** 2 * np.outer(push, push)
+        covariance[axis, axis] += MAP_M**2
+    covariance[4, 4] += FREE_TURN**2
+    return Belief(belief.mean, covariance)
+
+
+def moved(belief: Belief, fix: Fix, velocity: float) -> Belief:
+    """The belief with the agent at the fix; its own accuracy is left for the scan to tell once more.
+
+    Parameters
+    ----------
+    velocity : float
+        Variance of each component (m^2/s^2) where the fix is too far off for the motion to lead there.
+    """
+    blurred = BLUR**2 * fix.covariance + np.diag([0.02**2, 0.02**2, 0.02**2])
+    gap = fix.pose - belief.mean[POSE]
+    gap[2] = wrap(gap[2])
+    own = belief.covariance[np.ix_(POSE, POSE)] + blurred
+    if gap @ np.linalg.solve(own, gap) < TOO_FAR**2:
+        select = np.zeros((3, len(belief.mean)))
+        select[range(3), POSE] = 1.0
+        gain = belief.covariance @ select.T @ np.linalg.inv(own)
+        mean = belief.mean + gain @ gap
+        rest = np.eye(len(mean)) - gain @ select
+        covariance = rest @ belief.covariance @ rest.T + gain @ blurred @ gain.T
+    else:
+        mean, covariance = belief.mean.copy(), belief.covariance.copy()
+        mean[POSE], mean[2:4] = fix.pose, 0.0
+        covariance[:AGENT], covariance[:, :AGENT] = 0.0, 0.0
+        covariance[np.ix_(POSE, POSE)] = blurred
+        covariance[2, 2] = covariance[3, 3] = velocity
+    mean[4] = wrap(mean[4])
+    return Belief(mean, 0.5 * (covariance + covariance.T))
+
+
+def find_pose(
+    belief: Belief, expected: Belief, images: Sequence[Sources], scan: Sequence[Heard],
+    table: DetectionTable, signal: SignalModel, stream: list[int],
+) -> Fix | None:  # fmt: skip
+    """The pose that explains a scan best, or None if no measurement proposes any.
+
+    Parameters
+    ----------
+    belief : Belief
+        By which the search is bounded, softly.
+    expected : Belief
+        What is believed unless something better is found.
+    """
+    draw = np.random.default_rng(stream)
+    asked = _proposals(images, scan, signal, draw)
+    if not len(asked):
+        return None
+    mean, wide = belief.mean[POSE], belief.covariance[np.ix_(POSE, POSE)]
+    narrow = expected.covariance[np.ix_(POSE, POSE)]
+    known = draw.multivariate_normal(mean, narrow, KEPT, method="eigh")
+    bound = np.linalg.inv(wide + np.diag([0.1, 0.1, 0.1]))
+
+    def score(poses: Array) -> Array:
+        gap = poses - mean
+        gap[:, 2] = wrap(gap[:, 2])
+        far = np.einsum("ni,ij,nj->n", gap, bound, gap)
+        log = -3.0 * np.log1p(far / 6)  # heavy tails: what was believed may be wrong altogether
+        for own, heard in zip(images, scan, strict=True):
+            log += _log_likelihood(poses, own, heard, table, signal)
+        return np.asarray(log)
+
+    before, log = score(known), score(asked)
+    poses, log = np.concatenate([known, asked]), np.concatenate([before, log])
+    best = int(log.argmax())
+    inside = _near(poses, poses[best])
+    lead = float(log[best] - log[~inside].max(initial=-np.inf))
+    pose, covariance = _moments(poses[inside], log[inside] - log[best])
+    for _ in range(2):
+        covariance = 2.0 * covariance + np.diag([0.02**2, 0.02**2, 0.02**2])
+        fresh = draw.multivariate_normal(pose, covariance, REFINED, method="eigh")
+        gap = fresh - pose
+        density = -0.5 * np.einsum("ni,ij,nj->n", gap, np.linalg.inv(covariance), gap)
+        value = score(fresh)
+        lead += max(float(value.max() - log[best]), 0.0)
+        log[best] = max(log[best], float(value.max()))
+        weight = value - density
+        pose, covariance = _moments(fresh, weight - weight.max())
+    return Fix(pose, covariance, float(log[best] - before.max()), lead)
+
+
+def _proposals(
+    images: Sequence[Sources], scan: Sequence[Heard], signal: SignalModel, draw: np.random.Generator
+) -> Array:
+    """Poses (N, 3) that the loud measurements stand for, over each surface they could have come by."""
+    poses = [np.zeros((0, 3))]
+    for own, heard in zip(images, scan, strict=True):
+        rows = np.flatnonzero(~np.isnan(heard.value).any(1) & heard.loud)
+        if not len(rows):
+            continue
+        strength = np.nan_to_num(heard.amplitude[rows], nan=signal.threshold)
+        std = deviations(heard, rows, strength, heard.value[rows, 1:], signal)
+        for copy in range(COPIES):
+            value = heard.value[rows] + (copy > 0) * std * draw.standard_normal((len(rows), 3))
+            leaving = heard.facing + value[None, :, 1]
+            straight = (own.image == heard.place).all(1)[:, None]
+            back = np.where(straight, leaving + np.pi, 2 * own.line[:, 0, None] - leaving)
+            place = own.image[:, None] - value[None, :, :1] * unit(back)
+            poses.append(
+                np.concatenate([place, wrap(back - value[None, :, 2])[..., None]], -1).reshape(-1, 3)
+            )
+    return np.concatenate(poses)
+
+
+def _log_likelihood(
+    poses: Array, own: Sources, heard: Heard, table: DetectionTable, signal: SignalModel
+) -> Array:
+    """Log-likelihood (N,) of one anchor's measurements at poses (N, 3), relative to clutter alone."""
+    back = direction(poses[:, None, :2], own.image[None])
+    distance = np.linalg.norm(poses[:, None, :2] - own.image[None], axis=-1)
+    straight = (own.image == heard.place).all(1)
+    leaving = np.where(straight, back + np.pi, 2 * own.line[:, 0] - back) - heard.facing
+    normal, offset = unit(own.line[:, 0]), own.line[:, 1]
+    sides = ((poses[:, :2] @ normal.T) - offset) * (normal @ heard.place - offset)
+    there = own.chance * (straight | (sides > 0))
+    strength = signal.amplitude(distance, own.level)
+    log = -(there * table(strength)).sum(1)
+    if not len(heard):
+        return np.asarray(log)
+    rows = np.arange(len(heard))
+    known = np.isfinite(heard.amplitude)
+    amplitude = np.where(known, heard.amplitude, signal.threshold)
+    std = deviations(heard, rows, amplitude, np.nan_to_num(heard.value[:, 1:]), signal)
+    measured = np.isfinite(std)
+    variance = np.where(measured, std, 1.0) ** 2 + np.array([MAP_M, MAP_RAD, MAP_RAD]) ** 2
+    predicted = (distance, leaving, back - poses[:, 2, None])
+    square = np.zeros((len(poses), len(own.image), len(rows)))
+    for axis, value in enumerate(predicted):
+        gap = heard.value[:, axis] - value[..., None]
+        gap = gap if axis == 0 else wrap(gap)
+        square += np.where(measured[:, axis], gap**2 / variance[:, axis], 0.0)
+    blur = 0.5 + (0.25 * strength[..., None]) ** 2
+    square += np.where(known, (amplitude - strength[..., None]) ** 2 / blur, 0.0)
+    flat = np.array([signal.max_distance_m, 2 * np.pi, 2 * np.pi])
+    constant = np.where(measured, np.log(flat / np.sqrt(2 * np.pi * variance)), 0.0).sum(1)
+    tail = np.where(known, np.minimum(amplitude**2 - signal.threshold**2, LOUDEST), 0.0)
+    ratio = np.exp(np.minimum(constant + tail - np.log(signal.false_alarms) - 0.5 * square, 60.0))
+    return np.asarray(log + np.log1p((there[..., None] * ratio).sum(1)).sum(1))
+
+
+def _near(poses: Array, centre: Array) -> NDArray[np.bool_]:
+    apart = np.linalg.norm(poses[:, :2] - centre[:2], axis=1)
+    return np.asarray((apart < MODE_M) & (np.abs(wrap(poses[:, 2] - centre[2])) < MODE_RAD))
+
+
+def _moments(poses: Array, log: Array) -> tuple[Array, Array]:
+    weight = np.exp(log)
+    weight /= weight.sum()
+    turned = poses.copy()
+    turned[:, 2] = poses[weight.argmax(), 2] + wrap(poses[:, 2] - poses[weight.argmax(), 2])
+    mean = weight @ turned
+    gap = turned - mean
+    return mean, np.asarray((weight[:, None] * gap).T @ gap)

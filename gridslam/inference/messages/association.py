@@ -1,0 +1,46 @@
+"""Loopy belief propagation for data association (Williams and Lau 2014, with the new-feature column).
+
+Owner of that kernel.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam import runtime
+from gridslam.kernels.primitives import tables
+
+Array = NDArray[np.float64]
+
+
+ROUNDS = 100
+"""At most."""
+
+
+def associate(beta: Array, missed: Array, new: Array, rounds: int = ROUNDS) -> tuple[Array, Array]:
+    """Messages of the association graph (paper 002, supporting document).
+
+    Parameters
+    ----------
+    beta : (L, M)
+        Message of every path for "caused measurement m".
+    missed : (L,) > 0
+        Message of every path for "caused none".
+    new : (M,) > 0
+        xi_m, message of every measurement for "caused by no legacy path" (1 + birth).
+
+    Returns
+    -------
+    (nu, claimed)
+        nu (L, M): message from measurement m to path l, scaled so that "no measurement" is 1;
+        claimed (M,): sum of what the paths send to m, with which new existence is xi / (xi + claimed).
+    """
+    runtime.start()
+    from gridslam.kernels.messages.association import associate as launch
+
+    paths, count = beta.shape
+    odds, message, measured = np.empty((11, paths)), np.empty((5, paths, count)), np.empty((4, count))
+    odds[tables.MISSED], message[tables.BETA], measured[tables.NEW] = missed, beta, new
+    launch(odds, message, measured, rounds)
+    return message[tables.NU], message[tables.CLAIM].sum(0)  # a device that bounds loops may not come to sums

@@ -1,0 +1,170 @@
+"""Likelihood ratios of measurements under paths (paper 002, section IV); owner of that kernel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam import runtime
+from gridslam.inference.messages.likelihood import AmplitudeBelief, DetectionTable
+from gridslam.inference.messages.prediction import Prediction
+from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.particles import Cloud, Recipe
+from gridslam.inference.state.rays import Rays
+from gridslam.kernels import PATH_BLOCK
+from gridslam.kernels.primitives import tables
+
+Array = NDArray[np.float64]
+PORTION = 16
+"""Room for measurements comes in portions."""
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Pairs of a path and a measurement that may belong together, sorted by path.
+
+    Attributes
+    ----------
+    count : int
+        K.
+    start : (L + 1,) int32
+        Where the pairs of each path begin.
+    index : (K or more, 2) int32
+        Path and measurement.
+    pair : (K or more, 8)
+        Measured distance, AoD, AoA; their variances (m^2, rad^2), `UNMEASURED` for none; density, which is
+        what isn't geometry (amplitude over clutter, and the constants of factors left out); determinant of a
+        particle's covariance.
+    """
+
+    count: int
+    start: NDArray[np.int32]
+    index: NDArray[np.int32]
+    pair: Array
+
+    def __len__(self) -> int:
+        return self.count
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What the measurements say of every path.
+
+    Attributes
+    ----------
+    pairs : Pairs
+    blocks : (L + K or more, P / PATH_BLOCK) float32
+        Over blocks of particles: at how many the path is possible; sums of each pair's weights; where the
+        device has them.
+    odds : (11, L)
+        By path, rows as in `gridslam.kernels.primitives.tables`; the last three are left to the updates.
+    message : (5, L, M)
+        By path and measurement, likewise; the last three are left to the association.
+    measured : (4, M)
+        By measurement, likewise; the last two are left to the association.
+    """
+
+    pairs: Pairs
+    blocks: runtime.Resident
+    odds: Array
+    message: Array
+    measured: Array
+
+    @property
+    def missed(self) -> Array:
+        """Message of every path into the association for "caused none", (L,)."""
+        return self.odds[tables.MISSED]
+
+    @property
+    def beta(self) -> Array:
+        """Message of every path into the association for "caused measurement m", (L, M)."""
+        return self.message[tables.BETA]
+
+    @property
+    def new(self) -> Array:
+        """Message of every measurement into the association for "caused by no legacy path", (M,)."""
+        return self.measured[tables.NEW]
+
+    @property
+    def explained(self) -> Array:
+        """Ratio to clutter of every measurement's known causes: sum of `beta`, (M,)."""
+        return self.measured[tables.EXPLAINED]
+
+    @property
+    def clutter(self) -> float:
+        """How much quiet clutter was heard that no path can have caused."""
+        return float(self.measured[tables.UNEXPLAINED].sum())
+
+    @property
+    def responsible(self) -> Array:
+        """Probability that the path caused the measurement, (L, M)."""
+        return self.message[tables.RESPONSIBLE]
+
+    @property
+    def claimed(self) -> Array:
+        """What the known paths send to each measurement, (M,)."""
+        return self.measured[tables.CLAIMED]
+
+    def against(self, clutter: float) -> None:
+        """Make it, in place, what it is against a clutter level `clutter` times as high."""
+        pair = self.pairs.pair[: len(self.pairs)]
+        for told in (pair[:, 6], self.message[tables.RATIO], self.beta, self.explained):
+            told /= clutter
+
+
+class _Room(NamedTuple):
+    """Arrays of an evaluation that last: scratch, and what is told."""
+
+    scratch: tuple[runtime.Resident, ...]
+    told: tuple[runtime.Resident, ...]
+
+    @classmethod
+    def of(cls, paths: int, count: int, nodes: int, particles: int) -> _Room:
+        most = max(paths * count, 1)
+        scratch = np.empty((2, count, nodes)), np.empty((2, paths, count)), np.empty((most, 11), np.float32)
+        start, index, pair = np.empty(paths + 1, np.int32), np.empty((most, 2), np.int32), np.empty((most, 8))
+        blocks = runtime.room((paths + most, particles // PATH_BLOCK))
+        return cls(scratch, (np.empty((11, paths)), start, index, pair, blocks))
+
+
+def evaluate(
+    rays: Rays, predicted: Prediction, validity: Array, heard: Heard, amplitudes: AmplitudeBelief,
+    table: DetectionTable, radio: Array, recipe: Recipe, anchors: Array,
+) -> tuple[Cloud, Evaluation]:  # fmt: skip
+    """Pick pairs by distance and angles, draw the particles, and evaluate pairs and paths at them.
+
+    What is told lasts until the same anchor's next evaluation, particles until the next of any.
+
+    Parameters
+    ----------
+    validity : (L,)
+        V: probability that the path is open.
+    radio : (11,)
+        `SignalModel.radio` of the anchor.
+    anchors : (J, 3)
+        x, y (m) and orientation (rad).
+    """
+    runtime.start()
+    from gridslam.kernels.messages.evaluation import evaluate as launch
+
+    paths, count, (rows, particles), nodes = len(rays), len(heard), recipe.room, amplitudes.nodes
+    if particles % PATH_BLOCK:
+        raise ValueError(f"{particles} particles: whole blocks of {PATH_BLOCK} are needed")
+    rays.check(rows // 3 - 1, len(anchors))
+    anchor, broad = heard.anchor, -(-count // PORTION) * PORTION  # shapes that last
+    shape = paths, broad, len(nodes), particles
+    room = runtime.lasting(f"evaluation {anchor}", shape, lambda: _Room.of(*shape))
+    odds, start, index, pair, blocks = room.told
+    message, measured = np.empty((5, paths, count)), np.empty((4, count))
+    state = runtime.lasting("state", (rows, particles), lambda: runtime.room((rows, particles)))
+    odds[tables.EXISTENCE], odds[tables.SURFACES], odds[tables.OPEN] = rays.existence, rays.surfaces, validity
+    launch(
+        amplitudes.probability, nodes, 1.0 if amplitudes.spreading else 0.0, predicted.whole, heard.table,
+        table.chance, table.step, radio, recipe.kept, recipe.root, recipe.base, recipe.points, rays.table,
+        anchors, *room.scratch, odds, start, index, pair, state, blocks, message, measured,
+    )  # fmt: skip
+    pairs = Pairs(int(start[-1]), start, index, pair)
+    return Cloud(state, recipe.kept), Evaluation(pairs, blocks, odds, message, measured)

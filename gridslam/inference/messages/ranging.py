@@ -1,0 +1,184 @@
+"""What distances alone say of tentative images: messages between measurements and rings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.inference.messages.likelihood import DetectionTable, deviations
+from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.rays import P_STAY
+from gridslam.inference.state.rings import BEARINGS, LEAST_EXISTENCE, MOVING, Rings, outer, symmetric, weighed
+from gridslam.world.geometry import line_between, unit
+from gridslam.world.radio import REFLECTION_BINS, SignalModel
+
+Array = NDArray[np.float64]
+OVERLAP = 0.6
+"""Deviation of a hypothesis along the ring at birth, in spacings: their sum is flat within 1 %."""
+APART = 2.0
+"""Deviations by which a distance must exceed that of the anchor itself before it may begin a ring."""
+
+
+@dataclass(frozen=True)
+class Worth:
+    """What measurements are worth to the rings of one anchor.
+
+    Attributes
+    ----------
+    rows : (L,) int
+        Rings of that anchor.
+    ratio : (L, K, M)
+        p_d f(z | hypothesis) / (mu_fa f_fa(z)).
+    detection : (L,)
+    gap : (L, K, M) m
+        Measured minus predicted distance.
+    spread, noise : (L, K) and (M,), m^2
+        Variances of the predicted and of the measured distance.
+    gain : (L, K, 6)
+        Covariance of agent and image with the distance.
+    """
+
+    rows: NDArray[np.intp]
+    ratio: Array
+    detection: Array
+    gap: Array
+    spread: Array
+    noise: Array
+    gain: Array
+
+
+def judge(rings: Rings, heard: Heard, table: DetectionTable, signal: SignalModel) -> Worth:
+    """Evaluate the measurements that carry a distance and no AoA under every hypothesis."""
+    rows = np.flatnonzero(rings.anchor == heard.anchor)
+    mean, weight = rings.mean[rows], rings.weight[rows]
+    away = mean[..., MOVING:] - mean[..., :2]
+    distance = np.maximum(np.linalg.norm(away, axis=-1), 1e-6)
+    toward = away / distance[..., None]
+    slope = np.concatenate([-toward, np.zeros_like(toward), toward], -1)
+    gain = np.einsum("lkij,lkj->lki", rings.covariance[rows], slope)
+    spread = (gain * slope).sum(-1)
+
+    usable, deviation, loudness = _level(heard, signal)
+    typical = table(signal.amplitude((weight * distance).sum(-1), 0.5))
+    gap = np.where(usable, heard.value[:, 0], 0.0) - distance[..., None]
+    noise = np.where(usable, deviation**2, 1.0)
+    total = spread[..., None] + noise
+    density = np.exp(-0.5 * gap**2 / total) / np.sqrt(2 * np.pi * total)
+    silent = np.isnan(heard.amplitude)
+    ratio = density * np.where(silent, typical[:, None, None], 1.0) * np.where(usable, loudness, 0.0)
+    return Worth(rows, ratio, typical, gap, spread, noise, gain)
+
+
+def _level(heard: Heard, signal: SignalModel) -> tuple[NDArray[np.bool_], Array, Array]:
+    """Which measurements rings may explain; their deviations (m); clutter's share of their ratios (1/m)."""
+    usable = ~np.isnan(heard.value[:, 0]) & np.isnan(heard.value[:, 2])
+    distance = np.where(usable, heard.value[:, 0], 1.0)
+    loud = ~np.isnan(heard.amplitude)
+    strength = np.where(loud, heard.amplitude, signal.amplitude(distance, 0.5))
+    said = np.exp(signal.log_rician(strength[:, None], signal.amplitude(distance[:, None], REFLECTION_BINS)))
+    std = deviations(heard, np.arange(len(heard)), strength, np.nan_to_num(heard.value[:, 1:]), signal)[:, 0]
+    clutter = np.log(signal.false_alarms) + signal.log_clutter(heard.amplitude) + 2 * np.log(2 * np.pi)
+    return usable, std, np.where(loud, said.mean(1), 1.0) * np.exp(-clutter)
+
+
+def claims(rings: Rings, worth: Worth) -> tuple[Array, Array]:
+    """Messages of the rings to the association: (beta (L, M), missed (L,))."""
+    chance = rings.existence[worth.rows] * P_STAY
+    mean = np.einsum("lk,lkm->lm", rings.weight[worth.rows], worth.ratio)
+    return chance[:, None] * mean, 1 - chance * worth.detection
+
+
+def learn(rings: Rings, worth: Worth, nu: Array) -> Rings:
+    """Update existence and hypotheses of one anchor's rings, moment-matched over the association.
+
+    Parameters
+    ----------
+    nu : (L, M)
+        Messages from the association.
+    """
+    old = rings.take(worth.rows)
+    said = P_STAY * nu[:, None] * worth.ratio
+    factor = said.sum(-1) + P_STAY * (1 - worth.detection)[:, None] + 1 - P_STAY
+    mean = (old.weight * factor).sum(-1)
+    heard = (old.weight * said.sum(-1)).sum(-1) / mean
+    existence = old.existence * mean / (old.existence * mean + 1 - old.existence)
+    # the gains of a hypothesis point the same way for all measurements and differ in size alone
+    share, size = said / factor[..., None], 1 / (worth.spread[..., None] + worth.noise)
+    step = (share * size * worth.gap).sum(-1)
+    among = (share * (size * worth.gap) ** 2).sum(-1) - step**2
+    narrower = (share * size).sum(-1) - among
+    fresh = replace(
+        old,
+        existence=np.minimum(existence, 1 - 1e-7),
+        seen=old.seen + (heard > 0.5),
+        weight=weighed(old.weight, np.log(factor)),
+        mean=old.mean + step[..., None] * worth.gain,
+        covariance=symmetric(old.covariance - narrower[..., None, None] * outer(worth.gain, worth.gain)),
+    )
+    return rings.put(worth.rows, fresh)
+
+
+def expected(
+    belief: Belief, heard: Heard, signal: SignalModel, births: float, middle: Array, radius_m: float
+) -> tuple[Array, Array]:
+    """How many new images each measurement tells of, over clutter, and how likely it makes every bearing.
+
+    As for births with angles, surfaces are born uniformly over all lines that cross the region, `births` per
+    anchor and step: uniform in angle and offset, so that an image at distance s from its anchor has density
+    ``births / (4 pi radius s)`` per square metre.
+
+    Returns
+    -------
+    (ratio, weight)
+        ratio (M,): 0 where there is no distance, or an AoA with it; weight (M, K).
+    """
+    usable, deviation, loudness = _level(heard, signal)
+    distance = np.where(usable, heard.value[:, 0], 0.0)
+    image = belief.mean[:2] + distance[:, None, None] * unit(_bearings())
+    line = line_between(heard.place, image)
+    span = np.linalg.norm(image - heard.place, axis=-1)
+    crosses = np.abs((unit(line[..., 0]) @ middle) - line[..., 1]) < radius_m
+    # no image is nearer than its anchor, and one that is hardly farther can't be told from it
+    doubt = np.where(usable, deviation, 0.0) ** 2 + np.trace(belief.covariance[:2, :2])
+    nearer = np.linalg.norm(belief.mean[:2] - heard.place) + APART * np.sqrt(doubt) < distance
+    density = crosses * nearer[:, None] / np.maximum(span, 0.1)
+    common = births / (4 * np.pi * radius_m) * distance * 2 * np.pi * loudness
+    ratio = np.where(usable, common * density.mean(-1), 0.0)
+    return ratio, density / np.maximum(density.sum(-1, keepdims=True), 1e-300)
+
+
+def begin(
+    rings: Rings, belief: Belief, heard: Heard, signal: SignalModel, chance: Array, weight: Array
+) -> Rings:
+    """Add a ring for every measurement that is likely enough to be one.
+
+    Parameters
+    ----------
+    chance : (M,)
+        Probability that the measurement tells of a new image.
+    weight : (M, K)
+        Of the bearings.
+    """
+    rows = np.flatnonzero(chance > LEAST_EXISTENCE)
+    distance, variance = heard.value[rows, 0, None], np.square(_level(heard, signal)[1][rows, None])
+    toward = np.broadcast_to(unit(_bearings()), (len(rows), BEARINGS, 2))
+    across = np.stack([-toward[..., 1], toward[..., 0]], -1)
+    arc = np.square(OVERLAP * 2 * np.pi / BEARINGS * distance)[..., None, None]
+    mean = np.zeros((len(rows), BEARINGS, MOVING + 2))
+    mean[..., :MOVING] = belief.mean[:MOVING]
+    mean[..., MOVING:] = belief.mean[:2] + distance[..., None] * toward
+    entry = np.array([0, 1, 2, 3, 0, 1])  # the image shares the error of the agent's position
+    covariance = np.broadcast_to(belief.covariance[np.ix_(entry, entry)], (*mean.shape, MOVING + 2)).copy()
+    covariance[..., MOVING:, MOVING:] += variance[..., None, None] * outer(toward, toward) + arc * outer(
+        across, across
+    )
+    age, seen = np.zeros(len(rows), np.int64), np.ones(len(rows), np.int64)
+    anchor = np.full(len(rows), heard.anchor, np.intp)
+    return rings.joined(Rings(anchor, chance[rows], age, seen, weight[rows], mean, covariance))
+
+
+def _bearings() -> Array:
+    return np.asarray(2 * np.pi / BEARINGS * np.arange(BEARINGS), np.float64)

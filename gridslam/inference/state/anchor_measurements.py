@@ -1,0 +1,109 @@
+"""What one anchor contributed to a scan, as arrays."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.measurements.table import Scan
+
+Array = NDArray[np.float64]
+LOUD = np.log(1000.0)
+"""Squared amplitude above the squared threshold that one in a thousand clutter measurements exceeds."""
+QUIET = np.log(20.0)
+"""The same that one in twenty exceeds."""
+CLUTTER_PER_QUIET = 1 / (1 - np.exp(-QUIET))
+"""How much clutter one stands for that is quieter than that."""
+LEAST_STD = 1e-6
+
+
+@dataclass(frozen=True)
+class Heard:
+    """Measurements of one anchor at one step; NaN stands for not measured.
+
+    Attributes
+    ----------
+    anchor : int
+    place : (2,) m
+    facing : float, rad
+    value : (M, 3)
+        Distance (m), AoD and AoA (rad).
+    own_std : (M, 3)
+        Deviations that came with the table.
+    amplitude : (M,)
+    table : (M, 9)
+        The same as kernels take it: value, 0 for none; deviations, 0 for what follows from the amplitude, -1
+        where there is no value; amplitude, -1 for none; whether it is loud; if it is as quiet as clutter is,
+        how much of that it stands for.
+    """
+
+    anchor: int
+    place: Array
+    facing: float
+    value: Array
+    own_std: Array
+    amplitude: Array
+    table: Array
+
+    def __len__(self) -> int:
+        return len(self.amplitude)
+
+    @property
+    def loud(self) -> NDArray[np.bool_]:
+        """Measurements (M,) that clutter is unlikely to be the cause of: one in a thousand is as loud."""
+        return np.asarray(self.table[:, 7] > 0.5)
+
+    @classmethod
+    def of(
+        cls, anchor: int, place: Array, facing: float, value: Array, own_std: Array, amplitude: Array,
+        threshold: float = 0.0,
+    ) -> Heard:  # fmt: skip
+        """Measurements given one by one; `threshold` is the amplitude from which on anything is heard."""
+        table = _table(value, own_std, amplitude, threshold)
+        return cls(anchor, place, facing, value, own_std, amplitude, table)
+
+
+def hear(scan: Scan, places: Array, facings: Array, threshold: float = 0.0) -> list[Heard]:
+    """A scan, anchor by anchor.
+
+    Parameters
+    ----------
+    places, facings : (J, 2) m and (J,) rad
+        Of the anchors.
+    threshold : float
+        Amplitude from which on the radio hears anything.
+    """
+    whose = np.asarray(scan.anchor, np.intp)
+    order = whose.argsort(kind="stable")
+    ends = whose[order].searchsorted(np.arange(len(places) + 1)).tolist()
+    rows = slice(ends[0], ends[-1])  # others belong to no anchor of the scene
+    order = order[rows]
+    value = np.array([scan.distance_m, scan.aod_rad, scan.aoa_rad]).T[order]
+    own = np.full((len(order), 3), np.nan)
+    for column, std in enumerate((scan.distance_std_m, scan.aod_std_rad, scan.aoa_std_rad)):
+        if std is not None:
+            own[:, column] = std[order]
+    amplitude = scan.amplitude[order]
+    table = _table(value, own, amplitude, threshold)
+    parts = (slice(begin - rows.start, end - rows.start) for begin, end in itertools.pairwise(ends))
+    return [
+        Heard(anchor, places[anchor], facing, value[part], own[part], amplitude[part], table[part])
+        for anchor, (facing, part) in enumerate(zip(facings.tolist(), parts, strict=True))
+    ]
+
+
+def _table(value: Array, own_std: Array, amplitude: Array, threshold: float) -> Array:
+    table = np.empty((len(amplitude), 9))
+    missing, silent = np.isnan(value), np.isnan(amplitude)
+    excess = amplitude * amplitude - threshold * threshold
+    table[:, :3], table[:, 6], table[:, 7] = value, amplitude, excess > LOUD
+    table[:, 3:6] = np.where(np.isnan(own_std), 0.0, np.maximum(own_std, LEAST_STD))
+    table[:, 8] = CLUTTER_PER_QUIET * (excess < QUIET)
+    if missing.any():
+        table[:, :3][missing], table[:, 3:6][missing] = 0.0, -1.0
+    if silent.any():
+        table[silent, 6:] = -1.0, 1.0, 1.0
+    return table

@@ -1,0 +1,167 @@
+"""One correlated Gaussian belief about the agent and all surfaces (model.md, section 2.6 (g)).
+
+Separate beliefs forget that the map was built from the agent's own error. Here agent and surfaces stay
+correlated: the state is [x, y, vx, vy, heading, angle_1, offset_1, angle_2, ...].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg.lapack import dpotrf
+
+from gridslam.world.geometry import wrap
+
+Array = NDArray[np.float64]
+AGENT = 5
+"""Entries of the agent's state; surface i stands at AGENT + 2 i."""
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Gaussian belief.
+
+    Attributes
+    ----------
+    mean : (5 + 2 S,) float64
+    covariance : (5 + 2 S, 5 + 2 S) float64
+    """
+
+    mean: Array
+    covariance: Array
+
+    def copy(self) -> Belief:
+        """The same, which stays as it is when this one is corrected in place."""
+        return Belief(self.mean.copy(), self.covariance.copy())
+
+    @property
+    def lines(self) -> Array:
+        """Mean lines of the surfaces, (S, 2): normal angle (rad) and offset (m)."""
+        return self.mean[AGENT:].reshape(-1, 2)
+
+    @property
+    def root(self) -> Array:
+        """Lower triangular root of the covariance (Cholesky's), which may be singular, (5 + 2 S, 5 + 2 S).
+
+        Unlike eigenvectors or their signs it is a continuous function of a regular covariance: particles of
+        two computers whose rounding differs stay next to each other.
+        """
+        root, failed = dpotrf(self.covariance, lower=1, clean=1)
+        if failed:
+            values, vectors = np.linalg.eigh(self.covariance)
+            _, upper = np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0))).T)
+            root = upper.T * np.where(np.diagonal(upper) < 0, -1.0, 1.0)
+        return np.asarray(root)
+
+
+def slots(surfaces: ArrayLike) -> NDArray[np.intp]:
+    """State entries of the lines of `surfaces` (...,), shape ``(..., 2)``."""
+    return AGENT + 2 * np.asarray(surfaces)[..., None] + np.arange(2)
+
+
+def predict(
+    belief: Belief, dt: float, acceleration: float, heading: float, shift: float, feet: Array
+) -> None:
+    """Near-constant velocity, random-walk heading, and jitter of every surface at its wall; in place.
+
+    Parameters
+    ----------
+    dt, acceleration, heading, shift : float; s, m/s^2, rad, m
+        `shift` is the jitter of a surface along its normal at the point where it is hit.
+    feet : (S,) m
+        Tangential coordinate of the place where each surface is hit, about which it turns.
+    """
+    mean, covariance = belief.mean.copy(), belief.covariance.copy()
+    mean[:2] += dt * mean[2:4]
+    covariance[:2] += dt * covariance[2:4]
+    covariance[:, :2] += dt * covariance[:, 2:4]
+    place, speed = 0.5 * acceleration * dt**2, acceleration * dt
+    for axis in (0, 1):
+        covariance[axis, axis] += place**2
+        covariance[axis + 2, axis + 2] += speed**2
+        covariance[axis, axis + 2] += place * speed
+        covariance[axis + 2, axis] += place * speed
+    covariance[4, 4] += heading**2
+    # a turn by w about the point at tangential coordinate t changes the offset by t w
+    size, turn = len(mean), (shift / 5.0) ** 2
+    entries, on, lever = covariance.reshape(-1), 2 * (size + 1), turn * feet
+    angle = AGENT * (size + 1)  # where angle, and offset after it, of the first surface stand on the diagonal
+    entries[angle::on] += turn
+    entries[angle + 1 :: on][: len(feet)] += lever
+    entries[angle + size :: on] += lever
+    entries[angle + size + 1 :: on] += lever * feet + shift**2
+    belief.mean[:], belief.covariance[:] = mean, covariance  # at the end, should anything interrupt
+
+
+def update(belief: Belief, jacobian: Array, residuals: Array, noises: Array, weights: Array) -> Belief:
+    """Moment-matched update with one path that several measurements (or none) may have come from.
+
+    Parameters
+    ----------
+    jacobian : (D, N)
+        Derivative of the path's parameters by the state.
+    residuals : (M, D)
+        Measured minus predicted.
+    noises : (M, D)
+        Variances of the measurements.
+    weights : (M,)
+        Probability of each association; the rest, ``1 - sum``, is that of none.
+    """
+    spread = belief.covariance @ jacobian.T
+    core = jacobian @ spread
+    shift = np.zeros(len(belief.mean))
+    inner = np.zeros_like(core)
+    outer = np.zeros((len(shift), len(shift)))
+    for residual, noise, weight in zip(residuals, noises, weights, strict=True):
+        inverse = np.linalg.inv(core + np.diag(noise))
+        step = spread @ (inverse @ residual)
+        shift += weight * step
+        inner += weight * inverse
+        outer += weight * np.outer(step, step)
+    covariance = belief.covariance - spread @ inner @ spread.T + outer - np.outer(shift, shift)
+    mean = belief.mean + shift
+    mean[4] = wrap(mean[4])
+    return Belief(mean, 0.5 * (covariance + covariance.T))
+
+
+def give_birth(belief: Belief, line: Array, by_state: Array, by_measurement: Array, noise: Array) -> Belief:
+    """Append a surface that is a function of the state and of a measurement.
+
+    Parameters
+    ----------
+    line : (2,)
+    by_state : (2, N)
+        Derivative of the line by the state so far: this keeps the new surface correlated with its maker.
+    by_measurement : (2, D)
+    noise : (D,)
+        Variances of the measurement.
+    """
+    cross = by_state @ belief.covariance
+    own = cross @ by_state.T + by_measurement @ np.diag(noise) @ by_measurement.T
+    covariance = np.block([[belief.covariance, cross.T], [cross, own]])
+    return Belief(np.concatenate([belief.mean, line]), 0.5 * (covariance + covariance.T))
+
+
+def append(belief: Belief, line: Array, covariance: Array) -> Belief:
+    """Append a surface that is independent of the rest."""
+    size = len(belief.mean)
+    joint = np.zeros((size + 2, size + 2))
+    joint[:size, :size], joint[size:, size:] = belief.covariance, covariance
+    return Belief(np.concatenate([belief.mean, line]), joint)
+
+
+def keep(belief: Belief, surfaces: NDArray[np.bool_]) -> Belief:
+    """Marginalise out the surfaces that aren't kept."""
+    rows = np.concatenate([np.ones(AGENT, dtype=bool), np.repeat(surfaces, 2)])
+    return Belief(belief.mean[rows], belief.covariance[np.ix_(rows, rows)])
+
+
+def separated(belief: Belief) -> Belief:
+    """The belief without its correlations: agent and surfaces apart, as the papers keep them.
+
+    Every belief keeps its marginal, and forgets whose errors it was built from.
+    """
+    owner = np.concatenate([np.zeros(AGENT, np.intp), 1 + np.repeat(np.arange(len(belief.lines)), 2)])
+    return Belief(belief.mean, belief.covariance * (owner[:, None] == owner))

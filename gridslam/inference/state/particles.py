@@ -1,0 +1,245 @@
+"""Particles: equally weighted joint samples of agent and surfaces, at which paths are evaluated.
+
+They are drawn from the correlated belief whenever it is needed, from one fixed set of normal points, so
+that nothing degenerates and a run repeats bit for bit. Each stands for a small Gaussian instead of a point
+(a regularised particle filter): a share h^2 of the covariance is kept for the likelihood, by which a few
+particles suffice where a likelihood is sharp, and in the linear case the mean is exact for any number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam import runtime
+from gridslam.inference.state.belief import AGENT, Belief
+from gridslam.kernels import PATH_BLOCK, ROOT_GIVEN, STATE_GIVEN, TAKE_ROOT
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+PURPOSE = 0x9A
+DIVERGENCE, SURE = 0.05, 2.33
+"""Kullback-Leibler divergence that an adapted number of particles keeps below, and how sure that is: 99 %."""
+BIN_M, BIN_RAD = 0.05, 0.03
+"""Bins over which it is counted: about what one measurement tells."""
+PORTION = 512
+"""Adapted numbers come in portions, each with mean 0 and deviation 1."""
+
+
+GOLDEN = 2654435769
+"""2^32 over the golden ratio: its multiples, and theirs, are spread evenly over the remainders."""
+NO_POINTS = np.empty((0, 0), np.float32)
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Joint samples.
+
+    Attributes
+    ----------
+    state : (3 + 3 S, P) float32 or float64
+        x, y (m) and heading (rad); then unit normal and offset (m) of every surface. Particles stay on the
+        device that computes.
+    kept : float
+        h^2, share of the covariance that each particle keeps to itself.
+    """
+
+    state: runtime.Resident
+    kept: float
+
+    @property
+    def surfaces(self) -> int:
+        """Number of surfaces S."""
+        return self.state.shape[0] // 3 - 1
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How to draw particles: states ``base + root points``.
+
+    Attributes
+    ----------
+    root : (N, N) float32
+        Root of the share of the covariance that is drawn.
+    base : (N, 3) float32
+        Mean, and its cosine and sine.
+    points : (N or more, P or more) float32
+        Standard normal; where the device has them.
+    count : int
+        P.
+    kept : float
+        Share of the covariance that each particle keeps to itself.
+    """
+
+    root: Single
+    base: Single
+    points: runtime.Resident
+    count: int
+    kept: float
+
+    @property
+    def room(self) -> tuple[int, int]:
+        """Shape of the states."""
+        return 3 + 3 * ((len(self.root) - AGENT) // 2), self.count
+
+
+def at_mean(belief: Belief) -> Cloud:
+    """The belief's mean as a single sample."""
+    mean = belief.mean
+    state = np.empty((3 + 3 * len(belief.lines), 1))
+    state[:2, 0], state[2, 0], angle = mean[:2], mean[4], mean[AGENT::2]
+    state[3::3, 0], state[4::3, 0], state[5::3, 0] = np.cos(angle), np.sin(angle), mean[AGENT + 1 :: 2]
+    return Cloud(state, 0.0)
+
+
+class Draft(NamedTuple):
+    """What a kernel that makes ready to draw from a belief fills in, in the order of its arguments."""
+
+    whole: Array
+    root: Single
+    base: Single
+    state: Array
+    failed: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, size: int, samples: int) -> Draft:
+        """Room for a belief of so many entries, and so many exact samples."""
+        square, state = (size, size), np.empty((3 + 3 * ((size - AGENT) // 2), samples))
+        root, base = np.empty(square, np.float32), np.empty((size, 3), np.float32)
+        return cls(np.empty(square), root, base, state, np.empty(1, np.int32))
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How a kernel comes by exact samples: it draws them from a belief, or is given them.
+
+    Attributes
+    ----------
+    belief : Belief
+    points : (N or more, P) float32
+        Standard normal; where the device has them.
+    first : int
+        Of the points that are taken, one for each sample; after the last comes the first.
+    draft : Draft
+    given : bool
+        Whether the draft holds the samples already.
+    """
+
+    belief: Belief
+    points: runtime.Resident
+    first: int
+    draft: Draft
+    given: bool = False
+
+    @classmethod
+    def of(
+        cls, belief: Belief, points: runtime.Resident, first: int, samples: int, site: str = "samples"
+    ) -> Sampling:
+        """So many samples by standard normal points; what is drawn lasts until the next of this site.
+
+        Raises
+        ------
+        ValueError
+            The points have fewer entries than the belief.
+        """
+        size = len(belief.mean)
+        if points.shape[0] < size:
+            raise ValueError(f"points of {points.shape[0]} entries for a belief of {size}")
+        draft = runtime.lasting(site, (size, samples), lambda: Draft.of(size, samples))
+        return cls(belief, points, first, draft)
+
+    @classmethod
+    def at(cls, cloud: Cloud) -> Sampling:
+        """Samples that are there already."""
+        belief, draft = Belief(np.empty(0), np.empty((0, 0))), Draft.of(AGENT, 0)._replace(state=cloud.state)
+        draft.failed[0] = 0
+        return cls(belief, NO_POINTS, 0, draft, given=True)
+
+    def attempts(self) -> Iterator[tuple[Any, ...]]:
+        """What a kernel is told of it; of a singular covariance, once more with a root of another kind."""
+        yield (STATE_GIVEN if self.given else TAKE_ROOT, *self.draft)
+        if self.draft.failed[0]:
+            yield (ROOT_GIVEN, np.ascontiguousarray(self.belief.root), *self.draft[1:])
+
+
+def needed(belief: Belief) -> float:
+    """Number of particles by which a sampled pose comes within `DIVERGENCE` of its belief (KLD sampling).
+
+    As in Fox, "Adapting the sample size in particle filters through KLD-sampling" (2003), eq. (7), over the
+    bins within three deviations of the pose that is believed in.
+    """
+    spread = np.linalg.eigvalsh(belief.covariance[:2, :2])
+    spans = 6 * np.sqrt(np.maximum(np.append(spread / BIN_M**2, belief.covariance[4, 4] / BIN_RAD**2), 0))
+    free = max(float(np.ceil(spans).prod()) - 1, 1.0)
+    part = 2 / (9 * free)
+    return float(free / (2 * DIVERGENCE) * (1 - part + np.sqrt(part) * SURE) ** 3)
+
+
+@lru_cache(16)
+def _kept(count: int) -> float:
+    """Silverman's rule for a path's three parameters."""
+    return float(count ** (-2 / 7))
+
+
+class Particles:
+    """A fixed set of standard normal points that becomes a cloud for any belief.
+
+    Parameters
+    ----------
+    count : int
+        Rounded up to whole blocks of the evaluation kernel.
+    seed : int
+    adapt : bool
+        Whether to take as few as the belief asks for, `count` at most.
+
+    Attributes
+    ----------
+    drawn : int
+        How many the latest recipe was for.
+    """
+
+    def __init__(self, count: int, seed: int, adapt: bool = False) -> None:
+        self.count, self.adapt = -(-count // PATH_BLOCK) * PATH_BLOCK, adapt
+        self.drawn = self.count
+        self._seed = seed
+        self._points = np.zeros((0, self.count), np.float32)
+        self._held: runtime.Resident = self._points
+
+    def points(self, belief: Belief) -> runtime.Resident:
+        """The normal points, (N or more, count) float32, where the device has them."""
+        size = len(belief.mean)
+        if size > len(self._points):
+            fresh = [self._column(n) for n in range(len(self._points), size)]
+            points = np.concatenate([self._points, np.stack(fresh)])
+            self._held = runtime.resident(points)
+            self._points = points  # last, should anything interrupt
+        return self._held
+
+    def samples(self, belief: Belief, number: int, samples: int, site: str = "samples") -> Sampling:
+        """Exact samples of a belief by points that follow each other, from another one on for every `number`.
+
+        Those of a sequence of numbers are spread evenly over all points. What is drawn lasts until the next
+        of this site.
+        """
+        first = (number * GOLDEN % 2**32) * self.count >> 32
+        return Sampling.of(belief, self.points(belief), first, samples, site)
+
+    def ask(self, belief: Belief) -> tuple[int, float]:
+        """How many particles to draw of a belief, and the share of the covariance that each keeps."""
+        count = self.count
+        if self.adapt:
+            count = min(count, -int(-needed(belief) // PORTION) * PORTION)
+        self.drawn = count
+        return count, _kept(count)
+
+    def _column(self, number: int) -> Single:
+        values = np.random.default_rng([self._seed, PURPOSE, number]).standard_normal(self.count)
+        for portion in np.split(values, range(PORTION, self.count, PORTION)):  # so that the first few will do
+            portion -= portion.mean()
+            portion /= portion.std()
+        return values.astype(np.float32)

@@ -1,0 +1,55 @@
+"""Paths drawn as polylines at sampled states, for casting through the grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam import runtime
+from gridslam.inference.state.particles import Cloud
+from gridslam.inference.state.rays import Rays
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Polylines:
+    """L paths at R states.
+
+    Attributes
+    ----------
+    count : int
+        L.
+    drawn : (L R or more, 13 or 14)
+        Corners (8), normals (4) and possibility as the kernel leaves them; then V, and where the device has
+        them, if they were cast.
+    seen : (L or more, 6)
+        Means over the states: of V where the path is possible (0 if it wasn't cast); how often that is; first
+        and second corner after the anchor.
+    """
+
+    count: int
+    drawn: runtime.Resident
+    seen: Array
+
+    @property
+    def validity(self) -> Array:
+        """V of every path, paper 003 eq. (1): mean over the states at which it is possible, (L,)."""
+        return self.seen[: self.count, 0]
+
+
+def draw_paths(rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:
+    """Draw rays from anchors (J, 3: x, y, orientation) to all states of a cloud."""
+    runtime.start()
+    from gridslam.kernels.propagation.paths import polylines
+
+    rays.check(cloud.surfaces, len(anchors))
+    state, count = cloud.state, len(rays)
+    drawn, seen = np.zeros((count * state.shape[1], 13)), np.zeros((count, 6))
+    if count:
+        polylines(state, rays.table, anchors, drawn)
+        own = drawn.reshape(count, -1, 13)
+        seen[:, 1], seen[:, 2:] = own[..., 12].mean(1), own[..., 2:6].mean(1)
+    return Polylines(count, drawn, seen)

@@ -1,0 +1,219 @@
+"""Virtual anchors known by distance alone: each starts as a ring of hypotheses about its bearing.
+
+A distance puts the image of an anchor on a circle about the agent, which no single Gaussian can hold, and on
+a straight way two places, mirrored at the way, explain all distances equally well. So a tentative image is a
+mixture beside the joint belief, one Gaussian per bearing; once it has shrunk to one place, it joins. (The
+published method keeps particles of each image instead: Leitinger et al., "A belief propagation algorithm for
+multipath-based SLAM", IEEE Trans. Wireless Commun. 18(12), 2019.)
+
+The agent's error lasts over many steps, and a hypothesis that took it for fresh noise at each would soon be
+sure of a wrong bearing. Hence every hypothesis is a Gaussian of agent and image together, [x, y, vx, vy,
+image x, image y]: what the agent would be like if the hypothesis were true. It takes in what the joint
+belief learns of the agent, as information; the joint belief learns nothing from rings until they join.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.inference.state.belief import Belief, give_birth
+from gridslam.world.geometry import line_between, mirror_derivative
+from gridslam.world.radio import SignalModel
+
+Array = NDArray[np.float64]
+BEARINGS = 72
+"""Hypotheses per ring, 5 degrees apart: at 20 m the arc of one departs by 2 cm from its tangent."""
+MOST_RINGS = 16
+"""Rings kept per anchor, the likeliest first."""
+LEAST_EXISTENCE = 0.01
+"""Existence below which a ring is dropped, or not begun."""
+SHRUNK_M, SHRUNK_SHARE = 0.25, 0.1
+"""A ring joins when its deviation is below both: metres, and a share of image's distance to anchor."""
+THIN = 0.3
+"""Deviation across the ring that it must be below, too, in those of a measurement: two places are thicker."""
+SURE = 0.95
+"""Existence that it must have then."""
+JITTER_M = 0.001
+"""Random walk of an image per step."""
+MOVING = 4
+"""Entries of the agent in a hypothesis."""
+
+
+@dataclass(frozen=True)
+class Rings:
+    """Tentative images of anchors: R rings of K hypotheses.
+
+    Attributes
+    ----------
+    anchor : (R,) int
+    existence : (R,) float64
+    age, seen : (R,) int
+        Steps since birth, steps with a detection.
+    weight : (R, K) float64
+        Probability of each hypothesis; rows sum to 1.
+    mean : (R, K, 6) float64
+        Agent and image, if the hypothesis is true.
+    covariance : (R, K, 6, 6) float64
+    """
+
+    anchor: NDArray[np.intp]
+    existence: Array
+    age: NDArray[np.int64]
+    seen: NDArray[np.int64]
+    weight: Array
+    mean: Array
+    covariance: Array
+
+    def __len__(self) -> int:
+        return len(self.anchor)
+
+    @classmethod
+    def empty(cls) -> Rings:
+        """No rings."""
+        whole, size = np.zeros(0, np.int64), MOVING + 2
+        return cls(
+            np.zeros(0, np.intp), np.zeros(0), whole, whole, np.zeros((0, BEARINGS)),
+            np.zeros((0, BEARINGS, size)), np.zeros((0, BEARINGS, size, size)),
+        )  # fmt: skip
+
+    def take(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> Rings:
+        """Some of the rings."""
+        return Rings(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    def joined(self, other: Rings) -> Rings:
+        """These rings and then the others."""
+        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        return Rings(*(np.concatenate(pair) for pair in pairs))
+
+    def put(self, rows: NDArray[np.intp], other: Rings) -> Rings:
+        """The same with `other` in place of the rings `rows`."""
+        columns = {f.name: getattr(self, f.name).copy() for f in fields(self)}
+        for name, column in columns.items():
+            column[rows] = getattr(other, name)
+        return Rings(**columns)
+
+    @property
+    def matched(self) -> tuple[Array, Array]:
+        """Mean (R, 6) and covariance (R, 6, 6) of every ring as one Gaussian."""
+        mean = np.einsum("rk,rki->ri", self.weight, self.mean)
+        off = self.mean - mean[:, None]
+        return mean, np.einsum("rk,rkij->rij", self.weight, self.covariance + outer(off, off))
+
+
+def move(rings: Rings, dt: float, acceleration: float) -> Rings:
+    """Move the agent of every hypothesis as `belief.predict` does; images stand still but for a jitter."""
+    forward, noise = np.eye(MOVING + 2), np.zeros((MOVING + 2, MOVING + 2))
+    forward[0, 2] = forward[1, 3] = dt
+    push = acceleration * np.array([0.5 * dt**2, dt])
+    for axis in range(2):
+        entry = np.array([axis, axis + 2])
+        noise[np.ix_(entry, entry)] = np.outer(push, push)
+    noise[MOVING:, MOVING:] = JITTER_M**2 * np.eye(2)
+    covariance = forward @ rings.covariance @ forward.T + noise
+    return replace(rings, age=rings.age + 1, mean=rings.mean @ forward.T, covariance=covariance)
+
+
+def follow(rings: Rings, before: Belief, after: Belief) -> Rings:
+    """Take in what the joint belief learned of the agent, as the information by which it grew."""
+    old, new = (b.covariance[:MOVING, :MOVING] for b in (before, after))
+    same = np.array_equal(old, new) and np.array_equal(before.mean[:MOVING], after.mean[:MOVING])
+    if not len(rings) or same:
+        return rings
+    # in the frame where the old covariance is 1 and the new one diagonal
+    root = np.linalg.cholesky(old)
+    value, vector = np.linalg.eigh(np.linalg.inv(root) @ new @ np.linalg.inv(root).T)
+    value, frame = np.maximum(value, 1e-6), np.linalg.inv(root).T @ vector
+    shift = frame.T @ (after.mean[:MOVING] - before.mean[:MOVING])
+    surer = value < 1
+    information = frame * np.where(surer, 1 / value - 1, 0.0) @ frame.T
+    push = frame @ np.where(surer, shift / value, 0.0)
+    doubt = root @ vector * np.where(surer, 0.0, value - 1) @ vector.T @ root.T
+    agent, prior = rings.mean[..., :MOVING] - before.mean[:MOVING], rings.covariance.copy()
+    prior[..., :MOVING, :MOVING] += doubt
+    both, own = prior[..., :MOVING], prior[..., :MOVING, :MOVING]
+    inner = np.eye(MOVING) + information @ own
+    pull = push - agent @ information
+    solved = np.linalg.solve(
+        inner, np.concatenate([np.broadcast_to(information, own.shape), pull[..., None]], -1)
+    )
+    covariance = prior - both @ solved[..., :MOVING] @ np.swapaxes(both, -1, -2)
+    step = (both @ solved[..., MOVING:])[..., 0]
+    log = (
+        (agent * push).sum(-1)
+        - 0.5 * ((agent @ information) * agent).sum(-1)
+        + 0.5 * (pull * step[..., :MOVING]).sum(-1)
+        - 0.5 * np.log(np.linalg.det(inner))
+    )
+    return replace(
+        rings, weight=weighed(rings.weight, log), mean=rings.mean + step, covariance=symmetric(covariance)
+    )
+
+
+def prune(rings: Rings, survival: float) -> Rings:
+    """Drop unlikely rings, and the least likely beyond `MOST_RINGS` per anchor."""
+    existence = survival * rings.existence
+    order = np.argsort(-existence, kind="stable")
+    place = np.zeros(len(rings), np.intp)
+    for anchor in np.unique(rings.anchor):
+        own = order[rings.anchor[order] == anchor]
+        place[own] = np.arange(len(own))
+    return replace(rings, existence=existence).take((existence > LEAST_EXISTENCE) & (place < MOST_RINGS))
+
+
+def shrunk(rings: Rings, places: Array, signal: SignalModel) -> NDArray[np.intp]:
+    """Rings that have shrunk to one place, the mirrored one gone, and surely exist."""
+    if not len(rings):
+        return np.zeros(0, np.intp)
+    mean, covariance = rings.matched
+    thickness, width = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[:, MOVING:, MOVING:]), 0)).T
+    distance = np.linalg.norm(mean[:, MOVING:] - mean[:, :2], axis=-1)
+    thin = THIN * signal.distance_std(signal.amplitude(distance, 0.5))
+    span = np.linalg.norm(mean[:, MOVING:] - places[rings.anchor], axis=-1)
+    return np.flatnonzero(
+        (width < SHRUNK_M) & (width < SHRUNK_SHARE * span) & (thickness < thin) & (rings.existence > SURE)
+    )
+
+
+def join(rings: Rings, row: int, belief: Belief, place: Array) -> Belief:
+    """Give the joint belief what one ring knows: agent, image, and how they hang together.
+
+    Parameters
+    ----------
+    place : (2,) m
+        The ring's anchor; the line between it and the image is appended.
+    """
+    mean, covariance = (part[0] for part in rings.take(np.array([row])).matched)
+    agent, image = slice(0, MOVING), slice(MOVING, None)
+    # the rest of the state follows the agent, to which alone the ring refers
+    lean = np.linalg.solve(belief.covariance[agent, agent], belief.covariance[agent]).T
+    changed = covariance[agent, agent] - belief.covariance[agent, agent]
+    belief = Belief(
+        belief.mean + lean @ (mean[agent] - belief.mean[agent]),
+        symmetric(belief.covariance + lean @ changed @ lean.T),
+    )
+    line = line_between(place, mean[image])
+    by_image = np.linalg.inv(mirror_derivative(line, place))
+    by_agent = np.linalg.solve(covariance[agent, agent], covariance[agent, image]).T
+    by_state = np.zeros((2, len(belief.mean)))
+    by_state[:, agent] = by_image @ by_agent
+    value, vector = np.linalg.eigh(covariance[image, image] - by_agent @ covariance[agent, image])
+    return give_birth(belief, line, by_state, by_image @ vector, np.maximum(value, 0.0))
+
+
+def weighed(weight: Array, log: Array) -> Array:
+    """Weights (R, K) times exp(log), normalised."""
+    scaled = weight * np.exp(log - log.max(-1, keepdims=True, initial=-np.inf))
+    return np.asarray(scaled / scaled.sum(-1, keepdims=True))
+
+
+def outer(left: Array, right: Array) -> Array:
+    """Outer products of vectors (..., N)."""
+    return left[..., :, None] * right[..., None, :]
+
+
+def symmetric(matrix: Array) -> Array:
+    """The symmetric part: rounding leaves a little of the other."""
+    return 0.5 * (matrix + np.swapaxes(matrix, -1, -2))

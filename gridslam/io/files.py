@@ -1,0 +1,192 @@
+"""Files that are either complete or absent, and HDF5 that is checked before it is believed."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from gridslam.errors import InputError
+from gridslam.io.hdf5_guard import prove, seal
+
+LARGEST_BYTES = 2**31
+"""A dataset that claims to be larger is refused before memory is asked for."""
+MOST_PACKED = 1100
+"""Deflate packs at most 1032 bytes into one."""
+
+
+def beside(path: Path) -> Path:
+    """Temporary name in the folder of `path`, for a rename that can't cross file systems."""
+    return path.with_name(f".{path.name}.{os.getpid()}.part")
+
+
+def cannot_write(path: Path, error: OSError) -> InputError:
+    """Say in one line why nothing could be written."""
+    return InputError(
+        str(path), f"{error.strerror or error}", "a folder that can be written to, with space left"
+    )
+
+
+def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
+    """Write a file under a temporary name in its folder, then rename it.
+
+    Raises
+    ------
+    InputError
+        The folder is missing or read-only, or the disk is full; nothing is left behind.
+    """
+    path = Path(path)
+    part = beside(path)
+    try:
+        try:
+            part.write_bytes(content)
+            os.replace(part, path)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        raise cannot_write(path, error) from error
+
+
+@contextmanager
+def writing_h5(path: str | os.PathLike[str], kind: str, version: int = 1) -> Iterator[h5py.File]:
+    """Open an HDF5 file to fill; it appears under its name when the block ends well.
+
+    The file is built in memory: HDF5 doesn't survive a full disk in good order, plain bytes do.
+
+    Parameters
+    ----------
+    path : path
+        File to write.
+    kind : str
+        Root attribute ``format``.
+    version : int
+        Root attribute ``version``.
+    """
+    # the format of HDF5 1.8 on has checksums, without which a damaged file can hang the library
+    layout = ("v108", "v108")
+    with h5py.File(str(path), "w", driver="core", backing_store=False, libver=layout) as file:
+        file.attrs["format"], file.attrs["version"] = kind, version
+        yield file
+        file.flush()
+        image = file.id.get_file_image()
+    write_bytes(path, image + seal(image))
+
+
+def put(group: h5py.Group, name: str, values: np.ndarray, unit: str) -> None:
+    """Write one dataset with its ``unit`` attribute, packed when it is large."""
+    values = np.asarray(values)
+    packed = {"compression": "gzip", "compression_opts": 4, "shuffle": True} if values.size > 1000 else {}
+    group.create_dataset(name, data=values, **packed).attrs["unit"] = unit
+
+
+@contextmanager
+def reading_h5(path: str | os.PathLike[str], kind: str, version: int = 1) -> Iterator[h5py.File]:
+    """Open an HDF5 file to read, checking that it is what it should be.
+
+    Raises
+    ------
+    InputError
+        No such file, not HDF5, cut short, another format or version, or damaged inside.
+    """
+    if not Path(path).is_file():
+        raise InputError(str(path), "no file", f"a {kind} file")
+    try:
+        prove(path, most_claimed(path))
+        with h5py.File(path, "r") as file:
+            found = _text(file.attrs.get("format", "no format attribute"))
+            if found != kind:
+                raise InputError(f"{path}: format", found, kind)
+            if file.attrs.get("version") != version:
+                raise InputError(f"{path}: version", _text(file.attrs.get("version")), str(version))
+            yield file
+    except InputError:
+        raise
+    except (OSError, KeyError, RuntimeError, ValueError, TypeError) as error:
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(
+            str(path), f"damaged or incomplete HDF5 ({reason})", f"a whole {kind} file"
+        ) from error
+
+
+def subgroup(file: h5py.Group, name: str) -> h5py.Group:
+    """Return a group that must be there.
+
+    Raises
+    ------
+    InputError
+        There is none of this name.
+    """
+    group = file.get(name)
+    if not isinstance(group, h5py.Group):
+        raise InputError(f"{file.file.filename}: /{name}", "no group", "a group of this name")
+    return group
+
+
+def get(group: h5py.Group, name: str, shape: tuple[int | None, ...], kind: str = "fiub") -> np.ndarray:
+    """Read one dataset of the given shape (None: any length).
+
+    Raises
+    ------
+    InputError
+        The dataset is missing, has another shape or type, or claims an absurd size.
+    """
+    where = f"{group.file.filename}: {group.name.rstrip('/')}/{name}"
+    data = group.get(name)
+    if not isinstance(data, h5py.Dataset):
+        raise InputError(where, "no dataset", "a dataset of this name")
+    fits = len(data.shape or ()) == len(shape) and all(
+        want in (None, n) for want, n in zip(shape, data.shape, strict=True)
+    )
+    if not fits:
+        wanted = tuple("any" if n is None else n for n in shape)
+        raise InputError(where, f"shape {data.shape}", f"shape {wanted}".replace("'", ""))
+    if data.dtype.kind not in kind:
+        raise InputError(where, f"type {data.dtype}", "numbers")
+    if claims_too_much(data):
+        raise InputError(where, f"{data.size} values", "as many as the file holds")
+    return np.asarray(data[()])
+
+
+def claims_too_much(data: h5py.Dataset) -> bool:
+    """Whether a dataset claims more than `LARGEST_BYTES`, or than its file can hold even packed."""
+    if data.external or data.is_virtual:  # held by another file
+        return True
+    claimed = max(data.size, math.prod(data.chunks or (0,))) * data.dtype.itemsize
+    held = min(data.id.get_storage_size(), data.file.id.get_filesize())
+    return claimed > LARGEST_BYTES or claimed > 2**20 + MOST_PACKED * held
+
+
+def most_claimed(path: str | os.PathLike[str]) -> int:
+    """Bytes of the largest dataset that `claims_too_much` could let pass."""
+    return min(LARGEST_BYTES, 2**20 + MOST_PACKED * os.path.getsize(path))
+
+
+def put_attributes(group: h5py.Group, values: Mapping[str, object]) -> None:
+    """Write attributes; lists of text as variable-length strings."""
+    for name, value in values.items():
+        if isinstance(value, list | tuple) and (not value or isinstance(value[0], str)):
+            group.attrs.create(name, list(value), dtype=h5py.string_dtype(), shape=(len(value),))
+        else:
+            group.attrs[name] = value
+
+
+def get_attributes(group: h5py.Group) -> dict[str, str | int | float | list]:
+    """Read attributes as plain Python values."""
+    return {name: _plain(value) for name, value in group.attrs.items()}
+
+
+def _plain(value: object) -> str | int | float | list:
+    if isinstance(value, np.ndarray):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    return _text(value)
+
+
+def _text(value: object) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

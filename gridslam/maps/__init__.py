@@ -1,0 +1,1 @@
+"""Maps: what an agent hands to the next, their files, frames and fusion."""

@@ -1,0 +1,248 @@
+"""Map files: HDF5 to hand over, nav2 pictures for robots, CSV for everything else."""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import h5py
+import numpy as np
+from scipy.special import logit
+
+from gridslam.errors import InputError
+from gridslam.estimates import SurfaceEstimate
+from gridslam.io.files import (
+    cannot_write,
+    get,
+    get_attributes,
+    put,
+    put_attributes,
+    reading_h5,
+    subgroup,
+    write_bytes,
+    writing_h5,
+)
+from gridslam.world.geometry import line_of_sfv
+from gridslam.world.radio import REFLECTION_BINS
+
+if TYPE_CHECKING:
+    from gridslam.maps.map import Map
+
+FORMAT = "gridslam-map"
+FREE, OCCUPIED, UNKNOWN = 254, 0, 205
+LARGEST_CELLS = 10_000_000
+"""Refused above: the reflection beliefs alone would take a gigabyte."""
+SURFACE_UNITS = {
+    "identity": "1",
+    "sfv_m": "m",
+    "sfv_cov_m2": "m^2",
+    "line": "rad, m",
+    "line_cov": "rad^2, rad m, m^2",
+    "reflection": "1",
+    "reflection_var": "1",
+    "existence": "1",
+    "extent_m": "m",
+    "owner": "1",
+}
+
+
+def write_map(grid: Map, path: str | os.PathLike[str]) -> None:
+    """Write a map as HDF5, complete or not at all.
+
+    ``/grid/{occupancy,observed,reflection,reflection_std}`` (ny, nx) with the attributes ``origin_m``,
+    ``cell_m`` and ``prior``, beside them what a filter needs to go on: ``evidence`` (ny, nx) and, for the T
+    cells with hits, ``coefficient_cell`` (T, 2) [iy, ix] and ``coefficient`` (T, BINS). ``/surfaces`` has one
+    dataset per field of `SurfaceEstimate` and ``reflection_posterior`` (S, BINS); ``/provenance`` attributes.
+
+    Raises
+    ------
+    InputError
+        The file can't be written.
+    """
+    with writing_h5(path, FORMAT) as file:
+        cells = file.create_group("grid")
+        put_attributes(
+            cells, {"origin_m": grid.origin_m, "cell_m": float(grid.cell_m), "prior": float(grid.prior)}
+        )
+        for name in ("occupancy", "observed", "reflection", "reflection_std"):
+            put(cells, name, getattr(grid, name), "1")
+        put(cells, "evidence", grid.evidence, "nat")
+        touched = grid.coefficient.any(axis=-1)
+        put(cells, "coefficient_cell", np.argwhere(touched).astype(np.int32), "cell")
+        put(cells, "coefficient", grid.coefficient[touched], "nat")
+        if grid.surfaces is not None:
+            surfaces = file.create_group("surfaces")
+            for name, unit in SURFACE_UNITS.items():
+                put(surfaces, name, getattr(grid.surfaces, name), unit)
+            if grid.surface_reflection is not None:
+                put(surfaces, "reflection_posterior", grid.surface_reflection, "1")
+        put_attributes(file.create_group("provenance"), grid.provenance)
+
+
+def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read the fields of a `Map`; a file with the contract's datasets alone (from other software) is enough.
+
+    Raises
+    ------
+    InputError
+        No such file, another format or version, missing or contradicting datasets, or damaged.
+    """
+    with reading_h5(path, FORMAT) as file:
+        cells = subgroup(file, "grid")
+        frame: dict[str, Any] = get_attributes(cells)
+        for name, kind in (("origin_m", list), ("cell_m", float), ("prior", float)):
+            if not isinstance(frame.get(name), kind):
+                raise InputError(f"{path}: /grid {name}", f"{frame.get(name)}", "a number (origin_m: two)")
+        observed = get(cells, "observed", (None, None), "b")
+        if observed.size > LARGEST_CELLS:
+            raise InputError(f"{path}: /grid", f"{observed.size} cells", f"at most {LARGEST_CELLS}")
+        evidence, coefficient = _read_beliefs(cells, observed, frame["prior"])
+        surfaces, posterior = (
+            _read_surfaces(subgroup(file, "surfaces")) if "surfaces" in file else (None, None)
+        )
+        return {
+            "origin_m": np.asarray(frame["origin_m"]),
+            "cell_m": frame["cell_m"],
+            "evidence": evidence,
+            "coefficient": coefficient,
+            "observed": observed,
+            "prior": frame["prior"],
+            "surfaces": surfaces,
+            "surface_reflection": posterior,
+            "provenance": get_attributes(subgroup(file, "provenance")) if "provenance" in file else {},
+        }
+
+
+def _read_beliefs(cells: h5py.Group, observed: np.ndarray, prior: float) -> tuple[np.ndarray, np.ndarray]:
+    """Evidence (ny, nx) and reflection log-likelihoods (ny, nx, BINS), from the pictures if need be."""
+    cube = np.zeros((*observed.shape, len(REFLECTION_BINS)), np.float32)
+    if "evidence" in cells:
+        where = get(cells, "coefficient_cell", (None, 2), "i")
+        rows = get(cells, "coefficient", (len(where), len(REFLECTION_BINS)), "f")
+        if len(where) and (where.min() < 0 or (where >= observed.shape).any()):
+            raise InputError(
+                f"{cells.file.filename}: /grid/coefficient_cell", "cells off the grid", "[iy, ix]"
+            )
+        cube[where[:, 0], where[:, 1]] = rows
+        evidence = get(cells, "evidence", observed.shape, "f")
+        if not (np.isfinite(evidence).all() and np.isfinite(rows).all()):
+            raise InputError(f"{cells.file.filename}: /grid", "evidence that isn't finite", "finite numbers")
+        return evidence, cube
+    occupancy, mean, std = (
+        get(cells, name, observed.shape, "f").astype(float)
+        for name in ("occupancy", "reflection", "reflection_std")
+    )
+    occupancy = np.where(observed & ~np.isnan(occupancy), occupancy, prior)
+    evidence = logit(np.clip(occupancy, 1e-6, 1 - 1e-6)) - logit(np.clip(prior, 1e-6, 1 - 1e-6))
+    hit = ~np.isnan(mean) & ~np.isnan(std)
+    cube[hit] = -0.5 * ((REFLECTION_BINS - mean[hit, None]) / np.maximum(std[hit, None], 0.01)) ** 2
+    return evidence, cube
+
+
+def _read_surfaces(group: h5py.Group) -> tuple[SurfaceEstimate, np.ndarray | None]:
+    """Surfaces and, where stored, the posterior (S, BINS) of their coefficients."""
+    tails = {"sfv_m": (2,), "sfv_cov_m2": (2, 2), "line": (2,), "line_cov": (2, 2), "extent_m": (2,)}
+    count = len(get(group, "sfv_m", (None, 2)))
+    own = ("sfv_m", "sfv_cov_m2", "reflection", "reflection_var", "existence", "extent_m")
+    table = {name: get(group, name, (count, *tails.get(name, ()))) for name in own}
+    if "line" in group:
+        table |= {
+            name: get(group, name, (count, *tails.get(name, ()))) for name in ("identity", "line", "line_cov")
+        }
+    else:
+        line = line_of_sfv(table["sfv_m"])
+        normal = np.stack([np.cos(line[:, 0]), np.sin(line[:, 0])], axis=-1)
+        length = np.maximum(2 * line[:, 1], 1e-9)[:, None]
+        turn = np.stack([-normal[:, 1], normal[:, 0]], axis=-1) / length
+        jacobian = np.stack([turn, 0.5 * normal], axis=-2)
+        cov = jacobian @ table["sfv_cov_m2"] @ jacobian.swapaxes(-1, -2)
+        table |= {"identity": np.arange(count), "line": line, "line_cov": cov}
+    table["owner"] = read_owner(group, count)
+    posterior = (
+        get(group, "reflection_posterior", (count, len(REFLECTION_BINS)), "f")
+        if "reflection_posterior" in group
+        else None
+    )
+    return SurfaceEstimate(**table), posterior
+
+
+def read_owner(group: h5py.Group, count: int) -> np.ndarray:
+    """Owning anchors of `count` surfaces; files of earlier versions and other software have none: -1."""
+    return get(group, "owner", (count,), "i") if "owner" in group else np.full(count, -1, np.int64)
+
+
+def write_nav2(grid: Map, directory: str | os.PathLike[str]) -> None:
+    """Write the map for the ROS nav2 map server.
+
+    ``map.yaml`` and ``map.pgm``: trinary, 254 free, 0 occupied, 205 never observed; first image row at the
+    highest y. ``reflection.yaml`` and ``reflection.pgm``: the same frame in nav2's raw mode, in which a cell
+    is the reflection coefficient in percent (0 to 100) and 255 unknown.
+
+    Raises
+    ------
+    InputError
+        The folder can't be written to.
+
+    Notes
+    -----
+    ``free_thresh`` is 0.196 as in ROS 1 and in nav2 since 2025: the 0.25 of older nav2 savers turns the
+    unknown 205, (255 - 205) / 255 = 0.1961, into free space on reading.
+    """
+    picture = np.where(grid.occupied, OCCUPIED, np.where(grid.free, FREE, UNKNOWN))
+    percent = np.where(np.isnan(grid.reflection), 255, np.rint(100 * np.nan_to_num(grid.reflection)))
+    folder = _folder(directory)
+    for name, mode, pixels in (("map", "trinary", picture), ("reflection", "raw", percent)):
+        header = f"P5\n{grid.shape[1]} {grid.shape[0]}\n255\n".encode("ascii")
+        write_bytes(folder / f"{name}.pgm", header + pixels[::-1].astype(np.uint8).tobytes())
+        text = (
+            f"image: {name}.pgm\n"
+            f"mode: {mode}\n"
+            f"resolution: {_decimal(grid.cell_m)}\n"
+            f"origin: [{_decimal(grid.origin_m[0])}, {_decimal(grid.origin_m[1])}, 0.0]\n"
+            "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+        )
+        write_bytes(folder / f"{name}.yaml", text.encode("utf-8"))
+
+
+def write_csv(grid: Map, directory: str | os.PathLike[str]) -> None:
+    """Write ``cells.csv``, one row per observed cell (centre, m), and ``surfaces.csv``.
+
+    Raises
+    ------
+    InputError
+        The folder can't be written to.
+    """
+    folder = _folder(directory)
+    cell = np.argwhere(grid.observed)
+    centre = grid.origin_m + (cell[:, ::-1] + 0.5) * grid.cell_m
+    pictures = [picture[grid.observed] for picture in (grid.occupancy, grid.reflection, grid.reflection_std)]
+    rows = np.column_stack([centre, *pictures])
+    _csv(folder / "cells.csv", "x_m,y_m,occupancy,reflection,reflection_std", rows)
+    surfaces = grid.surfaces if grid.surfaces is not None else SurfaceEstimate.empty()
+    names = "identity,normal_rad,offset_m,sfv_x_m,sfv_y_m,reflection,reflection_var,existence"
+    names += ",start_x_m,start_y_m,end_x_m,end_y_m"
+    columns = [surfaces.identity, surfaces.line, surfaces.sfv_m, surfaces.reflection, surfaces.reflection_var]
+    rows = np.column_stack([*columns, surfaces.existence, surfaces.ends_m.reshape(-1, 4)])
+    _csv(folder / "surfaces.csv", names, rows)
+
+
+def _csv(path: Path, names: str, rows: np.ndarray) -> None:
+    buffer = io.StringIO()
+    np.savetxt(buffer, rows, fmt="%.9g", delimiter=",", header=names, comments="")
+    write_bytes(path, buffer.getvalue().replace("nan", "").encode("ascii"))
+
+
+def _folder(directory: str | os.PathLike[str]) -> Path:
+    folder = Path(directory)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    return folder
+
+
+def _decimal(value: float) -> str:
+    """Full precision without an exponent, which YAML 1.1 would read as text (1e-05)."""
+    return np.format_float_positional(value, unique=True, trim="0")

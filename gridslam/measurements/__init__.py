@@ -1,0 +1,1 @@
+"""Paths that were measured: the table and the formats it is read from and written to."""

@@ -1,0 +1,301 @@
+"""The columns of a measurement table, their checks, and their CSV and HDF5 files."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from array import array
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.errors import InputError
+from gridslam.io.files import get, put, reading_h5, subgroup, write_bytes, writing_h5
+from gridslam.world.trajectory import Trajectory
+from gridslam.world.validation import nearest
+
+KIND = "gridslam-measurements"
+KEYS = ("step", "time_s", "anchor")
+VALUES = ("distance_m", "aod_rad", "aoa_rad", "amplitude")
+DEVIATIONS = ("distance_std_m", "aod_std_rad", "aoa_std_rad")
+UNITS = {
+    "step": "1",
+    "time_s": "s",
+    "anchor": "index",
+    "amplitude": "1",
+    "distance_m": "m",
+    "distance_std_m": "m",
+}
+UNITS |= dict.fromkeys(("aod_rad", "aoa_rad", "aod_std_rad", "aoa_std_rad"), "rad")
+MOST_STEPS = 10_000_000
+LARGEST_CSV_BYTES = 2**29
+"""A larger table belongs into HDF5."""
+
+Columns = dict[str, NDArray[Any]]
+
+
+@contextmanager
+def located(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Name the file in any `InputError` that doesn't yet."""
+    try:
+        yield
+    except InputError as error:
+        if error.where.startswith(str(path)):
+            raise
+        raise InputError(f"{path}: {error.where}", error.found, error.allowed) from error
+
+
+def check_columns(columns: Columns, anchors: int, place: Callable[[int, str], str]) -> None:
+    """Check what the rows of a measurement table must satisfy.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        Every key of `KEYS`, and any of `VALUES` and `DEVIATIONS`; NaN stands for not measured.
+    anchors : int
+        Number of anchors.
+    place : callable
+        Says where a row and column stand, for the error.
+
+    Raises
+    ------
+    InputError
+        Steps or times out of order, an anchor out of range, a value that can't be, or a row without any.
+    """
+
+    def refuse(bad: NDArray[np.bool_], name: str, allowed: str) -> None:
+        for row in np.flatnonzero(bad)[:1]:
+            raise InputError(place(int(row), name), str(columns[name][row]), allowed)
+
+    step, time = columns["step"], columns["time_s"]
+    refuse((step < 0) | (step >= MOST_STEPS), "step", f"0 to {MOST_STEPS - 1}")
+    refuse(~np.isfinite(time), "time_s", "a finite number")
+    later = np.concatenate([[False], np.diff(step) > 0])
+    same = np.concatenate([[False], np.diff(step) == 0])
+    rise = np.concatenate([[0.0], np.diff(time)])
+    refuse(~(later | same) & (np.arange(len(step)) > 0), "step", "steps in rising order")
+    refuse(later & (rise <= 0), "time_s", "times that rise strictly from step to step")
+    refuse(same & (rise != 0), "time_s", "one time for all rows of a step")
+    refuse((columns["anchor"] < 0) | (columns["anchor"] >= anchors), "anchor", f"0 to {anchors - 1}")
+    for name in (name for name in (*VALUES, *DEVIATIONS) if name in columns):
+        refuse(np.isinf(columns[name]), name, "a finite number")
+        if name in ("aod_rad", "aoa_rad"):
+            refuse(np.abs(columns[name]) > 2 * np.pi, name, "radians in (-pi, pi]")
+        else:
+            refuse(columns[name] <= 0, name, "a number above 0")
+    empty = np.all([np.isnan(columns[name]) for name in VALUES if name in columns], axis=0)
+    refuse(empty, "distance_m", f"at least one of {', '.join(VALUES)} in each row")
+
+
+def write_csv(path: str | os.PathLike[str], columns: Columns, anchors: Sequence[str]) -> None:
+    """Write a table as CSV: anchors by name, numbers at full precision, empty cells for NaN."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    cells = [
+        [anchors[i] for i in values] if name == "anchor" else [_cell(v) for v in values.tolist()]
+        for name, values in columns.items()
+    ]
+    writer.writerows(zip(*cells, strict=True))
+    write_bytes(path, text.getvalue().encode("utf-8"))
+
+
+def _cell(value: float) -> str:
+    return "" if value != value else repr(value)
+
+
+def fill_missing(columns: Columns) -> Columns:
+    """Return the table with the columns of `VALUES` that it lacks, all NaN: not measured."""
+    count = len(columns["step"])
+    return columns | {name: np.full(count, np.nan) for name in VALUES if name not in columns}
+
+
+def read_csv(
+    path: str | os.PathLike[str], anchors: Sequence[str] | None = None, checked: bool = True
+) -> tuple[Columns, tuple[str, ...]]:
+    """Read and check a CSV table.
+
+    Parameters
+    ----------
+    path : path
+    anchors : sequence of str or None
+        Names of the anchors; None takes those of the file in the order in which they first appear.
+    checked : bool
+        Whether the content of the rows is checked too, not only that they are numbers.
+
+    Returns
+    -------
+    columns : dict of (K,) arrays
+        `KEYS`, and those of `VALUES` and `DEVIATIONS` that the file has.
+    anchors : tuple of str
+
+    Raises
+    ------
+    InputError
+        The first fault, with its line.
+    """
+    number = {name: index for index, name in enumerate(anchors or ())}
+    lines, table = array("q"), array("d")  # a list of lists takes ten times the memory
+    with _rows(Path(path)) as reader:
+        header = [name.strip() for name in next(reader, [])]
+        _check_header(header, str(path))
+        for cells in reader:
+            where = f"{path}: line {reader.line_num}"
+            if len(cells) not in (0, len(header)):
+                raise InputError(where, f"{len(cells)} cells", f"{len(header)} cells, as in the header")
+            if cells:
+                lines.append(reader.line_num)
+                table.extend(
+                    _number(cell.strip(), name, number, anchors is None, where)
+                    for cell, name in zip(cells, header, strict=True)
+                )
+    if not table:
+        raise InputError(str(path), "no rows", "at least one measurement")
+    columns = dict(zip(header, np.array(table).reshape(-1, len(header)).T, strict=True))
+    columns |= {name: columns[name].astype(np.intp) for name in ("step", "anchor")}
+    names = tuple(number)
+    if checked:
+        check_columns(columns, len(names), lambda row, name: f"{path}: line {lines[row]}: {name}")
+    return columns, names
+
+
+@contextmanager
+def _rows(path: Path) -> Iterator[Any]:
+    """Rows of a CSV file; whatever is wrong with the file itself becomes an `InputError`."""
+    reader = None
+    try:
+        if path.stat().st_size > LARGEST_CSV_BYTES:
+            size = f"{path.stat().st_size} bytes"
+            raise InputError(str(path), size, f"at most {LARGEST_CSV_BYTES} bytes of CSV (or HDF5)")
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file, strict=True)
+            yield reader
+    except csv.Error as error:
+        line = reader.line_num if reader is not None else 1
+        raise InputError(f"{path}: line {line}", str(error), "a CSV row") from error
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "bytes that aren't text"
+        raise InputError(str(path), reason, "a CSV file of measurements") from error
+
+
+def _check_header(header: list[str], where: str) -> None:
+    known = (*KEYS, *VALUES, *DEVIATIONS)
+    if not header:
+        raise InputError(where, "an empty file", f"a header line {','.join((*KEYS, *VALUES))}")
+    for name in header:
+        if name not in known:
+            raise InputError(f"{where}: line 1", f"an unknown column {name!r}", nearest(name, known))
+        if header.count(name) > 1:
+            raise InputError(f"{where}: line 1", f"column {name!r} twice", "each column once")
+    for name in KEYS:
+        if name not in header:
+            raise InputError(f"{where}: line 1", f"no column {name!r}", f"all of {','.join(KEYS)}")
+    if not set(header) & set(VALUES):
+        raise InputError(f"{where}: line 1", "no measured column", f"at least one of {','.join(VALUES)}")
+
+
+def _number(cell: str, name: str, anchors: dict[str, int], growing: bool, where: str) -> float:
+    """One cell as a number; anchors by their place in the list, to which new ones are added if it grows."""
+    if name == "anchor":
+        if growing and cell:
+            anchors.setdefault(cell, len(anchors))
+        if cell not in anchors:
+            raise InputError(f"{where}: anchor", repr(cell), ", ".join(anchors) or "the name of an anchor")
+        return anchors[cell]
+    if name == "step":
+        if not (cell.isascii() and cell.isdecimal() and len(cell) <= 12):
+            raise InputError(f"{where}: step", repr(cell), f"a whole number from 0 to {MOST_STEPS - 1}")
+        return int(cell)
+    if not cell and name != "time_s":
+        return np.nan
+    try:
+        value = float(cell)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        allowed = (
+            "a finite number" if name == "time_s" else "a finite number, or an empty cell if not measured"
+        )
+        raise InputError(f"{where}: {name}", repr(cell), allowed)
+    return value
+
+
+def write_h5(path: str | os.PathLike[str], columns: Columns, table: Mapping[str, Any]) -> None:
+    """Write a table with its anchors, number of steps, interval and truth as HDF5."""
+    with writing_h5(path, KIND) as file:
+        rows = file.create_group("measurements")
+        rows.attrs["steps"], rows.attrs["interval_s"] = table["steps"], table["interval_s"]
+        for name, values in columns.items():
+            put(rows, name, values, UNITS[name])
+        anchors = file.create_group("anchors")
+        put(anchors, "name", np.array(table["anchors"], dtype=h5py.string_dtype()), "text")
+        if table["anchor_position_m"] is not None:
+            put(anchors, "position_m", table["anchor_position_m"], "m")
+        if table["anchor_orientation_rad"] is not None:
+            put(anchors, "orientation_rad", table["anchor_orientation_rad"], "rad")
+        if table["truth"] is not None:
+            truth = file.create_group("truth")
+            for name, unit in (
+                ("time_s", "s"),
+                ("position_m", "m"),
+                ("velocity_mps", "m/s"),
+                ("heading_rad", "rad"),
+            ):
+                put(truth, name, getattr(table["truth"], name), unit)
+
+
+def read_h5(path: str | os.PathLike[str], checked: bool = True) -> dict[str, Any]:
+    """Read and check an HDF5 table: all arguments of `Measurements` (the columns that the file has).
+
+    Parameters
+    ----------
+    path : path
+    checked : bool
+        Whether the content of the rows is checked too.
+
+    Raises
+    ------
+    InputError
+        Not such a file, cut short, columns that don't match or any fault of a row.
+    """
+    with reading_h5(path, KIND) as file:
+        group, rows = subgroup(file, "anchors"), subgroup(file, "measurements")
+        names = tuple(name.decode("utf-8") for name in get(group, "name", (None,), "O"))
+        if not names:
+            raise InputError(f"{path}: /anchors/name", "no anchors", "at least one")
+        count = len(get(rows, "step", (None,), "iu"))
+        columns = {name: get(rows, name, (count,), "iu") for name in ("step", "anchor")}
+        present = [name for name in (*VALUES, *DEVIATIONS) if name in rows]
+        if not set(present) & set(VALUES):
+            raise InputError(f"{path}: /measurements", "no measured column", f"at least one of {VALUES}")
+        for name in ("time_s", *present):
+            columns[name] = get(rows, name, (count,)).astype(np.float64)
+        if checked:
+            check_columns(columns, len(names), lambda row, name: f"{path}: /measurements/{name}[{row}]")
+        return {
+            "anchors": names,
+            "anchor_position_m": get(group, "position_m", (len(names), 2)) if "position_m" in group else None,
+            "anchor_orientation_rad": get(group, "orientation_rad", (len(names),))
+            if "orientation_rad" in group
+            else None,
+            "steps": int(rows.attrs.get("steps", 0)),
+            "interval_s": float(rows.attrs.get("interval_s", 0)),
+            "truth": _truth(subgroup(file, "truth")) if "truth" in file else None,
+            **columns,
+        }
+
+
+def _truth(group: h5py.Group) -> Trajectory:
+    time = get(group, "time_s", (None,))
+    shapes: dict[str, tuple[int, ...]] = {
+        "position_m": (len(time), 2),
+        "velocity_mps": (len(time), 2),
+        "heading_rad": (len(time),),
+    }
+    return Trajectory(time, *(get(group, name, shape) for name, shape in shapes.items()))

@@ -1,0 +1,347 @@
+"""What an agent heard: one table of detected paths, handed out step by step."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gridslam.errors import InputError
+from gridslam.importers import deepmimo, raytracers, sionna
+from gridslam.measurements import csv_hdf5, matlab, per_step_arrays
+from gridslam.measurements.csv_hdf5 import DEVIATIONS, KEYS, VALUES
+from gridslam.world.geometry import wrap
+from gridslam.world.scan import Scan
+from gridslam.world.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from gridslam.world.scene import Scene
+
+__all__ = ["Measurements", "Scan"]
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Measurements:
+    """All that an agent heard, read-only; iterating yields one `Scan` per step.
+
+    Attributes
+    ----------
+    anchors : tuple of str, J names
+    step : (K,) int
+        Rising; a missing step is one at which nothing was heard.
+    time_s : (K,) float64
+        Rises strictly from step to step.
+    anchor : (K,) int
+        Index into `anchors`.
+    distance_m, aod_rad, aoa_rad, amplitude : (K,) float64
+        As in `Scan`; NaN where not measured.
+    distance_std_m, aod_std_rad, aoa_std_rad : (K,) float64 or None
+    anchor_position_m : (J, 2) float64, m, or None
+    anchor_orientation_rad : (J,) float64, rad, or None
+    interval_s : float
+        Time between steps, for those before the first and after the last row; 0 stands for the median.
+    steps : int
+        Number of steps; 0 stands for all up to the last one heard.
+    truth : Trajectory or None
+        For scoring alone: no filter reads it.
+
+    Raises
+    ------
+    InputError
+        Columns of different lengths, unordered steps or times, infinities, impossible values.
+    """
+
+    anchors: tuple[str, ...]
+    step: NDArray[np.intp]
+    time_s: Array
+    anchor: NDArray[np.intp]
+    distance_m: Array
+    aod_rad: Array
+    aoa_rad: Array
+    amplitude: Array
+    distance_std_m: Array | None = None
+    aod_std_rad: Array | None = None
+    aoa_std_rad: Array | None = None
+    anchor_position_m: Array | None = None
+    anchor_orientation_rad: Array | None = None
+    interval_s: float = 0.0
+    steps: int = 0
+    truth: Trajectory | None = None
+
+    def __post_init__(self) -> None:
+        names = tuple(self.anchors)
+        if not names or len(set(names)) < len(names):
+            raise InputError("measurements: anchors", ", ".join(names) or "none", "names, each once")
+        count = np.size(self.step)
+        shapes: dict[str, tuple[int, ...]] = dict.fromkeys((*KEYS, *VALUES, *DEVIATIONS), (count,))
+        shapes |= {"anchor_position_m": (len(names), 2), "anchor_orientation_rad": (len(names),)}
+        arrays: csv_hdf5.Columns = {}
+        for name, shape in shapes.items():
+            if name in (*KEYS, *VALUES) or getattr(self, name) is not None:
+                kind = np.intp if name in ("step", "anchor") else np.float64
+                arrays[name] = np.array(getattr(self, name), dtype=kind)
+                if arrays[name].shape != shape:
+                    raise InputError(f"measurements: {name}", f"shape {arrays[name].shape}", f"shape {shape}")
+        for name in ("anchor_position_m", "anchor_orientation_rad"):
+            if name in arrays and not np.isfinite(arrays[name]).all():
+                raise InputError(f"measurements: {name}", "NaN or infinity", "finite numbers")
+        csv_hdf5.check_columns(arrays, len(names), lambda row, name: f"measurements: {name}[{row}]")
+        for name in ("aod_rad", "aoa_rad"):
+            arrays[name] = wrap(arrays[name])
+        for name, values in arrays.items():
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
+
+        heard = int(self.step[-1]) + 1 if count else 0
+        steps, interval = self.steps or heard, self.interval_s or self._median_interval()
+        if not heard <= steps <= csv_hdf5.MOST_STEPS:
+            raise InputError("measurements: steps", str(steps), f"{heard} to {csv_hdf5.MOST_STEPS}")
+        if not (np.isfinite(interval) and interval > 0):
+            raise InputError("measurements: interval_s", str(interval), "a number above 0")
+        for name, value in (("anchors", names), ("steps", int(steps)), ("interval_s", float(interval))):
+            object.__setattr__(self, name, value)
+
+    def _median_interval(self) -> float:
+        steps, first = np.unique(self.step, return_index=True)
+        gaps = np.diff(self.time_s[first]) / np.diff(steps)
+        return float(np.median(gaps)) if len(gaps) else 1.0
+
+    def __len__(self) -> int:
+        return self.steps
+
+    def __iter__(self) -> Iterator[Scan]:
+        return map(self.scan, range(self.steps))
+
+    def scan(self, step: int) -> Scan:
+        """What was heard at one step, possibly nothing.
+
+        Raises
+        ------
+        IndexError
+            There is no such step.
+        """
+        if not 0 <= step < self.steps:
+            raise IndexError(f"step {step} of {self.steps}")
+        rows = slice(*np.searchsorted(self.step, [step, step + 1]))
+        cut = {
+            name: values[rows] for name, values in self._columns().items() if name not in ("step", "time_s")
+        }
+        return Scan(step=step, time_s=self._time(step, rows), **cut)
+
+    def _time(self, step: int, rows: slice) -> float:
+        """Time of a step: its own, between its neighbours, or at `interval_s` beyond the ends."""
+        if rows.start < rows.stop:
+            return float(self.time_s[rows.start])
+        if not len(self.step):
+            return step * self.interval_s
+        before, after = max(rows.start - 1, 0), min(rows.start, len(self.step) - 1)
+        if self.step[before] < step < self.step[after]:
+            return float(np.interp(step, self.step[[before, after]], self.time_s[[before, after]]))
+        nearest = before if step > self.step[before] else after
+        return float(self.time_s[nearest] + (step - self.step[nearest]) * self.interval_s)
+
+    def _columns(self) -> csv_hdf5.Columns:
+        """Columns of the table that are there, in the order of the files."""
+        names = (*KEYS, *VALUES, *(name for name in DEVIATIONS if getattr(self, name) is not None))
+        return {name: getattr(self, name) for name in names}
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write one row per detected path (no anchors' places, no truth).
+
+        Raises
+        ------
+        InputError
+            The file can't be written.
+        """
+        csv_hdf5.write_csv(path, self._columns(), self.anchors)
+
+    @classmethod
+    def from_csv(cls, path: str | os.PathLike[str], anchors: Sequence[str] | None = None) -> Measurements:
+        """Read a CSV file; a quantity whose column it lacks was not measured.
+
+        Parameters
+        ----------
+        path : path
+        anchors : sequence of str, optional
+            Names of the anchors, in the scene's order (``scene.anchor_names``); without it, those of the
+            file in the order in which they first appear.
+
+        Raises
+        ------
+        InputError
+            The first fault, with its line.
+        """
+        with csv_hdf5.located(path):
+            columns, names = csv_hdf5.read_csv(path, anchors)
+            table: dict[str, Any] = csv_hdf5.fill_missing(columns)
+            return cls(anchors=names, **table)
+
+    def to_h5(self, path: str | os.PathLike[str]) -> None:
+        """Write everything, the truth included, as HDF5 (``h5read`` of MATLAB reads it).
+
+        Raises
+        ------
+        InputError
+            The file can't be written.
+        """
+        csv_hdf5.write_h5(path, self._columns(), {f.name: getattr(self, f.name) for f in fields(self)})
+
+    @classmethod
+    def from_h5(cls, path: str | os.PathLike[str]) -> Measurements:
+        """Read an HDF5 file.
+
+        Raises
+        ------
+        InputError
+            Not such a file, cut short, or any fault in its content.
+        """
+        with csv_hdf5.located(path):
+            table: dict[str, Any] = csv_hdf5.fill_missing(csv_hdf5.read_h5(path))
+            return cls(**table)
+
+    @classmethod
+    def from_mat(cls, path: str | os.PathLike[str], anchors: Sequence[str] | None = None) -> Measurements:
+        """Read a MATLAB file, version 5 to 7.3; see `gridslam.measurements.matlab` for what it holds.
+
+        Raises
+        ------
+        InputError
+            Not such a file, cut short, or any fault in its content.
+        """
+        with csv_hdf5.located(path):
+            columns, names = matlab.read_mat(path, anchors)
+            table: dict[str, Any] = csv_hdf5.fill_missing(columns)
+            return cls(anchors=names, **table)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], anchors: Sequence[str] | None = None) -> Measurements:
+        """Read a file of any known kind: ``.csv``, ``.mat``, and HDF5 under any other name.
+
+        Raises
+        ------
+        InputError
+            As the reader of its kind.
+        """
+        readers = {".csv": cls.from_csv, ".mat": cls.from_mat}
+        reader = readers.get(os.path.splitext(os.fspath(path))[1].lower())
+        return cls.from_h5(path) if reader is None else reader(path, anchors)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        distance_m: Mapping[str, Sequence[ArrayLike]],
+        aod_rad: Mapping[str, Sequence[ArrayLike]] | None = None,
+        aoa_rad: Mapping[str, Sequence[ArrayLike]] | None = None,
+        amplitude: Mapping[str, Sequence[ArrayLike]] | None = None,
+        *,
+        time_s: ArrayLike | None = None,
+        interval_s: float = 1.0,
+        **more: Any,
+    ) -> Measurements:
+        """Collect arrays that hold one row of paths per step, for each anchor.
+
+        Parameters
+        ----------
+        distance_m, aod_rad, aoa_rad, amplitude : dict of anchor name to N sequences
+            Ragged lists, or (N, M) arrays padded with NaN; a quantity left out was not measured. All of an
+            anchor's quantities have the same number of paths in a step.
+        time_s : (N,) s, optional
+            Times of the steps; otherwise every `interval_s` from 0.
+        **more
+            Standard deviations in the same form, and any other argument of `Measurements`.
+
+        Raises
+        ------
+        InputError
+            Quantities whose shapes differ, or any fault of their content.
+
+        Examples
+        --------
+        >>> from gridslam.measurements.table import Measurements
+        >>> heard = Measurements.from_arrays({"A": [[2.0, 5.5], [], [2.1]], "B": [[4.0], [4.1], []]})
+        >>> len(heard), heard.scan(0).distance_m.tolist()
+        (3, [2.0, 5.5, 4.0])
+        """
+        given = {"distance_m": distance_m, "aod_rad": aod_rad, "aoa_rad": aoa_rad, "amplitude": amplitude}
+        given |= {name: more.pop(name, None) for name in DEVIATIONS}
+        tables = {name: quantity for name, quantity in given.items() if quantity is not None}
+        columns = per_step_arrays.table(tables, time_s, interval_s)
+        return cls(interval_s=interval_s, **{**columns, **more})
+
+    @classmethod
+    def from_sionna(
+        cls,
+        paths: Any,
+        scene: Scene,
+        heading_rad: ArrayLike,
+        *,
+        uplink: bool = False,
+        **more: Any,
+    ) -> Measurements:
+        """Take over what Sionna RT traced: exact paths, without noise (`receive` adds it).
+
+        Parameters
+        ----------
+        paths : sionna.rt.Paths, or a sequence of them
+            Its transmitters are the scene's anchors, in order; its receivers the agent, step by step.
+        scene : Scene
+            For the anchors' orientations and the radio.
+        heading_rad : float or (N,) float, rad
+            The agent's heading, the first angle of the receivers' orientation.
+        uplink : bool
+            Transmitters are the agent, receivers the anchors.
+        **more
+            ``slope_deg``, ``carrier_hz`` and ``least_snr_db`` of `gridslam.importers.raytracers.plane_table`;
+            ``time_s``, ``interval_s``, ``truth`` and other arguments of `from_arrays`.
+
+        Raises
+        ------
+        InputError
+            Not such an object, or numbers of devices that don't match.
+        """
+        return cls._traced(sionna.traced(paths, uplink), scene, heading_rad, **more)
+
+    @classmethod
+    def from_deepmimo(
+        cls,
+        datasets: Sequence[Mapping[str, Any]],
+        scene: Scene,
+        heading_rad: ArrayLike,
+        *,
+        users: ArrayLike | None = None,
+        **more: Any,
+    ) -> Measurements:
+        """Take over arrays of DeepMIMO: exact paths, without noise (`receive` adds it).
+
+        Parameters
+        ----------
+        datasets : sequence of mappings, one per anchor in the scene's order
+            See `gridslam.importers.deepmimo` for the arrays and their conventions.
+        users : (N,) int, optional
+            Users along which the agent moves; otherwise all, in order.
+        scene, heading_rad, **more
+            As in `from_sionna`.
+
+        Raises
+        ------
+        InputError
+            An array is missing, or shapes that don't match.
+        """
+        return cls._traced(deepmimo.traced(datasets, users), scene, heading_rad, **more)
+
+    @classmethod
+    def _traced(
+        cls, paths: raytracers.TracedPaths, scene: Scene, heading_rad: ArrayLike, **more: Any
+    ) -> Measurements:
+        choice = {name: more.pop(name) for name in raytracers.CHOICES if name in more}
+        tables = raytracers.plane_table(paths, scene, heading_rad, **choice)
+        known = {
+            "anchor_position_m": scene.anchor_positions,
+            "anchor_orientation_rad": scene.anchor_orientations,
+        }
+        return cls.from_arrays(**tables, **{**known, **more})

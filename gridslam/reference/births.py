@@ -1,0 +1,168 @@
+"""Twins of the kernels that propose births, cast their paths, and let new surfaces join the belief."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.inference.state.belief import Belief, give_birth, slots, update
+from gridslam.kernels import FAINTEST
+from gridslam.reference.cells import cells_of
+from gridslam.reference.messages import clutter, deviations, log_rician
+from gridslam.reference.paths import lines_of
+from gridslam.world.geometry import course, line_between, mirror, trace, unit, wrap
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.int32]
+BINS: Array = (np.arange(20) + 0.5) / 20
+REACH, TRIALS = 4.0, 41
+FAINT, EXPLAINED, USUAL, DOUBLE_SHARE, WIDEST = 1e-3, 1e-3, 0.7, 0.5, 2.5
+
+
+def propose(
+    state: Array, noise: Array, mean: Array, heard: Array, known: Whole, anchor: int, places: Array,
+    radio: Array, rate: float, measured: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Twin of `births.propose`: ratio (M, H), and the lines (M, H, 2)."""
+    place, explained = places[anchor], measured[0]
+    silent, double = heard[:, 6] < 0, (known >= 0).any(1)
+    usual = np.where(silent, 0.5 * radio[7] / np.maximum(heard[:, 0], 1e-3), heard[:, 6])
+    std = deviations(np.maximum(usual, FAINTEST), heard[:, 1:3], radio)
+    std = np.where(heard[:, 3:6] > 0, heard[:, 3:6], np.minimum(std, 1e9))
+    std = np.where(heard[:, 3:6] < 0, 1e9, std)
+    nodes = np.multiply.outer(radio[7] / np.maximum(heard[:, 0], 1e-3), np.outer([1.0, USUAL], BINS))
+    said = np.exp(log_rician(np.where(silent, 1.0, heard[:, 6])[:, None, None], nodes, radio[8])).mean(2)
+    level = np.where(silent[:, None], 1.0, said) / clutter(heard[:, 6], radio)[:, None]
+    common, least = rate * heard[:, 0], np.maximum(FAINT, EXPLAINED * explained)
+    most = common * (level.max(1) if len(known) > 1 else level[:, 0]) / np.sqrt(2 * np.pi)
+    keep = (most > least * np.minimum(std[:, 1], WIDEST)) & (heard[:, [3, 5]] >= 0).all(1)
+    weight = np.zeros((len(heard), len(known)))
+    weight[keep] = likely(state, noise, np.concatenate([heard[keep, :3], std[keep]], 1), known, place)
+    ratio = common[:, None] * level[:, double.astype(int)] * weight * np.where(double, DOUBLE_SHARE, 1.0)
+    lines, line = mean[5:].reshape(-1, 2), np.zeros((*ratio.shape, 2))
+    for m, h in np.argwhere(ratio > least[:, None]):
+        last, first = known[h]
+        image = mean[:2] + heard[m, 0] * unit(mean[4] + heard[m, 2])
+        source = mirror(lines[first], place[:2]) if first >= 0 else place[:2]
+        line[m, h] = line_between(source, mirror(lines[last], image) if last >= 0 else image)
+    return np.where(ratio > least[:, None], ratio, 0.0), line
+
+
+def likely(state: Array, noise: Array, heard: Array, known: Whole, place: Array) -> Array:
+    """Mean of f(AoD) / span for measurements with deviations (M, 6) and hypotheses, (M, H)."""
+    samples = min(state.shape[1], noise.shape[1])
+    state, noise = state[:, :samples], noise[:, :samples]
+    agent, weight = state[:3], np.zeros((len(heard), len(known)))
+    surfaces, anchor = lines_of(state), np.broadcast_to(place[:2], (samples, 2))
+    for m, (distance, departure, arrival, distance_std, departure_std, arrival_std) in enumerate(heard):
+        reach = distance + distance_std * noise[0]
+        bearing = arrival + arrival_std * noise[1] + agent[2]
+        image = agent[:2].T + reach[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], -1)
+        for h, (last, first) in enumerate(known):
+            end = mirror(surfaces[last], image) if last >= 0 else image
+            source = mirror(surfaces[first], anchor) if first >= 0 else anchor
+            span = np.linalg.norm(end - source, axis=1)
+            normal = (end - source) / np.maximum(span, 1e-12)[:, None]
+            fresh = np.stack(
+                [np.arctan2(normal[:, 1], normal[:, 0]), 0.5 * (normal * (end + source)).sum(1)], -1
+            )
+            double = last >= 0 or first >= 0
+            drawn = trace(
+                agent[:2].T,
+                anchor,
+                surfaces[last] if last >= 0 else fresh,
+                surfaces[first] if first >= 0 else fresh,
+                np.full(samples, 2 if double else 1),
+            )
+            density = np.full(samples, 1 / (2 * np.pi))
+            if departure_std < 1e6:
+                gap = wrap(departure - (drawn.departure - place[2])) / departure_std
+                density = np.exp(-0.5 * gap**2) / (departure_std * np.sqrt(2 * np.pi))
+            good = drawn.valid & (span > 1e-2) & (reach > 0)
+            weight[m, h] = np.where(good, density / np.maximum(span, 1e-12), 0.0).mean()
+    return weight
+
+
+def glance(
+    mean: Array, anchor: int, places: Array, wide: int, occupied: Array, frame: Array, born: Whole,
+    told: Array,
+) -> Array:  # fmt: skip
+    """Twin of `births.glance`: weighed births (B,)."""
+    occupied = occupied.reshape(2, -1, wide)
+    lines, place, worth = mean[5:].reshape(-1, 2), places[anchor, :2], 0.3 * told[: born[0, 0], 2]
+    for b, (_, last, first) in enumerate(born[1 : 1 + born[0, 0]]):
+        ends = [lines[n] if n >= 0 else told[b, :2] for n in (last, first)]
+        count = 2 if last >= 0 or first >= 0 else 1
+        drawn = trace(mean[None, :2], place[None], ends[0][None], ends[1][None], np.array([count]))
+        if drawn.valid[0]:
+            points = [drawn.first_point[0], drawn.last_point[0]][2 - count :]
+            normals = unit(np.array([ends[1][0], ends[0][0]]))[2 - count :]
+            corners = np.stack([place, *points, mean[:2]])
+            crossed, met = cells_of(corners, normals, frame, occupied.shape[1:])
+            through = np.prod(1 - occupied[0][tuple(crossed.T)])
+            bounce = [1 - np.prod(1 - occupied[1][tuple(c.T)]) if len(c) else frame[3] for c in met]
+            worth[b] = told[b, 2] * through * np.prod(bounce)
+    return worth
+
+
+def bear(
+    mean: Array, covariance: Array, anchor: int, places: Array, heard: Array, m: int, last: int, first: int,
+    radio: Array,
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """Twin of `bearing.bear`: mean, covariance, and belief over the coefficient.
+
+    Lines are worked out at all inputs at once, and derivatives are differences.
+    """
+    value, amplitude, place, facing = heard[m, :3], heard[m, 6], places[anchor, :2], places[anchor, 2]
+    known, new, size = max(last, first), (len(mean) - 5) // 2, len(mean)
+    strength = amplitude if amplitude >= 0 else 0.5 * radio[7] / max(value[0], 1e-3)
+    std = deviations(np.array([max(strength, FAINTEST)]), value[None, 1:], radio)[0]
+    std = np.where(heard[m, 3:6] > 0, heard[m, 3:6], std)
+    known_line = mean[5 + 2 * known : 7 + 2 * known] if known >= 0 else np.zeros(2)
+
+    def lines_by(inputs: Array) -> Array:
+        """Lines (n, 2) by x, y, heading, distance, AoA, and the known line, (n, 7)."""
+        other = inputs[:, 5:]
+        image = inputs[:, :2] + inputs[:, 3, None] * unit(inputs[:, 2] + inputs[:, 4])
+        source = mirror(other, place) if first >= 0 else np.broadcast_to(place, other.shape)
+        return line_between(source, mirror(other, image) if last >= 0 else image)
+
+    def ends_over(lines: Array) -> tuple[Array, Array, Array, Array, NDArray[np.intp]]:
+        agents, sources, others = (np.broadcast_to(x, (len(lines), 2)) for x in (mean[:2], place, known_line))
+        bounces = np.full(len(lines), 1 if known < 0 else 2)
+        return agents, sources, (others if last >= 0 else lines), (others if first >= 0 else lines), bounces
+
+    inputs = np.concatenate([mean[[0, 1, 4]], value[[0, 2]], known_line])
+    at, departs = inputs.copy(), heard[m, 4] >= 0 and std[1] < 1e6
+    wide = np.hypot(std[2], np.sqrt(covariance[4, 4]))
+    for reach in (REACH, 2 * REACH / TRIALS) if departs else ():
+        trials = np.tile(at, (TRIALS, 1))
+        trials[:, 4] += wide * np.linspace(-reach, reach, TRIALS)
+        path = course(*ends_over(lines_by(trials)))
+        misfit = np.square(wrap(trials[:, 4] - value[2]) / wide) + 1e3 * ~path.valid
+        misfit += np.square(wrap(value[1] - path.departure + facing) / std[1])
+        at[4] = trials[misfit.argmin(), 4]
+    small = 1e-5 * np.eye(len(at))
+    line, *around = np.split(lines_by(np.concatenate([at[None], at + small, at - small])), [1, 1 + len(at)])
+    change = around[0] - around[1]
+    derivative = np.stack([wrap(change[:, 0]), change[:, 1]]) / 2e-5
+    by_state = np.zeros((2, size))
+    by_state[:, [0, 1, 4]] = derivative[:, :3]
+    if known >= 0:
+        by_state[:, slots(known)] = derivative[:, 5:]
+    back = derivative[:, 4] * wrap(inputs[4] - at[4])
+    belief = Belief(mean, covariance)
+    fresh = give_birth(belief, line[0] + back, by_state, derivative[:, 3:5], np.square(std[[0, 2]]))
+    if departs:
+        traced, jacobian = trace(*ends_over(line)), np.zeros((1, size + 2))
+        jacobian[0, :2] = traced.jacobian[0, 1, :2]
+        jacobian[0, slots(last if last >= 0 else new)] += traced.jacobian[0, 1, 3:5]
+        jacobian[0, slots(first if first >= 0 else new)] += traced.jacobian[0, 1, 5:7]
+        predicted = traced.departure[0] - facing + jacobian[0, slots(new)] @ back
+        gap = wrap(np.array([[value[1] - predicted]]))
+        fresh = update(fresh, jacobian, gap, np.array([[std[1] ** 2]]), np.ones(1))
+    density = np.ones(len(BINS))
+    if amplitude >= 0:
+        level = radio[7] / max(value[0], 1e-3) * BINS * (1.0 if known < 0 else USUAL)
+        density = np.exp(log_rician(np.full(len(BINS), amplitude), level, radio[8])) + 1e-6
+    return fresh.mean, fresh.covariance, density / density.sum()

@@ -1,0 +1,206 @@
+"""Twins of the kernels that know cells: crossings of grid lines, sorted."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.reference.messages import log_rician
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.int32]
+Long = NDArray[np.int64]
+
+
+def cells_of(
+    corners: Array, normals: Array, frame: Array, shape: tuple[int, int]
+) -> tuple[Array, list[Array]]:
+    """Cells that a ray crosses, (N, 2) [iy, ix], and those that it meets at each bounce; inside the grid.
+
+    Parameters
+    ----------
+    corners : (B + 2, 2) m
+    normals : (B, 2)
+    """
+    place = (corners - frame[:2]) / frame[2]
+    met = []
+    for point, normal in zip(place[1:-1], normals, strict=True):
+        around = point + np.outer([-1, 0, 1], normal)
+        met.append(_inside(np.floor(around).astype(int)[:, ::-1], shape))
+    crossed = [np.zeros((0, 2), int)]
+    for start, end in itertools.pairwise(place):
+        step = end - start
+        cuts = [np.array([0.0, 1.0])]
+        for axis in range(2):
+            if abs(step[axis]) > 1e-12:
+                low, high = sorted((start[axis], end[axis]))
+                cuts.append((np.arange(np.ceil(low), np.floor(high) + 1) - start[axis]) / step[axis])
+        share = np.unique(np.clip(np.concatenate(cuts), 0, 1))
+        middle = start + 0.5 * (share[1:] + share[:-1])[:, None] * step
+        middle = middle[np.diff(share) > 1e-9] if len(share) > 1 else start[None]
+        crossed.append(np.floor(middle).astype(int)[:, ::-1])
+    hit = {tuple(c) for cells in met for c in cells}
+    walked = np.concatenate([_inside(c, shape) for c in crossed])
+    return np.array([c for c in walked if tuple(c) not in hit], int).reshape(-1, 2), met
+
+
+def _inside(cells: Array, shape: tuple[int, int]) -> Array:
+    good = ((cells >= 0) & (cells < np.array(shape))).all(1)
+    return np.unique(cells[good], axis=0)
+
+
+def cast(
+    corners: Array, normals: Array, possible: Array, bounces: Whole, worth: Array, traversed: Array,
+    hit: Array, frame: Array, rays: int, outside: float, clip: float,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Twin of `cells.cast`: V of every ray (K,), and log ratios summed over the paths (ny, nx).
+
+    A cell that a ray crosses on two legs counts twice in V, as the kernel has it, and its message is the
+    sum of two.
+    """
+    validity, message = np.zeros(len(corners)), np.zeros(traversed.shape)
+    for path, count in enumerate(bounces):
+        lift, total = np.zeros((2, *traversed.shape)), 0.0
+        for k in range(path * rays, (path + 1) * rays):
+            if not possible[k]:
+                total += 1.0  # V is 0
+                continue
+            walked, met = cells_of(corners[k, : count + 2], normals[k, :count], frame, traversed.shape)
+            free = 1 - traversed[tuple(walked.T)]
+            bounce_v = [1 - np.prod(1 - hit[tuple(c.T)]) if len(c) else outside for c in met]
+            bounce_m = [1 - np.prod(1 - traversed[tuple(c.T)]) if len(c) else outside for c in met]
+            validity[k] = free.prod() * np.prod(bounce_v)
+            through = free.prod() * np.prod(bounce_m)
+            base = through * worth[path] + 1 - through
+            total += base
+            np.add.at(lift[0], tuple(walked.T), _message(np.minimum(through / free, 1), worth[path]) - base)
+            np.add.at(lift[1], tuple(walked.T), 1 - base)
+            for cells, own in zip(met, bounce_m, strict=True):
+                sure = through / max(own, 1e-12)
+                rest = (1 - own) / (1 - traversed[tuple(cells.T)])
+                np.add.at(lift[0], tuple(cells.T), _message(sure * (1 - rest), worth[path]) - base)
+                np.add.at(lift[1], tuple(cells.T), _message(sure, worth[path]) - base)
+        touched = (lift != 0).any(0)
+        change = np.log(np.maximum(total + lift[1], 1e-12)) - np.log(np.maximum(total + lift[0], 1e-12))
+        message += np.where(touched, np.clip(change, -clip, clip), 0.0)
+    return validity, message
+
+
+def _message(validity: Array, worth: float) -> Array:
+    return validity * worth + 1 - validity
+
+
+def recall(drawn: Array, path: Whole, held: Array, surface: Array, frame: Array, other: float) -> Array:
+    """Twin of `coefficients.recall`: beliefs over products of coefficients, (L, 2 BINS)."""
+    bins, rays = surface.shape[1], len(drawn) // max(len(path), 1)
+    centre = (np.arange(bins) + 0.5) / bins
+    belief = np.zeros((len(path), 2 * bins))
+    for row, (bounces, last, first) in enumerate(path[:, :3]):
+        corners = drawn[row * rays : (row + 1) * rays, :8].reshape(rays, 4, 2)
+        own = []
+        for corner, number in ((1, last if bounces == 1 else first), (2, last))[:bounces]:
+            cell = np.floor((corners[:, corner] - frame[:2]) / frame[2]).astype(int)
+            inside = ((cell >= 0) & (cell < held.shape[1::-1])).all(1)
+            log = held[cell[inside, 1], cell[inside, 0]].sum(0) / max(inside.sum(), 1)
+            local = surface[number] * np.exp(log - log.max())
+            local = local / local.sum() if local.sum() > 1e-12 else np.full(bins, 1 / bins)
+            own.append((1 - other) * local + other / bins)
+        if bounces == 0:
+            belief[row, -1] = 1.0
+        elif bounces == 1:
+            belief[row, ::2] = own[0]
+        else:
+            product, chance = np.outer(centre, centre).ravel(), np.outer(own[1], own[0]).ravel()
+            place = product * 2 * bins - 1
+            low = np.clip(np.floor(place).astype(int), 0, 2 * bins - 2)
+            part = np.clip(place - low, 0.0, 1.0)
+            belief[row] = np.bincount(low, (1 - part) * chance, 2 * bins)
+            belief[row] += np.bincount(low + 1, part * chance, 2 * bins)
+    return belief
+
+
+def learn(
+    mean: Array, drawn: Array, seen: Array, count: Whole, path: Whole, factor: Array, told: Array,
+    begin: Whole, said: Array, table: Array, step: float, radio: Array, frame: Array, surface: Array,
+    held: Array, foot: Array, extent: Array, times: Long,
+) -> tuple[Array, Array, Array, Array, Long]:  # fmt: skip
+    """Twin of `coefficients.learn`: beliefs of surfaces, log-likelihoods of cells, and `mark`'s."""
+    rays, path = len(drawn) // max(len(path), 1), path[: count[0]]
+    send = (factor[: len(path), 1] > 0.5) & (seen[: len(path), 1] > frame[5])
+    sure = send * told[2, : len(path)]
+    marked = mark(
+        mean,
+        path,
+        np.pad(seen[: len(path), 2:], ((0, 0), (2, 0)), constant_values=1),
+        sure,
+        foot,
+        extent,
+        times,
+    )
+    surface, held, bins = surface.copy(), held.copy(), surface.shape[1]
+    centre = (np.arange(bins) + 0.5) / bins
+    usual = surface @ centre
+
+    def likelihood(row: int, other: float) -> Array:
+        chance, share, length = told[1:, row]
+        level = radio[7] / max(length, 1e-3) * other * centre
+        detected = np.interp(level, step * np.arange(len(table)), table)
+        log = max(1 - share, 0.0) * np.log(1 - chance * detected + 1e-9)
+        for amplitude, weight in said[:, begin[row] : begin[row + 1]].T:
+            if amplitude < 0 or weight <= 1e-3:
+                continue
+            log = log + weight * log_rician(amplitude, level, radio[8])
+        return np.asarray(log)
+
+    def tell(row: int, corner: int, log: Array) -> None:
+        points = drawn[row * rays : (row + 1) * rays, 2 * corner : 2 * corner + 2]
+        cell = np.floor((points - frame[:2]) / frame[2]).astype(int)
+        cell = cell[((cell >= 0) & (cell < held.shape[1::-1])).all(1)]
+        np.add.at(held, (cell[:, 1], cell[:, 0]), told[0, row] * log / rays)
+
+    for row, (bounces, last, first) in enumerate(path[:, :3]):
+        heard = told[2, row] > 0.05
+        if bounces == 1 and heard:
+            log = likelihood(row, 1.0)
+            posterior = surface[last] * np.exp(log - log.max()) + 1e-9
+            surface[last] = posterior / posterior.sum()
+        if bounces == 1 and send[row]:
+            tell(row, 1, likelihood(row, 1.0))
+        if bounces == 2 and heard and send[row]:
+            tell(row, 2, likelihood(row, usual[first]))
+            tell(row, 1, likelihood(row, usual[last]))
+    return surface, held, *marked
+
+
+def mark(
+    mean: Array, path: Whole, seen: Array, share: Array, foot: Array, extent: Array, times: Long
+) -> tuple[Array, Array, Long]:
+    """Twin of `sightings.mark`: where surfaces were hit, and how often they were seen, afterwards."""
+    rows = np.flatnonzero(share * seen[:, 1] > 0.5)
+    # of each path the surface that it hits first, then the one that it hits last
+    surface = np.where(path[rows, :1] == 2, path[rows, 2:0:-1], path[rows, 1:3])
+    there = np.arange(2) < path[rows, :1]
+    surface, corner = surface[there], seen[rows, 2:].reshape(-1, 2, 2)[there]
+    anchor = np.repeat(path[rows, 3], there.sum(1))
+    angle = mean[5 + 2 * surface]
+    along = corner[:, 1] * np.cos(angle) - corner[:, 0] * np.sin(angle)
+    foot, extent, times = foot.copy(), extent.copy(), times.copy()
+    for s in np.unique(surface):
+        own = along[surface == s]
+        foot[s] = own[-1]
+        extent[s] = np.fmin(extent[s, 0], own.min()), np.fmax(extent[s, 1], own.max())
+        times[s] += len(np.unique(anchor[surface == s]))
+    return foot, extent, times
+
+
+def absorb(
+    message: Array, before: Array, clear: Whole, prior: float, clip: float, observed: Whole
+) -> tuple[Array, Array, Array]:
+    """Twin of `occupancy.absorb`: evidence, which cells are observed, occupancy in both roles."""
+    total = message.sum(0, dtype=np.float64)
+    evidence = np.clip(before + total, -clip, clip)
+    both = 1 / (1 + np.exp(-np.stack([evidence + prior, evidence])))
+    both = np.clip(both, np.array([[1e-4], [1e-3]]), 0.99)
+    return evidence, (observed > 0) | (np.abs(total) > 0.01), np.where(clear > 0, 1e-6, both)

@@ -1,0 +1,69 @@
+"""Twins of the kernels that linearise: Jacobians spelled out, and a general update."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.inference.state.belief import Belief, update
+from gridslam.world.geometry import trace, wrap
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.int32]
+UNHEARD, UNMOVED = 1e-3, 1e-6
+
+
+def predict(mean: Array, covariance: Array, path: Whole, places: Array) -> tuple[Array, Array, Array]:
+    """Twin of `gaussian.predict`: values (L, 3), Jacobians (L, 3, N) and covariances (L, 3, 3)."""
+    count, lines = len(path), np.concatenate([mean[5:].reshape(-1, 2), np.zeros((1, 2))])
+    bounces, last, first, source = path.T.astype(np.intp)
+    place = places[source]
+    drawn = trace(
+        np.tile(mean[:2], (count, 1)),
+        place[:, :2],
+        lines[last],
+        lines[first],
+        bounces,
+    )
+    value = np.stack([drawn.distance, wrap(drawn.departure - place[:, 2]), wrap(drawn.arrival - mean[4])], -1)
+    slope = np.zeros((count, 3, len(mean)))
+    slope[:, :, [0, 1, 4]] = drawn.jacobian[:, :, :3]
+    for row in range(count):
+        if bounces[row] > 0:
+            slope[row, :, 5 + 2 * last[row] : 7 + 2 * last[row]] += drawn.jacobian[row, :, 3:5]
+        if bounces[row] == 2:
+            slope[row, :, 5 + 2 * first[row] : 7 + 2 * first[row]] += drawn.jacobian[row, :, 5:7]
+    return value, slope, slope @ covariance @ slope.transpose(0, 2, 1)
+
+
+def correct(
+    mean: Array, covariance: Array, path: Whole, start: Whole, index: Whole, pair: Array, odds: Array,
+    beta: Array, nu: Array, places: Array,
+) -> tuple[Array, Array, Array, Array]:  # fmt: skip
+    """Twin of `gaussian.correct`: mean, covariance, and the probabilities of the associations."""
+    count = int(start[-1])
+    share, responsible = np.zeros(count), np.zeros(nu.shape)
+    heard = (beta * nu).sum(1)
+    sure = heard / (heard + odds[7])
+    order = np.argsort(-sure, kind="stable")
+    for row in order[sure[order] >= UNHEARD]:
+        value, slope, core = (part[0] for part in predict(mean, covariance, path[row][None], places))
+        chosen = slice(start[row], start[row + 1])
+        variance, density = pair[chosen, 3:6], pair[chosen, 6]
+        message = nu[row, index[chosen, 1]]
+        gap = pair[chosen, :3] - value
+        gap[:, 1:] = wrap(gap[:, 1:])
+        gap[variance >= 1e11] = 0.0
+        weight = np.array(
+            [
+                odds[6, row] * m * d * np.exp(-0.5 * g @ np.linalg.solve(core + np.diag(v), g))
+                / np.sqrt(np.linalg.det(2 * np.pi * (core + np.diag(v))))
+                for g, v, d, m in zip(gap, variance, density, message, strict=True)
+            ]
+        )  # fmt: skip
+        share[chosen] = weight / (weight.sum() + odds[7, row])
+        kept = share[chosen] > UNMOVED
+        after = update(Belief(mean, covariance), slope, gap[kept], variance[kept], share[chosen][kept])
+        mean, covariance = after.mean, after.covariance
+    responsible[index[:count, 0], index[:count, 1]] = share
+    return mean, covariance, share, responsible

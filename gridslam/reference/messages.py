@@ -1,0 +1,161 @@
+"""Twins of the kernels that pick, weigh and associate pairs of a path and a measurement."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import i0e
+
+from gridslam.kernels import FAINTEST, PATH_BLOCK, UNMEASURED
+from gridslam.reference.paths import densities, draw
+from gridslam.world.geometry import wrap
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.int32]
+GATE, MARGIN = 6.0, 0.3
+"""Deviations within reach; m or rad by which the gate is wider."""
+NEVER = 1e-30
+"""Likelihood below which the mean amplitude is that of the belief."""
+
+
+def log_rician(measured: Array, amplitude: Array, samples: float) -> Array:
+    """Log density of a measured amplitude, not truncated."""
+    variance = 0.5 + amplitude**2 / (4 * samples)
+    gap = measured - amplitude
+    bessel = np.log(i0e(measured * amplitude / variance))
+    return np.asarray(np.log(measured / variance) - gap**2 / (2 * variance) + bessel)
+
+
+def clutter(amplitude: Array, radio: Array) -> Array:
+    """Density of clutter at amplitudes, negative for none, times its mean number."""
+    max_distance, threshold, false_alarms = radio[[6, 9, 10]]
+    tail = np.log(2 * np.maximum(amplitude, 1e-30)) - (amplitude**2 - threshold**2)
+    density = np.exp(np.where(amplitude < 0, 0.0, np.maximum(tail, -25.0)))
+    return np.asarray(false_alarms * density / (max_distance * 4 * np.pi**2))
+
+
+def deviations(amplitude: Array, angles: Array, radio: Array) -> Array:
+    """Deviations (..., 3) by Fisher information, of paths with AoD and AoA `angles` (..., 2)."""
+    std = np.empty((*amplitude.shape, 3))
+    std[..., 0] = radio[1] if radio[1] > 0 else radio[0] / amplitude
+    for q, (across, along) in ((1, radio[2:4]), (2, radio[4:6])):
+        square = np.sin(angles[..., q - 1]) ** 2 * across + np.cos(angles[..., q - 1]) ** 2 * along
+        with np.errstate(divide="ignore"):
+            std[..., q] = 1 / (np.sqrt(8) * np.pi * amplitude * np.sqrt(square))
+    return std
+
+
+def weigh(
+    belief: Array, nodes: Array, spreading: float, predicted: Array, worth: Array, heard: Array,
+    chance: Array, step: float, radio: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Twin of `amplitudes.weigh`: detection probability (L,), and strength (2, L, M)."""
+    far, ranged = heard[:, 0], heard[:, 3] >= 0
+    loud = heard[:, 6] >= 0
+    own = nodes / np.maximum(predicted[:, :1], 1e-3) if spreading else np.tile(nodes, (len(belief), 1))
+    table = np.interp(own, step * np.arange(len(chance)), chance)
+    detected = (belief * table).sum(1)
+    strength, mean = np.zeros((2, len(belief), len(heard)))
+    for m in range(len(heard)):
+        level = nodes / max(far[m], 1e-3) if spreading and ranged[m] else nodes if ranged[m] else own
+        said = np.exp(log_rician(heard[m, 6], level, radio[8])) if loud[m] else table
+        strength[:, m] = (belief * said).sum(1)
+        mean[:, m] = (belief * said * (level if loud[m] else own)).sum(1)
+    strength[worth <= 1e-6] = mean[worth <= 1e-6] = 0.0
+    usual = (belief * own).sum(1)[:, None]
+    mean = np.where(strength > NEVER, mean / np.maximum(strength, NEVER), usual)
+    return detected, np.stack([strength / clutter(heard[:, 6], radio), mean])
+
+
+def gate(
+    belief: Array, nodes: Array, spreading: float, predicted: Array, heard: Array, chance: Array, step: float,
+    radio: Array, kept: float, odds: Array,
+) -> tuple[Whole, Array, Array, Array, Array]:  # fmt: skip
+    """Twin of `gating.gate`: index, table and inverse covariance of the pairs; p_d; strength."""
+    worth = odds[:3].prod(0)
+    detected, strength = weigh(belief, nodes, spreading, predicted, worth, heard, chance, step, radio)
+    value, spread = predicted[:, None, :3], predicted[:, 3:].reshape(-1, 3, 3)
+    angles = np.broadcast_to(value[..., 1:], (*strength[1].shape, 2))
+    std = deviations(np.maximum(strength[1], FAINTEST), angles, radio)
+    std = np.where(heard[:, 3:6] > 0, heard[:, 3:6], std)
+    std[..., :] = np.where(heard[:, 3:6] < 0, np.inf, std)
+    missing = np.square(std) >= UNMEASURED
+    gap = heard[:, :3] - value
+    gap[..., 1:] = wrap(gap[..., 1:])
+    gap = np.where(heard[:, 3:6] < 0, 0.0, np.abs(gap))
+    known = np.where(missing, 0.0, std) ** 2
+    reach = GATE * np.sqrt(np.diagonal(spread, axis1=1, axis2=2)[:, None] + known) + MARGIN
+    chosen = (gap < reach).all(-1) & (worth > 1e-6)[:, None] & (strength[0] > 0)
+    path, measurement = np.nonzero(chosen)
+    std, missing = std[chosen], missing[chosen]
+    flat = np.array([radio[6], 2 * np.pi, 2 * np.pi])
+    density = strength[0][chosen] * np.where(missing, np.sqrt(2 * np.pi * UNMEASURED) / flat, 1.0).prod(1)
+    variance = np.where(missing, UNMEASURED, np.maximum(std, 1e-6) ** 2)
+    total = kept * spread[path] + variance[:, :, None] * np.eye(3)
+    pair: Array = np.column_stack([heard[measurement, :3], variance, density, np.linalg.det(total)])
+    index = np.stack([path, measurement], -1).astype(np.int32)
+    return index, pair, np.asarray(np.linalg.inv(total), np.float64), detected, strength
+
+
+def enter(
+    blocks: Array, start: Whole, index: Whole, pair: Array, odds: Array, message: Array, measured: Array
+) -> tuple[Array, Array, Array]:
+    """Twin of `association.enter`: odds, message and measured with what it writes."""
+    paths, particles, count = odds.shape[1], PATH_BLOCK * blocks.shape[1], start[-1]
+    odds, message, measured = odds.copy(), message.copy(), measured.copy()
+    mean = blocks.sum(1, dtype=np.float64) / particles
+    possible = mean[:paths]
+    path, measurement = index[:count].T
+    found = np.zeros(message.shape[1:])
+    scale = np.sqrt((2 * np.pi) ** 3 * pair[:count, 7])
+    found[path, measurement] = pair[:count, 6] * mean[paths : paths + count] / scale
+    found /= np.maximum(possible, 1e-3)[:, None]
+    odds[4] = odds[2] * possible
+    odds[5] = odds[0] * odds[4]
+    odds[6] = odds[1] * odds[5]
+    odds[7] = np.maximum(1 - odds[6] * odds[3], 1e-9)
+    message[0], message[1] = found, odds[6][:, None] * found
+    measured[0] = message[1].sum(0)
+    return odds, message, measured
+
+
+def evaluate(
+    belief: Array, nodes: Array, spreading: float, predicted: Array, heard: Array, chance: Array, step: float,
+    radio: Array, kept: float, root: Array, base: Array, points: Array, path: Whole, places: Array,
+    odds: Array, state: Array, message: Array, measured: Array,
+) -> dict[str, Array | Whole]:  # fmt: skip
+    """Twin of `evaluation.evaluate`: what it writes, by the names of its arguments."""
+    index, pair, inverse, detected, _ = gate(
+        belief, nodes, spreading, predicted, heard, chance, step, radio, kept, odds
+    )
+    odds, start = odds.copy(), np.searchsorted(index[:, 0], np.arange(len(path) + 1)).astype(np.int32)
+    odds[3] = detected
+    apart = inverse[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    state = draw(root, base, points[:, : state.shape[1]])
+    weight, valid = densities(state, path, places, start, np.column_stack([pair[:, :3], apart]), PATH_BLOCK)
+    blocks = np.concatenate([valid, weight])
+    odds, message, measured = enter(blocks, start, index, pair, odds, message, measured)
+    measured[1] = np.where(np.isin(np.arange(len(heard)), index[:, 1]), 0.0, heard[:, 8])
+    whole: dict[str, Array | Whole] = {"start": start, "index": index}
+    return whole | {
+        "pair": pair, "state": state, "blocks": blocks, "odds": odds, "message": message, "measured": measured
+    }  # fmt: skip
+
+
+def associate(odds: Array, message: Array, measured: Array, rounds: int) -> tuple[Array, Array, Array]:
+    """Twin of `association.associate`: messages from paths and measurements; sums of the former."""
+    beta, missed, new = message[1], odds[7], measured[2]
+    paths, heard = beta.shape
+    nu = np.broadcast_to(1 / new, (paths, heard)).copy()
+    claim = np.zeros_like(nu)
+    for _ in range(rounds if paths and heard else 0):
+        weight = beta * nu
+        others = np.maximum(weight.sum(1, keepdims=True) - weight, 0.0)
+        claim = beta / (missed[:, None] + others)
+        rest = np.maximum(claim.sum(0, keepdims=True) - claim, 0.0)
+        fresh = 1 / (new + rest)
+        change = np.abs(fresh - nu).max()
+        nu = fresh
+        if change < 1e-6:
+            break
+    return claim, nu, claim.sum(0)

@@ -1,0 +1,78 @@
+"""Twins of the kernels that evaluate and draw paths: images and arc tangents, double precision."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.world.geometry import trace, wrap
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.int32]
+
+
+def lines_of(state: Array) -> Array:
+    """Lines (angle, offset) of states ``[3 + 3 S, P]``, (S, P, 2)."""
+    return np.stack([np.arctan2(state[4::3], state[3::3]), state[5::3]], -1).astype(np.float64)
+
+
+def densities(
+    state: Array, path: Whole, places: Array, start: Whole, pair: Array, block: int
+) -> tuple[Array, Array]:
+    """Twin of `paths.densities`: sums of densities and counts of valid particles, by blocks."""
+    particles = state.shape[1]
+    blocks = particles // block
+    weight, valid = np.zeros((start[-1], blocks)), np.zeros((len(path), blocks))
+    surfaces = lines_of(state) if len(state) > 3 else np.zeros((1, particles, 2))
+    position = np.asarray(state[:2].T, np.float64)
+    for row, (bounces, last, first, number) in enumerate(path):
+        place = places[number]
+        drawn = trace(
+            position, np.broadcast_to(place[:2], (particles, 2)), surfaces[max(last, 0)],
+            surfaces[max(first, 0)], np.full(particles, bounces),
+        )  # fmt: skip
+        possible = drawn.valid.astype(np.float64)
+        valid[row] = possible.reshape(blocks, block).sum(1)
+        seen = np.stack([drawn.distance, drawn.departure - place[2], drawn.arrival - state[2]], -1)
+        for n in range(start[row], start[row + 1]):
+            gap = pair[n, :3] - seen
+            gap[:, 1:] = wrap(gap[:, 1:])
+            i00, i11, i22, i01, i02, i12 = pair[n, 3:9]
+            inverse = np.array([[i00, i01, i02], [i01, i11, i12], [i02, i12, i22]], np.float64)
+            density = possible * np.exp(-0.5 * np.einsum("pi,ij,pj->p", gap, inverse, gap))
+            weight[n] = density.reshape(blocks, block).sum(1)
+    return weight, valid
+
+
+def draw(root: Array, base: Array, points: Array) -> Array:
+    """Twin of `particles.draw_block`: states (3 + 3 S, P) of ``base + root points``."""
+    states = base[:, :1].astype(np.float64) + root.astype(np.float64) @ points[: len(root)]
+    surfaces = (len(states) - 5) // 2
+    lines = states[5:].reshape(surfaces, 2, states.shape[1])
+    bent = np.stack([np.cos(lines[:, 0]), np.sin(lines[:, 0]), lines[:, 1]], 1)
+    return np.concatenate([states[[0, 1, 4]], bent.reshape(3 * surfaces, states.shape[1])])
+
+
+def prepare(mean: Array, covariance: Array, share: float, points: Array) -> tuple[Array, Array, Array, Array]:
+    """Twin of `particles.ready`: root of the covariance, share of it, base, and samples' states."""
+    whole: Array = np.linalg.cholesky(covariance).astype(np.float64)
+    base: Array = np.stack([mean, np.cos(mean), np.sin(mean)], -1)
+    return whole, share * whole, base, draw(whole, base, points)
+
+
+def polylines(state: Array, path: Whole, places: Array) -> tuple[Array, Array]:
+    """Twin of `paths.polylines`: corners (L, R, 4, 2) of possible paths, and which are, (L, R)."""
+    agent, states = state[:2], state.shape[1]
+    corners, valid = np.zeros((len(path), states, 4, 2)), np.zeros((len(path), states))
+    surfaces = np.concatenate([lines_of(state), np.zeros((1, states, 2))])  # the last is no surface
+    for row, (bounces, last, first, source) in enumerate(path):
+        anchor = np.broadcast_to(places[source, :2], (states, 2))
+        drawn = trace(agent.T, anchor, surfaces[last], surfaces[first], np.full(states, bounces))
+        corners[row], corners[row, :, 0] = agent.T[:, None], anchor
+        if bounces == 1:
+            corners[row, :, 1] = drawn.last_point
+        if bounces == 2:
+            corners[row, :, 1], corners[row, :, 2] = drawn.first_point, drawn.last_point
+        corners[row] = np.where(drawn.valid[:, None, None], corners[row], anchor[:, None])
+        valid[row] = drawn.valid
+    return corners, valid

@@ -1,0 +1,79 @@
+"""Twins of the kernels that list rays, and tell what lies near them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.reference.gaussian import predict
+from gridslam.reference.paths import prepare
+from gridslam.world.geometry import wrap
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.int32]
+Long = NDArray[np.int64]
+STRONG = 0.3
+
+
+def listed(
+    anchor: int, bounces: int, surface: Array, owner: Long, sight: Array, single: Array, double: Array
+) -> tuple[Whole, Array, Array]:
+    """All paths of an anchor (L, 4), and the existences of rays and of surfaces, (L,) both."""
+    own = np.flatnonzero((owner == -1) | (owner == anchor))
+    strong = np.flatnonzero(surface > STRONG)
+    pairs = [(s, r) for s in strong for r in strong if s != r and bounces > 1]
+    last, first = np.array(pairs, int).reshape(-1, 2).T
+    kind = np.repeat([0, 1, 2], [1, len(own), len(pairs)])
+    path = np.stack(
+        [kind, np.concatenate([[-1], own, last]), np.concatenate([[-1], own, first]), 0 * kind + anchor], -1
+    )
+    existence = np.concatenate([[sight[anchor]], single[anchor, own], double[anchor, last, first]])
+    return (
+        path.astype(np.int32),
+        existence,
+        np.concatenate([[1.0], surface[own], surface[last] * surface[first]]),
+    )
+
+
+def foresee(
+    only: int, bounces: int, stay: float, appear: float, mean: Array, covariance: Array, places: Array,
+    surface: Array, owner: Long, sight: Array, single: Array, double: Array, share: float = 1.0,
+    points: Array | None = None,
+) -> tuple[Whole, Array, Array, Array]:  # fmt: skip
+    """Twin of `rays.foresee`: paths, existence of ray and of surfaces, prediction (L, 12).
+
+    What it drafts by `points` is that of `prepare`, and isn't told.
+    """
+    if points is not None:
+        prepare(mean, covariance, share, points)
+    anchors = [only] if only >= 0 else range(len(places))
+    parts = [listed(anchor, bounces, surface, owner, sight, single, double) for anchor in anchors]
+    path, existence, surfaces = (np.concatenate(part) for part in zip(*parts, strict=True))
+    value, _, spread = predict(mean, covariance, path, places)
+    whole = np.concatenate([value, spread.reshape(-1, 9)], 1)
+    return path, stay * existence + appear * (1 - existence), surfaces, whole
+
+
+def near(
+    mean: Array, covariance: Array, places: Array, surface: Array, owner: Long, start: Whole, heard: Array,
+    radio: Array,
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Twin of `rays.near`: which measurements are loud and lie near a path, (M,)."""
+    none = np.zeros((len(places), len(surface)))
+    path, _, surfaces, predicted = foresee(
+        -1, 1, 1.0, 0.0, mean, covariance, places, surface, owner, none.sum(1), none, none[:, None]
+    )
+    anchor = np.repeat(np.arange(len(radio)), np.diff(start))
+    amplitude = np.where(heard[:, 6] >= 0, heard[:, 6], radio[anchor, 9])
+    std = np.empty((len(heard), 3))
+    std[:, 0] = np.where(radio[anchor, 1] > 0, radio[anchor, 1], radio[anchor, 0] / amplitude)
+    for q in (1, 2):
+        square = radio[anchor, 2 * q : 2 * q + 2].mean(1)
+        std[:, q] = 1 / (np.sqrt(8) * np.pi * amplitude * np.sqrt(np.maximum(square, 1e-30)))
+    std = np.where(heard[:, 3:6] > 0, heard[:, 3:6], std)
+    gap = heard[:, :3] - predicted[:, None, :3]
+    gap[..., 1:] = wrap(gap[..., 1:])
+    total = predicted[:, None, 3::4] + std**2
+    far = np.where(heard[:, 3:6] < 0, 0.0, gap**2 / total).sum(-1)
+    there = (surfaces > STRONG)[:, None] & (path[:, 3, None] == anchor)
+    return np.asarray(((far < 16.0) & there).any(0) & (heard[:, 7] > 0.5))

@@ -1,0 +1,137 @@
+"""Twins of the kernels that update agent, surfaces and rays, and judge the fit, from general formulas."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.kernels import PATH_BLOCK
+from gridslam.reference.gaussian import correct
+from gridslam.reference.messages import associate
+from gridslam.world.geometry import wrap
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.int32]
+SURE, WORST, MEASURED = 0.9, 30.0, 1e11
+
+
+def exist(
+    path: Whole, odds: Array, ratio: Array, nu: Array, surface: Array, sight: Array, single: Array,
+    double: Array,
+) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
+    """Twin of `existence.exist`: surfaces, lines of sight, rays over one and two; worth (L,)."""
+    bounces, last, first, anchor = path.T
+    there, surfaces, detected, possible, known = odds[[0, 1, 3, 4, 5]]
+    worth = (nu * ratio).sum(1) + 1 - detected
+    chance = surfaces * possible
+    ahead = chance * worth + 1 - chance
+    after = there * ahead / (there * ahead + 1 - there)
+    sight, single, double = sight.copy(), single.copy(), double.copy()
+    sight[anchor[bounces == 0]] = after[bounces == 0]
+    single[anchor[bounces == 1], last[bounces == 1]] = after[bounces == 1]
+    double[anchor[bounces == 2], last[bounces == 2], first[bounces == 2]] = after[bounces == 2]
+    whole, log = known * worth + 1 - known, np.zeros(len(surface))
+    for own, other in ((last, first), (first, last)):
+        rows = np.flatnonzero((bounces == 2) | ((bounces == 1) & (own is last)))
+        partner = np.where(bounces[rows] == 1, 1.0, surface[other[rows]])
+        np.add.at(log, own[rows], np.log(np.maximum(partner * whole[rows] + 1 - partner, 1e-12)))
+    total = np.log(np.maximum(surface, 1e-12)) - np.log(np.maximum(1 - surface, 1e-9)) + log
+    surface = np.clip(1 / (1 + np.exp(-np.clip(total, -40, 40))), 0, 1 - 1e-7)
+    return surface, sight, single, double, worth
+
+
+def fit(
+    path: Whole, index: Whole, pair: Array, predicted: Array, share: Array, responsible: Array, heard: Array,
+    blocks: Array, radio: Array, anchor: int, turned: Array, sums: Array,
+) -> Array:  # fmt: skip
+    """Twin of `fitting.fit`: the sums afterwards, (J, 9)."""
+    loud, sums = heard[:, 7] > 0.5, sums.copy()
+    own = sums[anchor]
+    own[4] += np.minimum(responsible.sum(0), 1.0)[loud].sum()
+    own[5] += loud.sum()
+    sure = np.flatnonzero(share > SURE)
+    rows, heard_rows = index[sure].T
+    known = pair[sure, 3:6] < MEASURED
+    gap = pair[sure, :3] - predicted[rows, :3]
+    gap[:, 1:] = wrap(gap[:, 1:])
+    gap = np.where(known, gap, 0.0)
+    spread = predicted[rows, 3:].reshape(-1, 3, 3) + pair[sure, 3:6, None] * np.eye(3)
+    square = (gap * np.linalg.solve(spread, gap[..., None])[..., 0]).sum(1)
+    own[0] += np.minimum(square, WORST).sum()
+    own[1] += known.sum()
+    direct = path[rows, 0] == 0
+    left = direct & known[:, 1]
+    own[6] += ((turned[anchor] - gap[left, 1]) / spread[left, 1, 1]).sum()
+    own[7] += (1 / spread[left, 1, 1]).sum()
+    amplitude = heard[heard_rows, 6]
+    strong = direct & known[:, 0] & (amplitude >= 0)
+    level = radio[7] / np.maximum(pair[sure, 0][strong], 1e-3)
+    variance = 0.5 + level**2 / (4 * radio[8])
+    measured = np.sqrt(np.maximum(amplitude[strong] ** 2 - variance, 0.0))
+    clear = measured > 2 * radio[9]
+    own[2] += (level * measured / variance)[clear].sum()
+    own[3] += (level**2 / variance)[clear].sum()
+    own[8] = min(own[8], effective_sample_size(blocks[len(path) + sure]).min(initial=np.inf))
+    return sums
+
+
+def effective_sample_size(blocks: Array) -> Array:
+    """Effective number of the particles behind each pair (K,), from sums of weights over blocks of them.
+
+    Blocks are sums of independent weights, so their spread tells that of the weights.
+    """
+    particles, sums = PATH_BLOCK * blocks.shape[1], blocks.astype(np.float64)
+    spread = PATH_BLOCK * sums.var(1) / np.maximum(sums.mean(1), 1e-30) ** 2
+    return np.asarray(np.maximum(particles / (1 + np.minimum(spread, 1e12)), 1.0))
+
+
+def note(
+    path: Whole, start: Whole, index: Whole, odds: Array, worth: Array, predicted: Array, heard: Array,
+    share: Array, count: Whole, noted: Whole, factor: Array, told: Array, begin: Whole, said: Array,
+) -> dict[str, NDArray[Any]]:  # fmt: skip
+    """Twin of `notes.note`: what it writes, by the names of its arguments."""
+    (n, k), paths, pairs = count, len(path), start[-1]
+    noted, begin, factor, told, said = noted.copy(), begin.copy(), factor.copy(), told.copy(), said.copy()
+    belief, after, more = odds[0] * odds[1], slice(n, n + paths), slice(k, k + pairs)
+    noted[after] = path
+    factor[after] = np.stack([belief * worth + 1 - belief, belief > 0.1], -1)
+    told[:, after] = odds[1], odds[5], np.bincount(index[:pairs, 0], share[:pairs], paths), predicted[:, 0]
+    begin[n + 1 : n + 1 + paths] = k + start[1:]
+    said[:, more] = heard[index[:pairs, 1], 6], share[:pairs]
+    count = count + np.array([paths, pairs], np.int32)
+    return {
+        "count": count, "noted": noted, "factor": factor, "told": told, "begin": begin, "said": said
+    }  # fmt: skip
+
+
+def update(
+    mean: Array, covariance: Array, path: Whole, start: Whole, index: Whole, pair: Array, odds: Array,
+    rounds: int, places: Array, predicted: Array, heard: Array, blocks: Array, radio: Array, anchor: int,
+    turned: Array, message: Array, measured: Array, surface: Array, sight: Array, single: Array,
+    double: Array, sums: Array, count: Whole, noted: Whole, factor: Array, told: Array, begin: Whole,
+    said: Array,
+) -> dict[str, NDArray[Any]]:  # fmt: skip
+    """Twin of `updates.update`: what it writes, by the names of its arguments."""
+    ratio, beta, claim, nu, _ = message
+    *before, claimed = measured
+    if rounds:
+        claim, nu, claimed = associate(odds, message, measured, rounds)
+    mean, covariance, share, responsible = correct(
+        mean, covariance, path, start, index, pair, odds, beta, nu, places
+    )
+    after = fit(path, index, pair, predicted, share, responsible, heard, blocks, radio, anchor, turned, sums)
+    there = exist(path, odds, ratio, nu, surface, sight, single, double)
+    known: dict[str, NDArray[Any]] = {}
+    if len(noted):
+        known = note(
+            path, start, index, odds, there[-1], predicted, heard, share, count, noted, factor, told, begin,
+            said,
+        )  # fmt: skip
+    known |= dict(zip(("surface", "sight", "single", "double", "worth"), there, strict=True))
+    return known | {
+        "mean": mean, "covariance": covariance, "share": share, "sums": after,
+        "message": np.stack([ratio, beta, claim, nu, responsible]),
+        "measured": np.stack([*before, claimed]),
+    }  # fmt: skip

@@ -1,0 +1,60 @@
+"""A progress bar for a run, on a terminal alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from gridslam.estimates import Estimate
+from gridslam.world.trajectory import Trajectory
+
+Tell = Callable[[Estimate, int, int], None]
+
+
+@contextmanager
+def progress_bar(
+    name: str, truth: Trajectory | None = None, console: Console | None = None
+) -> Iterator[Tell]:
+    """Show steps per second, surfaces found and, where the truth is known, the position RMSE so far.
+
+    Parameters
+    ----------
+    name : str
+        Who is on the way.
+    truth : Trajectory, optional
+    console : rich.console.Console, optional
+        Default: stderr.
+
+    Yields
+    ------
+    callable
+        To be called after each step with (estimate, steps done, steps in all).
+    """
+    console = Console(stderr=True) if console is None else console
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(compact=True),
+        TextColumn("{task.fields[state]}"),
+    )
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(name, total=None, state="")
+        began, square, count = bar.get_time(), 0.0, 0
+
+        def tell(estimate: Estimate, done: int, total: int) -> None:
+            nonlocal square, count
+            rate = done / max(bar.get_time() - began, 1e-9)
+            state = f"{rate:.1f} steps/s, {int(estimate.detected.sum())} surfaces"
+            if truth is not None and truth.time_s[0] <= estimate.time_s <= truth.time_s[-1]:
+                there = [np.interp(estimate.time_s, truth.time_s, axis) for axis in truth.position_m.T]
+                square, count = square + float(((estimate.position_m - there) ** 2).sum()), count + 1
+            if count:
+                state += f", error {100 * (square / count) ** 0.5:.1f} cm"
+            bar.update(task, completed=done, total=total, state=state)
+
+        yield tell

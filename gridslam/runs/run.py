@@ -1,0 +1,159 @@
+"""What a run returns: the track, the surfaces, the map, and how good they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gridslam.evaluation.consistency import complaints
+from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
+from gridslam.maps.map import Map
+from gridslam.evaluation.metrics import diverged, map_scores, p95, reflection_mae, rmse, track_errors
+from gridslam.runs.run_files import AgentFiles, RunFiles, check_output, read_run, write_run
+from gridslam.world.scene import Scene
+from gridslam.evaluation.ground_truth import known_bound
+from gridslam.simulation.image_source import Truth
+from gridslam.runs.step_files import read_steps, write_steps
+from gridslam.evaluation.surface_truth import surface_scores
+from gridslam.world.trajectory import Trajectory
+
+__all__ = [
+    "AgentFiles",
+    "Estimate",
+    "PathEstimate",
+    "Run",
+    "RunFiles",
+    "SurfaceEstimate",
+    "check_output",
+    "read_run",
+    "read_steps",
+    "write_run",
+    "write_steps",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One agent's run.
+
+    Attributes
+    ----------
+    scene : Scene
+        Resolved scene, with the settings that the run used.
+    agent, method, device : str
+        Who, how and where.
+    seed : int
+        Seed of all random numbers.
+    estimates : list of Estimate
+        One per step, (N).
+    trajectory : Trajectory
+        Estimated track, N poses.
+    covariance : (N, 5, 5) float64
+        Of [x, y, vx, vy, heading] at each step.
+    surfaces : SurfaceEstimate
+        Surfaces detected at the end.
+    map : Map
+        The map at the end.
+    seconds_per_step, peak_memory_mb : float
+        What the run cost.
+    interrupted : bool
+        Whether it was stopped before the last measurement.
+    """
+
+    scene: Scene
+    agent: str
+    method: str
+    seed: int
+    device: str
+    estimates: list[Estimate]
+    trajectory: Trajectory
+    covariance: np.ndarray
+    surfaces: SurfaceEstimate
+    map: Map
+    seconds_per_step: float
+    peak_memory_mb: float
+    interrupted: bool = False
+
+    def score(self, truth: Truth | Trajectory | None = None, earlier: Sequence[Truth] = ()) -> dict[str, Any]:
+        """Score the run; the keys are those of one agent in ``run.json``.
+
+        Parameters
+        ----------
+        truth : Truth, Trajectory or None
+            A track alone gives the errors of the track. What lacks its truth is None.
+        earlier : sequence of Truth
+            Of the agents whose map the run began with: map and surfaces, which hold what they found, are
+            judged against the paths of all; the track against its own truth.
+
+        Notes
+        -----
+        A run that ended early is judged against the steps it did. The bounds are the root mean squares over
+        the run of `gridslam.evaluation.bounds.known_map_bound`.
+
+        Raises
+        ------
+        InputError
+            The true track doesn't cover the run.
+        """
+        found = self.surfaces.take(self.surfaces.existence > self.scene.filter.detect_above)
+        scores: dict[str, Any] = dict.fromkeys(AGENT_KEYS) | {
+            "steps": len(self.trajectory),
+            "interrupted": self.interrupted,
+            "surfaces_detected": len(found),
+            "map": dict.fromkeys(MAP_KEYS),
+            "health": {
+                "unwell_steps": sum(not e.health.ok for e in self.estimates),
+                "why": complaints(self.estimates),
+            },
+            "seconds_per_step": float(self.seconds_per_step),
+            "peak_memory_mb": float(self.peak_memory_mb),
+        }
+        track = truth.trajectory if isinstance(truth, Truth) else truth
+        if track is not None and len(self.trajectory):
+            position, heading = track_errors(self.trajectory, track)
+            scores |= {
+                "position_rmse_m": rmse(position),
+                "position_p95_m": p95(position),
+                "heading_rmse_deg": float(np.degrees(rmse(heading))),
+                "final_position_error_m": float(np.linalg.norm(position[-1])),
+                "diverged": diverged(position),
+            }
+        bound = known_bound(self.scene, self.agent, truth)
+        if bound is not None:
+            done = slice(len(self.trajectory))
+            scores["position_bound_m"] = rmse(bound.position_m[done])
+            scores["heading_bound_deg"] = float(np.degrees(rmse(bound.heading_rad[done])))
+        if "aoa" not in self.scene.radio.measures:  # nothing tells of the heading then
+            scores |= dict.fromkeys(("heading_rmse_deg", "heading_bound_deg"))
+        if isinstance(truth, Truth):
+            whole = truth.first(len(self.trajectory)).joined(earlier)
+            scores |= surface_scores(found, whole)
+            scores["reflection_mae"] = reflection_mae(self.map, whole.segments)
+            if self.map.observed.any():  # not every method tells cells
+                scores["map"] = map_scores(self.map, whole.segments, whole.paths)
+        return scores
+
+
+AGENT_KEYS = (
+    "steps",
+    "interrupted",
+    "position_rmse_m",
+    "position_bound_m",
+    "position_p95_m",
+    "heading_rmse_deg",
+    "heading_bound_deg",
+    "final_position_error_m",
+    "diverged",
+    "surfaces_detected",
+    "surfaces_true",
+    "surface_ospa_m",
+    "reflection_mae",
+    "map",
+    "health",
+    "seconds_per_step",
+    "peak_memory_mb",
+)
+MAP_KEYS = ("occupied_precision", "occupied_recall", "free_precision", "free_recall", "auc")

@@ -1,0 +1,117 @@
+"""All estimates of a run over time, in one HDF5 file."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+
+import numpy as np
+
+from gridslam.errors import InputError
+from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
+from gridslam.io.files import get, put, reading_h5, subgroup, writing_h5
+from gridslam.maps.map_files import SURFACE_UNITS, read_owner
+
+FORMAT = "gridslam-steps"
+STEP_UNITS = {
+    "step": "1",
+    "time_s": "s",
+    "position_m": "m",
+    "velocity_mps": "m/s",
+    "heading_rad": "rad",
+    "covariance": "m^2, m^2/s, m rad, (m/s)^2, rad m/s, rad^2",
+    "effective_sample_size": "1",
+}
+PATH_UNITS = {
+    "anchor": "1",
+    "surfaces": "1",
+    "distance_m": "m",
+    "aod_rad": "rad",
+    "aoa_rad": "rad",
+    "amplitude": "1",
+    "existence": "1",
+    "points": "m",
+}
+TAILS = {
+    "position_m": (2,),
+    "velocity_mps": (2,),
+    "covariance": (5, 5),
+    "sfv_m": (2,),
+    "sfv_cov_m2": (2, 2),
+    "line": (2,),
+    "line_cov": (2, 2),
+    "extent_m": (2,),
+    "surfaces": (2,),
+    "points": (4, 2),
+}
+
+
+def write_steps(path: str | os.PathLike[str], estimates: Sequence[Estimate]) -> None:
+    """Write all estimates over time as HDF5.
+
+    ``/steps/<name>`` has one row per step; ``/surfaces/<name>`` and ``/paths/<name>`` hold the rows of all
+    steps below one another, those of step ``n`` from ``offset[n]`` up to ``offset[n + 1]``. How long a step
+    took is left out, so that a run repeated gives the same file.
+
+    Raises
+    ------
+    InputError
+        The file can't be written.
+    """
+    with writing_h5(path, FORMAT) as file:
+        steps, surfaces, paths = (file.create_group(name) for name in ("steps", "surfaces", "paths"))
+        for name, unit in STEP_UNITS.items():
+            rows = np.array([getattr(e, name) for e in estimates], np.int64 if name == "step" else np.float64)
+            put(steps, name, rows.reshape(len(estimates), *TAILS.get(name, ())), unit)
+        all_surfaces = SurfaceEstimate.stack([estimate.surfaces for estimate in estimates])
+        all_paths = PathEstimate.stack([estimate.paths for estimate in estimates])
+        put(surfaces, "offset", np.cumsum([0, *(len(e.surfaces) for e in estimates)]), "1")
+        put(paths, "offset", np.cumsum([0, *(len(e.paths) for e in estimates)]), "1")
+        detected = [np.zeros(0, bool), *(np.asarray(e.detected, bool) for e in estimates)]
+        put(surfaces, "detected", np.concatenate(detected), "1")
+        for name, unit in SURFACE_UNITS.items():
+            put(surfaces, name, getattr(all_surfaces, name), unit)
+        for name, unit in PATH_UNITS.items():
+            put(paths, name, getattr(all_paths, name), unit)
+
+
+def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
+    """Read estimates written by `write_steps`.
+
+    Raises
+    ------
+    InputError
+        No such file, another format or version, contradicting datasets, or damaged.
+    """
+    with reading_h5(path, FORMAT) as file:
+        steps, surfaces, paths = (subgroup(file, name) for name in ("steps", "surfaces", "paths"))
+        count = len(get(steps, "step", (None,), "iu"))
+        rows = {name: get(steps, name, (count, *TAILS.get(name, ()))) for name in STEP_UNITS}
+        surface_at, path_at = (get(group, "offset", (count + 1,), "iu") for group in (surfaces, paths))
+        for offset in (surface_at, path_at):
+            if offset[0] != 0 or (np.diff(offset) < 0).any():
+                raise InputError(f"{path}: offset", "offsets that fall", "offsets from 0 that never fall")
+        total, lines = int(surface_at[-1]), int(path_at[-1])
+        own = [name for name in SURFACE_UNITS if name != "owner"]
+        table = {name: get(surfaces, name, (total, *TAILS.get(name, ()))) for name in own}
+        table["owner"] = read_owner(surfaces, total)
+        route = {name: get(paths, name, (lines, *TAILS.get(name, ()))) for name in PATH_UNITS}
+        detected = get(surfaces, "detected", (total,), "b")
+    all_surfaces, all_paths = SurfaceEstimate(**table), PathEstimate(**route)
+    return [
+        Estimate(
+            int(rows["step"][n]),
+            float(rows["time_s"][n]),
+            rows["position_m"][n],
+            rows["velocity_mps"][n],
+            float(rows["heading_rad"][n]),
+            rows["covariance"][n],
+            all_surfaces.take(slice(surface_at[n], surface_at[n + 1])),
+            all_paths.take(slice(path_at[n], path_at[n + 1])),
+            detected[surface_at[n] : surface_at[n + 1]],
+            float(rows["effective_sample_size"][n]),
+            math.nan,
+        )
+        for n in range(count)
+    ]

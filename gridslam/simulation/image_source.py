@@ -1,0 +1,311 @@
+"""What an agent would hear: exact image-source paths among finite walls, noise, misses and clutter.
+
+The truth about every path (walls, bounces, true or clutter) stays in objects of its own; the
+`Measurements` that a filter reads never hold it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from gridslam.errors import InputError
+from gridslam.measurements.csv_hdf5 import DEVIATIONS, VALUES
+from gridslam.measurements.table import Measurements
+from gridslam.world.geometry import Segments, crossing, mirror, trace, wrap
+from gridslam.world.scene import Scene
+from gridslam.world.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+GRAZE = 1e-9
+"""Share of a leg at either end in which a wall does not block it: the wall that it starts or ends on."""
+
+
+@dataclass(frozen=True)
+class TruePaths:
+    """All visible paths of a track, one row per path.
+
+    Attributes
+    ----------
+    step, anchor : (L,) int
+    distance_m, aod_rad, aoa_rad, amplitude : (L,) float64
+        As a perfect receiver would measure them; angles relative to anchor orientation and heading.
+    bounces : (L,) int, 0 to 2
+    segment : (L, 2) int
+        Wall pieces hit first and last; -1 where there is none.
+    points : (L, 4, 2) m
+        Anchor, first and second interaction point (NaN where there is none), agent.
+    """
+
+    step: NDArray[np.intp]
+    anchor: NDArray[np.intp]
+    distance_m: Array
+    aod_rad: Array
+    aoa_rad: Array
+    amplitude: Array
+    bounces: NDArray[np.intp]
+    segment: NDArray[np.intp]
+    points: Array
+
+    def __len__(self) -> int:
+        return len(self.step)
+
+    def at(self, step: int) -> TruePaths:
+        """The paths of one step."""
+        return self.take(self.step == step)
+
+    def take(self, rows: NDArray[np.bool_]) -> TruePaths:
+        """The paths chosen by a mask (L,)."""
+        return TruePaths(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    @property
+    def legs(self) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Straight legs of all paths: starts (K, 2), ends (K, 2) in m and the path of each (K,)."""
+        filled = self.points.copy()
+        for corner in (2, 1):  # an absent interaction point collapses onto the next one
+            absent = np.isnan(filled[:, corner, 0])
+            filled[absent, corner] = filled[absent, corner + 1]
+        start, end = filled[:, :-1].reshape(-1, 2), filled[:, 1:].reshape(-1, 2)
+        real = ((start != end).any(-1)) & ~np.isnan(start[:, 0])
+        return start[real], end[real], np.repeat(np.arange(len(self)), 3)[real]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Everything that is known only in simulation: the track, the visible paths, the walls."""
+
+    trajectory: Trajectory
+    paths: TruePaths
+    segments: Segments
+
+    def first(self, steps: int) -> Truth:
+        """Truth about the first steps alone, for a run that ended early."""
+        return replace(self, paths=self.paths.take(self.paths.step < steps))
+
+    def joined(self, others: Iterable[Truth]) -> Truth:
+        """The same track, with the paths of other agents added (their steps count from their own start).
+
+        It is what a run is judged against that began with a map: the walls that earlier agents found are
+        no ghosts, even if this agent never hears of them.
+        """
+        tables = [self.paths, *(other.paths for other in others)]
+        columns = (np.concatenate([getattr(t, f.name) for t in tables]) for f in fields(TruePaths))
+        return replace(self, paths=TruePaths(*columns))
+
+
+def visible(start: Array, end: Array, walls: Segments) -> NDArray[np.bool_]:
+    """Which legs (K, 2) -> (K, 2) meet no wall strictly inside."""
+    clear = np.ones(len(start), dtype=bool)
+    lines = walls.line
+    for wall in range(len(walls)):
+        line = lines[wall]
+        here = crossing(start, end, line)
+        span = walls.end[wall] - walls.start[wall]
+        with np.errstate(invalid="ignore"):
+            point = start + here[:, None] * (end - start)
+            along = (point - walls.start[wall]) @ span / (span @ span)
+            blocked = (here > GRAZE) & (here < 1 - GRAZE) & (along >= 0) & (along <= 1)
+        clear &= ~blocked
+    return clear
+
+
+def _on_piece(point: Array, walls: Segments, index: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Whether every point on the line of its wall piece lies on the piece itself."""
+    span = walls.end[index] - walls.start[index]
+    along = ((point - walls.start[index]) * span).sum(-1) / (span**2).sum(-1)
+    return (along > 0) & (along < 1)
+
+
+def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> TruePaths:
+    """Trace every visible path of an agent's track (default: the scene's), up to ``radio.max_bounces``.
+
+    Every leg is checked against every wall, and every interaction point must lie on its wall piece.
+    """
+    track = scene.track(agent) if track is None else track
+    walls, signal = scene.segments(), scene.signal_model(agent)
+    lines, count = walls.line, len(walls)
+    candidates = [np.array([[-1, -1]])]
+    if scene.radio.max_bounces >= 1 and count:
+        candidates.append(np.repeat(np.arange(count)[:, None], 2, axis=1))
+    if scene.radio.max_bounces >= 2 and count:
+        first, last = np.divmod(np.arange(count * count), count)
+        other = walls.surface[first] != walls.surface[last]
+        candidates.append(np.stack([first, last], -1)[other])
+    pieces = np.concatenate(candidates)
+    bounces = np.where(pieces[:, 0] < 0, 0, np.where(pieces[:, 0] == pieces[:, 1], 1, 2))
+    safe = np.maximum(pieces, 0)
+    lines = lines if count else np.zeros((1, 2))
+
+    rows = []
+    for number, anchor in enumerate(scene.anchors):
+        position, facing = np.asarray(anchor.position_m), scene.anchor_orientations[number]
+        for step in range(len(track)):
+            here = track.position_m[step]
+            keep = _plausible(here, position, lines, safe, bounces)
+            size = keep.sum()
+            geometry = trace(
+                np.broadcast_to(here, (size, 2)),
+                np.broadcast_to(position, (size, 2)),
+                lines[safe[keep, 1]],
+                lines[safe[keep, 0]],
+                bounces[keep],
+            )
+            good = geometry.valid.copy()
+            if count:
+                good &= (bounces[keep] == 0) | _on_piece(geometry.last_point, walls, safe[keep, 1])
+                good &= (bounces[keep] < 2) | _on_piece(geometry.first_point, walls, safe[keep, 0])
+            piece, kind = pieces[keep][good], bounces[keep][good]
+            points = np.full((good.sum(), 4, 2), np.nan)
+            points[:, 0], points[:, 3] = position, here
+            points[:, 1] = geometry.first_point[good]
+            points[kind == 2, 2] = geometry.last_point[good][kind == 2]
+            strength = np.where(kind > 0, walls.reflection[piece[:, 1]], 1.0) if count else np.ones(len(kind))
+            if count:
+                strength = strength * np.where(kind == 2, walls.reflection[piece[:, 0]], 1.0)
+            distance = geometry.distance[good]
+            rows.append(
+                TruePaths(
+                    np.full(len(kind), step),
+                    np.full(len(kind), number),
+                    distance,
+                    wrap(geometry.departure[good] - facing),
+                    wrap(geometry.arrival[good] - track.heading_rad[step]),
+                    signal.amplitude(distance, strength),
+                    kind,
+                    np.where(kind[:, None] == 1, np.stack([piece[:, 0], np.full(len(kind), -1)], -1), piece),
+                    points,
+                )
+            )
+    table = TruePaths(*(np.concatenate([getattr(r, f.name) for r in rows]) for f in fields(TruePaths)))
+    starts, ends, owner = table.legs
+    clear = np.ones(len(table), dtype=bool)
+    np.logical_and.at(clear, owner, visible(starts, ends, walls))
+    order = np.flatnonzero(clear)[np.argsort(table.step[clear], kind="stable")]
+    return TruePaths(*(getattr(table, f.name)[order] for f in fields(table)))
+
+
+def _plausible(
+    here: Array, anchor: Array, lines: Array, pieces: NDArray[np.intp], bounces: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Cheap necessary condition: the segment from the agent to the image crosses the last line."""
+    if len(pieces) < 64:
+        return np.ones(len(pieces), dtype=bool)
+    image_first = np.where((bounces == 2)[:, None], mirror(lines, anchor)[pieces[:, 0]], anchor)
+    image = mirror(lines[pieces[:, 1]], image_first)
+    fraction = crossing(here, image, lines[pieces[:, 1]])
+    return (bounces == 0) | ((fraction > 0) & (fraction < 1))
+
+
+def ground_truth(scene: Scene, agent: str, track: Trajectory | None = None) -> Truth:
+    """Track (default: the scene's), visible paths and walls of an agent, for scoring."""
+    track = scene.track(agent) if track is None else track
+    return Truth(track, true_paths(scene, agent, track), scene.segments())
+
+
+def simulate(scene: Scene, agent: str, seed: int = 0) -> Measurements:
+    """Measurements of an agent on its track: detected paths with noise, and clutter (model.md, section 1).
+
+    Examples
+    --------
+    >>> import gridslam as gs
+    >>> heard = gs.simulate(gs.Scene.load("room"), "agent1", seed=1)
+    >>> heard.anchors
+    ('A', 'B')
+    """
+    return simulate_labelled(scene, agent, seed)[0]
+
+
+def simulate_labelled(scene: Scene, agent: str, seed: int = 0) -> tuple[Measurements, NDArray[np.intp]]:
+    """As `simulate`, with the row in `true_paths` that caused each measurement, or -1 for clutter (K,)."""
+    return heard_along(scene, agent, scene.track(agent), true_paths(scene, agent), seed)
+
+
+def heard_along(
+    scene: Scene, agent: str, track: Trajectory, paths: TruePaths, seed: int = 0
+) -> tuple[Measurements, NDArray[np.intp]]:
+    """As `simulate_labelled`, of any track and of paths that were traced (or made up) before."""
+    columns, label = _received(paths, scene, agent, seed, len(track))
+    measurements = Measurements(
+        anchors=scene.anchor_names,
+        anchor_position_m=scene.anchor_positions,
+        anchor_orientation_rad=scene.anchor_orientations,
+        interval_s=scene.agent(agent).interval_s,
+        steps=len(track),
+        time_s=track.time_s[columns["step"]],
+        truth=track,
+        **columns,
+    )
+    return measurements, label
+
+
+def receive(clean: Measurements, scene: Scene, agent: str, seed: int = 0) -> Measurements:
+    """What the scene's radio would make of exact paths, from a ray tracer for example.
+
+    Noise, missed paths and clutter as in `simulate`; every path needs all four quantities.
+
+    Raises
+    ------
+    InputError
+        The anchors aren't the scene's, there is no such agent, or a quantity is missing.
+    """
+    if clean.anchors != scene.anchor_names:
+        raise InputError("measurements: anchors", str(clean.anchors), str(scene.anchor_names))
+    for name in VALUES:
+        if np.isnan(getattr(clean, name)).any():
+            raise InputError(f"measurements: {name}", "paths without it", "a value for every path")
+    columns, _ = _received(clean, scene, agent, seed, len(clean))
+    times = np.array([clean.scan(step).time_s for step in range(len(clean))])
+    changes: dict[str, Any] = {"time_s": times[columns["step"]], **dict.fromkeys(DEVIATIONS), **columns}
+    return replace(clean, **changes)
+
+
+def _received(
+    paths: TruePaths | Measurements, scene: Scene, agent: str, seed: int, steps: int
+) -> tuple[dict[str, Any], NDArray[np.intp]]:
+    """Columns of the detected paths with noise and of clutter, and the row of `paths` of each, or -1."""
+    signal = scene.signal_model(agent)
+    names = [a.name for a in scene.agents]
+    draw = np.random.default_rng([seed, names.index(agent), 0x51])
+    scale = signal.amplitude_std(paths.amplitude)
+    noise = draw.standard_normal((len(paths.step), 5))
+    amplitude = np.hypot(paths.amplitude + scale * noise[:, 0], scale * noise[:, 1])
+    # a path is missed with probability 1 - p_d(u)
+    given = signal.given_detection
+    heard = np.flatnonzero(amplitude > signal.threshold if given is None else ndtr(noise[:, 0]) < given)
+    clean = paths.amplitude[heard]
+    aod_std = signal.angle_std(clean, paths.aod_rad[heard], signal.anchor_aperture[paths.anchor[heard]])
+    aoa_std = signal.angle_std(clean, paths.aoa_rad[heard], signal.agent_aperture)
+    table = {
+        "step": paths.step[heard],
+        "anchor": paths.anchor[heard],
+        "distance_m": np.abs(paths.distance_m[heard] + signal.distance_std(clean) * noise[heard, 2]),
+        "aod_rad": wrap(paths.aod_rad[heard] + np.nan_to_num(aod_std, posinf=0) * noise[heard, 3]),
+        "aoa_rad": wrap(paths.aoa_rad[heard] + np.nan_to_num(aoa_std, posinf=0) * noise[heard, 4]),
+        "amplitude": amplitude[heard],
+    }
+    counts = draw.poisson(signal.false_alarms, (steps, len(scene.anchors)))
+    total = int(counts.sum())
+    cell = np.repeat(np.arange(counts.size), counts.ravel())
+    false = {
+        "step": cell // len(scene.anchors),
+        "anchor": cell % len(scene.anchors),
+        "distance_m": draw.uniform(0, signal.max_distance_m, total),
+        "aod_rad": draw.uniform(-np.pi, np.pi, total),
+        "aoa_rad": draw.uniform(-np.pi, np.pi, total),
+        # Rayleigh with scale^2 = 1/2 above the threshold, by inversion
+        "amplitude": np.sqrt(signal.threshold**2 + draw.exponential(1.0, total)),
+    }
+    label = np.concatenate([heard, np.full(total, -1)])
+    columns = {name: np.concatenate([table[name], false[name]]) for name in table}
+    for angle, std in (("aod_rad", aod_std), ("aoa_rad", aoa_std)):  # a lone antenna measures no angle
+        columns[angle][: len(heard)][~np.isfinite(std)] = np.nan
+    for quantity, name in (("aod", "aod_rad"), ("aoa", "aoa_rad"), ("amplitude", "amplitude")):
+        if quantity not in signal.measures:
+            columns[name] = np.full(len(label), np.nan)
+    order = np.lexsort((columns["distance_m"], columns["anchor"], columns["step"]))
+    return {name: column[order] for name, column in columns.items()}, label[order]

@@ -1,0 +1,1 @@
+"""Monte Carlo studies: many runs, their tables and figures."""

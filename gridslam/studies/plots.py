@@ -1,0 +1,229 @@
+"""Figures of a study, after paper 002, Figs. 4 to 6: all methods and settings side by side."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from gridslam.evaluation.consistency import nees_band
+from gridslam.studies.tables import Batch
+
+Array = NDArray[np.float64]
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+STYLES = ("-", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)))
+BOUND_COLOR, KNOWN_COLOR = "#303030", "#8a8a8a"
+MOST_SURFACES = 12
+"""Panels in the figure of single surfaces; those that are there longest come first."""
+LEAST_M, LEAST_DEG = 1e-4, 1e-3
+"""Errors below these are drawn as these."""
+
+
+def draw_study(directory: Path, found: Sequence[Batch]) -> list[Path]:
+    """Draw the figures of every scene and agent into ``figures/`` and return their paths."""
+    folder = directory / "figures"
+    folder.mkdir(exist_ok=True)
+    groups: dict[tuple[str, str], list[Batch]] = {}
+    for batch in found:
+        groups.setdefault((batch.variant.name, batch.agent), []).append(batch)
+    written = []
+    for (scene, agent), own in groups.items():
+        for title, draw in (
+            ("errors", draw_errors),
+            ("cdf", draw_cdf),
+            ("map", draw_mospa),
+            ("surfaces", draw_surfaces),
+            ("rays", draw_rays),
+            ("consistency", draw_consistency),
+        ):
+            figure = draw(own)
+            if figure is not None:
+                name = re.sub(r"[^\w.-]+", "_", f"{scene}-{agent}-{title}")
+                written.append(folder / f"{name}.png")
+                figure.savefig(written[-1])
+    return written
+
+
+def draw_errors(own: Sequence[Batch]) -> Figure:
+    """Position and heading RMSE over time, 80 % of the runs, and the bounds (paper 002, Figs. 6b and 6c)."""
+    figure = _figure(8, 6.5)
+    position, heading = figure.subplots(2, 1, sharex=True)
+    for number, batch in enumerate(own):
+        color, style = _look(number)
+        for axes, name, scale, least in (
+            (position, "position_error_m", 1.0, LEAST_M),
+            (heading, "heading_error_rad", np.degrees(1.0), LEAST_DEG),
+        ):
+            low, high = np.maximum(scale * batch.quantiles(name), least)
+            axes.fill_between(np.arange(len(low)), low, high, color=color, alpha=0.18, lw=0)
+            axes.plot(scale * batch.rmse(name), color=color, ls=style, lw=1.3, label=_label(batch, own))
+    for axes, name, scale in ((position, "position_m", 1.0), (heading, "heading_rad", np.degrees(1.0))):
+        known = [scale * getattr(batch.benchmark.known, name) for batch in own]
+        unknown = [scale * getattr(batch.benchmark.unknown, name) for batch in own]
+        _bound(axes, known, "known-map bound", ":")
+        _bound(axes, unknown, "bound", "--")
+        axes.set_yscale("log")
+        axes.grid(alpha=0.3)
+    position.set_ylabel("position RMSE (m)")
+    heading.set(ylabel="heading RMSE (deg)", xlabel="step")
+    _legend(figure, position)
+    return figure
+
+
+def draw_cdf(own: Sequence[Batch]) -> Figure:
+    """Share of all steps of all runs with an error below a value."""
+    figure = _figure(8, 3.8)
+    axes = figure.subplots(1, 2, sharey=True)
+    for number, batch in enumerate(own):
+        color, style = _look(number)
+        for panel, name, scale, least in (
+            (axes[0], "position_error_m", 1.0, LEAST_M),
+            (axes[1], "heading_error_rad", np.degrees(1.0), LEAST_DEG),
+        ):
+            error = np.sort(np.maximum(scale * np.abs(batch.steps[name]).ravel(), least))
+            share = np.arange(1, len(error) + 1) / len(error)
+            panel.step(error, share, where="post", color=color, ls=style, lw=1.3, label=_label(batch, own))
+    for panel, what in zip(axes, ("position error (m)", "heading error (deg)"), strict=True):
+        panel.set(xscale="log", xlabel=what, ylim=(0, 1.01))
+        panel.grid(alpha=0.3)
+    axes[0].set_ylabel("share of steps")
+    _legend(figure, axes[0])
+    return figure
+
+
+def draw_mospa(own: Sequence[Batch]) -> Figure:
+    """MOSPA of surfaces and virtual anchors, and how many surfaces there are (paper 002, Figs. 6a, 4b)."""
+    figure = _figure(8, 8.5)
+    distance, image, count = figure.subplots(3, 1, sharex=True)
+    for number, batch in enumerate(own):
+        color, style = _look(number)
+        for axes, name in ((distance, "surface_ospa_m"), (image, "image_ospa_m")):
+            low, high = np.maximum(batch.quantiles(name), LEAST_M)
+            axes.fill_between(np.arange(len(low)), low, high, color=color, alpha=0.18, lw=0)
+            axes.plot(batch.mean(name), color=color, ls=style, lw=1.3, label=_label(batch, own))
+        count.plot(batch.mean("surfaces"), color=color, ls=style, lw=1.3)
+    _bound(distance, [batch.benchmark.mospa_m for batch in own], "mapping error bound", "--")
+    _bound(count, [batch.benchmark.surfaces for batch in own], "true", "--")
+    distance.set(yscale="log", ylabel="MOSPA of the surfaces (m)")
+    image.set(yscale="log", ylabel="MOSPA of the virtual anchors (m)")
+    count.set(xlabel="step", ylabel="surfaces found (dashed: true)")
+    for axes in (distance, image, count):
+        axes.grid(alpha=0.3)
+    _legend(figure, distance)
+    return figure
+
+
+def draw_surfaces(own: Sequence[Batch]) -> Figure | None:
+    """RMSE of each surface with its bound, and the share of runs that have it (paper 002, Fig. 5)."""
+    mark = own[0].benchmark
+    chosen = np.sort(np.argsort(mark.surface_since, kind="stable")[:MOST_SURFACES])
+    if not len(chosen):
+        return None
+    columns = min(3, len(chosen))
+    rows = -(-len(chosen) // columns)
+    figure = _figure(4 * columns, 2.6 * rows + 0.6)
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    for panel in panels.flat[len(chosen) :]:
+        panel.set_visible(False)
+    for panel, column in zip(panels.flat, chosen, strict=False):
+        share = panel.twinx()
+        share.set(ylim=(0, 1.02))
+        share.tick_params(labelsize=7)
+        for number, batch in enumerate(own):
+            color, style = _look(number)
+            error = batch.steps["surface_error_m"][:, column]
+            panel.plot(
+                batch.rmse("surface_error_m")[column], color=color, ls=style, lw=1.2, label=_label(batch, own)
+            )
+            share.plot(np.isfinite(error).mean(0), color=color, ls=style, lw=0.6, alpha=0.6)
+        _bound(
+            panel,
+            [batch.benchmark.unknown.surface_m[:, column] for batch in own],
+            "mapping error bound",
+            "--",
+        )
+        panel.set(yscale="log", title=f"surface {mark.unknown.surface[column] + 1}")
+        panel.set_ylim(1e-3, 10)
+        panel.grid(alpha=0.3)
+    figure.supxlabel("step", fontsize=10)
+    figure.supylabel("RMSE (m); thin, right: share of runs that have it", fontsize=10)
+    _legend(figure, panels[0, 0])
+    return figure
+
+
+def draw_rays(own: Sequence[Batch]) -> Figure:
+    """Paths of each anchor: detected, sum of their beliefs, and true ones (paper 002, Fig. 4a)."""
+    anchors = own[0].benchmark.anchors
+    figure = _figure(8, 2.4 * len(anchors) + 0.8)
+    panels = figure.subplots(len(anchors), 1, sharex=True, squeeze=False)[:, 0]
+    for anchor, (panel, name) in enumerate(zip(panels, anchors, strict=True)):
+        for number, batch in enumerate(own):
+            color, style = _look(number)
+            panel.plot(batch.mean("rays")[anchor], color=color, ls=style, lw=1.3, label=_label(batch, own))
+            panel.plot(batch.mean("ray_belief")[anchor], color=color, ls=":", lw=1.0)
+        _bound(
+            panel, [batch.benchmark.likely_rays[anchor] for batch in own], "likelier heard than missed", ":"
+        )
+        _bound(panel, [batch.benchmark.rays[anchor] for batch in own], "true", "--")
+        panel.set_ylabel(f"paths of {name}")
+        panel.grid(alpha=0.3)
+    panels[-1].set_xlabel("step (dotted: sum of the paths' beliefs)")
+    _legend(figure, panels[0])
+    return figure
+
+
+def draw_consistency(own: Sequence[Batch]) -> Figure:
+    """Mean NEES of position and heading over time in the 95 % band of consistent filters."""
+    figure = _figure(8, 6)
+    panels = figure.subplots(2, 1, sharex=True)
+    for panel, name, degrees in zip(panels, ("position", "heading"), (2, 1), strict=True):
+        for number, batch in enumerate(own):
+            color, style = _look(number)
+            panel.plot(batch.mean(f"{name}_nees"), color=color, ls=style, lw=1.1, label=_label(batch, own))
+        for runs in sorted({batch.runs for batch in own}):
+            panel.axhspan(*nees_band(runs, degrees), color="k", alpha=0.1, lw=0)
+        panel.axhline(degrees, color="k", lw=0.8)
+        panel.set(yscale="log", ylabel=f"mean NEES of {name}")
+        panel.grid(alpha=0.3)
+    panels[-1].set_xlabel("step (grey: 95 % band)")
+    _legend(figure, panels[0])
+    return figure
+
+
+def _bound(axes: Axes, values: Sequence[NDArray[Any]], label: str, style: str) -> None:
+    """Draw a bound once if it is that of all batches, else each in its batch's colour."""
+    if all(np.array_equal(values[0], other) for other in values):
+        color = KNOWN_COLOR if style == ":" else BOUND_COLOR
+        axes.plot(values[0], color=color, ls=style, lw=1.2, label=label)
+        return
+    for number, one in enumerate(values):
+        axes.plot(one, color=_look(number)[0], ls=style, lw=1.0, label=label if number == 0 else None)
+
+
+def _label(batch: Batch, own: Sequence[Batch]) -> str:
+    settings = "".join(f", {key.rpartition('.')[2]}={value}" for key, value in batch.variant.settings)
+    lost = f", {batch.diverged} diverged" if batch.diverged else ""
+    return f"{batch.method}{settings} ({batch.runs} runs{lost})"
+
+
+def _look(number: int) -> tuple[str, str | tuple]:
+    return COLORS[number % len(COLORS)], STYLES[number // len(COLORS) % len(STYLES)]
+
+
+def _figure(width: float, height: float) -> Figure:
+    figure = Figure(figsize=(width, height), layout="constrained", dpi=150)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _legend(figure: Figure, axes: Axes) -> None:
+    figure.legend(
+        *axes.get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=8, frameon=False
+    )

@@ -1,0 +1,331 @@
+"""Tables of a study: one row per run, one per step, and one per method with what the runs amount to."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.errors import InputError
+from gridslam.evaluation.bounds import Bound, MapBound, known_map_bound, unknown_map_bound
+from gridslam.evaluation.consistency import Steps, nees_band, true_rays
+from gridslam.evaluation.metrics import OSPA_CUTOFF_M
+from gridslam.evaluation.surface_truth import HeardSurfaces
+from gridslam.io.files import write_bytes
+from gridslam.simulation.image_source import Truth, ground_truth
+from gridslam.studies.study import Outcome, Variant
+from gridslam.world.scene import Scene
+
+Array = NDArray[np.float64]
+QUANTILES = (0.1, 0.9)
+"""Ends of the 80 % sample-quantile interval of paper 002."""
+SETTLED = 50
+"""Step after which the issue's, and the paper's, steady numbers are taken; halfway if a track is short."""
+
+
+@dataclass(frozen=True, eq=False)
+class Benchmark:
+    """What a variant of a scene holds for an agent: the truth and the bounds.
+
+    Attributes
+    ----------
+    known : Bound
+        Of an agent that knows the walls.
+    unknown : MapBound
+        Of one that finds them, or starts from what the agents before it could know.
+    rays, likely_rays : (J, N) int
+        Visible paths of each anchor, and those that are likelier detected than missed.
+    surface_since : (S,) int
+        First step at which each surface of `unknown` is there to be found.
+    curve : (S,) int
+        Curved wall of which it is a facet; -1 for a straight one.
+    anchors : tuple of str
+        Their J names.
+    """
+
+    known: Bound
+    unknown: MapBound
+    rays: NDArray[np.intp]
+    likely_rays: NDArray[np.intp]
+    surface_since: NDArray[np.intp]
+    curve: NDArray[np.intp]
+    anchors: tuple[str, ...]
+
+    @property
+    def surfaces(self) -> NDArray[np.intp]:
+        """How many surfaces are there to be found at each step, a curved wall being one, (N,)."""
+        return np.isfinite(self._best).sum(1)
+
+    @property
+    def mospa_m(self) -> Array:
+        """Bound on the MOSPA, (N,) m: the mapping error bounds averaged over the surfaces there.
+
+        As in paper 002, Fig. 6a. It is a root mean square and the MOSPA a mean, so that for Gaussian errors
+        the latter may lie up to a fifth below; unknowable surfaces count as the cutoff, 5 m. A curved wall
+        counts once, by its best facet.
+        """
+        best, there = self._best, np.isfinite(self._best)
+        return np.asarray(np.where(there, best, 0.0).sum(1) / np.maximum(there.sum(1), 1))
+
+    @property
+    def _best(self) -> Array:
+        """Bound of each straight surface and each curved wall's best facet, (N, .); inf before it's there."""
+        steps, number = np.arange(self.rays.shape[1]), np.arange(len(self.curve))
+        there = self.surface_since <= steps[:, None]
+        capped = np.where(there, np.minimum(self.unknown.surface_m, OSPA_CUTOFF_M), np.inf)
+        group = np.where(self.curve < 0, number, len(number) + self.curve)
+        first = np.unique(group, return_index=True)[1]
+        return np.stack([capped[:, group == group[n]].min(1) for n in first], -1) if len(first) else capped
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """All runs of one method on one variant of a scene, for one agent.
+
+    Attributes
+    ----------
+    variant : Variant
+    method, agent : str
+    records : list of dict
+        R runs.
+    steps : dict of (R, ..., N) float64
+        The fields of `gridslam.evaluation.consistency.Steps`, run by run.
+    benchmark : Benchmark
+    """
+
+    variant: Variant
+    method: str
+    agent: str
+    records: list[dict[str, Any]]
+    steps: dict[str, Array]
+    benchmark: Benchmark
+
+    @property
+    def runs(self) -> int:
+        """R."""
+        return len(self.records)
+
+    @property
+    def diverged(self) -> int:
+        """How many runs were more than 0.5 m off at some step after step 10."""
+        return sum(bool(record["agents"][self.agent]["scores"]["diverged"]) for record in self.records)
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """95 % band of the mean position NEES of consistent runs."""
+        return nees_band(self.runs, 2)
+
+    def rmse(self, name: str) -> Array:
+        """Root mean square over the runs of a field of `steps`, (..., N); NaN where no run has one."""
+        values = self.steps[name]
+        count = np.isfinite(values).sum(0)
+        square = np.where(np.isfinite(values), values, 0.0) ** 2
+        return np.asarray(
+            np.sqrt(np.divide(square.sum(0), count, out=np.full(count.shape, np.nan), where=count > 0))
+        )
+
+    def quantiles(self, name: str) -> Array:
+        """10 % and 90 % quantiles over the runs of a field's absolute values, (2, ..., N)."""
+        return np.asarray(np.quantile(np.abs(self.steps[name]), QUANTILES, axis=0))
+
+    def mean(self, name: str) -> Array:
+        """Mean over the runs of a field of `steps`, (..., N)."""
+        return np.asarray(self.steps[name].mean(0))
+
+
+def batches(outcome: Outcome) -> list[Batch]:
+    """Sort the finished runs of a study by variant, agent and method; those without a run are left out.
+
+    Raises
+    ------
+    InputError
+        A run's record is damaged.
+    """
+    sorted_: dict[tuple[Variant, str, str], list[dict[str, Any]]] = {}
+    agents: dict[Variant, tuple[str, ...]] = {}
+    for job, record in zip(outcome.study.jobs(), outcome.records, strict=True):
+        if record is not None:
+            agents[job.variant] = job.agents
+            for agent in job.agents:
+                sorted_.setdefault((job.variant, agent, job.method), []).append(record)
+    marks: dict[Variant, dict[str, Benchmark]] = {}
+    found = []
+    for (variant, agent, method), records in sorted_.items():
+        if variant not in marks:
+            marks[variant] = _benchmarks(variant, agents[variant])
+        runs = [_arrays(record, agent, marks[variant][agent]) for record in records]
+        steps = {name: np.stack([run[name] for run in runs]) for name in runs[0]}
+        found.append(Batch(variant, method, agent, records, steps, marks[variant][agent]))
+    return found
+
+
+def _arrays(record: Mapping[str, Any], agent: str, mark: Benchmark) -> dict[str, Array]:
+    """Fields of a run's steps, (..., N); each is checked, since a file may have been changed."""
+    anchors, size = mark.rays.shape
+    rows = {"rays": anchors, "ray_belief": anchors, "surface_error_m": len(mark.surface_since)}
+    try:
+        own = record["agents"][agent]
+        _, _, _ = own["scores"]["diverged"], own["scores"]["map"].items(), own["cost"]["seconds_per_step"] + 0
+        return {
+            f.name: np.array(own["steps"][f.name], float).reshape(
+                (rows[f.name], size) if f.name in rows else size
+            )
+            for f in fields(Steps)
+        }
+    except (KeyError, TypeError, ValueError, AttributeError):
+        who = f"seed {record['key'].get('seed')} of {agent}"
+        raise InputError("study: results", f"a damaged run ({who})", "what the study wrote") from None
+
+
+def _benchmarks(variant: Variant, agents: Sequence[str]) -> dict[str, Benchmark]:
+    scene = Scene.from_toml(variant.scene, variant.name)
+    found: dict[str, Benchmark] = {}
+    earlier: list[Truth] = []
+    before: MapBound | None = None
+    for name in agents:
+        truth = ground_truth(scene, name)
+        known = known_map_bound(scene, name, truth.paths)
+        before = unknown_map_bound(scene, name, truth.paths, before=before)
+        heard = HeardSurfaces.of(truth, earlier)
+        rays, likely = true_rays(scene, name, truth), true_rays(scene, name, truth, 0.5)
+        found[name] = Benchmark(
+            known, before, rays, likely, heard.first, heard.curve, tuple(scene.anchor_names)
+        )
+        earlier.append(truth)
+    return found
+
+
+def run_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
+    """One row per run and agent: what was run, its scores as in run.json, what it cost."""
+    rows = []
+    for batch in found:
+        for record in batch.records:
+            own = record["agents"][batch.agent]
+            scores = {key: value for key, value in own["scores"].items() if key != "map"}
+            cells = {f"map_{key}": value for key, value in own["scores"]["map"].items()}
+            who = _who(batch) | {"seed": record["key"]["seed"]}
+            rows.append(who | scores | cells | own["cost"])
+    return rows
+
+
+def step_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
+    """One row per step and method: errors over the runs, the bounds, detected against true."""
+    rows = []
+    for batch in found:
+        mark, (low, high) = batch.benchmark, batch.band
+        position, heading = (
+            batch.quantiles("position_error_m"),
+            np.degrees(batch.quantiles("heading_error_rad")),
+        )
+        columns = {
+            "position_rmse_m": batch.rmse("position_error_m"),
+            "position_p10_m": position[0],
+            "position_p90_m": position[1],
+            "position_bound_m": mark.unknown.position_m,
+            "position_known_map_bound_m": mark.known.position_m,
+            "heading_rmse_deg": np.degrees(batch.rmse("heading_error_rad")),
+            "heading_p10_deg": heading[0],
+            "heading_p90_deg": heading[1],
+            "heading_bound_deg": np.degrees(mark.unknown.heading_rad),
+            "heading_known_map_bound_deg": np.degrees(mark.known.heading_rad),
+            "position_nees": batch.mean("position_nees"),
+            "position_nees_low": np.full(mark.rays.shape[1], low),
+            "position_nees_high": np.full(mark.rays.shape[1], high),
+            "heading_nees": batch.mean("heading_nees"),
+            "mospa_m": batch.mean("surface_ospa_m"),
+            "mospa_bound_m": mark.mospa_m,
+            "image_mospa_m": batch.mean("image_ospa_m"),
+            "surfaces": batch.mean("surfaces"),
+            "surfaces_true": mark.surfaces,
+            "rays": batch.mean("rays").sum(0),
+            "ray_belief": batch.mean("ray_belief").sum(0),
+            "rays_true": mark.rays.sum(0),
+            "rays_likely": mark.likely_rays.sum(0),
+        }
+        size = min(len(column) for column in columns.values())
+        for step in range(size):
+            own = {name: column[step].item() for name, column in columns.items()}
+            rows.append(_who(batch) | {"step": step, "runs": batch.runs} | own)
+    return rows
+
+
+def summary_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
+    """One row per method: the errors and their ratio to the bounds once settled (after step 50).
+
+    ``nees_in_band``: share of all steps whose mean position NEES lies in the 95 % band;
+    ``surface_ospa_m``: mean at the end; ``image_ospa_m``: that of the virtual anchors, mean once settled;
+    ``ray_excess``: detected minus visible paths per anchor and step; ``likely_ray_excess``: minus those that
+    are likelier detected than missed.
+    """
+    rows = []
+    for batch in found:
+        mark, (low, high) = batch.benchmark, batch.band
+        size = batch.steps["position_error_m"].shape[1]
+        late = slice(min(SETTLED, size // 2), size)
+        position, heading = batch.rmse("position_error_m")[late], batch.rmse("heading_error_rad")[late]
+        nees = batch.mean("position_nees")
+        rows.append(
+            _who(batch)
+            | {
+                "runs": batch.runs,
+                "diverged": batch.diverged,
+                "position_rmse_m": _level(position),
+                "position_to_known_map_bound": _level(position) / _level(mark.known.position_m[late]),
+                "position_to_bound": _level(position) / _level(mark.unknown.position_m[late]),
+                "heading_rmse_deg": float(np.degrees(_level(heading))),
+                "heading_to_known_map_bound": _level(heading) / _level(mark.known.heading_rad[late]),
+                "heading_to_bound": _level(heading) / _level(mark.unknown.heading_rad[late]),
+                "nees_in_band": float(((low <= nees) & (nees <= high)).mean()),
+                "surface_ospa_m": float(batch.mean("surface_ospa_m")[-1]),
+                "image_ospa_m": float(batch.mean("image_ospa_m")[late].mean()),
+                "ray_excess": float((batch.mean("rays") - mark.rays[:, :size])[:, late].mean()),
+                "likely_ray_excess": float((batch.mean("rays") - mark.likely_rays[:, :size])[:, late].mean()),
+                "seconds_per_step": float(
+                    np.mean([r["agents"][batch.agent]["cost"]["seconds_per_step"] for r in batch.records])
+                ),
+            }
+        )
+    return rows
+
+
+def write_tables(directory: Path, found: Sequence[Batch]) -> list[Path]:
+    """Write ``runs.csv``, ``steps.csv`` and ``summary.csv``; an empty cell is a number that there isn't.
+
+    Raises
+    ------
+    InputError
+        They can't be written.
+    """
+    written = []
+    for name, rows in (
+        ("runs", run_rows(found)),
+        ("steps", step_rows(found)),
+        ("summary", summary_rows(found)),
+    ):
+        columns = list(dict.fromkeys(column for row in rows for column in row))
+        text = io.StringIO()
+        table = csv.DictWriter(text, columns, lineterminator="\n")
+        table.writeheader()
+        table.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
+        written.append(directory / f"{name}.csv")
+        write_bytes(written[-1], text.getvalue().encode())
+    return written
+
+
+def _who(batch: Batch) -> dict[str, Any]:
+    settings: Mapping[str, Any] = dict(batch.variant.settings)
+    return {"scene": batch.variant.name, **settings, "method": batch.method, "agent": batch.agent}
+
+
+def _level(values: Array) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+def _cell(value: Any) -> Any:
+    return "" if value is None or (isinstance(value, float) and np.isnan(value)) else value

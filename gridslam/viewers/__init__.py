@@ -1,0 +1,1 @@
+"""Figures, moving pictures, reports and the three-dimensional viewer."""

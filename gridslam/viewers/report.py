@@ -1,0 +1,222 @@
+"""One page about a run that opens anywhere, offline: scores, figures, surfaces, settings."""
+
+from __future__ import annotations
+
+import base64
+import os
+from collections.abc import Callable, Iterable, Mapping
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gridslam.io.files import write_bytes
+from gridslam.runs.run_files import AgentFiles, RunFiles, read_run
+from gridslam.viewers.animation import animate, film_ending
+from gridslam.viewers.plots import draw_all
+
+STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem;
+       color: #1b1b1b; background: #fff; text-size-adjust: 100%; -webkit-text-size-adjust: 100% }
+h1 { font-size: 1.5rem } h2 { font-size: 1.15rem; margin-top: 2.2rem; border-bottom: 1px solid #ccc }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .6rem 0 }
+th, td { padding: .2rem .8rem .2rem 0; text-align: right; border-bottom: 1px solid #eee }
+th:first-child, td:first-child { text-align: left } th:last-child, td:last-child { padding-right: 0 }
+figure { margin: 1rem 0 } figcaption { color: #555; font-size: .9rem }
+img, video { max-width: 100%; height: auto }
+details { margin: .6rem 0 } .wide { overflow-x: auto } details td { white-space: nowrap }
+@media (max-width: 40rem) { body { margin: 1rem auto } table { font-size: .8rem } }
+"""
+SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
+    "steps": ("steps", "{:.0f}".format),
+    "position_rmse_m": ("position, RMSE", lambda v: f"{100 * v:.1f} cm"),
+    "position_p95_m": ("position, 95 %", lambda v: f"{100 * v:.1f} cm"),
+    "final_position_error_m": ("position, at the end", lambda v: f"{100 * v:.1f} cm"),
+    "heading_rmse_deg": ("heading, RMSE", "{:.2f} deg".format),
+    "surfaces_detected": ("surfaces found", "{:.0f}".format),
+    "surfaces_true": ("surfaces there are", "{:.0f}".format),
+    "surface_ospa_m": ("surfaces, OSPA", lambda v: f"{100 * v:.1f} cm"),
+    "reflection_mae": ("reflection coefficient, mean error", "{:.3f}".format),
+    "occupied_precision": ("cells called occupied that are", "{:.1%}".format),
+    "occupied_recall": ("cells hit that were found", "{:.1%}".format),
+    "free_precision": ("cells called free that are", "{:.1%}".format),
+    "free_recall": ("cells crossed that are called free", "{:.1%}".format),
+    "seconds_per_step": ("time per step", lambda v: f"{1000 * v:.0f} ms"),
+    "peak_memory_mb": ("memory", "{:.0f} MB".format),
+}
+MIME = {".png": "image/png", ".gif": "image/gif", ".mp4": "video/mp4"}
+CAPTIONS = {
+    "map": "Map: cells, track and surfaces found.",
+    "reflection": "Reflection coefficients of the occupied cells.",
+    "rays": "Paths of one step.",
+    "errors": "Errors over time.",
+}
+
+
+def write_report(
+    directory: str | os.PathLike[str],
+    moving: bool = True,
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Write ``report.html`` into a run's folder and return its path.
+
+    Parameters
+    ----------
+    directory : path
+        A run's folder; if it has no figures, they are drawn.
+    moving : bool
+        With a moving picture of each agent, also written as ``figures/NAME-run.mp4`` (or ``.gif``).
+    progress : callable, optional
+        Called after every frame of the moving pictures with (done, in all).
+
+    Raises
+    ------
+    InputError
+        Not a run's folder, or it can't be written to.
+    """
+    folder = Path(directory)
+    run = read_run(folder)
+    figures = sorted((folder / "figures").glob("*.png")) or draw_all(folder)
+    parts = [_head(run), _scores(run.summary.get("agents", {}))]
+    for place, (name, found) in enumerate(run.agents.items()):
+        parts.append(f"<h2>{escape(name)}</h2>")
+        if moving:
+            film = folder / "figures" / f"{name}-run{film_ending()}"
+            parts.append(_film(run, name, found, film, _share(progress, place, len(run.agents))))
+        own = {p.stem.removeprefix(f"{name}-"): p for p in figures if p.stem.startswith(f"{name}-")}
+        titles = [title for title in CAPTIONS if title in own] + [t for t in own if t not in CAPTIONS]
+        parts += [_figure(own[title], title) for title in titles]
+        parts.append(_surfaces(found))
+    names = tuple(f"{name}-" for name in run.agents)
+    parts += [_figure(path, path.stem) for path in figures if not path.stem.startswith(names)]
+    parts.append(_settings(run))
+    target = folder / "report.html"
+    write_bytes(target, _page(f"gridslam: {run.scene.name}", "\n".join(parts)).encode("utf-8"))
+    return target
+
+
+def _share(
+    progress: Callable[[int, int], None] | None, place: int, count: int
+) -> Callable[[int, int], None] | None:
+    return None if progress is None else lambda done, total: progress(place * total + done, count * total)
+
+
+def _page(title: str, body: str) -> str:
+    # nothing outside the page is loaded, and nothing in it can run, whatever a name in a file says
+    rule = "default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'"
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{rule}">\n'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(title)}</title>\n<style>{STYLE}</style></head>\n<body>\n{body}\n</body></html>\n"
+    )
+
+
+def _head(run: RunFiles) -> str:
+    scene, told = run.scene, run.summary
+    facts = [
+        f"anchors {', '.join(scene.anchor_names)}",
+        "true walls known" if scene.walls else "walls not known",
+        f"method {told.get('method', '?')}",
+        f"seed {told.get('seed', '?')}",
+        f"device {told.get('device', '?')}",
+    ]
+    about = f"<p>{escape(scene.description)}</p>" if scene.description else ""
+    return f"<h1>{escape(scene.name)}</h1>{about}\n<p>{escape(', '.join(facts))}</p>"
+
+
+def _scores(agents: Mapping[str, Any]) -> str:
+    """One column per agent; a score that nobody has is left out."""
+    flat = {name: {**scores, **(scores.get("map") or {})} for name, scores in agents.items()}
+    rows = []
+    for key, (label, form) in SCORES.items():
+        values = [scores.get(key) for scores in flat.values()]
+        if any(value is not None for value in values):
+            rows.append([label, *("-" if value is None else form(value) for value in values)])
+    lost = [name for name, scores in flat.items() if scores.get("diverged")]
+    note = f"<p><strong>Diverged: {escape(', '.join(lost))}</strong></p>" if lost else ""
+    return _table(["", *flat], rows) + note
+
+
+def _film(
+    run: RunFiles, name: str, found: AgentFiles, path: Path, progress: Callable[[int, int], None] | None
+) -> str:
+    width, height = animate(run.scene, found, path, progress=progress)
+    what = f"{name}: blue the track and where the agent may be, orange surfaces found, thin lines the paths"
+    if path.suffix == ".gif":
+        return _figure(path, what)
+    text = escape(what, quote=True)
+    size = f'width="{width}" height="{height}"'  # known before it is loaded: nothing jumps
+    tag = f'<video controls loop muted autoplay playsinline {size} aria-label="{text}" src="{_data(path)}">'
+    return f"<figure>{tag}</video><figcaption>{text}</figcaption></figure>"
+
+
+def _figure(path: Path, title: str) -> str:
+    text = escape(CAPTIONS.get(title, title), quote=True)
+    return f'<figure><img alt="{text}" src="{_data(path)}"><figcaption>{text}</figcaption></figure>'
+
+
+def _data(path: Path) -> str:
+    code = base64.b64encode(path.read_bytes()).decode("ascii")
+    return f"data:{MIME[path.suffix]};base64,{code}"
+
+
+def _surfaces(found: AgentFiles) -> str:
+    last = found.estimates[-1]
+    table = last.surfaces.take(last.detected)
+    if not len(table):
+        return "<p>No surface was found.</p>"
+    rows = []
+    for number, (ends, reach) in enumerate(zip(table.ends_m, table.extent_m, strict=True)):
+        seen = bool(np.isfinite(ends).all())
+        (ax, ay), (bx, by) = ends
+        rows.append(
+            [
+                str(int(table.identity[number])),
+                f"{ax:.2f}, {ay:.2f}" if seen else "never hit",
+                f"{bx:.2f}, {by:.2f}" if seen else "-",
+                f"{np.ptp(reach):.2f} m" if seen else "-",
+                f"{table.reflection[number]:.2f} ± {np.sqrt(max(table.reflection_var[number], 0)):.2f}",
+                f"{table.existence[number]:.3f}",
+            ]
+        )
+    titles = ["surface", "from (m)", "to (m)", "length", "reflection", "existence"]
+    return f"<details open><summary>{len(rows)} surfaces</summary>{_table(titles, rows)}</details>"
+
+
+def _settings(run: RunFiles) -> str:
+    whole = run.scene.model_dump(exclude_none=True)
+    rows = [
+        [name, _plain(value)]
+        for part in ("radio", "grid", "filter")
+        for name, value in _flat(part, whole[part])
+    ]
+    rows += [[f"material {name}", f"{value:g}"] for name, value in whole["materials"].items()]
+    rows += [
+        [f"anchor {item.name}", f"{_plain(item.position_m)} m, {item.orientation_deg:g} deg"]
+        for item in run.scene.anchors
+    ]
+    versions = run.summary.get("versions")
+    rows += [[name, str(value)] for name, value in versions.items()] if isinstance(versions, dict) else []
+    return f"<h2>Settings</h2>\n{_table(['', 'value'], rows)}"
+
+
+def _flat(name: str, value: Any) -> Iterable[tuple[str, Any]]:
+    """Names and values of a table and of the tables in it."""
+    if not isinstance(value, Mapping):
+        return [(name, value)]
+    return [pair for key, item in value.items() for pair in _flat(f"{name}.{key}", item)]
+
+
+def _plain(value: Any) -> str:
+    """A value as people write it."""
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_plain, value))
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
+
+
+def _table(titles: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    head = "".join(f"<th>{escape(title)}</th>" for title in titles)
+    body = "\n".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    return f'<div class="wide"><table><tr>{head}</tr>\n{body}</table></div>'

@@ -1,0 +1,1 @@
+"""What a scene is made of: geometry, radio, anchors, walls, tracks, and one step's measurements."""

@@ -1,0 +1,140 @@
+"""What a path's strength says: amplitude, detection probability, Fisher variances (paper 002, eqs. (2)-(5)).
+
+The normalised amplitude u is the square root of a path's SNR. Everything that a measurement's accuracy
+depends on follows from it: a strong path is seen surely and measured sharply.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chndtr, i0e
+
+Array = NDArray[np.float64]
+SPEED_OF_LIGHT = 299_792_458.0
+REFLECTION_BINS: Array = (np.arange(20) + 0.5) / 20
+"""Centres of the bins in which beliefs about a reflection coefficient are kept."""
+CLUTTER_LOG_FLOOR = -25.0
+
+
+@dataclass(frozen=True)
+class SignalModel:
+    """The radio's numbers that the likelihoods need.
+
+    Attributes
+    ----------
+    amplitude_at_1m : float
+        u_1m = 10^(SNR_1m / 20).
+    threshold : float
+        Detection threshold u_de of the amplitude.
+    bandwidth_hz : float
+        Width of the flat spectrum; its root mean square bandwidth is B / sqrt(12).
+    samples : float
+        N, number of signal samples over all antenna pairs.
+    false_alarms : float
+        Mean number of clutter measurements per anchor and step.
+    max_distance_m : float
+    anchor_aperture, agent_aperture : (J, 2) and (2,)
+        Mean square extent of the arrays along their own x and y axis, in wavelengths^2.
+    measures : tuple of str
+        Which of distance, aod, aoa and amplitude the radio measures.
+    given_detection, given_distance_std : float or None
+        Detection probability and sigma_d (m) of every path, instead of those that follow from its amplitude.
+    """
+
+    amplitude_at_1m: float
+    threshold: float
+    bandwidth_hz: float
+    samples: float
+    false_alarms: float
+    max_distance_m: float
+    anchor_aperture: Array
+    agent_aperture: Array
+    measures: tuple[str, ...] = ("distance", "aod", "aoa", "amplitude")
+    given_detection: float | None = None
+    given_distance_std: float | None = None
+
+    @property
+    def distance_scale(self) -> float:
+        """sigma_d times u, m."""
+        return SPEED_OF_LIGHT / (np.sqrt(8) * np.pi * self.bandwidth_hz / np.sqrt(12))
+
+    @cached_property
+    def numbers(self) -> Array:
+        """What kernels take of the radio, (J, 11), by anchors; see `gridslam.kernels.primitives.radio`."""
+        return np.array([self.radio(anchor) for anchor in range(len(self.anchor_aperture))]).reshape(-1, 11)
+
+    def radio(self, anchor: int) -> Array:
+        """One anchor's row of `numbers`, (11,), read-only."""
+        if anchor not in self._radios:
+            given = 0.0 if self.given_distance_std is None else self.given_distance_std
+            row = np.array([
+                self.distance_scale, given, *self.anchor_aperture[anchor], *self.agent_aperture,
+                self.max_distance_m, self.amplitude_at_1m, self.samples, self.threshold, self.false_alarms,
+            ])  # fmt: skip
+            row.setflags(write=False)
+            self._radios[anchor] = row
+        return self._radios[anchor]
+
+    @cached_property
+    def _radios(self) -> dict[int, Array]:
+        return {}
+
+    def amplitude(self, distance: Array | float, reflection: Array | float = 1.0) -> Array:
+        """Predicted normalised amplitude, paper 003 eq. (2)."""
+        return self.amplitude_at_1m / np.maximum(distance, 1e-3) * reflection
+
+    def distance_std(self, amplitude: Array) -> Array:
+        """sigma_d of a path, m: given, or from Fisher information."""
+        if self.given_distance_std is not None:
+            return np.full(np.shape(amplitude), self.given_distance_std)
+        return self.distance_scale / amplitude
+
+    def angle_std(self, amplitude: Array, angle: Array, aperture: Array) -> Array:
+        """sigma of an angle seen by an array with mean square extents `aperture` (..., 2), rad.
+
+        Infinite where the array has no extent across the direction.
+        """
+        square = np.sin(angle) ** 2 * aperture[..., 0] + np.cos(angle) ** 2 * aperture[..., 1]
+        with np.errstate(divide="ignore"):
+            return 1 / (np.sqrt(8) * np.pi * amplitude * np.sqrt(square))
+
+    def amplitude_std(self, amplitude: Array) -> Array:
+        """Scale sigma_u of the Rician amplitude."""
+        return np.sqrt(0.5 + amplitude**2 / (4 * self.samples))
+
+    def detection_probability(self, amplitude: Array) -> Array:
+        """p_d(u): given, or Marcum Q of first order."""
+        if self.given_detection is not None:
+            return np.full(np.shape(amplitude), self.given_detection)
+        scale = self.amplitude_std(amplitude)
+        return 1 - chndtr((self.threshold / scale) ** 2, 2, (amplitude / scale) ** 2)
+
+    def log_rician(self, measured: Array, amplitude: Array) -> Array:
+        """Log density of the measured amplitude, not truncated: p_d times the truncated Rician."""
+        variance = self.amplitude_std(amplitude) ** 2
+        argument = measured * amplitude / variance
+        return (
+            np.log(measured / variance) - (measured - amplitude) ** 2 / (2 * variance) + np.log(i0e(argument))
+        )
+
+    def log_clutter(self, amplitude: Array) -> Array:
+        """Log density of a clutter measurement over distance, both angles and amplitude.
+
+        The amplitude factor (a Rayleigh with scale^2 = 1/2 above the threshold) is floored, since an
+        amplitude that clutter can't have would otherwise overflow the likelihood ratio. Missing
+        amplitudes (NaN) leave that factor out.
+        """
+        known = np.nan_to_num(amplitude, nan=1.0)
+        tail = np.log(2 * known) - (known**2 - self.threshold**2)
+        tail = np.where(np.isnan(amplitude), 0.0, np.maximum(tail, CLUTTER_LOG_FLOOR))
+        return tail - np.log(self.max_distance_m) - 2 * np.log(2 * np.pi)
+
+
+def aperture(rows: int, columns: int, spacing_wavelengths: float) -> Array:
+    """Mean square extents (x: columns, y: rows) of a uniform rectangular array, wavelengths^2."""
+    count = np.array([columns, rows], dtype=np.float64)
+    return spacing_wavelengths**2 * (count**2 - 1) / 12

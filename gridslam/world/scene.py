@@ -1,0 +1,265 @@
+"""What the world is: radio, anchors, the region to map, agents and, where it is known, the true walls."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from dataclasses import fields
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from gridslam.errors import InputError
+from gridslam.world.geometry import Segments, crossing, distance_to_segments, line_through, wrap
+from gridslam.world.radio import SignalModel
+from gridslam.world.scene_parts import Agent, Anchor, FilterSettings, GridSpec, Name, Radio, Share, Wall
+from gridslam.world.trajectory import Trajectory
+from gridslam.world.validation import Strict, fault, nearest
+from gridslam.world.waypoints import TightCorner, smooth_track
+
+Array = NDArray[np.float64]
+BUNDLED = Path(__file__).parents[1] / "scenes"
+COLLINEAR_M, CLEARANCE_M = 1e-6, 0.01
+"""Offset below which pieces share one surface; distance that devices keep from walls."""
+
+
+class Scene(Strict):
+    """A scene file; attributes are named as its keys (see the README).
+
+    Examples
+    --------
+    >>> import gridslam as gs
+    >>> gs.Scene.load("room").anchor_names
+    ('A', 'B')
+    """
+
+    name: Name = "scene"
+    description: str = ""
+    radio: Radio = Radio()
+    grid: GridSpec
+    materials: dict[Name, Share] = Field(default_factory=lambda: {"concrete": 0.7, "glass": 0.3})
+    anchors: tuple[Anchor, ...] = Field(min_length=1)
+    walls: tuple[Wall, ...] = ()
+    agents: tuple[Agent, ...] = ()
+    filter: FilterSettings = FilterSettings()
+
+    @classmethod
+    def load(cls, name_or_path: str | os.PathLike[str]) -> Scene:
+        """Read a bundled scene by name or a file by path (with a folder or ``.toml`` in it).
+
+        Raises
+        ------
+        InputError
+            No such scene or file, a TOML error, or any fault in its content.
+        """
+        path = Path(name_or_path)
+        if path.name == str(name_or_path) and path.suffix != ".toml":
+            if path.name not in bundled_scenes():
+                allowed = f"{', '.join(bundled_scenes())}, or the path of a .toml file"
+                raise InputError("scene", repr(path.name), allowed)
+            path = BUNDLED / f"{path.name}.toml"
+        try:
+            text = path.read_text(encoding="utf-8")
+        except OSError as error:
+            raise InputError(
+                str(path), error.strerror or str(error), "a scene file that can be read"
+            ) from error
+        except UnicodeDecodeError as error:
+            raise InputError(str(path), f"byte {error.start} isn't UTF-8", "TOML text in UTF-8") from error
+        return cls.from_toml(text, str(path))
+
+    @classmethod
+    def from_toml(cls, text: str, where: str = "scene") -> Scene:
+        """Read a scene from TOML text; `where` names it in errors.
+
+        Raises
+        ------
+        InputError
+            A TOML error or any fault in the content.
+        """
+        try:
+            data = tomllib.loads(text)
+        except (ValueError, RecursionError) as error:  # no TOML, or a number of thousands of digits
+            raise InputError(where, f"broken TOML ({error})", "TOML") from error
+        return cls.checked({"name": Path(where).stem or "scene", **data}, where)
+
+    def to_toml(self) -> str:
+        """Write all settings, defaults included; reads back as an equal scene."""
+        return tomli_w.dumps(self.model_dump(exclude_none=True))
+
+    def with_filter(self, **changes: Any) -> Scene:
+        """Return the scene with other filter settings.
+
+        Raises
+        ------
+        InputError
+            An unknown setting or a value out of range.
+        """
+        whole = self.model_dump(exclude_none=True)
+        return self.checked({**whole, "filter": {**whole["filter"], **changes}}, self.name)
+
+    def agent(self, name: str) -> Agent:
+        """Agent of a name.
+
+        Raises
+        ------
+        InputError
+            There is none.
+        """
+        for agent in self.agents:
+            if agent.name == name:
+                return agent
+        raise InputError(
+            f"{self.name}: agents", repr(name), ", ".join(a.name for a in self.agents) or "none here"
+        )
+
+    @property
+    def anchor_names(self) -> tuple[str, ...]:
+        """Names of the anchors, in order."""
+        return tuple(anchor.name for anchor in self.anchors)
+
+    @property
+    def anchor_positions(self) -> Array:
+        """Positions of the anchors, (J, 2) m."""
+        return np.array([anchor.position_m for anchor in self.anchors], dtype=np.float64)
+
+    @property
+    def anchor_orientations(self) -> Array:
+        """Orientations of the anchors, (J,) rad in (-pi, pi]."""
+        return wrap(np.radians([anchor.orientation_deg for anchor in self.anchors]))
+
+    def signal_model(self, agent: str | None = None) -> SignalModel:
+        """Numbers of the radio link that the likelihoods need, with the arrays of anchors and agent.
+
+        Raises
+        ------
+        InputError
+            There is no agent of this name.
+        """
+        radio = self.radio
+        carried = (self.agent(agent).array if agent is not None else None) or radio.array
+        return SignalModel(
+            amplitude_at_1m=10 ** (radio.snr_at_1m_db / 20),
+            threshold=10 ** (radio.detection_threshold_db / 20),
+            bandwidth_hz=radio.bandwidth_hz,
+            samples=float(radio.samples),
+            false_alarms=radio.false_alarms,
+            max_distance_m=radio.max_distance_m,
+            anchor_aperture=np.stack([(anchor.array or radio.array).aperture for anchor in self.anchors]),
+            agent_aperture=carried.aperture,
+            measures=radio.measures,
+            given_detection=radio.detection_probability,
+            given_distance_std=radio.distance_std_m,
+        )
+
+    def segments(self) -> Segments:
+        """Straight pieces of all walls, arcs as facets; collinear pieces share a surface."""
+        corners = [wall.corners for wall in self.walls]
+        start = np.concatenate([np.zeros((0, 2)), *(points[:-1] for points in corners)])
+        end = np.concatenate([np.zeros((0, 2)), *(points[1:] for points in corners)])
+        wall = np.repeat(np.arange(len(corners)), [len(points) - 1 for points in corners]).astype(np.intp)
+        reflection = np.array([self.materials[w.material] for w in self.walls])[wall]
+        curved = np.array([w.arc is not None for w in self.walls], dtype=bool)[wall]
+        return Segments(start, end, reflection, _surfaces(start, end), wall, np.where(curved, wall, -1))
+
+    def track(self, agent: str) -> Trajectory:
+        """Smooth way of an agent through its waypoints, one state per step.
+
+        Raises
+        ------
+        InputError
+            No such agent, or one without waypoints.
+        """
+        body = self.agent(agent)
+        if body.waypoints_m is None:
+            where = f"{self.name}: agents[{self.agents.index(body)}].waypoints_m"
+            raise InputError(where, "none", "waypoints, to simulate this agent")
+        return _walk(body, self.filter.acceleration_mps2)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        for key, names in (("anchors", self.anchor_names), ("agents", tuple(a.name for a in self.agents))):
+            for index, name in enumerate(names):
+                if name in names[:index]:
+                    raise fault(f"{key}[{index}].name", repr(name), "a name that isn't taken")
+        for index, wall in enumerate(self.walls):
+            if wall.material not in self.materials:
+                field = f"walls[{index}].material"
+                raise fault(field, repr(wall.material), nearest(wall.material, self.materials))
+        walls = self.segments()
+        for index, anchor in enumerate(self.anchors):
+            self._check_way(np.array([anchor.position_m]), walls, f"anchors[{index}].position_m")
+        for index, agent in enumerate(self.agents):
+            self._check_way(np.array([agent.start_m]), walls, f"agents[{index}].start_m")
+            if agent.waypoints_m is not None:
+                self._check_track(agent, walls, f"agents[{index}]")
+        return self
+
+    def _check_track(self, agent: Agent, walls: Segments, where: str) -> None:
+        try:
+            track = _walk(agent, self.filter.acceleration_mps2)
+        except TightCorner as error:
+            index = error.index + len(agent.waypoints_m or ()) - len(agent.way) + 1
+            found = f"room to turn with a radius of {error.radius:.2g} m"
+            raise fault(f"{where}.waypoints_m[{index}]", found, f"{error.smallest:.2g} m or more") from None
+        if agent.steps is not None and agent.steps > len(track):
+            raise fault(f"{where}.steps", str(agent.steps), f"at most {len(track)}, where the waypoints end")
+        off = np.degrees(np.abs(wrap(track.heading_rad[0] - np.radians(agent.start_heading_deg))))
+        if off > max(agent.prior.heading_deg, 1e-6):
+            facing = float(np.degrees(track.heading_rad[0]))
+            allowed = f"{facing:.1f} (the motion's) within prior.heading_deg"
+            raise fault(f"{where}.start_heading_deg", str(agent.start_heading_deg), allowed)
+        self._check_way(track.position_m, walls, f"{where}.waypoints_m")
+
+    def _check_way(self, way: Array, walls: Segments, where: str) -> None:
+        """Positions (N, 2) inside the region, clear of walls, and no wall between consecutive ones."""
+        outside = ~self.grid.holds(way)
+        if outside.any():
+            x, y = way[outside][0]
+            allowed = f"x in {list(self.grid.x_m)}, y in {list(self.grid.y_m)}"
+            raise fault(where, f"({x:.4g}, {y:.4g}) outside the grid", allowed)
+        for number, (start, end, line) in enumerate(zip(walls.start, walls.end, walls.line, strict=True)):
+            near = distance_to_segments(way, start[None], end[None])[:, 0] < CLEARANCE_M
+            if len(way) > 1:
+                here = crossing(way[:-1], way[1:], line)
+                with np.errstate(invalid="ignore"):
+                    along = (way[:-1] + here[:, None] * (way[1:] - way[:-1]) - start) @ (end - start)
+                    near[1:] |= (
+                        (here >= 0) & (here <= 1) & (along >= 0) & (along <= (end - start) @ (end - start))
+                    )
+            if near.any():
+                x, y = way[near][0]
+                found = f"({x:.4g}, {y:.4g}) in walls[{walls.wall[number]}]"
+                raise fault(where, found, f"places at least {CLEARANCE_M} m from every wall")
+
+
+def bundled_scenes() -> list[str]:
+    """Names of the scenes that come with the package."""
+    return sorted(path.stem for path in BUNDLED.glob("*.toml"))
+
+
+@lru_cache(maxsize=64)
+def _walk(agent: Agent, acceleration: float) -> Trajectory:
+    """Track of an agent with waypoints, cut to its number of steps."""
+    whole = smooth_track(agent.way, agent.step_m, agent.interval_s, acceleration)
+    return Trajectory(*(getattr(whole, f.name)[: agent.steps] for f in fields(whole)))
+
+
+def _surfaces(start: Array, end: Array) -> NDArray[np.intp]:
+    """Number of the infinite line on which each piece lies, in order of first appearance."""
+    surface = np.full(len(start), -1, dtype=np.intp)
+    for piece in np.argsort(
+        -np.linalg.norm(end - start, axis=1), kind="stable"
+    ):  # a long piece fixes a line best
+        if surface[piece] < 0:
+            angle, offset = line_through(start[piece], end[piece])
+            normal = np.array([np.cos(angle), np.sin(angle)])
+            gap = np.maximum(np.abs(start @ normal - offset), np.abs(end @ normal - offset))
+            surface[(gap <= COLLINEAR_M) & (surface < 0)] = piece
+    _, first, number = np.unique(surface, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[number].astype(np.intp)

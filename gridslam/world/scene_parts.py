@@ -1,0 +1,219 @@
+"""The parts of a scene file, each checked on its own; `Scene` checks that they fit together."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Literal, Self, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from gridslam.world.radio import aperture
+from gridslam.world.validation import Strict, fault
+
+Array = NDArray[np.float64]
+SAME_PLACE_M = 1e-6
+"""Points closer than this are one."""
+MOST_CELLS, MOST_STEPS = 20_000_000, 1_000_000
+
+Positive = Annotated[float, Field(gt=0, le=1e12)]
+NotNegative = Annotated[float, Field(ge=0, le=1e12)]
+Share = Annotated[float, Field(gt=0, le=1)]
+Probability = Annotated[float, Field(gt=0, lt=1)]
+Decibel = Annotated[float, Field(ge=-200, le=200)]
+Metre = Annotated[float, Field(ge=-1e6, le=1e6)]
+Degree = Annotated[float, Field(ge=-720, le=720)]
+Point = tuple[Metre, Metre]
+Name = Annotated[str, Field(min_length=1, max_length=100)]
+Quantity = Literal["distance", "aod", "aoa", "amplitude"]
+QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
+
+
+class ArraySpec(Strict):
+    """Uniform rectangular antenna array."""
+
+    rows: int = Field(5, ge=1, le=1000)
+    columns: int = Field(5, ge=1, le=1000)
+    spacing_wavelengths: Positive = 0.25
+
+    @property
+    def aperture(self) -> Array:
+        """Mean square extents along its own x and y axis, (2,), wavelengths^2."""
+        return aperture(self.rows, self.columns, self.spacing_wavelengths)
+
+
+class Radio(Strict):
+    """The radio link; defaults as in papers 002 and 003.
+
+    `detection_probability` and `distance_std_m`, where given, replace what would follow from the amplitude.
+    """
+
+    carrier_hz: Positive = 6.0e9
+    bandwidth_hz: Positive = 1.0e9
+    snr_at_1m_db: Decibel = 30.0
+    detection_threshold_db: Decibel = 6.0
+    false_alarms: Positive = 2.0
+    max_distance_m: Positive = 60.0
+    samples: int = Field(2500, ge=1)
+    max_bounces: int = Field(2, ge=0, le=2)
+    measures: tuple[Quantity, ...] = QUANTITIES
+    detection_probability: Probability | None = None
+    distance_std_m: Positive | None = None
+    array: ArraySpec = ArraySpec()
+
+    @model_validator(mode="after")
+    def _measures_what_it_can(self) -> Self:
+        given = list(self.measures)
+        if "distance" not in given or len(set(given)) < len(given):
+            raise fault("measures", repr(given), f"distance and any others of {', '.join(QUANTITIES)}, once")
+        if self.detection_probability is not None and "amplitude" in given:
+            # a measured amplitude is cut at the threshold, which is a detection probability of its own
+            allowed = "none, or measures without amplitude"
+            raise fault("detection_probability", str(self.detection_probability), allowed)
+        return self
+
+
+class GridSpec(Strict):
+    """Region to map and the side of its square cells."""
+
+    x_m: Point
+    y_m: Point
+    cell_m: Positive = 0.1
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        for key, (low, high) in (("x_m", self.x_m), ("y_m", self.y_m)):
+            if high - low < self.cell_m:
+                raise fault(
+                    key, f"[{low}, {high}]", f"[low, high], at least one cell of {self.cell_m} m apart"
+                )
+        cells = (self.x_m[1] - self.x_m[0]) / self.cell_m * ((self.y_m[1] - self.y_m[0]) / self.cell_m)
+        if cells > MOST_CELLS:
+            raise fault("cell_m", f"{self.cell_m} ({cells:.3g} cells)", f"at most {MOST_CELLS} cells in all")
+        return self
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of cells (ny, nx); the last ones may reach beyond the region."""
+        ny, nx = (int(np.ceil((high - low) / self.cell_m - 1e-9)) for low, high in (self.y_m, self.x_m))
+        return ny, nx
+
+    @property
+    def origin_m(self) -> Point:
+        """Lower-left corner of the lower-left cell, m."""
+        return self.x_m[0], self.y_m[0]
+
+    def holds(self, points: Array) -> NDArray[np.bool_]:
+        """Whether points (..., 2) in m lie in the region, (...)."""
+        low, high = np.transpose([self.x_m, self.y_m])
+        return ((points >= low) & (points <= high)).all(-1)
+
+
+class Anchor(Strict):
+    """A radio at a known place."""
+
+    name: Name
+    position_m: Point
+    orientation_deg: Degree = 0.0
+    array: ArraySpec | None = None
+
+
+class Arc(Strict):
+    """Part of a circle, drawn as flat facets."""
+
+    centre_m: Point
+    radius_m: Positive
+    from_deg: Degree
+    to_deg: Degree
+    facets: int = Field(32, ge=1, le=1000)
+
+
+class Wall(Strict):
+    """A true wall: a polyline or an arc of one material."""
+
+    name: str | None = None
+    material: str
+    points_m: tuple[Point, ...] | None = None
+    arc: Arc | None = None
+    closed: bool = False
+
+    @model_validator(mode="after")
+    def _has_length(self) -> Self:
+        if (self.points_m is None) == (self.arc is None):
+            found = "neither points_m nor arc" if self.arc is None else "points_m and arc"
+            raise fault("", found, "exactly one of points_m and arc")
+        if len(self.corners) < 2:
+            raise fault("points_m", f"{len(self.corners)} point", "at least 2 points")
+        short = np.linalg.norm(np.diff(self.corners, axis=0), axis=1) < SAME_PLACE_M
+        if short.any():
+            where = "arc" if self.arc else f"points_m[{np.flatnonzero(short)[0]}]"
+            raise fault(where, "a piece of zero length", "points that differ from the next one")
+        return self
+
+    @property
+    def corners(self) -> Array:
+        """Ends of its straight pieces in order, (P, 2) m."""
+        if self.arc:
+            angle = np.radians(np.linspace(self.arc.from_deg, self.arc.to_deg, self.arc.facets + 1))
+            corners = self.arc.centre_m + self.arc.radius_m * np.stack([np.cos(angle), np.sin(angle)], -1)
+        else:
+            corners = np.reshape(self.points_m or (), (-1, 2)).astype(np.float64)
+        return np.concatenate([corners, corners[:1]]) if self.closed else corners
+
+
+class Prior(Strict):
+    """Half widths of the uniform prior about the start."""
+
+    position_m: NotNegative = 0.5
+    velocity_mps: NotNegative = 0.01
+    heading_deg: float = Field(10.0, ge=0, le=180)
+
+
+class Agent(Strict):
+    """A mobile radio; waypoints give it a way to simulate."""
+
+    name: Name
+    start_m: Point
+    start_heading_deg: Degree = 0.0
+    waypoints_m: tuple[Point, ...] | None = None
+    step_m: Positive = 0.05
+    interval_s: Positive = 1.0
+    steps: int | None = Field(None, ge=1)
+    prior: Prior = Prior()
+    array: ArraySpec | None = None
+
+    @model_validator(mode="after")
+    def _leads_somewhere(self) -> Self:
+        if not re.fullmatch(r"\w[\w .+-]*", self.name):
+            raise fault("name", repr(self.name), "letters, digits, space, _ . + - (it names a folder)")
+        gaps = np.linalg.norm(np.diff(self.way, axis=0), axis=1)
+        if self.waypoints_m is not None and (len(gaps) < 1 or (gaps < SAME_PLACE_M).any()):
+            raise fault("waypoints_m", "no way to go", "waypoints that differ from the one before")
+        if gaps.sum() > MOST_STEPS * self.step_m:
+            raise fault("step_m", str(self.step_m), f"steps so long that {MOST_STEPS} reach the end")
+        return self
+
+    @property
+    def way(self) -> Array:
+        """Start and waypoints, (P, 2) m; a first waypoint that repeats the start counts once."""
+        points = np.array([self.start_m, *(self.waypoints_m or ())], dtype=np.float64)
+        repeats = len(points) > 1 and np.linalg.norm(points[1] - points[0]) < SAME_PLACE_M
+        return points[1:] if repeats else points
+
+
+class FilterSettings(Strict):
+    """Settings of the filter; the papers' values are the defaults."""
+
+    particles: int = Field(10_000, ge=1)
+    acceleration_mps2: Positive = 0.03
+    heading_deg: Positive = 7.0
+    surface_m: NotNegative = 0.005
+    reflection: NotNegative = 0.01
+    survival: Share = 0.999
+    births: Positive = 0.1
+    prune_below: Probability = 0.1
+    detect_above: Probability = 0.5
+    mean_free_path_m: Positive = 10.0
+    adapt_particles: bool = False  # true: as few as the spread of the agent's pose asks for
+    correlated: bool = True  # false: separate beliefs of agent and surfaces, as published

@@ -1,0 +1,132 @@
+"""An agent's way: time, position, velocity and heading, and its TUM file."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.errors import InputError
+from gridslam.io.files import write_bytes
+from gridslam.world.geometry import wrap
+
+Array = NDArray[np.float64]
+TUM_COLUMNS = "timestamp tx ty tz qx qy qz qw"
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """States of an agent over time, read-only.
+
+    Attributes
+    ----------
+    time_s : (N,) float64
+        Strictly rising.
+    position_m : (N, 2) float64
+    velocity_mps : (N, 2) float64
+    heading_rad : (N,) float64
+        Counter-clockwise from x, in (-pi, pi].
+
+    Raises
+    ------
+    InputError
+        Shapes that don't match, NaN or infinity, or times that don't rise.
+    """
+
+    time_s: Array
+    position_m: Array
+    velocity_mps: Array
+    heading_rad: Array
+
+    def __post_init__(self) -> None:
+        count = np.size(self.time_s)
+        shapes = {
+            "time_s": (count,),
+            "position_m": (count, 2),
+            "velocity_mps": (count, 2),
+            "heading_rad": (count,),
+        }
+        for name, shape in shapes.items():
+            values = np.array(getattr(self, name), dtype=np.float64)
+            if values.shape != shape:
+                raise InputError(f"trajectory: {name}", f"shape {values.shape}", f"shape {shape}")
+            if not np.isfinite(values).all():
+                raise InputError(f"trajectory: {name}", "NaN or infinity", "finite numbers")
+            values = wrap(values) if name == "heading_rad" else values
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
+        if (np.diff(self.time_s) <= 0).any():
+            raise InputError("trajectory: time_s", "times that don't rise", "strictly rising times")
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Trajectory):
+            return NotImplemented
+        return all(np.array_equal(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+
+    def to_tum(self, path: str | os.PathLike[str]) -> None:
+        """Write ``timestamp tx ty tz qx qy qz qw`` lines, planar, at full precision.
+
+        Raises
+        ------
+        InputError
+            The file can't be written.
+        """
+        half = 0.5 * self.heading_rad
+        rows = zip(self.time_s, *self.position_m.T, np.sin(half), np.cos(half), strict=True)
+        lines = [f"# {TUM_COLUMNS}"] + [
+            f"{float(t)!r} {float(x)!r} {float(y)!r} 0 0 0 {float(s)!r} {float(c)!r}"
+            for t, x, y, s, c in rows
+        ]
+        write_bytes(path, ("\n".join(lines) + "\n").encode())
+
+    @classmethod
+    def from_tum(cls, path: str | os.PathLike[str]) -> Trajectory:
+        """Read a planar TUM file; velocities come from finite differences.
+
+        Raises
+        ------
+        InputError
+            No such file, no poses, a line without eight finite numbers, a rotation out of the plane,
+            or times that don't rise.
+        """
+        try:
+            text = Path(path).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            reason = getattr(error, "strerror", None) or "bytes that aren't text"
+            raise InputError(str(path), reason, "a TUM trajectory file") from error
+        rows = []
+        for number, line in enumerate(text.splitlines(), start=1):
+            words = line.split("#")[0].split()
+            if words:
+                rows.append(_pose(words, f"{path}: line {number}"))
+                if len(rows) > 1 and rows[-1][0] <= rows[-2][0]:
+                    raise InputError(
+                        f"{path}: line {number}: timestamp", words[0], f"more than {rows[-2][0]!r}"
+                    )
+        if not rows:
+            raise InputError(str(path), "no poses", f"lines of {TUM_COLUMNS}")
+        table = np.array(rows)
+        time, position = table[:, 0], table[:, 1:3]
+        velocity = np.gradient(position, time, axis=0) if len(time) > 1 else np.zeros_like(position)
+        return cls(time, position, velocity, 2 * np.arctan2(table[:, 6], table[:, 7]))
+
+
+def _pose(words: list[str], where: str) -> list[float]:
+    """Eight numbers of one line, checked."""
+    try:
+        values = [float(word) for word in words]
+    except ValueError:
+        values = []
+    if len(values) != 8 or not np.isfinite(values).all():
+        raise InputError(where, " ".join(words)[:60], f"eight finite numbers: {TUM_COLUMNS}")
+    if abs(values[4]) > 1e-6 or abs(values[5]) > 1e-6:
+        raise InputError(f"{where}: qx qy", f"{values[4]} {values[5]}", "0 0, a rotation in the plane")
+    if abs(np.hypot(values[6], values[7]) - 1) > 1e-3:
+        raise InputError(f"{where}: qz qw", f"{values[6]} {values[7]}", "a unit quaternion")
+    return values

@@ -1,0 +1,1 @@
+"""Births, merging and readout of surfaces."""

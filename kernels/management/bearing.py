@@ -1,0 +1,210 @@
+"""How a new surface joins the belief: correlated with its maker, and corrected by the AoD."""
+
+import taichi as ti
+
+from gridslam.kernels import FAINTEST, USUAL_REFLECTION
+from gridslam.kernels.management.births import known_std
+from gridslam.kernels.primitives.functions import (
+    bearing_of,
+    cos_of,
+    decay_of,
+    double_bounce,
+    mirrored,
+    sin_of,
+    single_bounce,
+    wrapped,
+)
+from gridslam.kernels.primitives.gaussian import entry_of, mirror_of, path_of
+from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.particles import AGENT
+from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, log_rician
+from gridslam.kernels.propagation.coefficients import BINS
+
+REACH, TRIALS = 4.0, 41
+"""Deviations and number of directions of arrival that are tried for a new line, coarse and then fine."""
+IMPOSSIBLE = 1e3
+"""Misfit of a direction from which no path leads to the anchor."""
+UNTOLD = 1e6
+"""Deviation from which on an AoD tells nothing, as that of an array without extent."""
+VAGUE = 1e-6
+"""Share of a density that every coefficient has at least."""
+
+
+@ti.func
+def misfit_of(arrival, mean: ti.template(), place, known, last, first, heard: ti.template(), m, std, wide):
+    """How badly a direction of arrival explains AoA and AoD; `known` is the normal and offset of a line."""
+    px, py, bearing = mean[0], mean[1], mean[4] + arrival
+    vx, vy = px + heard[m, 0] * cos_of(bearing), py + heard[m, 0] * sin_of(bearing)
+    sx, sy = place[0], place[1]
+    if last >= 0:
+        vx, vy = mirrored(vx, vy, known[0], known[1], known[2])
+    if first >= 0:
+        sx, sy = mirrored(sx, sy, known[0], known[1], known[2])
+    span = ti.max(ti.sqrt((vx - sx) ** 2 + (vy - sy) ** 2), 1e-12)
+    nx, ny = (vx - sx) / span, (vy - sy) / span
+    c = 0.5 * (nx * (vx + sx) + ny * (vy + sy))
+    _tx, _ty, wx, wy, good = single_bounce(px, py, place[0], place[1], nx, ny, c)
+    if last >= 0:
+        _tx, _ty, wx, wy, good = double_bounce(
+            px, py, place[0], place[1], known[0], known[1], known[2], nx, ny, c
+        )
+    elif first >= 0:
+        _tx, _ty, wx, wy, good = double_bounce(
+            px, py, place[0], place[1], nx, ny, c, known[0], known[1], known[2]
+        )
+    by_arrival = wrapped(arrival - heard[m, 2]) / wide
+    by_departure = wrapped(heard[m, 1] + place[2] - bearing_of(wx, wy)) / std[1]
+    return by_arrival**2 + by_departure**2 + IMPOSSIBLE * (1 - good)
+
+
+@ti.func
+def line_at(arrival, mean: ti.template(), place, known, last, first, distance):
+    """The new line's angle and offset, and their derivatives by x, y, heading, distance, AoA, known line."""
+    bearing = mean[4] + arrival
+    u = ti.Vector([cos_of(bearing), sin_of(bearing)], dt=ti.f64)
+    across = ti.Vector([-u[1], u[0]], dt=ti.f64)
+    image = ti.Vector([mean[0], mean[1]], dt=ti.f64) + distance * u
+    source = ti.Vector([place[0], place[1]], dt=ti.f64)
+    moved, left = ti.Matrix.zero(ti.f64, 2, 7), ti.Matrix.zero(ti.f64, 2, 7)  # of image, and of source
+    for i in ti.static(range(2)):
+        moved[i, i], moved[i, 3] = 1.0, u[i]
+        moved[i, 2], moved[i, 4] = distance * across[i], distance * across[i]
+    if last >= 0:
+        image, by_angle, by_offset = mirror_of(image[0], image[1], mean[known], mean[known + 1])
+        nx, ny = cos_of(mean[known]), sin_of(mean[known])
+        for e in ti.static(range(5)):
+            along = 2 * (nx * moved[0, e] + ny * moved[1, e])
+            moved[0, e] -= along * nx
+            moved[1, e] -= along * ny
+        for i in ti.static(range(2)):
+            moved[i, 5], moved[i, 6] = by_angle[i], by_offset[i]
+    if first >= 0:
+        source, by_angle, by_offset = mirror_of(source[0], source[1], mean[known], mean[known + 1])
+        for i in ti.static(range(2)):
+            left[i, 5], left[i, 6] = by_angle[i], by_offset[i]
+    span = ti.max((image - source).norm(), 1e-12)
+    normal, middle = (image - source) / span, 0.5 * (image + source)
+    tangent, slope = ti.Vector([-normal[1], normal[0]], dt=ti.f64), ti.Matrix.zero(ti.f64, 2, 7)
+    for e in ti.static(range(7)):
+        gap = ti.Vector([moved[0, e] - left[0, e], moved[1, e] - left[1, e]], dt=ti.f64)
+        both = ti.Vector([moved[0, e] + left[0, e], moved[1, e] + left[1, e]], dt=ti.f64)
+        slope[0, e] = tangent.dot(gap) / span
+        slope[1, e] = slope[0, e] * tangent.dot(middle) + 0.5 * normal.dot(both)
+    return bearing_of(normal[0], normal[1]), normal.dot(middle), slope
+
+
+@ti.func
+def correct_by_departure(
+    mean: ti.template(), covariance: ti.template(), spread: ti.template(), departure, std, place, bounces,
+    last, first, back,
+):  # fmt: skip
+    """Correct the belief by an AoD, of a path linearised before the newest line was moved `back`."""
+    size, newest = mean.shape[0], (mean.shape[0] - 2 - AGENT) // 2
+    value, slope = path_of(mean, place, bounces, last, first)
+    entry = entry_of(bounces, last, first)
+    at = 3 if last == newest else 5
+    gap = wrapped(departure - value[1] - slope[1, at] * back[0] - slope[1, at + 1] * back[1])
+    core = std * std
+    for i in range(size):
+        total = ti.cast(0.0, ti.f64)
+        for e in ti.static(range(7)):
+            total += covariance[i, entry[e]] * slope[1, e]
+        spread[i] = total
+    for e in ti.static(range(7)):
+        core += slope[1, e] * spread[entry[e]]
+    for i in range(size):
+        before = mean[i]
+        mean[i] = before + spread[i] * gap / core
+        for j in range(size):
+            so_far = covariance[i, j]
+            covariance[i, j] = so_far - spread[i] * spread[j] / core
+
+
+@quick
+@ti.kernel
+def bear(
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
+    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
+    anchor: ti.i32,
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
+    m: ti.i32,  # the measurement
+    last: ti.i32,  # known surface hit last, first; -1: the new one
+    first: ti.i32,
+    radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `radio`
+    spread: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N + 2] scratch
+    fresh: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N + 2] out: mean with the new line
+    joint: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N + 2, N + 2] out: covariance
+    reflection: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [BINS] out: belief over its coefficient
+):
+    """Append the line that explains a measurement, and correct it by the AoD.
+
+    The line bends much within what an AoA of some ten degrees allows, so it is linearised at the direction of
+    arrival that explains AoA and AoD best, not at the one that was measured.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(ti.min(heard.shape[0], 1)):
+        size, surface = mean.shape[0], ti.max(last, first)
+        newest, known = (size - AGENT) // 2, (AGENT + 2 * surface if surface >= 0 else 0)
+        bounces = 1 if surface < 0 else 2
+        place = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)
+        wall = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64)
+        if surface >= 0:
+            wall[0], wall[1], wall[2] = cos_of(mean[known]), sin_of(mean[known]), mean[known + 1]
+        distance, amplitude = heard[m, 0], heard[m, 6]
+        at_1m = radio[AT_1M] / ti.max(distance, 1e-3)
+        std = known_std(radio, heard, m, ti.max(amplitude if amplitude >= 0 else 0.5 * at_1m, FAINTEST))
+        # where to linearise
+        departs, arrival = heard[m, 4] >= 0 and std[1] < UNTOLD, heard[m, 2]
+        wide = ti.sqrt(std[2] * std[2] + covariance[4, 4])
+        for stage in range(2 if departs else 0):
+            reach = wide * (REACH if stage == 0 else 2 * REACH / TRIALS)
+            middle, best, least = arrival, arrival, ti.cast(1e30, ti.f64)
+            for k in range(TRIALS):
+                trial = middle + reach * (2 * ti.cast(k, ti.f64) / (TRIALS - 1) - 1)
+                misfit = misfit_of(trial, mean, place, wall, last, first, heard, m, std, wide)
+                if misfit < least:
+                    best, least = trial, misfit
+            arrival = best
+        angle, offset, slope = line_at(arrival, mean, place, known, last, first, distance)
+        off = wrapped(heard[m, 2] - arrival)
+        back = ti.Vector([slope[0, 4] * off, slope[1, 4] * off], dt=ti.f64)
+        # the line as a function of state and measurement
+        entry = ti.Vector([0, 1, 4, 0, 0, known, (known + 1 if surface >= 0 else 0)])
+        for i in range(size):
+            fresh[i] = mean[i]
+            for j in range(size):
+                joint[i, j] = covariance[i, j]
+            for r in ti.static(range(2)):
+                cross = ti.cast(0.0, ti.f64)
+                for e in ti.static((0, 1, 2, 5, 6)):
+                    cross += slope[r, e] * covariance[entry[e], i]
+                joint[size + r, i], joint[i, size + r] = cross, cross
+        for r in ti.static(range(2)):
+            for q in ti.static(range(2)):
+                own = slope[r, 3] * slope[q, 3] * std[0] ** 2 + slope[r, 4] * slope[q, 4] * std[2] ** 2
+                for e in ti.static((0, 1, 2, 5, 6)):
+                    own += joint[size + ti.max(r, q), entry[e]] * slope[ti.min(r, q), e]
+                joint[size + r, size + q] = own
+        fresh[size], fresh[size + 1] = angle, offset
+        if departs:
+            ends = (newest if last < 0 else last), (newest if first < 0 else first)
+            correct_by_departure(
+                fresh, joint, spread, heard[m, 1], std[1], place, bounces, ends[0], ends[1], back
+            )
+        moved_angle, moved_offset = fresh[size], fresh[size + 1]
+        fresh[size], fresh[size + 1] = moved_angle + back[0], moved_offset + back[1]
+        heading = fresh[4]
+        fresh[4] = wrapped(heading)
+        # its coefficient, by the amplitude alone
+        total, other = ti.cast(0.0, ti.f64), (1.0 if surface < 0 else USUAL_REFLECTION)
+        for n in range(BINS):
+            density = ti.cast(1.0, ti.f64)
+            if amplitude >= 0:
+                level = at_1m * other * (n + 0.5) / BINS
+                density = decay_of(log_rician(amplitude, level, radio[SAMPLES])) + VAGUE
+            reflection[n] = density
+            total += density
+        for n in range(BINS):
+            share = reflection[n]
+            reflection[n] = share / total

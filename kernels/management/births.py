@@ -1,0 +1,298 @@
+"""How well a new surface would explain a measurement, as a mean over samples (paper 002, section V-B)."""
+
+import taichi as ti
+
+from gridslam.kernels import FAINTEST, PATH_BLOCK, USUAL_REFLECTION
+from gridslam.kernels.primitives.device import ON_CPU
+from gridslam.kernels.primitives.functions import (
+    TURN,
+    angle_of,
+    bearing_of,
+    cos_of,
+    double_bounce,
+    exp_of,
+    mirrored,
+    sin_of,
+    single_bounce,
+    turn_of,
+    wrapped,
+)
+from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.particles import AGENT
+from gridslam.kernels.primitives.radio import AT_1M, FALSE_ALARMS, SAMPLES, clutter_of, deviations_of, rician
+from gridslam.kernels.primitives.tables import EXPLAINED, NEW
+from gridslam.kernels.propagation.bundles import lay_leg, meet_cells, rows_alone
+from gridslam.kernels.propagation.coefficients import BINS
+from gridslam.kernels.propagation.paths import draw_path, stand_at
+
+BLOCK = PATH_BLOCK
+ROOT_TURN = 2.5066282746310002
+CLOSE = 1e-4
+"""Square of the distance (m^2) between a virtual and its anchor below which no line is made of them."""
+FAINT, SLIGHT = 1e-3, 1e-3
+"""Ratios to clutter, and to the measurement's known causes, below which a birth isn't looked at."""
+UNTOLD = 0.3
+"""V of a birth whose path is impossible at the mean: elsewhere it isn't, or it wouldn't be one."""
+DOUBLE_SHARE = 0.5
+"""Births by each kind of double bounce over births by single bounces."""
+WIDEST = 2.5
+"""Deviation of an AoD that is as good as none."""
+
+
+@ti.func
+def mean_rician(radio: ti.template(), distance, amplitude, other):
+    """Density of an amplitude, averaged over the unknown coefficient; 1 if there is none."""
+    total = ti.cast(1.0, ti.f64)
+    if amplitude >= 0:
+        total = 0.0
+        for n in range(BINS):
+            level = radio[AT_1M] / ti.max(distance, 1e-3) * other * (n + 0.5) / BINS
+            total += rician(amplitude, level, radio[SAMPLES]) / BINS
+    return total
+
+
+@ti.func
+def known_std(radio: ti.template(), heard: ti.template(), m, amplitude):
+    """sigma of distance, AoD and AoA: the table's own, by Fisher information, or 1e9 for "not measured"."""
+    std = deviations_of(radio, ti.max(amplitude, FAINTEST), heard[m, 1], heard[m, 2])
+    for q in ti.static(range(3)):
+        own = heard[m, 3 + q]
+        if own > 0:
+            std[q] = own
+        std[q] = ti.min(std[q], 1e9) if own >= 0 else 1e9
+    return std
+
+
+@ti.func
+def line_of(mean: ti.template(), heard: ti.template(), ax, ay, m, last, first):
+    """Angle and offset of the new line that explains a measurement at the mean of the belief."""
+    bearing = mean[4] + heard[m, 2]
+    vx, vy = mean[0] + heard[m, 0] * cos_of(bearing), mean[1] + heard[m, 0] * sin_of(bearing)
+    sx, sy = ax, ay
+    if last >= 0:
+        angle = mean[5 + 2 * last]
+        vx, vy = mirrored(vx, vy, cos_of(angle), sin_of(angle), mean[6 + 2 * last])
+    if first >= 0:
+        angle = mean[5 + 2 * first]
+        sx, sy = mirrored(sx, sy, cos_of(angle), sin_of(angle), mean[6 + 2 * first])
+    span = ti.max(ti.sqrt((vx - sx) ** 2 + (vy - sy) ** 2), 1e-12)
+    nx, ny = (vx - sx) / span, (vy - sy) / span
+    return bearing_of(nx, ny), 0.5 * (nx * (vx + sx) + ny * (vy + sy))
+
+
+@ti.func
+def halfway(vx, vy, sx, sy):
+    """Line halfway between two points, and the inverse of their distance: 0 if they are too close for one."""
+    dx, dy = vx - sx, vy - sy
+    square = dx * dx + dy * dy
+    per_metre = 1 / ti.sqrt(ti.max(square, CLOSE))
+    nx, ny = dx * per_metre, dy * per_metre
+    return nx, ny, 0.5 * (nx * (vx + sx) + ny * (vy + sy)), ti.select(square > CLOSE, per_metre, 0.0)
+
+
+@ti.func
+def likely(
+    at, last, first, state: ti.template(), end_x: ti.template(), end_y: ti.template(), there: ti.template(),
+    ax, ay, departure, std,
+):  # fmt: skip
+    """Sum of f(AoD) / span over the samples from `at` on, whose images are given, for one hypothesis."""
+    wx, wy, weight = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+    s = 3 + 3 * ti.max(last, first)
+    if s < 3:
+        for i in range(BLOCK):
+            k = at + i
+            nx, ny, c, per_metre = halfway(end_x[i], end_y[i], ax, ay)
+            _, _, x, y, ok = single_bounce(state[0, k], state[1, k], ax, ay, nx, ny, c)
+            wx[i], wy[i], weight[i] = x, y, ok * per_metre
+    elif last >= 0:
+        for i in range(BLOCK):
+            k = at + i
+            ex, ey, e = state[s, k], state[s + 1, k], state[s + 2, k]
+            vx, vy = mirrored(end_x[i], end_y[i], ex, ey, e)
+            nx, ny, c, per_metre = halfway(vx, vy, ax, ay)
+            _, _, x, y, ok = double_bounce(state[0, k], state[1, k], ax, ay, ex, ey, e, nx, ny, c)
+            wx[i], wy[i], weight[i] = x, y, ok * per_metre
+    else:
+        for i in range(BLOCK):
+            k = at + i
+            ex, ey, e = state[s, k], state[s + 1, k], state[s + 2, k]
+            sx, sy = mirrored(ax, ay, ex, ey, e)
+            nx, ny, c, per_metre = halfway(end_x[i], end_y[i], sx, sy)
+            _, _, x, y, ok = double_bounce(state[0, k], state[1, k], ax, ay, nx, ny, c, ex, ey, e)
+            wx[i], wy[i], weight[i] = x, y, ok * per_metre
+    total = 0.0
+    if std < 1e6:
+        for i in range(BLOCK):
+            gap = wrapped(departure - angle_of(wx[i], wy[i])) / std
+            total += there[i] * weight[i] * exp_of(-0.5 * gap * gap)
+        total /= std * ROOT_TURN
+    else:
+        for i in range(BLOCK):
+            total += there[i] * weight[i]
+        total /= TURN
+    return total
+
+
+@ti.func
+def alone(
+    drawn: ti.template(), count, nx, occupied: ti.template(), frame: ti.template(), line: ti.template(),
+    place: ti.template(),
+):  # fmt: skip
+    """V of the one ray that is drawn: a bundle of one, which needs none of what makes bundles fast."""
+    ny = occupied.shape[1] // nx
+    meet_cells(drawn, 0, 1, count, frame, nx, occupied, 0, line, place)
+    through = line[0, 0, 0] * line[0, 1, 0]
+    start, stop, entry, leave = ti.Vector([0]), ti.Vector([0]), ti.Vector([0]), ti.Vector([0])
+    base, slope = ti.Vector([0.0], dt=ti.f64), ti.Vector([0.0], dt=ti.f64)
+    for corner in range(count + 1):
+        plan = lay_leg(drawn, 0, 1, corner, frame, base, slope, start, stop, entry, leave)
+        flat = plan[0] > 0.5
+        columns, rows = (nx if flat else ny), (ny if flat else nx)
+        for c in range(ti.max(start[0], 0), ti.min(stop[0], columns - 1) + 1):
+            lowest, highest = rows_alone(c, base, slope, start, stop, entry, leave)
+            for r in range(ti.max(lowest, 0), ti.min(highest, rows - 1) + 1):
+                cell = r * nx + c if flat else c * nx + r
+                met = False
+                for n in range(3 * count):
+                    met = met or place[0, n, 0] == cell
+                if not met:
+                    through *= 1 - occupied[0, cell]
+    return through
+
+
+@ti.func
+def sum_up(born: ti.template(), told: ti.template(), measured: ti.template()):
+    """Tell the association of all births of every measurement."""
+    for m in range(measured.shape[1]):
+        measured[NEW, m] = 0.0
+    for b in range(born[0, 0]):
+        before = measured[NEW, born[b + 1, 0]]
+        measured[NEW, born[b + 1, 0]] = before + told[b, 2]
+    for m in range(measured.shape[1]):
+        total = measured[NEW, m]
+        measured[NEW, m] = 1 + total
+
+
+@quick
+@ti.kernel
+def propose(
+    state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S, P] x, y, heading; per line normal x, y, offset
+    noise: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, B] standard normal, for as many states
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
+    known: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [H, 2] known surface hit last, first; -1: the new one
+    anchor: ti.i32,
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `radio`
+    rate: ti.f64,  # births per anchor, step and unit of lines (rad m)
+    ratio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, H] scratch
+    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: see `tables`; `NEW` is told
+    born: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + M H, 3] out: how many there are; of each its
+    # measurement, and its row of `known`
+    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M H, 3] out: the line at the mean; mean number of births
+    # over that of clutter
+):
+    """Draw distance and AoA around the measurement, make the new line, and judge it by AoD and amplitude.
+
+    The mean of f(AoD) / span is taken over samples of agent, distance and AoA, whole blocks of them;
+    amplitude and clutter are the same for all. An AoD that wasn't measured has the density 1 / (2 pi).
+    """
+    ti.loop_config(serialize=ON_CPU)  # too little work to wake other threads for
+    for m in range(heard.shape[0]):
+        hypotheses, blocks = known.shape[0], ti.min(noise.shape[1], state.shape[1]) // BLOCK
+        for h in range(hypotheses):
+            ratio[m, h] = 0.0
+        common = rate * heard[m, 0]
+        least = ti.max(ti.cast(FAINT, ti.f64), SLIGHT * measured[EXPLAINED, m])
+        keep = heard[m, 3] >= 0 and heard[m, 5] >= 0 and hypotheses > 0
+        std, level = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64), ti.Vector([0.0, 0.0], dt=ti.f64)
+        if keep:
+            amplitude = heard[m, 6]
+            usual = amplitude if amplitude >= 0 else radio[AT_1M] / ti.max(heard[m, 0], 1e-3) * 0.5
+            std = known_std(radio, heard, m, usual)
+            clutter = radio[FALSE_ALARMS] * clutter_of(radio, amplitude)
+            level[0] = mean_rician(radio, heard[m, 0], amplitude, 1.0) / clutter
+            level[1] = mean_rician(radio, heard[m, 0], amplitude, USUAL_REFLECTION) / clutter
+            # what a hypothesis could be worth at most: the AoD right on, the image next to the anchor
+            most = ti.max(level[0], level[1]) if hypotheses > 1 else level[0]
+            keep = common * most / ROOT_TURN > least * ti.min(std[1], WIDEST)
+        reach, reach_std = ti.cast(heard[m, 0], ti.f32), ti.cast(std[0], ti.f32)
+        arrival, arrival_std = ti.cast(heard[m, 2], ti.f32), ti.cast(std[2], ti.f32)
+        departure, departure_std = ti.cast(heard[m, 1] + places[anchor, 2], ti.f32), ti.cast(std[1], ti.f32)
+        ax, ay = ti.cast(places[anchor, 0], ti.f32), ti.cast(places[anchor, 1], ti.f32)
+        for block in range(blocks if keep else 0):
+            at, there = block * BLOCK, ti.Vector([0.0] * BLOCK)
+            end_x, end_y = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+            for i in range(BLOCK):
+                k = at + i
+                distance = reach + reach_std * ti.cast(noise[0, k], ti.f32)
+                turned = arrival + arrival_std * ti.cast(noise[1, k], ti.f32)
+                cosine, sine = turn_of(wrapped(turned + state[2, k]))
+                end_x[i], end_y[i] = state[0, k] + distance * cosine, state[1, k] + distance * sine
+                there[i] = ti.select(distance > 0, 1.0, 0.0)
+            for h in range(hypotheses):
+                so_far = ratio[m, h]
+                more = likely(
+                    at, known[h, 0], known[h, 1], state, end_x, end_y, there, ax, ay, departure, departure_std
+                )
+                ratio[m, h] = so_far + more / (blocks * BLOCK)
+        for h in range(hypotheses if keep else 0):
+            last, first = known[h, 0], known[h, 1]
+            worth = common * level[0] * ratio[m, h]
+            if last >= 0 or first >= 0:
+                worth = common * level[1] * DOUBLE_SHARE * ratio[m, h]
+            ratio[m, h] = worth if worth > least else 0.0
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        count = 0
+        for m in range(heard.shape[0]):
+            for h in range(known.shape[0]):
+                if ratio[m, h] > 0:
+                    last, first = known[h, 0], known[h, 1]
+                    ax, ay = places[anchor, 0], places[anchor, 1]
+                    told[count, 0], told[count, 1] = line_of(mean, heard, ax, ay, m, last, first)
+                    told[count, 2] = ratio[m, h]
+                    count += 1
+                    born[count, 0], born[count, 1], born[count, 2] = m, last, first
+        born[0, 0] = count
+        sum_up(born, told, measured)
+
+
+@quick
+@ti.kernel
+def glance(
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
+    anchor: ti.i32,
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    wide: ti.i32,  # cells of a row
+    occupied: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [2, ny nx] o of a traversed cell, of a hit one in V
+    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [4 or more] origin x, y, side, factor outside
+    line: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [1 or more, LINES, LANES] scratch
+    place: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [1 or more, PLACES, LANES] scratch
+    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 (S + 1), 1] scratch
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1, 4] scratch
+    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [1, 14] scratch
+    born: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + B or more, 3] as `propose` leaves them
+    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [B or more, 3] in/out: likewise
+    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: see `tables`; `NEW` is told
+):
+    """Weigh births by V of their paths at the mean of the belief, eq. (1) of paper 003.
+
+    One ray at a time: there are few, and waking other threads takes longer than this.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        surfaces = (mean.shape[0] - AGENT) // 2
+        stand_at(mean, state)
+        own = 3 + 3 * surfaces
+        for b in range(born[0, 0]):
+            last, first, worth = born[b + 1, 1], born[b + 1, 2], told[b, 2]
+            state[own, 0], state[own + 1, 0] = cos_of(told[b, 0]), sin_of(told[b, 0])
+            state[own + 2, 0] = told[b, 1]
+            path[0, 0], path[0, 3] = (1 if last < 0 and first < 0 else 2), anchor
+            path[0, 1], path[0, 2] = (surfaces if last < 0 else last), (surfaces if first < 0 else first)
+            draw_path(state, path, places, 0, 0, drawn)
+            told[b, 2] = UNTOLD * worth
+            if drawn[0, 12] > 0.5:
+                told[b, 2] = worth * alone(drawn, path[0, 0], wide, occupied, frame, line, place)
+        sum_up(born, told, measured)

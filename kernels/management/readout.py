@@ -1,0 +1,128 @@
+"""What users are told of a belief: surfaces with their feature vectors, and the paths believed in."""
+
+import taichi as ti
+
+from gridslam.kernels.primitives.functions import cos_of, sin_of
+from gridslam.kernels.primitives.gaussian import path_of
+from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.particles import AGENT
+from gridslam.kernels.propagation.coefficients import BINS
+from gridslam.kernels.propagation.paths import draw_path, stand_at
+from gridslam.kernels.propagation.rays import enter_path, listed
+
+BELIEVED = 0.5
+"""Existence from which on a path is told of."""
+NAN = 0x7FF8, 48
+"""Upper bits of what is no number, and by how much to shift them: it can't be worked out in fast math."""
+PI_HIGH, PI_LOW = 3.1415927410125732, 8.742277657347586e-08
+"""Pi is their difference: constants alone have single precision."""
+
+
+@ti.func
+def tell_surface(
+    s, mean: ti.template(), covariance: ti.template(), extent: ti.template(), reflection: ti.template(),
+    table: ti.template(),
+):  # fmt: skip
+    """Write one surface's row."""
+    pi = ti.cast(PI_HIGH, ti.f64) - ti.cast(PI_LOW, ti.f64)
+    at = AGENT + 2 * s
+    angle, offset = mean[at], mean[at + 1]
+    cosine, sine = cos_of(angle), sin_of(angle)
+    turned = offset < 0  # the same line with the normal the other way round
+    sign = ti.select(turned, -1.0, 1.0)
+    by_angle, own = covariance[at, at], covariance[at + 1, at + 1]
+    both = sign * covariance[at, at + 1]
+    angle += ti.select(turned, pi, 0 * pi)
+    table[s, 0], table[s, 1] = angle - 2 * pi * ti.floor(angle / (2 * pi) + 0.5), ti.abs(offset)
+    table[s, 2], table[s, 3], table[s, 4], table[s, 5] = by_angle, both, both, own
+    table[s, 6], table[s, 7] = 2 * offset * cosine, 2 * offset * sine
+    # derivatives of the mirror image of the origin by the line as it was
+    ax, ay, bx, by = -2 * offset * sine, 2 * offset * cosine, 2 * cosine, 2 * sine
+    cross = covariance[at, at + 1]
+    table[s, 8] = ax * ax * by_angle + 2 * ax * bx * cross + bx * bx * own
+    table[s, 9] = ax * ay * by_angle + (ax * by + ay * bx) * cross + bx * by * own
+    table[s, 10] = table[s, 9]
+    table[s, 11] = ay * ay * by_angle + 2 * ay * by * cross + by * by * own
+    first, second = 0 * pi, 0 * pi
+    for n in range(BINS):
+        level = (ti.cast(n, ti.f64) + 0.5) / BINS
+        first += level * reflection[s, n]
+        second += level * level * reflection[s, n]
+    table[s, 12], table[s, 13] = first, second - first * first
+    low, high = extent[s, 0], extent[s, 1]
+    table[s, 14], table[s, 15] = ti.select(turned, -high, low), ti.select(turned, -low, high)
+
+
+@ti.func
+def tell_path(
+    row, existence, mean: ti.template(), path: ti.template(), places: ti.template(), identity: ti.template(),
+    at_1m, table: ti.template(), drawn: ti.template(), number: ti.template(), told: ti.template(),
+):  # fmt: skip
+    """Write one path's row: by which surfaces, and its parameters; `drawn` has its corners."""
+    bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
+    place = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)
+    value, _slope = path_of(mean, place, bounces, last, first)
+    coefficient = ti.cast(1.0, ti.f64)
+    number[row, 0], number[row, 1], number[row, 2] = anchor, -1, -1
+    if bounces > 0:
+        number[row, 1], number[row, 2] = identity[last], identity[first]
+        coefficient = table[last, 12] * (table[first, 12] if bounces == 2 else 1.0)
+    for i in ti.static(range(3)):
+        told[row, i] = value[i]
+    told[row, 3], told[row, 4] = at_1m / ti.max(value[0], 1e-3) * coefficient, existence
+    for n in ti.static(range(8)):
+        told[row, 5 + n] = drawn[row, n]
+        if ti.static(2 <= n < 6) and bounces < (1 if ti.static(n < 4) else 2):
+            told[row, 5 + n] = ti.bit_cast(ti.cast(NAN[0], ti.i64) << NAN[1], ti.f64)
+
+
+@quick
+@ti.kernel
+def describe(
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
+    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
+    extent: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 2] stretch of each surface that was hit
+    reflection: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] belief over its coefficient
+    bounces: ti.i32,  # of a path at most
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
+    owner: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] the one anchor that a surface serves; -1 for all
+    sight: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J] existence of lines of sight
+    single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] of rays over one surface
+    double: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [J, S, S] over (last, first)
+    identity: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S]
+    at_1m: ti.f64,  # amplitude of a line of sight 1 m long
+    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, 1] scratch
+    table: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 16] out: line (2) and covariance (4), SFV (2) and
+    # covariance (4), coefficient and variance, extent (2), of the line with offset >= 0
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + J (1 + S S), 4] out: bounces, last, first, anchor
+    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [1 + J (1 + S S), 13] scratch: see `draw_path`
+    number: ti.types.ndarray(dtype=ti.i64, ndim=2),  # [J (1 + S S), 3] out: anchor, identities of last, first
+    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J (1 + S S), 13] out: distance, AoD, AoA; amplitude by
+    # coefficients; existence of ray and surfaces; corners (8), NaN for bounces that it doesn't have
+    found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: how many paths are told of
+):
+    """Describe all surfaces, and the believed paths that are possible, at the mean of the belief."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        count, n = surface.shape[0], 0
+        for s in range(count):
+            tell_surface(s, mean, covariance, extent, reflection, table)
+        stand_at(mean, state)
+        for anchor in range(places.shape[0]):
+            for kind in range(3 if bounces > 1 else 2):
+                for s in range(1 if kind == 0 else count):
+                    for r in range(count if kind == 2 else 1):
+                        there, chance, together = listed(
+                            kind, s, r, anchor, surface, owner, sight, single, double
+                        )  # fmt: skip
+                        if there and chance * together > BELIEVED:
+                            enter_path(path, n, kind, s, r, anchor)
+                            draw_path(state, path, places, n, 0, drawn)
+                            if drawn[n, 12] > 0.5:
+                                tell_path(
+                                    n, chance * together, mean, path, places, identity, at_1m, table, drawn,
+                                    number, told,
+                                )  # fmt: skip
+                                n += 1
+        found[0] = n

@@ -1,0 +1,166 @@
+"""Surfaces that are one with another, and ghosts of double bounces."""
+
+import taichi as ti
+
+from gridslam.kernels import OFTEN, OFTENER
+from gridslam.kernels.primitives.functions import PI, cos_of, sin_of, wrapped
+from gridslam.kernels.primitives.gaussian import mirror_of
+from gridslam.kernels.primitives.launching import quick
+
+ALIKE = 0.5
+"""Turn (rad) and gap (m) within which two surfaces may be one."""
+SLACK, LIKELY = (1e-4, 2.5e-5), 9.0
+"""Variances of gap and turn that are always allowed; squared distance up to which they are one."""
+SURE, SHARP_M = 0.9, 0.1
+"""Existence and deviation of the offset from which on a surface may take another's place."""
+HEARD_ELSEWHERE = 0.3
+"""Existence of another anchor's ray at which a surface isn't a ghost."""
+NEAR_M, SLACK_M, GATE = 0.5, 0.02, 9.0
+"""Gap of the virtual anchors that is looked at; what is always allowed; squared in deviations."""
+AROUND_M, THROUGH_M, CROSSING = 1.0, 0.15, 0.2
+"""Silent surface through a corner: gap of virtual anchors, distance from it, sine of the corner's angle."""
+
+
+@quick
+@ti.kernel
+def duplicate(
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
+    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
+    foot: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] tangential coordinate of the latest hit
+    owner: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] the one anchor that a surface serves; -1 for all
+    found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] out: older and younger, -1 for none
+    tie: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, 5] out: derivatives by the lines of both; residual
+):
+    """Find the youngest surface that is one with an older one: by turn, and gap where it was hit."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        found[0], found[1] = -1, -1
+        count = foot.shape[0]
+        for back in range(count - 1):
+            y = count - 1 - back
+            for o in range(y):
+                if found[0] < 0 and owner[y] == owner[o]:
+                    here, there = mean[5 + 2 * y], mean[5 + 2 * o]
+                    turn, flip = wrapped(there - here), ti.cast(1.0, ti.f64)
+                    if ti.abs(turn) > 0.5 * PI:  # the same line written with the opposite normal
+                        turn, flip = wrapped(turn + PI), -flip
+                    n = ti.Vector([cos_of(here), sin_of(here)], dt=ti.f64)
+                    m = ti.Vector([cos_of(there), sin_of(there)], dt=ti.f64)
+                    along, side = ti.Vector([-n[1], n[0]], dt=ti.f64), ti.Vector([-m[1], m[0]], dt=ti.f64)
+                    place = mean[6 + 2 * y] * n + foot[y] * along
+                    gap = flip * (place.dot(m) - mean[6 + 2 * o])
+                    if ti.abs(turn) <= ALIKE and ti.abs(gap) <= ALIKE:
+                        # the place itself moves with the younger line
+                        by_turn = mean[6 + 2 * y] * along - foot[y] * n
+                        slope = ti.Matrix.zero(ti.f64, 2, 4)
+                        slope[0, 0], slope[0, 1] = flip * place.dot(side), -flip
+                        slope[0, 2], slope[0, 3] = flip * m.dot(by_turn), flip * n.dot(m)
+                        slope[1, 0], slope[1, 2] = 1.0, -1.0
+                        entry = ti.Vector([5 + 2 * o, 6 + 2 * o, 5 + 2 * y, 6 + 2 * y])
+                        own = ti.Matrix.zero(ti.f64, 4, 4)
+                        for i in ti.static(range(4)):
+                            for j in ti.static(range(4)):
+                                own[i, j] = covariance[entry[i], entry[j]]
+                        spread = slope @ own @ slope.transpose()
+                        a, b, c = spread[0, 0] + SLACK[0], spread[0, 1], spread[1, 1] + SLACK[1]
+                        square = c * gap * gap - 2 * b * gap * turn + a * turn * turn
+                        if square < LIKELY * (a * c - b * b):
+                            found[0], found[1] = o, y
+                            for i in ti.static(range(2)):
+                                for j in ti.static(range(4)):
+                                    tie[i, j] = slope[i, j]
+                            tie[0, 4], tie[1, 4] = -gap, -turn
+
+
+@quick
+@ti.kernel
+def haunt(
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
+    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
+    surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
+    seen: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] detections
+    single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] existence of rays over one surface
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 2] anchors
+    ghost: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [S] out: 1 for a ghost
+):
+    """Find the surfaces whose virtual anchor a double bounce over two surer ones makes."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        count = surface.shape[0]
+        for g in range(count):
+            ghost[g] = 0
+        for s in range(count):
+            for r in range(count if fit_for_it(s, covariance, surface, seen) else 0):
+                if s != r and fit_for_it(r, covariance, surface, seen):
+                    chance, often = ti.min(surface[s], surface[r]), ti.min(seen[s], seen[r])
+                    for g in range(count):
+                        if ghost[g] == 0 and chance > surface[g] and often > OFTENER * seen[g]:
+                            if explains(g, s, r, mean, covariance, single, places):
+                                ghost[g] = 1
+
+
+@ti.func
+def fit_for_it(s, covariance: ti.template(), surface: ti.template(), seen: ti.template()):
+    """Whether a surface may take another's place."""
+    return surface[s] > SURE and seen[s] >= OFTEN and covariance[6 + 2 * s, 6 + 2 * s] < SHARP_M * SHARP_M
+
+
+@ti.func
+def explains(
+    g, s, r, mean: ti.template(), covariance: ti.template(), single: ti.template(), places: ti.template()
+):
+    """Whether the double bounce over last `s` and first `r` makes the virtual anchor of `g`, any anchor's."""
+    yes, most = False, ti.cast(0.0, ti.f64)
+    for anchor in range(places.shape[0]):
+        most = ti.max(most, single[anchor, g])
+    corner = through_corner(g, s, r, mean)
+    for anchor in range(places.shape[0]):
+        x, y = places[anchor, 0], places[anchor, 1]
+        own, by_own, by_offset = mirror_of(x, y, mean[5 + 2 * g], mean[6 + 2 * g])
+        image, by_first, by_first_offset = mirror_of(x, y, mean[5 + 2 * r], mean[6 + 2 * r])
+        image, by_last, by_last_offset = mirror_of(image[0], image[1], mean[5 + 2 * s], mean[6 + 2 * s])
+        gap = own - image
+        far, elsewhere = gap.norm(), ti.cast(0.0, ti.f64)
+        for other in range(places.shape[0]):
+            if other != anchor:
+                elsewhere = ti.max(elsewhere, single[other, g])
+        # heard loosely, it lies between what AoA and AoD of the double bounce would have it
+        if far < AROUND_M and corner and most < HEARD_ELSEWHERE:
+            yes = True
+        elif far < NEAR_M and elsewhere < HEARD_ELSEWHERE:
+            n = ti.Vector([cos_of(mean[5 + 2 * s]), sin_of(mean[5 + 2 * s])], dt=ti.f64)
+            by_first -= 2 * n.dot(by_first) * n
+            by_first_offset -= 2 * n.dot(by_first_offset) * n
+            slope = ti.Matrix.zero(ti.f64, 2, 6)
+            for i in ti.static(range(2)):
+                slope[i, 0], slope[i, 1] = by_own[i], by_offset[i]
+                slope[i, 2], slope[i, 3] = -by_last[i], -by_last_offset[i]
+                slope[i, 4], slope[i, 5] = -by_first[i], -by_first_offset[i]
+            entry = ti.Vector([5 + 2 * g, 6 + 2 * g, 5 + 2 * s, 6 + 2 * s, 5 + 2 * r, 6 + 2 * r])
+            spread = ti.Matrix.zero(ti.f64, 2, 2)
+            for m in range(6):
+                for n2 in range(6):
+                    p = covariance[entry[m], entry[n2]]
+                    for i in ti.static(range(2)):
+                        for j in ti.static(range(2)):
+                            spread[i, j] += slope[i, m] * p * slope[j, n2]
+            if spread[0, 0] + spread[1, 1] < NEAR_M * NEAR_M:
+                a, b, c = spread[0, 0] + SLACK_M * SLACK_M, spread[0, 1], spread[1, 1] + SLACK_M * SLACK_M
+                square = c * gap[0] * gap[0] - 2 * b * gap[0] * gap[1] + a * gap[1] * gap[1]
+                if square < GATE * (a * c - b * b):
+                    yes = True
+    return yes
+
+
+@ti.func
+def through_corner(g, s, r, mean: ti.template()):
+    """Whether a line passes through the corner of two others."""
+    a, b = mean[6 + 2 * s], mean[6 + 2 * r]
+    n = ti.Vector([cos_of(mean[5 + 2 * s]), sin_of(mean[5 + 2 * s])], dt=ti.f64)
+    m = ti.Vector([cos_of(mean[5 + 2 * r]), sin_of(mean[5 + 2 * r])], dt=ti.f64)
+    sine, through = n[0] * m[1] - n[1] * m[0], False
+    if ti.abs(sine) > CROSSING:
+        x, y = (a * m[1] - b * n[1]) / sine, (b * n[0] - a * m[0]) / sine
+        angle = mean[5 + 2 * g]
+        through = ti.abs(cos_of(angle) * x + sin_of(angle) * y - mean[6 + 2 * g]) < THROUGH_M
+    return through

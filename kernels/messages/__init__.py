@@ -1,0 +1,1 @@
+"""From likelihood to update: gating, evaluation, association, existence."""

@@ -1,0 +1,115 @@
+"""Messages of the data association graph (Williams and Lau 2014)."""
+
+import taichi as ti
+
+from gridslam.kernels import PATH_BLOCK
+from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.tables import (
+    BETA,
+    CHANCE,
+    CLAIM,
+    CLAIMED,
+    DETECTED,
+    EXISTENCE,
+    EXPLAINED,
+    MISSED,
+    NEW,
+    NU,
+    OPEN,
+    POSSIBLE,
+    RATIO,
+    SURFACES,
+    THERE,
+)
+
+LEAST_POSSIBLE = 1e-3
+"""Share of particles at which a path is possible that ratios are divided by at least."""
+ROOT_TURN_CUBED = 15.749609945722419
+SETTLED = 1e-6
+"""Change of a message that counts as none."""
+
+
+@ti.func
+def enter(
+    blocks: ti.template(), start: ti.template(), index: ti.template(), pair: ti.template(),
+    odds: ti.template(), message: ti.template(), measured: ti.template(),
+):  # fmt: skip
+    """Means over the particles, and the messages from them into the association.
+
+    Arguments as of `evaluation.evaluate`, whose blocks of particles are summed up.
+    """
+    paths, count = odds.shape[1], blocks.shape[1]
+    particles = ti.cast(count * PATH_BLOCK, ti.f64)
+    for m in range(measured.shape[1]):
+        measured[EXPLAINED, m] = 0.0
+    for row in range(paths):
+        total = ti.cast(0.0, ti.f64)
+        for block in range(count):
+            total += blocks[row, block]
+        possible = total / particles
+        odds[POSSIBLE, row] = odds[OPEN, row] * possible
+        odds[CHANCE, row] = odds[EXISTENCE, row] * odds[POSSIBLE, row]
+        odds[THERE, row] = odds[SURFACES, row] * odds[CHANCE, row]
+        odds[MISSED, row] = ti.max(1 - odds[THERE, row] * odds[DETECTED, row], 1e-9)
+        for m in range(measured.shape[1]):
+            message[RATIO, row, m], message[BETA, row, m] = 0.0, 0.0
+        for k in range(start[row], start[row + 1]):
+            m, total = index[k, 1], ti.cast(0.0, ti.f64)
+            for block in range(count):
+                total += blocks[paths + k, block]
+            mean = total / particles / (ROOT_TURN_CUBED * ti.sqrt(pair[k, 7]))
+            ratio = pair[k, 6] * mean / ti.max(possible, LEAST_POSSIBLE)
+            message[RATIO, row, m], message[BETA, row, m] = ratio, odds[THERE, row] * ratio
+            before = measured[EXPLAINED, m]
+            measured[EXPLAINED, m] = before + odds[THERE, row] * ratio
+
+
+@ti.func
+def exchange(odds: ti.template(), message: ti.template(), measured: ti.template(), rounds):
+    """Exchange messages between paths and measurements until they stay as they are.
+
+    Arguments as of `associate`.
+    """
+    paths, heard = message.shape[1], message.shape[2]
+    for row in range(paths):
+        for m in range(heard):
+            message[NU, row, m], message[CLAIM, row, m] = 1 / measured[NEW, m], 0.0
+    change, left = ti.cast(1e30, ti.f64), rounds
+    while left > 0 and change >= SETTLED:
+        left -= 1
+        change = 0.0
+        for row in range(paths):
+            total = ti.cast(0.0, ti.f64)
+            for m in range(heard):
+                total += message[BETA, row, m] * message[NU, row, m]
+            for m in range(heard):
+                beta = message[BETA, row, m]
+                others = ti.max(total - beta * message[NU, row, m], 0.0)
+                message[CLAIM, row, m] = beta / (odds[MISSED, row] + others)
+        for m in range(heard):
+            total = ti.cast(0.0, ti.f64)
+            for row in range(paths):
+                total += message[CLAIM, row, m]
+            for row in range(paths):
+                fresh = 1 / (measured[NEW, m] + ti.max(total - message[CLAIM, row, m], 0.0))
+                change = ti.max(change, ti.abs(fresh - message[NU, row, m]))
+                message[NU, row, m] = fresh
+    for m in range(heard):
+        total = ti.cast(0.0, ti.f64)
+        for row in range(paths):
+            total += message[CLAIM, row, m]
+        measured[CLAIMED, m] = total
+
+
+@quick
+@ti.kernel
+def associate(
+    odds: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [11, L] of which `MISSED` is given: see `tables`
+    message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [5, L, M] in/out: `BETA` is given, `CLAIM`, `NU` told
+    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: `NEW` is given, `CLAIMED` told
+    rounds: ti.i32,  # at most
+):
+    """Data association by itself; a filter has it done with its updates."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        exchange(odds, message, measured, rounds)

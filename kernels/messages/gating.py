@@ -1,0 +1,87 @@
+"""Which measurements may have come from which paths, and what the evaluation needs of each such pair."""
+
+import taichi as ti
+
+from gridslam.kernels import FAINTEST, UNMEASURED
+from gridslam.kernels.primitives.functions import wrapped
+from gridslam.kernels.primitives.radio import SPAN, deviations_of
+from gridslam.kernels.primitives.tables import UNEXPLAINED
+from gridslam.kernels.propagation.amplitudes import NEGLIGIBLE, worth_of
+
+ROOT_TURN = 2.5066282746310002
+GATE = 6.0
+"""Deviations within reach."""
+MARGIN_M, MARGIN_RAD = 0.3, 0.3
+"""Widening of the gate for what the linearised spread doesn't tell."""
+LEAST_STD = 1e-6
+
+
+@ti.func
+def gate(
+    predicted: ti.template(), heard: ti.template(), radio: ti.template(), kept, odds: ti.template(),
+    strength: ti.template(), start: ti.template(), index: ti.template(), pair: ti.template(),
+    table: ti.template(), measured: ti.template(),
+):  # fmt: skip
+    """Pick the pairs whose distance and angles lie within reach of what is predicted, path by path.
+
+    `strength` is as `amplitudes.weigh` leaves it; arguments as of `evaluation.evaluate`.
+    """
+    known = 0
+    for m in range(heard.shape[0]):
+        measured[UNEXPLAINED, m] = heard[m, 8]
+    start[0] = 0
+    for row in range(predicted.shape[0]):
+        for m in range(heard.shape[0]):
+            ratio = strength[0, row, m]
+            if ratio > 0 and worth_of(odds, row) > NEGLIGIBLE:
+                amplitude = ti.max(strength[1, row, m], FAINTEST)
+                std = deviations_of(radio, amplitude, predicted[row, 1], predicted[row, 2])
+                near, absent = True, ti.cast(1.0, ti.f64)
+                variance = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64)
+                for q in ti.static(range(3)):
+                    own, gap = heard[m, 3 + q], ti.cast(0.0, ti.f64)
+                    if own > 0:
+                        std[q] = own
+                    if own >= 0:
+                        gap = heard[m, q] - predicted[row, q]
+                        if ti.static(q > 0):
+                            gap = wrapped(gap)
+                    variance[q] = ti.max(std[q], LEAST_STD) ** 2
+                    if own < 0 or variance[q] >= UNMEASURED:
+                        # a factor left out on both sides: its clutter density cancels
+                        flat = radio[SPAN] if ti.static(q == 0) else ROOT_TURN * ROOT_TURN
+                        absent *= ROOT_TURN * ti.sqrt(ti.cast(UNMEASURED, ti.f64)) / flat
+                        variance[q] = UNMEASURED
+                        std[q] = 0.0
+                    reach = GATE * ti.sqrt(predicted[row, 3 + 4 * q] + std[q] * std[q])
+                    reach += MARGIN_M if ti.static(q == 0) else MARGIN_RAD
+                    if not (ti.abs(gap) < reach):
+                        near = False
+                if near:
+                    total = ti.Matrix.zero(ti.f64, 3, 3)
+                    for i in ti.static(range(3)):
+                        for j in ti.static(range(3)):
+                            total[i, j] = kept * predicted[row, 3 + 3 * i + j]
+                        total[i, i] += variance[i]
+                    a, b, c = total[0, 0], total[1, 1], total[2, 2]
+                    d, e, f = total[0, 1], total[0, 2], total[1, 2]
+                    i00, i11, i22 = b * c - f * f, a * c - e * e, a * b - d * d
+                    i01, i02, i12 = e * f - c * d, d * f - b * e, d * e - a * f
+                    determinant = a * i00 + d * i01 + e * i02
+                    reach = ti.min(GATE * ti.sqrt(a), 1e5)
+                    index[known, 0], index[known, 1] = row, m
+                    measured[UNEXPLAINED, m] = 0.0
+                    for q in ti.static(range(3)):
+                        pair[known, q], pair[known, 3 + q] = heard[m, q], variance[q]
+                        table[known, q] = ti.cast(heard[m, q], ti.f32)
+                    pair[known, 6], pair[known, 7] = ratio * absent, determinant
+                    table[known, 3] = ti.cast(i00 / determinant, ti.f32)
+                    table[known, 4] = ti.cast(i11 / determinant, ti.f32)
+                    table[known, 5] = ti.cast(i22 / determinant, ti.f32)
+                    table[known, 6] = ti.cast(i01 / determinant, ti.f32)
+                    table[known, 7] = ti.cast(i02 / determinant, ti.f32)
+                    table[known, 8] = ti.cast(i12 / determinant, ti.f32)
+                    table[known, 9] = ti.cast(ti.max(heard[m, 0] - reach, -1e5), ti.f32)
+                    table[known, 10] = ti.cast(heard[m, 0] + reach, ti.f32)
+                    known += 1
+        start[row + 1] = known

@@ -1,0 +1,134 @@
+"""Histograms of rays' amplitudes: how they change, and what is heard of them (paper 002, section III)."""
+
+import taichi as ti
+
+from gridslam.kernels.primitives.functions import decay_of, logarithm_of
+from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.radio import log_rician
+
+NODES, GAP, STAY, RISE, FALL, SILENT = 0, 1, 2, 3, 4, 5
+"""Rows of a table over the nodes: amplitudes; shares of a flat density; probability that a walking amplitude
+stays, goes to the next node, or to the one before; that it isn't detected."""
+FINE, RATIO, AT_1M, P_STAY, P_APPEAR, SURPRISE = 0, 1, 2, 3, 4, 5
+"""Places of numbers: nodes are ``FINE sinh(RATIO (n + 1))``; amplitude at 1 m; probabilities that a ray stays
+and that it appears; weight of any amplitude at all."""
+HEARD = 1e-3
+"""Sum over the paths of their responsibility from which on a measurement is looked at."""
+
+
+@ti.func
+def rescale(
+    kept: ti.template(), row, factor, number: ti.template(), table: ti.template(), out: ti.template()
+):
+    """Write what a histogram is where amplitudes are `factor` times what they were; return their mean."""
+    last, mean = kept.shape[1] - 1, ti.cast(0.0, ti.f64)
+    for n in range(last + 1):
+        out[n] = 0.0
+    for n in range(last + 1):
+        x = factor * table[NODES, n] / number[FINE]
+        place = logarithm_of(x + ti.sqrt(x * x + 1)) / number[RATIO] - 1
+        place = ti.max(0.0, ti.min(place, ti.cast(last, ti.f64)))
+        below = ti.min(ti.cast(place, ti.i32), last - 1)
+        above = kept[row, n] * (place - below)
+        before, after = out[below], out[below + 1]
+        out[below], out[below + 1] = before + kept[row, n] - above, after + above
+        mean += (kept[row, n] - above) * table[NODES, below] + above * table[NODES, below + 1]
+    return mean
+
+
+@quick
+@ti.kernel
+def walk(
+    kept: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] histograms as they were
+    length: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, L] of the paths then, negative for none; and now
+    existence: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] predicted, of the rays
+    table: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [6, K] see `NODES`
+    number: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [6] see `FINE`
+    scratch: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K]
+    ahead: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] out: histograms one step ahead, eq. (13)
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] out: mean amplitude before that step, eq. (18)
+):
+    """Let amplitudes walk, about what free space makes of a path's new length; rays may appear."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        last = ahead.shape[1] - 1
+        for row in range(ahead.shape[0]):
+            far = ti.max(length[1, row], 1e-3)
+            reach = ti.max(ti.min(number[AT_1M] / far, table[NODES, last]), 2 * table[NODES, 0])
+            total, there, chance = ti.cast(0.0, ti.f64), existence[row], number[P_APPEAR]
+            for n in range(last + 1):
+                total += table[GAP, n] if table[NODES, n] <= reach else 0.0
+            share = ti.cast(1.0, ti.f64)  # of a ray that appears: it may have any amplitude up to that
+            mean[row] = 0.5 * number[AT_1M] / far
+            if length[0, row] >= 0:
+                mean[row] = rescale(kept, row, length[0, row] / far, number, table, scratch)
+                before = ti.max(0.0, ti.min((there - chance) / (number[P_STAY] - chance), 1.0))
+                share = chance * (1 - before) / ti.max(there, 1e-12)
+            for n in range(last + 1):
+                fresh = table[GAP, n] / total if table[NODES, n] <= reach else 0.0
+                ahead[row, n] = share * fresh
+            for n in range(last + 1 if share < 1 else 0):
+                walked = scratch[n] * table[STAY, n]
+                if n > 0:
+                    walked += scratch[n - 1] * table[RISE, n - 1]
+                if n < last:
+                    walked += scratch[n + 1] * table[FALL, n + 1]
+                so_far = ahead[row, n]
+                ahead[row, n] = so_far + (1 - share) * walked
+
+
+@quick
+@ti.kernel
+def listen(
+    ahead: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] histograms before anything was heard
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
+    responsible: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, M] probability that path caused measurement
+    table: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [6, K] see `NODES`
+    number: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [6] see `FINE`
+    samples: ti.f64,  # of the radio
+    density: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, K] scratch
+    after: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] out
+):
+    """Multiply in what was heard, softly by association, eq. (26)."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        paths, last = ahead.shape[0], ahead.shape[1] - 1
+        for m in range(heard.shape[0]):
+            mass, most = ti.cast(0.0, ti.f64), ti.cast(-1e30, ti.f64)
+            for row in range(paths):
+                mass += responsible[row, m]
+            if mass > HEARD:
+                audible = ti.min(heard[m, 6], table[NODES, last])
+                for n in range(last + 1):
+                    density[m, n] = log_rician(audible, table[NODES, n], samples) if audible > 0 else 0.0
+                    most = ti.max(most, density[m, n])
+                for n in range(last + 1):
+                    log = density[m, n]
+                    density[m, n] = decay_of(log - most)
+            else:
+                density[m, 0] = -1.0  # looked at by nobody
+        for row in range(paths):
+            silent, missed = ti.cast(0.0, ti.f64), ti.cast(1.0, ti.f64)
+            for n in range(last + 1):
+                silent += (ahead[row, n] + number[SURPRISE] * table[GAP, n]) * table[SILENT, n]
+            for m in range(heard.shape[0]):
+                missed -= responsible[row, m]
+            missed = ti.max(missed, 0.0) / silent
+            for n in range(last + 1):
+                prior = ahead[row, n] + number[SURPRISE] * table[GAP, n]
+                after[row, n] = missed * prior * table[SILENT, n]
+            for m in range(heard.shape[0]):
+                if density[m, 0] >= 0 and responsible[row, m] > 0:
+                    said = ti.cast(0.0, ti.f64)
+                    for n in range(last + 1):
+                        said += (ahead[row, n] + number[SURPRISE] * table[GAP, n]) * density[m, n]
+                    part = responsible[row, m] / said
+                    for n in range(last + 1):
+                        prior, so_far = ahead[row, n] + number[SURPRISE] * table[GAP, n], after[row, n]
+                        after[row, n] = so_far + part * prior * density[m, n]
+            total = ti.cast(0.0, ti.f64)
+            for n in range(last + 1):
+                total += after[row, n]
+            for n in range(last + 1):
+                so_far = after[row, n]
+                after[row, n] = so_far / ti.max(total, 1e-12)

@@ -1,0 +1,1 @@
+"""Functions that kernels share: special functions, Gaussians, the radio, launches, tables."""

@@ -1,0 +1,240 @@
+"""Paths linearised at the mean of the joint belief: their prediction, and its correction by them.
+
+State: [x, y, vx, vy, heading, angle_1, offset_1, ...]. A path depends on seven of its entries at most.
+"""
+
+import taichi as ti
+
+from gridslam.kernels import UNMEASURED
+from gridslam.kernels.primitives.functions import PI, bearing_of, cos_of, decay_of, sin_of, wrapped
+from gridslam.kernels.primitives.tables import BETA, MISSED, NU, ORDER, RESPONSIBLE, SURE, THERE
+
+MEASURED = 0.1 * UNMEASURED
+"""A variance from here on stands for "not measured"."""
+UNHEARD, UNMOVED = 1e-3, 1e-6
+"""Probabilities below which a path is left out, and below which an association moves nothing."""
+
+
+@ti.func
+def mirror_of(x, y, angle, offset):
+    """Mirror image of a point at a line, and its derivatives by the line's angle and offset."""
+    nx, ny = cos_of(angle), sin_of(angle)
+    gap = nx * x + ny * y - offset
+    along = -ny * x + nx * y
+    return (
+        ti.Vector([x - 2 * gap * nx, y - 2 * gap * ny], dt=ti.f64),
+        ti.Vector([-2 * along * nx + 2 * gap * ny, -2 * along * ny - 2 * gap * nx], dt=ti.f64),
+        ti.Vector([2 * nx, 2 * ny], dt=ti.f64),
+    )
+
+
+@ti.func
+def path_of(mean: ti.template(), place, bounces, last, first):
+    """Distance, AoD and AoA of a path, and their derivatives by the seven entries of `entry_of`."""
+    zero = ti.Vector([0.0, 0.0], dt=ti.f64)
+    image = ti.Vector([place[0], place[1]], dt=ti.f64)
+    by_last, by_first, by_c, by_d = zero, zero, zero, zero  # of the image, by angles and offsets
+    turn_last, turn_first = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+    if bounces == 2:
+        image, by_first, by_d = mirror_of(image[0], image[1], mean[5 + 2 * first], mean[6 + 2 * first])
+        turn_last, turn_first = ti.cast(-2.0, ti.f64), ti.cast(2.0, ti.f64)
+    if bounces >= 1:
+        angle = mean[5 + 2 * last]
+        image, by_last, by_c = mirror_of(image[0], image[1], angle, mean[6 + 2 * last])
+        if bounces == 2:
+            n = ti.Vector([cos_of(angle), sin_of(angle)], dt=ti.f64)
+            by_first = by_first - 2 * n.dot(by_first) * n
+            by_d = by_d - 2 * n.dot(by_d) * n
+        else:
+            turn_last = ti.cast(2.0, ti.f64)
+    toward = ti.Vector([image[0] - mean[0], image[1] - mean[1]], dt=ti.f64)
+    distance = ti.max(toward.norm(), 1e-9)
+    toward /= distance
+    across = ti.Vector([-toward[1], toward[0]], dt=ti.f64) / distance
+    arrival = bearing_of(toward[0], toward[1])
+    # a single bounce turns the direction over, others keep it
+    sense = ti.cast(-1.0 if bounces == 1 else 1.0, ti.f64)
+    departure = sense * arrival + (0.0 if bounces == 1 else PI)
+    if bounces >= 1:
+        departure += turn_last * mean[5 + 2 * last]
+    if bounces == 2:
+        departure += turn_first * mean[5 + 2 * first]
+    value = ti.Vector([distance, wrapped(departure - place[2]), wrapped(arrival - mean[4])], dt=ti.f64)
+    slope = ti.Matrix.zero(ti.f64, 3, 7)
+    slope[0, 0], slope[0, 1] = -toward[0], -toward[1]
+    slope[2, 0], slope[2, 1], slope[2, 2] = -across[0], -across[1], -1.0
+    slope[0, 3], slope[0, 4] = toward.dot(by_last), toward.dot(by_c)
+    slope[2, 3], slope[2, 4] = across.dot(by_last), across.dot(by_c)
+    slope[0, 5], slope[0, 6] = toward.dot(by_first), toward.dot(by_d)
+    slope[2, 5], slope[2, 6] = across.dot(by_first), across.dot(by_d)
+    for n in ti.static(range(7)):
+        if ti.static(n != 2):
+            slope[1, n] = sense * slope[2, n]
+    slope[1, 3] += turn_last
+    slope[1, 5] += turn_first
+    return value, slope
+
+
+@ti.func
+def entry_of(bounces, last, first):
+    """Entries of the state that a path depends on; unused ones repeat the first (their derivative is 0)."""
+    a, b = (5 + 2 * last if bounces >= 1 else 0), (5 + 2 * first if bounces == 2 else 0)
+    return ti.Vector([0, 1, 4, a, (a + 1 if a > 0 else 0), b, (b + 1 if b > 0 else 0)])
+
+
+@ti.func
+def spread_of(slope, entry, covariance: ti.template()):
+    """Covariance of the path's parameters, 3 x 3."""
+    total = ti.Matrix.zero(ti.f64, 3, 3)
+    for m in range(7):
+        for n in range(7):
+            p = covariance[entry[m], entry[n]]
+            for i in ti.static(range(3)):
+                for j in ti.static(range(3)):
+                    total[i, j] += slope[i, m] * p * slope[j, n]
+    return total
+
+
+@ti.func
+def inverse_of(m):
+    """Inverse of a symmetric 3 x 3 matrix, and its determinant."""
+    i00, i11, i22 = m[1, 1] * m[2, 2] - m[1, 2] ** 2, m[0, 0] * m[2, 2] - m[0, 2] ** 2, 0 * m[0, 0]
+    i22 = m[0, 0] * m[1, 1] - m[0, 1] ** 2
+    i01, i02 = m[0, 2] * m[1, 2] - m[0, 1] * m[2, 2], m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
+    i12 = m[0, 1] * m[0, 2] - m[1, 2] * m[0, 0]
+    determinant = m[0, 0] * i00 + m[0, 1] * i01 + m[0, 2] * i02
+    inverse = ti.Matrix([[i00, i01, i02], [i01, i11, i12], [i02, i12, i22]], dt=ti.f64) / determinant
+    return inverse, determinant
+
+
+@ti.func
+def innovation_of(pair: ti.template(), k, value, core):
+    """Measured minus predicted, 0 where nothing was measured, and its covariance."""
+    gap, noisy = ti.Vector.zero(ti.f64, 3), core
+    for i in ti.static(range(3)):
+        noisy[i, i] += pair[k, 3 + i]
+        if pair[k, 3 + i] < MEASURED:
+            gap[i] = pair[k, i] - value[i]
+            if ti.static(i > 0):
+                gap[i] = wrapped(gap[i])
+    return gap, noisy
+
+
+@ti.func
+def predict_by(
+    mean: ti.template(), covariance: ti.template(), path: ti.template(), places: ti.template(), row,
+    out: ti.template(),
+):  # fmt: skip
+    """Predict one path."""
+    anchor = path[row, 3]
+    place = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)
+    value, slope = path_of(mean, place, path[row, 0], path[row, 1], path[row, 2])
+    spread = spread_of(slope, entry_of(path[row, 0], path[row, 1], path[row, 2]), covariance)
+    for i in ti.static(range(3)):
+        out[row, i] = value[i]
+        for j in ti.static(range(3)):
+            out[row, 3 + 3 * i + j] = spread[i, j]
+
+
+@ti.func
+def sorted_by(rank: ti.template(), least, among):
+    """Write numbers of values in row `SURE` to row `ORDER`, largest first; return how many.
+
+    The first `among` values are looked at, and those below `least` left out. Equal ones stay in their order.
+    """
+    count = 0
+    for row in range(among):
+        if rank[SURE, row] >= least:
+            at = count
+            while at > 0 and rank[SURE, ti.cast(rank[ORDER, ti.max(at - 1, 0)], ti.i32)] < rank[SURE, row]:
+                rank[ORDER, at] = rank[ORDER, at - 1]
+                at -= 1
+            rank[ORDER, at] = row
+            count += 1
+    return count
+
+
+@ti.func
+def correct_by(
+    row, mean: ti.template(), covariance: ti.template(), path: ti.template(), start: ti.template(),
+    index: ti.template(), pair: ti.template(), odds: ti.template(), message: ti.template(),
+    places: ti.template(), scratch: ti.template(), share: ti.template(),
+):  # fmt: skip
+    """Correct by one path."""
+    size = mean.shape[0]
+    bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
+    here = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)
+    value, slope = path_of(mean, here, bounces, last, first)
+    entry = entry_of(bounces, last, first)
+    core = spread_of(slope, entry, covariance)
+    total = odds[MISSED, row]
+    change, shift = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)
+    moved = False
+    for walk in range(2):  # 0: probabilities of the associations; 1: what they do
+        for k in range(start[row], start[row + 1]):
+            if walk == 0 or share[k] > UNMOVED * total:
+                gap, noisy = innovation_of(pair, k, value, core)
+                inverse, determinant = inverse_of(noisy)
+                g = inverse @ gap
+                if walk == 0:
+                    scale = ti.sqrt((2 * PI) ** 3 * determinant)
+                    density = pair[k, 6] * decay_of(-0.5 * gap.dot(g)) / scale
+                    share[k] = odds[THERE, row] * message[NU, row, index[k, 1]] * density
+                    total += share[k]
+                else:
+                    part = share[k] / total
+                    shift += part * g
+                    change += part * (inverse - g.outer_product(g))
+                    moved = True
+    for k in range(start[row], start[row + 1]):
+        share[k] /= total
+    if moved:
+        change += shift.outer_product(shift)
+        for n in range(size):
+            spread = ti.Vector.zero(ti.f64, 3)
+            for m in range(7):
+                p = covariance[n, entry[m]]
+                for i in ti.static(range(3)):
+                    spread[i] += p * slope[i, m]
+            pushed = change @ spread
+            for i in ti.static(range(3)):
+                scratch[n, i], scratch[n, 3 + i] = spread[i], pushed[i]
+        for n in range(size):
+            for m in range(n + 1):
+                less = ti.cast(0.0, ti.f64)
+                for i in ti.static(range(3)):
+                    less += scratch[n, i] * scratch[m, 3 + i]
+                after = covariance[n, m] - less  # read, then written: an addition in place would be atomic
+                covariance[n, m], covariance[m, n] = after, after
+            moved_to = mean[n]
+            for i in ti.static(range(3)):
+                moved_to += scratch[n, i] * shift[i]
+            mean[n] = moved_to
+        mean[4] = wrapped(mean[4])
+
+
+@ti.func
+def correct(
+    mean: ti.template(), covariance: ti.template(), path: ti.template(), start: ti.template(),
+    index: ti.template(), pair: ti.template(), odds: ti.template(), message: ti.template(),
+    places: ti.template(), scratch: ti.template(), share: ti.template(),
+):  # fmt: skip
+    """Correct by the paths one after the other, surest first, each moment-matched over its measurements.
+
+    Several measurements may have come from the path, or none. With S = P J', a measurement moves the state
+    by S g, and all of them together change the covariance by S C S', where C is 3 x 3. Arguments as of
+    `updates.update`.
+    """
+    for k in range(start[path.shape[0]]):
+        share[k] = 0.0
+    for row in range(path.shape[0]):
+        total = ti.cast(0.0, ti.f64)
+        for m in range(message.shape[2]):
+            message[RESPONSIBLE, row, m] = 0.0
+            total += message[BETA, row, m] * message[NU, row, m]
+        odds[SURE, row] = total / (total + odds[MISSED, row])
+    for turn in range(sorted_by(odds, UNHEARD, path.shape[0])):
+        row = ti.cast(odds[ORDER, turn], ti.i32)
+        correct_by(row, mean, covariance, path, start, index, pair, odds, message, places, scratch, share)
+    for k in range(start[path.shape[0]]):
+        message[RESPONSIBLE, index[k, 0], index[k, 1]] = share[k]

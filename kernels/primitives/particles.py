@@ -1,0 +1,93 @@
+"""Particles and samples of the joint belief: mean and root of the covariance applied to normal points."""
+
+import taichi as ti
+
+from gridslam.kernels import PATH_BLOCK, STATE_GIVEN, TAKE_ROOT
+from gridslam.kernels.primitives.functions import cos_of, sin_of, turn_of, wrapped
+
+BLOCK = PATH_BLOCK
+AGENT = 5
+"""Entries of the agent's state; velocities (2 and 3) aren't drawn, since no path depends on them."""
+
+
+@ti.func
+def draw_block(at, root: ti.template(), base: ti.template(), points: ti.template(), state: ti.template()):
+    """Write the states ``base + root points`` of the particles from `at` on, lines by their normals."""
+    size = root.shape[0]
+    for row in range(size):
+        if row != 2 and row != 3:
+            gap = ti.Vector([0.0] * BLOCK)
+            for quad in range((row + 1) // 4):  # four at a time: sums are stored a quarter as often
+                n = 4 * quad
+                a, b, c, d = root[row, n], root[row, n + 1], root[row, n + 2], root[row, n + 3]
+                for i in range(BLOCK):
+                    k = at + i
+                    gap[i] += (
+                        a * points[n, k] + b * points[n + 1, k] + c * points[n + 2, k] + d * points[n + 3, k]
+                    )
+            for n in range((row + 1) // 4 * 4, row + 1):
+                a = root[row, n]
+                for i in range(BLOCK):
+                    gap[i] += a * points[n, at + i]
+            mean, cosine, sine = base[row, 0], base[row, 1], base[row, 2]
+            if row < 2 or row == 4:
+                out = ti.min(row, 2)
+                for i in range(BLOCK):
+                    state[out, at + i] = mean + gap[i]
+            elif row % 2 == 1:
+                out = 3 + (row - AGENT) // 2 * 3
+                x, y = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+                for i in range(BLOCK):
+                    c, s = turn_of(wrapped(gap[i]))
+                    x[i], y[i] = cosine * c - sine * s, sine * c + cosine * s
+                for i in range(BLOCK):
+                    state[out, at + i] = x[i]
+                for i in range(BLOCK):
+                    state[out + 1, at + i] = y[i]
+            else:
+                out = 5 + (row - AGENT) // 2 * 3
+                for i in range(BLOCK):
+                    state[out, at + i] = mean + gap[i]
+
+
+@ti.func
+def ready(
+    mean: ti.template(), covariance: ti.template(), share, points: ti.template(), offset, rooted,
+    whole: ti.template(), root: ti.template(), base: ti.template(), state: ti.template(),
+    failed: ti.template(),
+):  # fmt: skip
+    """Take the root of a covariance (Cholesky's), and draw some exact samples with it.
+
+    Arguments as of `rays.foresee`.
+    """
+    size, bad = (0 if rooted == STATE_GIVEN else mean.shape[0]), 0
+    for j in range(size if rooted == TAKE_ROOT else 0):
+        for i in range(j):
+            whole[i, j] = 0.0
+        for i in range(j, size):
+            rest = covariance[i, j]
+            for k in range(j):
+                rest -= whole[i, k] * whole[j, k]
+            if i == j:
+                if not (rest > 0):
+                    bad, rest = 1, ti.cast(1.0, ti.f64)
+                whole[j, j] = ti.sqrt(rest)
+            else:
+                whole[i, j] = rest / whole[j, j]
+    failed[0] = bad
+    for i in range(size):
+        base[i, 0] = ti.cast(mean[i], ti.f32)
+        base[i, 1], base[i, 2] = ti.cast(cos_of(mean[i]), ti.f32), ti.cast(sin_of(mean[i]), ti.f32)
+        for j in range(size):
+            root[i, j] = ti.cast(share * whole[i, j], ti.f32)
+        for k in range(state.shape[1] if i != 2 and i != 3 else 0):
+            at, column = mean[i], (offset + k) % points.shape[1]
+            for j in range(i + 1):
+                at += whole[i, j] * points[j, column]
+            if i < AGENT:
+                state[ti.min(i, 2), k] = at
+            elif i % 2 == 1:
+                out = 3 + (i - AGENT) // 2 * 3
+                state[out, k], state[out + 1, k] = cos_of(at), sin_of(at)
+            else:
+                state[5 + (i - AGENT) // 2 * 3, k] = at

@@ -1,0 +1,76 @@
+"""The radio's numbers as kernels take them, and what follows from them."""
+
+import taichi as ti
+
+from gridslam.kernels.primitives.functions import cos_of, decay_of, logarithm_of, sin_of
+
+SCALE, GIVEN, THERE, HERE, SPAN, AT_1M, SAMPLES, THRESHOLD, FALSE_ALARMS = 0, 1, 2, 4, 6, 7, 8, 9, 10
+"""Places of `SignalModel.numbers`: sigma_d times u; sigma_d if given, else 0; apertures of anchor and agent
+(2 each); longest distance; u at 1 m; number of samples; threshold; mean clutter."""
+FLOOR = -25.0
+"""Log of the Rayleigh density that clutter has at least, or a ratio to it would overflow."""
+TURN_SQUARED = 39.47841760435743
+
+
+@ti.func
+def angle_std(angle, across, along, amplitude):
+    """sigma of an angle seen by an array with mean square extents (along x, along y), rad."""
+    s, c = sin_of(angle), cos_of(angle)
+    return 1 / (8.885765876316732 * amplitude * ti.sqrt(ti.max(s * s * across + c * c * along, 1e-30)))
+
+
+@ti.func
+def deviations_of(radio: ti.template(), amplitude, departure, arrival):
+    """sigma of distance, AoD and AoA by Fisher information."""
+    std = ti.Vector([radio[SCALE] / amplitude, 0.0, 0.0], dt=ti.f64)
+    if radio[GIVEN] > 0:
+        std[0] = radio[GIVEN]
+    std[1] = angle_std(departure, radio[THERE], radio[THERE + 1], amplitude)
+    std[2] = angle_std(arrival, radio[HERE], radio[HERE + 1], amplitude)
+    return std
+
+
+@ti.func
+def scaled_bessel(x):
+    """I_0(x) e^-x for x >= 0, relative error below 5e-7 (Abramowitz and Stegun, 9.8.1 and 9.8.2)."""
+    t = (x / 3.75) ** 2
+    near = 1 + t * (
+        3.5156229 + t * (3.0899424 + t * (1.2067492 + t * (0.2659732 + t * (0.0360768 + t * 0.0045813))))
+    )
+    value = near * decay_of(-ti.min(x, 3.75))
+    if x > 3.75:
+        s = 3.75 / x
+        far = 0.39894228 + s * (
+            0.01328592
+            + s * (0.00225319 + s * (-0.00157565 + s * (0.00916281 + s * (-0.02057706 + s * 0.02635537))))
+        )
+        value = (far + s**7 * (-0.01647633 + s * 0.00392377)) / ti.sqrt(x)
+    return value
+
+
+@ti.func
+def rician(measured, amplitude, samples):
+    """p_d(u) times the density, truncated at the threshold, of a measured amplitude (paper 002, eq. (4))."""
+    variance = 0.5 + amplitude * amplitude / (4 * samples)
+    gap = measured - amplitude
+    bessel = scaled_bessel(measured * amplitude / variance)
+    return measured / variance * decay_of(-gap * gap / (2 * variance)) * bessel
+
+
+@ti.func
+def log_rician(measured, amplitude, samples):
+    """Logarithm of the same, which doesn't underflow."""
+    variance = 0.5 + amplitude * amplitude / (4 * samples)
+    gap = measured - amplitude
+    bessel = logarithm_of(scaled_bessel(measured * amplitude / variance))
+    return logarithm_of(measured / variance) - gap * gap / (2 * variance) + bessel
+
+
+@ti.func
+def clutter_of(radio: ti.template(), amplitude):
+    """Density of a clutter measurement over distance, both angles and amplitude (negative: not measured)."""
+    tail = ti.cast(0.0, ti.f64)
+    if amplitude >= 0:
+        excess = amplitude * amplitude - radio[THRESHOLD] * radio[THRESHOLD]
+        tail = ti.max(logarithm_of(2 * ti.max(amplitude, 1e-30)) - excess, FLOOR)
+    return decay_of(tail) / (radio[SPAN] * TURN_SQUARED)

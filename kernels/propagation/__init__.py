@@ -1,0 +1,1 @@
+"""Rays through cells: paths, visibility, cells, coefficients, amplitudes."""

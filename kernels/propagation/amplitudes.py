@@ -1,0 +1,80 @@
+"""What measured amplitudes say of paths: Rician densities over a belief about each path's amplitude."""
+
+import taichi as ti
+
+from gridslam.kernels.primitives.radio import FALSE_ALARMS, SAMPLES, clutter_of, rician
+from gridslam.kernels.primitives.tables import DETECTED, EXISTENCE, OPEN, SURFACES
+
+NEGLIGIBLE = 1e-6
+"""Probability of being there below which a path is left out."""
+NEVER = 1e-30
+"""Likelihood below which an amplitude says nothing of which amplitudes a path may have."""
+
+
+@ti.func
+def detection_of(amplitude, table: ti.template(), step):
+    """p_d(u), interpolated in a table over ``0, step, ...``."""
+    place = ti.max(ti.min(amplitude / step, table.shape[0] - 1.0), 0.0)
+    low = ti.min(ti.cast(place, ti.i32), table.shape[0] - 2)
+    return table[low] + (place - low) * (table[low + 1] - table[low])
+
+
+@ti.func
+def worth_of(odds: ti.template(), row):
+    """Probability that a path is there, before anything was heard."""
+    return odds[EXISTENCE, row] * odds[SURFACES, row] * odds[OPEN, row]
+
+
+@ti.func
+def weigh(
+    belief: ti.template(), nodes: ti.template(), spreading, predicted: ti.template(), heard: ti.template(),
+    table: ti.template(), step, radio: ti.template(), density: ti.template(), strength: ti.template(),
+    odds: ti.template(),
+):  # fmt: skip
+    """Mean likelihood of every amplitude under every path, and the path's mean amplitude given it.
+
+    A path whose length is measured has that length; what has no amplitude was heard with p_d alone.
+    Arguments as of `evaluation.evaluate`.
+    """
+    count, one = nodes.shape[0], ti.cast(1.0, ti.f64)
+    for m in range(heard.shape[0]):
+        if heard[m, 3] >= 0 and heard[m, 6] >= 0:
+            per_metre = 1 / ti.max(heard[m, 0], 1e-3) if spreading > 0.5 else one
+            for n in range(count):
+                level = nodes[n] * per_metre
+                said = rician(heard[m, 6], level, radio[SAMPLES])
+                density[0, m, n], density[1, m, n] = said, said * level
+    for row in range(belief.shape[0]):
+        per_metre = 1 / ti.max(predicted[row, 0], 1e-3) if spreading > 0.5 else one
+        usual, seen, both = 0 * one, 0 * one, 0 * one
+        for n in range(count):
+            p = belief[row, n]
+            if p > 0:
+                level = nodes[n] * per_metre
+                sure = p * detection_of(level, table, step)
+                usual += p * level
+                seen += sure
+                both += sure * level
+        odds[DETECTED, row] = seen
+        for m in range(heard.shape[0]):
+            total, mean = 0 * one, 0 * one
+            if worth_of(odds, row) > NEGLIGIBLE:
+                if heard[m, 6] < 0:
+                    total, mean = seen, both
+                elif heard[m, 3] >= 0:
+                    for n in range(count):
+                        total += belief[row, n] * density[0, m, n]
+                        mean += belief[row, n] * density[1, m, n]
+                else:
+                    for n in range(count):
+                        level = nodes[n] * per_metre
+                        said = belief[row, n] * rician(heard[m, 6], level, radio[SAMPLES])
+                        total += said
+                        mean += said * level
+            strength[0, row, m] = total
+            strength[1, row, m] = mean / total if total > NEVER else usual
+    for m in range(heard.shape[0]):
+        clutter = radio[FALSE_ALARMS] * clutter_of(radio, heard[m, 6])
+        for row in range(belief.shape[0]):
+            before = strength[0, row, m]
+            strength[0, row, m] = before / clutter

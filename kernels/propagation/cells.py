@@ -1,0 +1,286 @@
+"""Ray casting through grid cells and the messages to cells (paper 003, eqs. (1), (2), (43)-(45)).
+
+A ray is the polyline anchor, interaction points, agent. It traverses cells T and meets cells H_b at
+bounce b. The rays of one path run side by side, so they are walked together (`bundles`). Every slab
+handles a fixed set of paths in order, so sums do not depend on the number of threads.
+
+A message is a ratio of two means over a path's rays, in which a ray that doesn't touch the cell counts
+alike. A crossed cell needs only the sum of V over the rays that cross it; a met cell the two lifts of its
+own states above that. So a ray is walked twice at most: for V, and to add V to its cells.
+"""
+
+import taichi as ti
+
+from gridslam.kernels.primitives.device import ON_CPU, SPREAD
+from gridslam.kernels.primitives.functions import log_of
+from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.propagation.bundles import (
+    FAR,
+    LANES,
+    OWN,
+    cross_row,
+    lay_leg,
+    mark,
+    meet_cells,
+    rows_alone,
+    spare,
+    split,
+    step_of,
+)
+from gridslam.kernels.propagation.coefficients import recall
+from gridslam.kernels.propagation.occupancy import CELL_BITS
+from gridslam.kernels.propagation.paths import draw_path
+from gridslam.kernels.propagation.rays import look_ahead
+
+
+@ti.func
+def crossed(slab, cell, add, sums: ti.template(), touched: ti.template(), count):
+    """Add the V of rays that cross a cell, listed when it is the path's first; return how many are listed."""
+    before, more = sums[3 * slab, cell], ti.cast(add, ti.f32)
+    touched[2 * slab, count] = cell
+    # read, then written: an addition in place would be atomic
+    sums[3 * slab, cell] = before + more
+    return count + ti.select((before == 0.0) & (more > 0.0), 1, 0)
+
+
+@ti.func
+def lifted(slab, cell, low, high, sums: ti.template(), touched: ti.template(), count):
+    """Add the lifts of a ray that meets a cell, likewise; lifts may cancel, so a cell is listed once more."""
+    n, row, one, two = count, 3 * slab, ti.cast(low, ti.f32), ti.cast(high, ti.f32)
+    before1, before2 = sums[row + 1, cell], sums[row + 2, cell]
+    fresh = (before1 == 0.0) & (before2 == 0.0) & ((one != 0.0) | (two != 0.0))
+    if fresh and n < touched.shape[1]:
+        touched[2 * slab + 1, n] = cell
+        n += 1
+    sums[row + 1, cell], sums[row + 2, cell] = before1 + one, before2 + two
+    return n
+
+
+@ti.func
+def ratio_of(total, a, occupied, through, low, high):
+    """Log ratio that a path tells a cell, by what its rays are worth in all and the cell's own three sums."""
+    lift, free = (a - 1) * through, 1 - occupied
+    # both times 1 - o, since divisions take long
+    if_free = ti.max((total + low) * free + lift * occupied, 1e-12)
+    if_occupied = ti.max((total - lift + high) * free, 1e-12)
+    t = ti.cast((if_occupied - if_free) / (if_occupied + if_free), ti.f32)
+    s = t * t
+    ratio = 2 * t * (1 + s * (1 / 3 + s * (0.2 + s * (1 / 7 + s * (1 / 9 + s / 11)))))
+    if s > 0.11:  # a ratio beyond 1 to 2
+        ratio = log_of(ti.cast(ti.min(if_occupied / if_free, 1e30), ti.f32))
+    return ratio
+
+
+@ti.func
+def settle(
+    slab, known, hits, total, a, clip, occupied: ti.template(), sums: ti.template(), touched: ti.template(),
+    message: ti.template(), news: ti.template(),
+):  # fmt: skip
+    """Tell the cells that a path touches, and clear their sums: those that it meets, then the others."""
+    row, most = 3 * slab, ti.cast(clip, ti.f32)
+    for n in range(hits + known):
+        cell = touched[2 * slab + 1, n] if n < hits else touched[2 * slab, n - hits]
+        o, low, high = ti.cast(occupied[0, cell], ti.f64), ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+        if n < hits:
+            low, high = sums[row + 1, cell], sums[row + 2, cell]
+            sums[row + 1, cell], sums[row + 2, cell] = 0.0, 0.0
+        ratio = ratio_of(total, a, o, sums[row, cell], low, high)
+        sums[row, cell] = 0.0  # nothing is left to tell if the cell is listed again
+        before = message[slab, cell]  # a slab has one thread, so nothing need be atomic
+        message[slab, cell] = before + ti.max(-most, ti.min(ratio, most))
+        news[slab, cell >> CELL_BITS] = ti.cast(1, ti.u8)
+
+
+@quick
+@ti.kernel
+def cast(
+    only: ti.i32,  # these 26 as of `rays.foresee`
+    bounces: ti.i32,
+    stay: ti.f64,
+    appear: ti.f64,
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),
+    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    surface: ti.types.ndarray(dtype=ti.f64, ndim=1),
+    owner: ti.types.ndarray(dtype=ti.i64, ndim=1),
+    sight: ti.types.ndarray(dtype=ti.f64, ndim=1),
+    single: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    double: ti.types.ndarray(dtype=ti.f64, ndim=3),
+    share: ti.f64,
+    points: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    offset: ti.i32,
+    rooted: ti.i32,
+    whole: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    root: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    base: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    state: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    failed: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    existence: ti.types.ndarray(dtype=ti.f64, ndim=1),
+    surfaces: ti.types.ndarray(dtype=ti.f64, ndim=1),
+    predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # L
+    factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 2]  A of the path, and whether to send messages
+    occupied: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [2, ny nx] o of a traversed cell, of a hit one in V
+    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] origin x, y, side; factor outside, clip, least
+    # share, how likely a wall is of another material where it is hit next
+    held: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [ny, nx, BINS] log-likelihood of coefficients in cells
+    reflection: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] beliefs about coefficients of surfaces
+    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 14] out: corners, normals, possible or not, V
+    seen: ti.types.ndarray(
+        dtype=ti.f64, ndim=2
+    ),  # [L, 6] out: mean V where possible, share of states where it
+    # is, mean of the first and of the second corner
+    belief: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L or 0, 2 BINS] out: over products of coefficients
+    line: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [SLABS, LINES, LANES] scratch
+    place: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [SLABS, PLACES, LANES] scratch
+    sums: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 SLABS, ny nx] zero on entry and exit
+    touched: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [2 SLABS, ny nx + 1] scratch
+    met: ti.types.ndarray(dtype=ti.u8, ndim=2),  # [SLABS, ny nx] zero on entry and exit
+    message: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [SLABS, ny nx] in/out: sum of log ratios
+    news: ti.types.ndarray(dtype=ti.u8, ndim=2),  # [SLABS, groups of CELLS] in/out: where there are any
+):
+    """Look ahead; cast the rays of all paths; add the log ratios to `message` of those that are to send.
+
+    Nothing is cast if no root of the covariance was found.
+    A path sends only if it is possible at more than the least share of its states; an impossible ray has V 0.
+    Where rays meet walls, cells and surfaces tell of coefficients, if there is room for that.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        if ti.static(ON_CPU):  # Taichi's SPIR-V compiler can't take both in one: see `Cells`
+            look_ahead(
+                only, bounces, stay, appear, mean, covariance, places, surface, owner, sight, single, double,
+                share, points, offset, rooted, whole, root, base, state, failed, path, existence, surfaces,
+                predicted, found,
+            )  # fmt: skip
+    for item in range(message.shape[0] * SPREAD):
+        if item % SPREAD == 0:
+            slab = item // SPREAD
+            ny, nx = held.shape[0], held.shape[1]
+            paths, rays = (found[0] if failed[0] == 0 else 0), state.shape[1]
+            row = slab
+            while row < paths:
+                count, a = path[row, 0], factor[row, 0]
+                total, known, hits, possible = ti.cast(0.0, ti.f64), 0, 0, 0
+                open_to, middle = ti.cast(0.0, ti.f64), ti.Vector([0.0, 0.0, 0.0, 0.0], dt=ti.f64)
+                for ray in range(rays):
+                    draw_path(state, path, places, row, ray, drawn)
+                    drawn[row * rays + ray, 13] = 0.0
+                    possible += ti.cast(drawn[row * rays + ray, 12], ti.i32)
+                    for n in ti.static(range(4)):
+                        middle[n] += drawn[row * rays + ray, 2 + n] / rays
+                # a path that is worth the same whether blocked or not says nothing
+                send = factor[row, 1] > 0.5 and a != 1.0 and possible > frame[5] * rays
+                for group in range((rays + LANES - 1) // LANES if possible > 0 else 0):
+                    first, live = row * rays + group * LANES, ti.min(LANES, rays - group * LANES)
+                    through, since = ti.Vector([1.0] * LANES), ti.Vector([0] * LANES)
+                    low, high, enter = ti.Vector([0] * LANES), ti.Vector([0] * LANES), ti.Vector([0] * LANES)
+                    part, rise, rest = ti.Vector([0] * LANES), ti.Vector([0] * LANES), ti.Vector([0] * LANES)
+                    start, stop = ti.Vector([0] * LANES), ti.Vector([0] * LANES)
+                    entry, leave = ti.Vector([0] * LANES), ti.Vector([0] * LANES)
+                    origin = ti.Vector([0.0] * LANES, dt=ti.f64)
+                    slope = ti.Vector([0.0] * LANES, dt=ti.f64)
+                    meet_cells(drawn, first, live, count, frame, nx, occupied, slab, line, place)
+                    mark(place, slab, live, 1, met)
+                    common, passed = ti.cast(1.0, ti.f64), ti.cast(0.0, ti.f32)
+                    for walk in range(2 if send else 1):  # 0: V; 1: add it to the cells
+                        for corner in range(count + 1 if walk == 0 or passed > 0 else 0):
+                            plan = lay_leg(
+                                drawn, first, live, corner, frame, origin, slope, start, stop, entry, leave
+                            )
+                            step_of(slope, rise, rest)
+                            flat = plan[0] > 0.5
+                            columns, rows = (nx if flat else ny), (ny if flat else nx)
+                            along, across = (1 if flat else nx), (nx if flat else 1)
+                            begin = ti.max(ti.cast(plan[1], ti.i32), 0)
+                            end = ti.min(ti.cast(plan[2], ti.i32), columns - 1)
+                            inner, outer = plan[3], plan[4]
+                            fresh, same, was = False, False, 0
+                            for c in range(begin, end + 1):
+                                # between the extremes of the rays at both ends there is no other row
+                                past = c + 1 - inner
+                                least = ti.floor(plan[5] + past * plan[6])
+                                most = ti.floor(plan[7] + past * plan[8])
+                                one = least == most and past >= 0 and c + 1 <= outer
+                                will = ti.cast(least, ti.i32)
+                                lowest, highest = ti.max(ti.min(was, will), 0), ti.max(was, will)
+                                highest = ti.min(highest, rows - 1)
+                                together = same and one and highest - lowest < 2
+                                if together and lowest <= highest:  # a cell that a ray meets is looked at
+                                    cell = c * along + lowest * across
+                                    beyond = c * along + highest * across
+                                    together = met[slab, cell] == 0 and met[slab, beyond] == 0
+                                if ti.static(LANES == 1):
+                                    together = True
+                                    lowest, highest = rows_alone(c, origin, slope, start, stop, entry, leave)
+                                    lowest, highest = ti.max(lowest, 0), ti.min(highest, rows - 1)
+                                if together:
+                                    fresh = False
+                                    for r in range(lowest, highest + 1):
+                                        cell, spared = c * along + r * across, False
+                                        if ti.static(LANES == 1):
+                                            spared = met[slab, cell] != 0
+                                        if not spared:
+                                            if walk == 0:
+                                                common *= 1 - ti.cast(occupied[0, cell], ti.f64)
+                                            else:
+                                                known = crossed(slab, cell, passed, sums, touched, known)
+                                else:
+                                    if not fresh:
+                                        split(origin, slope, c, enter, part)
+                                    fresh = True
+                                    bottom, top = FAR, -FAR
+                                    for i in range(LANES):
+                                        ahead = part[i] + rest[i]  # less than before where a row is full
+                                        follows = enter[i] + rise[i] + ti.select(ahead < part[i], 1, 0)
+                                        goes = ti.select(c >= stop[i], leave[i], follows)
+                                        came = ti.select(c <= start[i], entry[i], enter[i])
+                                        here = (c >= start[i]) & (c <= stop[i])
+                                        below = ti.select(here, ti.min(came, goes), FAR)
+                                        above = ti.select(here, ti.max(came, goes), -FAR)
+                                        low[i], high[i], enter[i], part[i] = below, above, follows, ahead
+                                        bottom, top = ti.min(bottom, below), ti.max(top, above)
+                                    for r in range(ti.max(bottom, 0), ti.min(top, rows - 1) + 1):
+                                        cell, add = c * along + r * across, 0.0
+                                        free = 1 - occupied[0, cell]
+                                        if met[slab, cell] == 0:
+                                            add = cross_row(walk, r, low, high, free, through)
+                                        else:  # rays that meet a cell don't traverse it
+                                            spare(place, slab, cell, low, since)
+                                            add = cross_row(walk, r, since, high, free, through)
+                                        if walk == 1:
+                                            known = crossed(slab, cell, add, sums, touched, known)
+                                same, was = one, will
+                        if walk == 0:
+                            for i in range(live):
+                                k, v = first + i, ti.cast(0.0, ti.f64)
+                                if drawn[k, 12] > 0.5:
+                                    v = through[i] * common
+                                    drawn[k, 13] = v * line[slab, 0, i] * line[slab, 1, i]
+                                    open_to += drawn[k, 13]
+                                    v *= line[slab, OWN, i] * line[slab, OWN + 1, i]
+                                total += v * a + 1 - v
+                                through[i] = ti.cast(v, ti.f32)
+                                passed += through[i]
+                    mark(place, slab, live, 0, met)
+                    if send:
+                        for i in range(live):
+                            for b in range(count):
+                                v, own = ti.cast(through[i], ti.f64), line[slab, OWN + b, i]
+                                v1 = v / ti.max(own, 1e-12)
+                                for n in range(3 * b, 3 * b + 3):
+                                    cell = place[slab, n, i]
+                                    if cell >= 0 and v > 0:
+                                        v0 = v1 * (1 - (1 - own) / (1 - occupied[0, cell]))
+                                        hits = lifted(
+                                            slab, cell, (v0 - v) * (a - 1), (v1 - v) * (a - 1), sums, touched,
+                                            hits,
+                                        )  # fmt: skip
+                seen[row, 0], seen[row, 1] = open_to / ti.max(possible, 1), possible / ti.cast(rays, ti.f64)
+                for n in ti.static(range(4)):
+                    seen[row, 2 + n] = middle[n]
+                if belief.shape[0] > 0:
+                    recall(drawn, path, held, reflection, frame, row, rays, belief)
+                settle(slab, known, hits, total, a, frame[4], occupied, sums, touched, message, news)
+                row += message.shape[0]

@@ -1,0 +1,180 @@
+"""Reflection coefficients where rays meet walls: what cells and surfaces believe, and what they learn."""
+
+import taichi as ti
+
+from gridslam.kernels.primitives.functions import decay_of, logarithm_of
+from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, log_rician
+from gridslam.kernels.propagation.amplitudes import detection_of
+from gridslam.kernels.propagation.bundles import cell_of
+from gridslam.kernels.propagation.notes import CHANCE, LENGTH, SHARE, THERE
+from gridslam.kernels.propagation.sightings import LIKELIER_THAN_NOT, spot
+
+BINS, LEAST, OTHER = 20, 5, 6
+"""Bins of a coefficient's belief, products of two have twice as many nodes; where the frame says at which
+share of its states a path must be possible, and how likely a wall is of another material where it is hit
+next."""
+FAINT = 1e-3
+"""Probability of an association below which it says nothing about coefficients."""
+AUDIBLE = 0.05
+"""Probability of having been heard below which a path says nothing about coefficients by itself."""
+
+
+@ti.func
+def local_belief(
+    drawn: ti.template(), path: ti.template(), held: ti.template(), surface: ti.template(),
+    frame: ti.template(), row, rays, corner, number,
+):  # fmt: skip
+    """Belief over the coefficient at a hit: the surface's, the cell's own, and room for a surprise."""
+    at = ti.Vector([0.0] * BINS, dt=ti.f64)
+    inside, per_metre = 0, 1 / frame[2]
+    for k in range(row * rays, (row + 1) * rays):
+        ix = cell_of(drawn[k, 2 * corner], frame[0], per_metre)
+        iy = cell_of(drawn[k, 2 * corner + 1], frame[1], per_metre)
+        if ix >= 0 and iy >= 0 and ix < held.shape[1] and iy < held.shape[0]:
+            inside += 1
+            for n in range(BINS):
+                at[n] += held[iy, ix, n]
+    most, total = ti.cast(-1e30, ti.f64), ti.cast(0.0, ti.f64)
+    for n in range(BINS):
+        at[n] /= ti.max(inside, 1)
+        most = ti.max(most, at[n])
+    for n in range(BINS):
+        at[n] = surface[number, n] * decay_of(at[n] - most)
+        total += at[n]
+    for n in range(BINS):
+        own = at[n] / total if total > 1e-12 else 1 / ti.cast(BINS, ti.f64)
+        at[n] = (1 - frame[OTHER]) * own + frame[OTHER] / BINS
+    return at
+
+
+@ti.func
+def recall(
+    drawn: ti.template(), path: ti.template(), held: ti.template(), surface: ti.template(),
+    frame: ti.template(), row, rays, belief: ti.template(),
+):  # fmt: skip
+    """Belief over the product of the coefficients along a path (paper 003, eq. (2)).
+
+    Node n stands for (n + 1) / 2 BINS. Arguments as of `cells.cast`.
+    """
+    bounces, nodes = path[row, 0], 2 * BINS
+    for n in range(nodes):
+        belief[row, n] = 0.0
+    if bounces == 0:
+        belief[row, nodes - 1] = 1.0
+    elif bounces == 1:
+        last = local_belief(drawn, path, held, surface, frame, row, rays, 1, path[row, 1])
+        for n in range(BINS):
+            belief[row, 2 * n] = last[n]
+    else:
+        first = local_belief(drawn, path, held, surface, frame, row, rays, 1, path[row, 2])
+        last = local_belief(drawn, path, held, surface, frame, row, rays, 2, path[row, 1])
+        for i in range(BINS):
+            for j in range(BINS):  # the product of two bins' centres lies between two nodes
+                place = ti.cast((2 * i + 1) * (2 * j + 1), ti.f64) / (2 * BINS) - 1
+                low = ti.max(0, ti.min(ti.cast(ti.floor(place), ti.i32), nodes - 2))
+                part = ti.max(0.0, ti.min(place - low, 1.0))
+                both, under, over = last[i] * first[j], belief[row, low], belief[row, low + 1]
+                belief[row, low] = under + (1 - part) * both
+                belief[row, low + 1] = over + part * both
+
+
+@ti.func
+def say(
+    log: ti.template(), told: ti.template(), begin: ti.template(), said: ti.template(),
+    table: ti.template(), step, radio: ti.template(), row, other,
+):  # fmt: skip
+    """Log-likelihood over one coefficient of a path, `other` the product of the rest, softly by association.
+
+    Rician for detections, ``1 - p_d`` for misses: detections alone are biased by the threshold
+    (model.md, section 2.5).
+    """
+    missed = ti.max(1 - told[SHARE, row], 0.0)
+    for n in range(BINS):
+        level = radio[AT_1M] / ti.max(told[LENGTH, row], 1e-3) * other * (n + 0.5) / BINS
+        log[n] = missed * logarithm_of(1 - told[CHANCE, row] * detection_of(level, table, step) + 1e-9)
+        for k in range(begin[row], begin[row + 1]):
+            if said[0, k] >= 0 and said[1, k] > FAINT:
+                log[n] += said[1, k] * log_rician(said[0, k], level, radio[SAMPLES])
+
+
+@ti.func
+def absorb_at(
+    log: ti.template(), share, drawn: ti.template(), held: ti.template(), frame: ti.template(), row, rays,
+    corner,
+):  # fmt: skip
+    """Add a log-likelihood to the cells that the rays of a path meet, shared among its rays."""
+    per_metre = 1 / frame[2]
+    for k in range(row * rays, (row + 1) * rays):
+        ix = cell_of(drawn[k, 2 * corner], frame[0], per_metre)
+        iy = cell_of(drawn[k, 2 * corner + 1], frame[1], per_metre)
+        if ix >= 0 and iy >= 0 and ix < held.shape[1] and iy < held.shape[0]:
+            for n in range(BINS):
+                before = held[iy, ix, n]
+                held[iy, ix, n] = before + share * log[n] / rays
+
+
+@quick
+@ti.kernel
+def learn(
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
+    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room R, 14] as cast
+    seen: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room, 6] likewise
+    count: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] L and K: these six are notes, see `inference.notes`
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [room, 4] bounces, last, first, anchor
+    factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room, 2] unused; whether a path tells of cells
+    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, room] see `notes`
+    begin: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [room + 1] where the pairs of each path begin
+    said: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, room] amplitude, negative for none; probability
+    table: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [T] p_d over ``0, step, ...``
+    step: ti.f64,
+    radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `radio`
+    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] as of `cells.cast`
+    usual: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] scratch: mean coefficient of every surface
+    surface: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] in/out: beliefs of surfaces
+    held: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [ny, nx, BINS] in/out: log-likelihood that cells hold
+    latest: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [S] scratch: these four as of `sightings.mark`
+    foot: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] in/out
+    extent: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 2] in/out
+    times: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] in/out
+):
+    """Learn coefficients: of surfaces by single bounces, of cells by both ends of double bounces, too; and
+    where surfaces were hit.
+
+    A window isn't the wall around it (model.md, section 2.5). A double bounce that can't be heard says
+    nothing of either.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        for s in range(surface.shape[0]):
+            total, latest[s] = ti.cast(0.0, ti.f64), -1
+            for n in range(BINS):
+                total += surface[s, n] * (n + 0.5) / BINS
+            usual[s] = total
+        rays = drawn.shape[0] // ti.max(path.shape[0], 1)
+        log = ti.Vector([0.0] * BINS, dt=ti.f64)
+        for row in range(count[0]):
+            bounces, last, first = path[row, 0], path[row, 1], path[row, 2]
+            heard = told[SHARE, row] > AUDIBLE
+            send = factor[row, 1] > 0.5 and seen[row, 1] > frame[LEAST]
+            if send and told[SHARE, row] > LIKELIER_THAN_NOT:
+                spot(path, row, seen, mean, foot, extent, times, latest)
+            if bounces == 1 and (heard or send):
+                say(log, told, begin, said, table, step, radio, row, 1.0)
+                if heard:
+                    most, total = ti.cast(-1e30, ti.f64), ti.cast(0.0, ti.f64)
+                    for n in range(BINS):
+                        most = ti.max(most, log[n])
+                    for n in range(BINS):
+                        surface[last, n] = surface[last, n] * decay_of(log[n] - most) + 1e-9
+                        total += surface[last, n]
+                    for n in range(BINS):
+                        before = surface[last, n]
+                        surface[last, n] = before / total
+                if send:
+                    absorb_at(log, told[THERE, row], drawn, held, frame, row, rays, 1)
+            elif bounces == 2 and heard and send:
+                say(log, told, begin, said, table, step, radio, row, usual[first])
+                absorb_at(log, told[THERE, row], drawn, held, frame, row, rays, 2)
+                say(log, told, begin, said, table, step, radio, row, usual[last])
+                absorb_at(log, told[THERE, row], drawn, held, frame, row, rays, 1)

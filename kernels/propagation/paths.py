@@ -1,0 +1,166 @@
+"""Evaluation of measurements under every path at every particle (model.md, section 2.2).
+
+Particles are handled in blocks whose intermediate values stay on the stack, so that the inner loops
+vectorise; angles are worked out only in blocks where a gated measurement's distance is met.
+"""
+
+import taichi as ti
+
+from gridslam.kernels import PATH_BLOCK
+from gridslam.kernels.primitives.device import ON_CPU
+from gridslam.kernels.primitives.functions import (
+    angle_of,
+    cos_of,
+    double_bounce,
+    exp_of,
+    sin_of,
+    single_bounce,
+    wrapped,
+)
+from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.particles import AGENT
+
+BLOCK = PATH_BLOCK
+FINE = 4096.0
+
+
+@ti.func
+def densities(
+    block, state: ti.template(), path: ti.template(), places: ti.template(), start: ti.template(),
+    pair: ti.template(), out: ti.template(),
+):  # fmt: skip
+    """Sum, over a block of particles, the density of every gated pair where the path is possible.
+
+    Arguments as of `evaluation.evaluate`; `pair` is its `table`, `out` its `blocks`.
+    """
+    at, paths = block * BLOCK, path.shape[0]
+    for row in range(paths):
+        anchor = path[row, 3]
+        ax, ay = ti.cast(places[anchor, 0], ti.f32), ti.cast(places[anchor, 1], ti.f32)
+        facing = ti.cast(places[anchor, 2], ti.f32)
+        tx, ty = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+        wx, wy = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+        good, far = ti.Vector([1.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+        bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
+        if bounces == 0:
+            for i in range(BLOCK):
+                x, y = ax - state[0, at + i], ay - state[1, at + i]
+                tx[i], ty[i], wx[i], wy[i] = x, y, -x, -y
+        elif bounces == 1:
+            for i in range(BLOCK):
+                k = at + i
+                a, b, c, d, ok = single_bounce(
+                    state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k]
+                )
+                tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
+        else:
+            for i in range(BLOCK):
+                k = at + i
+                a, b, c, d, ok = double_bounce(
+                    state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k],
+                    state[r, k], state[r + 1, k], state[r + 2, k],
+                )  # fmt: skip
+                tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
+        low, high = 1 << 30, 0  # range interval in fixed point: integer extrema vectorise
+        count = 0.0
+        for i in range(BLOCK):
+            far[i] = ti.sqrt(tx[i] * tx[i] + ty[i] * ty[i])
+        for i in range(BLOCK):
+            fixed = ti.cast(far[i] * FINE, ti.i32)
+            low, high = ti.min(low, fixed), ti.max(high, fixed)
+        for i in range(BLOCK):
+            count += good[i]
+        out[row, block] = count
+        wanted = 0
+        for n in range(start[row], start[row + 1]):
+            near = count > 0.0 and pair[n, 9] * FINE <= high and pair[n, 10] * FINE >= low
+            out[paths + n, block] = 1.0 if near else 0.0
+            wanted += 1 if near else 0
+        if wanted > 0:
+            for i in range(BLOCK):
+                arrival = angle_of(tx[i], ty[i]) - state[2, at + i]
+                departure = angle_of(wx[i], wy[i]) - facing
+                tx[i], wx[i] = arrival, departure
+            for n in range(start[row], start[row + 1]):
+                if out[paths + n, block] > 0.0:
+                    z0, z1, z2 = pair[n, 0], pair[n, 1], pair[n, 2]
+                    i00, i11, i22 = pair[n, 3], pair[n, 4], pair[n, 5]
+                    i01, i02, i12 = pair[n, 6], pair[n, 7], pair[n, 8]
+                    total = 0.0
+                    for i in range(BLOCK):
+                        e0, e1, e2 = z0 - far[i], wrapped(z1 - wx[i]), wrapped(z2 - tx[i])
+                        q = i00 * e0 * e0 + i11 * e1 * e1 + i22 * e2 * e2
+                        q += 2 * (i01 * e0 * e1 + i02 * e0 * e2 + i12 * e1 * e2)
+                        total += good[i] * exp_of(-0.5 * q)
+                    out[paths + n, block] = total
+
+
+@ti.func
+def draw_path(state: ti.template(), path: ti.template(), places: ti.template(), row, k, drawn: ti.template()):
+    """Draw a path at a state as row of ``[L R, 13]``: corners (8), normals of last and first (4), validity.
+
+    The first corner is the anchor, the last the agent, which repeats where there are fewer bounces. The
+    first normal belongs to the first interaction point. An impossible path collapses onto the anchor.
+    """
+    at = row * state.shape[1] + k
+    anchor = path[row, 3]
+    ax, ay = places[anchor, 0], places[anchor, 1]
+    px, py = ti.cast(state[0, k], ti.f64), ti.cast(state[1, k], ti.f64)
+    bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
+    x1, y1, x2, y2 = px, py, px, py
+    one, zero = ti.cast(1.0, ti.f64), ti.cast(0.0, ti.f64)
+    mx, my, nx, ny = one, zero, one, zero
+    ok = one
+    if bounces > 0:
+        nx, ny, c = state[s, k], state[s + 1, k], state[s + 2, k]
+        here, across, there, over = zero, one, zero, one
+        ux, uy = zero, zero
+        if bounces == 1:
+            vx, vy, _, _, good = single_bounce(px, py, ax, ay, nx, ny, c)
+            mx, my = nx, ny
+            here, across = nx * px + ny * py - c, nx * vx + ny * vy
+            t = -here / ti.select(ti.abs(across) < 1e-12, 1e-12, across)
+            x1, y1 = px + t * vx, py + t * vy
+            ok = good
+        else:
+            mx, my, d = state[r, k], state[r + 1, k], state[r + 2, k]
+            vx, vy, ux, uy, good = double_bounce(px, py, ax, ay, nx, ny, c, mx, my, d)
+            here, across = nx * px + ny * py - c, nx * vx + ny * vy
+            t = -here / ti.select(ti.abs(across) < 1e-12, 1e-12, across)
+            there, over = mx * ax + my * ay - d, mx * ux + my * uy
+            f = -there / ti.select(ti.abs(over) < 1e-12, 1e-12, over)
+            x1, y1, x2, y2 = ax + f * ux, ay + f * uy, px + t * vx, py + t * vy
+            ok = good
+    largest = ti.max(ti.max(ti.abs(x1), ti.abs(y1)), ti.max(ti.abs(x2), ti.abs(y2)))
+    if not (ti.max(largest, ti.max(ti.abs(px), ti.abs(py))) < 1e4):
+        ok = zero
+    if ok < 0.5:
+        x1, y1, x2, y2, px, py = ax, ay, ax, ay, ax, ay
+    drawn[at, 0], drawn[at, 1], drawn[at, 2], drawn[at, 3] = ax, ay, x1, y1
+    drawn[at, 4], drawn[at, 5], drawn[at, 6], drawn[at, 7] = x2, y2, px, py
+    drawn[at, 8], drawn[at, 9], drawn[at, 10], drawn[at, 11] = mx, my, nx, ny
+    drawn[at, 12] = ok
+
+
+@ti.func
+def stand_at(mean: ti.template(), state: ti.template()):
+    """Write the first state as the mean of a belief."""
+    state[0, 0], state[1, 0], state[2, 0] = mean[0], mean[1], mean[4]
+    for s in range((mean.shape[0] - AGENT) // 2):
+        angle = mean[AGENT + 2 * s]
+        state[3 + 3 * s, 0], state[4 + 3 * s, 0] = cos_of(angle), sin_of(angle)
+        state[5 + 3 * s, 0] = mean[AGENT + 2 * s + 1]
+
+
+@quick
+@ti.kernel
+def polylines(
+    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, R] as above
+    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 13] out
+):
+    """Draw every path at every sampled state."""
+    ti.loop_config(serialize=ON_CPU)  # too little work to wake other threads for
+    for row, k in ti.ndrange(path.shape[0], state.shape[1]):
+        draw_path(state, path, places, row, k, drawn)

@@ -1,0 +1,169 @@
+"""Rays: which paths there may be, as they are predicted, and which measurements lie near."""
+
+import taichi as ti
+
+from gridslam.kernels import ALREADY_LISTED
+from gridslam.kernels.primitives.functions import wrapped
+from gridslam.kernels.primitives.gaussian import entry_of, path_of, predict_by, spread_of
+from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.particles import ready
+from gridslam.kernels.primitives.radio import GIVEN, HERE, SCALE, THERE, THRESHOLD
+
+STRONG = 0.3
+"""Existence from which on a surface may take part in a double bounce, and explain a loud measurement."""
+GATE = 4.0
+"""Standard deviations within which a measurement lies where its path is predicted."""
+ROOT_8_PI = 8.885765876316732
+
+
+@ti.func
+def listed(
+    kind, s, r, anchor, surface: ti.template(), owner: ti.template(), sight: ti.template(),
+    single: ti.template(), double: ti.template(),
+):  # fmt: skip
+    """Whether a path over so many surfaces is worth a look; existence of its ray, and of its surfaces."""
+    there, chance, together = True, sight[anchor], ti.cast(1.0, ti.f64)
+    if kind == 1:
+        there = owner[s] == -1 or owner[s] == anchor
+        chance, together = single[anchor, s], surface[s]
+    elif kind == 2:
+        there = s != r and surface[s] > STRONG and surface[r] > STRONG
+        chance, together = double[anchor, s, r], surface[s] * surface[r]
+    return there, chance, together
+
+
+@ti.func
+def enter_path(path: ti.template(), row, kind, s, r, anchor):
+    """Write a row of a table of paths: bounces, last, first, anchor."""
+    path[row, 0], path[row, 3] = kind, anchor
+    path[row, 1], path[row, 2] = (-1 if kind == 0 else s), (-1 if kind == 0 else (s if kind == 1 else r))
+
+
+@ti.func
+def look_ahead(
+    only, bounces, stay, appear, mean: ti.template(), covariance: ti.template(), places: ti.template(),
+    surface: ti.template(), owner: ti.template(), sight: ti.template(), single: ti.template(),
+    double: ti.template(), share, points: ti.template(), offset, rooted, whole: ti.template(),
+    root: ti.template(), base: ti.template(), state: ti.template(), failed: ti.template(),
+    path: ti.template(), existence: ti.template(), surfaces: ti.template(), predicted: ti.template(),
+    found: ti.template(),
+):  # fmt: skip
+    """Make ready to draw particles and samples; list paths and predict them, unless these are given.
+
+    Arguments as of `foresee`.
+    """
+    ready(mean, covariance, share, points, offset, rooted, whole, root, base, state, failed)
+    count, n, known = surface.shape[0], 0, only == ALREADY_LISTED
+    end = 0 if known else (places.shape[0] if only < 0 else only + 1)
+    for anchor in range(ti.max(only, 0), end):
+        for kind in range(3 if bounces > 1 else 2):
+            for s in range(1 if kind == 0 else count):
+                for r in range(count if kind == 2 else 1):
+                    there, chance, together = listed(
+                        kind, s, r, anchor, surface, owner, sight, single, double
+                    )  # fmt: skip
+                    if there:
+                        enter_path(path, n, kind, s, r, anchor)
+                        existence[n], surfaces[n] = appear + chance * (stay - appear), together
+                        n += 1
+    for row in range(n):
+        predict_by(mean, covariance, path, places, row, predicted)
+    found[0] = found[0] if known else n
+
+
+@quick
+@ti.kernel
+def foresee(
+    only: ti.i32,  # the anchor; -1 for all, one after the other; `ALREADY_LISTED`
+    bounces: ti.i32,  # at most; single ones are always listed
+    stay: ti.f64,  # probabilities that a ray stays and that one appears: 1 and 0 list them as they are
+    appear: ti.f64,
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]
+    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
+    owner: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] the one anchor that a surface serves; -1 for all
+    sight: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J] existence of lines of sight
+    single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] of rays over one surface
+    double: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [J, S, S] over (last, first)
+    share: ti.f64,  # of the covariance's root that particles are drawn with
+    points: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N or more, P] standard normal
+    offset: ti.i32,  # first of the points that samples are drawn by; after the last comes the first
+    rooted: ti.i32,  # `TAKE_ROOT`; `ROOT_GIVEN` as `whole`; `STATE_GIVEN`
+    whole: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N] in/out: root of the covariance, lower triangular
+    root: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, N] out: share of it, for `draw_block`
+    base: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, 3] out: mean, and its cosine and sine
+    state: ti.types.ndarray(
+        dtype=ti.f64, ndim=2
+    ),  # [3 + 3 S, R] samples: given, or out: ``mean + whole points``
+    failed: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: whether the covariance is singular
+    path: ti.types.ndarray(
+        dtype=ti.i32, ndim=2
+    ),  # [J (1 + S S), 4] bounces, last, first, anchor: out, or given
+    existence: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J (1 + S S)] out: of the ray
+    surfaces: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J (1 + S S)] out: of all surfaces involved
+    predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J (1 + S S), 12] out: value (3), spread (9)
+    found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] how many there are: out, or given
+):
+    """List and predict paths: line of sight, single bounces, double bounces. Make ready to draw particles."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        look_ahead(
+            only, bounces, stay, appear, mean, covariance, places, surface, owner, sight, single, double,
+            share, points, offset, rooted, whole, root, base, state, failed, path, existence, surfaces,
+            predicted, found,
+        )  # fmt: skip
+
+
+@ti.func
+def lies_near(m, value, spread, heard: ti.template(), radio: ti.template(), anchor):
+    """Whether a measurement lies where a path is predicted. Which way an array faces doesn't matter here."""
+    there = 0.5 * (radio[anchor, THERE] + radio[anchor, THERE + 1])
+    here = 0.5 * (radio[anchor, HERE] + radio[anchor, HERE + 1])
+    amplitude = heard[m, 6] if heard[m, 6] >= 0 else radio[anchor, THRESHOLD]
+    far = ti.cast(0.0, ti.f64)
+    for q in ti.static(range(3)):
+        gap, std = heard[m, q] - value[q], heard[m, 3 + q]
+        if ti.static(q > 0):
+            gap = wrapped(gap)
+        if std == 0:
+            square = there if ti.static(q == 1) else here
+            std = 1 / (ROOT_8_PI * amplitude * ti.sqrt(ti.max(square, 1e-30)))
+            if ti.static(q == 0):
+                given = radio[anchor, GIVEN]
+                std = given if given > 0 else radio[anchor, SCALE] / amplitude
+        if std >= 0:  # what wasn't measured is near
+            far += gap * gap / (spread[q, q] + std * std)
+    return far < GATE * GATE
+
+
+@quick
+@ti.kernel
+def near(
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]
+    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
+    owner: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] the one anchor that a surface serves; -1 for all
+    start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [J + 1] where the measurements of each anchor begin
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
+    radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 11] see `radio`
+    claimed: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [M] out: 1 where a loud measurement lies near a path
+):
+    """Find the loud measurements that lie where a line of sight or a single bounce is predicted."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        for m in range(heard.shape[0]):
+            claimed[m] = 0
+        for anchor in range(places.shape[0]):
+            place = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)
+            for n in range(surface.shape[0] + 1):
+                s, bounces, there = n - 1, (0 if n == 0 else 1), True
+                if n > 0:
+                    there = surface[s] > STRONG and (owner[s] == -1 or owner[s] == anchor)
+                if there:
+                    value, slope = path_of(mean, place, bounces, s, s)
+                    spread = spread_of(slope, entry_of(bounces, s, s), covariance)
+                    for m in range(start[anchor], start[anchor + 1]):
+                        if heard[m, 7] > 0.5 and lies_near(m, value, spread, heard, radio, anchor):
+                            claimed[m] = 1
