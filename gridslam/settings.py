@@ -171,7 +171,11 @@ class Prior(Strict):
 
 
 class Agent(Strict):
-    """A mobile radio; waypoints give it a way to simulate."""
+    """A mobile radio; waypoints give it a way to simulate.
+
+    `acceleration_mps2` is the most that it accelerates sideways on that way: the truth's, whatever
+    ``filter.acceleration_mps2`` makes of it.
+    """
 
     name: Name
     start_m: Point
@@ -179,6 +183,7 @@ class Agent(Strict):
     waypoints_m: tuple[Point, ...] | None = None
     step_m: Positive = 0.05
     interval_s: Positive = 1.0
+    acceleration_mps2: Positive = 0.03
     steps: int | None = Field(None, ge=1)
     prior: Prior = Prior()
     array: ArraySpec | None = None
