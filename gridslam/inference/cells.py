@@ -15,6 +15,7 @@ from gridslam.inference.particles import Sampling
 from gridslam.inference.polylines import Polylines
 from gridslam.inference.prediction import Ahead
 from gridslam.kernels import ALREADY_LISTED, CELL_SLABS
+from gridslam.memory import check_room, slabs_for
 from gridslam.signal import REFLECTION_BINS
 
 Array = NDArray[np.float64]
@@ -46,12 +47,14 @@ class Cells:
         self, origin: Array, cell: float, shape: tuple[int, int], free_path: float, anchors: Array
     ) -> None:
         self.origin, self.cell, self.shape = np.asarray(origin, float), cell, shape
-        self._evidence, count = np.zeros(shape), shape[0] * shape[1]
+        count = shape[0] * shape[1]
+        check_room(count)
+        self._evidence = np.zeros(shape)
         self.observed = np.zeros(shape, dtype=bool)
         self.held = runtime.resident(np.zeros((*shape, BINS), np.float32))
         self.prior = 1 - np.exp(-cell / free_path)
         self._clear = _clear(self.origin, cell, shape, anchors).view(np.uint8).reshape(-1)
-        slabs = CELL_SLABS[runtime.start()]
+        slabs = slabs_for(CELL_SLABS[runtime.start()], count)
         from gridslam.kernels.bundles import LANES, LINES, PLACES
         from gridslam.kernels.occupancy import CELLS
 
