@@ -34,7 +34,7 @@ def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0):
     table = np.pad(path, ((0, 0), (0, 1)))
     draw = np.random.default_rng(seed)
     # some so sure that all else is impossible
-    held = draw.normal(0, draw.choice([0.1, 30.0]), (*shape, BINS))
+    held = draw.normal(0, draw.choice([0.1, 30.0]), (*shape, BINS)).astype(np.float32)
     surface = draw.dirichlet(np.full(BINS, 0.2), state.shape[0] // 3)
     belief, frame = np.full((len(path), 2 * BINS), np.nan), np.append(frame, [0.1, 12.0, 0.0, 0.05])
     square, row, entries = np.empty((0, 0)), np.empty(0), np.empty(0, np.int64)

@@ -211,7 +211,8 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
     drawn = np.zeros((room * rays, 13))
     polylines(state, path, place[None], drawn)
     drawn, seen = np.pad(drawn, ((0, 0), (0, 1))), draw.uniform(0.5, 1.0, (room, 6))
-    held = draw.normal(0, draw.choice([0.1, 30.0]), (9, 11, BINS))  # some so sure that all else is impossible
+    spread = draw.choice([0.1, 30.0])  # some so sure that all else is impossible
+    held = draw.normal(0, spread, (9, 11, BINS)).astype(np.float32)
     surface = draw.dirichlet(np.full(BINS, 0.2), 3)
     frame = np.array([-3.0, -2.0, 0.7, 0.1, 12.0, 0.8, 0.05])  # some hits are outside
     factor, told = draw.integers(0, 2, (room, 2)).astype(float), draw.uniform(0, 1, (4, room))
@@ -239,7 +240,7 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
     expected = reference.learn(*into, surface, held, *sights)
     learn(*into, np.empty(3), surface, held, np.full(3, 9, np.int32), *sights)
     np.testing.assert_allclose(surface, expected[0], rtol=1e-5, atol=1e-12)
-    np.testing.assert_allclose(held, expected[1], rtol=1e-6, atol=1e-5)
+    np.testing.assert_allclose(held, expected[1], rtol=1e-6, atol=2e-4)
     for found, wanted in zip(sights, expected[2:], strict=True):
         np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
 

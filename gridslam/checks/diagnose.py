@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
 from gridslam.checks.unit_hypotheses import ADVICE, ANGLES, Suspicion, absurd, finite, padding, readings
 from gridslam.errors import InputError
-from gridslam.measurements import csv_hdf5, matlab
 from gridslam.measurements.csv_hdf5 import DEVIATIONS, VALUES, Columns
-from gridslam.measurements.table import Measurements
+from gridslam.measurements.table import Measurements, csv_hdf5, matlab
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
 

@@ -103,7 +103,7 @@ def recall(drawn: Array, path: Whole, held: Array, surface: Array, frame: Array,
         for corner, number in ((1, last if bounces == 1 else first), (2, last))[:bounces]:
             cell = np.floor((corners[:, corner] - frame[:2]) / frame[2]).astype(int)
             inside = ((cell >= 0) & (cell < held.shape[1::-1])).all(1)
-            log = held[cell[inside, 1], cell[inside, 0]].sum(0) / max(inside.sum(), 1)
+            log = held[cell[inside, 1], cell[inside, 0]].sum(0, dtype=np.float64) / max(inside.sum(), 1)
             local = surface[number] * np.exp(log - log.max())
             local = local / local.sum() if local.sum() > 1e-12 else np.full(bins, 1 / bins)
             own.append((1 - other) * local + other / bins)
@@ -139,7 +139,7 @@ def learn(
         extent,
         times,
     )
-    surface, held, bins = surface.copy(), held.copy(), surface.shape[1]
+    surface, held, bins = surface.copy(), held.astype(np.float64), surface.shape[1]
     centre = (np.arange(bins) + 0.5) / bins
     usual = surface @ centre
 
@@ -158,7 +158,9 @@ def learn(
         points = drawn[row * rays : (row + 1) * rays, 2 * corner : 2 * corner + 2]
         cell = np.floor((points - frame[:2]) / frame[2]).astype(int)
         cell = cell[((cell >= 0) & (cell < held.shape[1::-1])).all(1)]
-        np.add.at(held, (cell[:, 1], cell[:, 0]), told[0, row] * log / rays)
+        met = cell[:, 1], cell[:, 0]
+        np.add.at(held, met, told[0, row] * log / rays)
+        held[met] = np.maximum(held[met] - held[met].max(1, keepdims=True), -frame[4])
 
     for row, (bounces, last, first) in enumerate(path[:, :3]):
         heard = told[2, row] > 0.05

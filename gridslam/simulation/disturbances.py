@@ -182,12 +182,12 @@ def strides(case: Case, times: int = 10, steps: int = 150, pause: bool = False) 
         Whether a stride takes `times` as long (a receiver that listens seldom); otherwise the agent is
         `times` as fast, and turns and accelerates beyond what the filter assumes.
     """
-    body, filters = case.scene.agent(case.agent), case.scene.filter
-    once = smooth_track(body.way, body.step_m, body.interval_s, filters.acceleration_mps2)
+    body = case.scene.agent(case.agent)
+    once = smooth_track(body.way, body.step_m, body.interval_s, body.acceleration_mps2)
     rounds = 1 + int(np.ceil(steps * times / len(once)))
     way = np.concatenate([body.way] * (2 * rounds))
     try:
-        walk = smooth_track(way, body.step_m, body.interval_s, filters.acceleration_mps2)
+        walk = smooth_track(way, body.step_m, body.interval_s, body.acceleration_mps2)
     except TightCorner as error:
         where = f"{case.scene.name}: agents: {case.agent}: waypoints_m"
         raise InputError(where, str(error), "a way that can be gone round and round") from None

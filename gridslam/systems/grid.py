@@ -95,7 +95,7 @@ class GridSlam(SurfaceSlam):
         return replace(
             super().map(),
             evidence=self.cells.evidence.astype(np.float32),
-            coefficient=self.cells.coefficient.astype(np.float32),
+            coefficient=self.cells.coefficient.copy(),
             observed=self.cells.observed.copy(),
         )
 
@@ -104,7 +104,7 @@ class GridSlam(SurfaceSlam):
         prior = super()._start_from(prior)
         self.cells.evidence = prior.evidence.astype(np.float64)
         self.cells.observed = prior.observed.copy()
-        self.cells.coefficient = prior.coefficient.astype(np.float64)
+        self.cells.coefficient = prior.coefficient.copy()
         return prior
 
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -179,7 +179,7 @@ class Scene(Strict):
         if body.waypoints_m is None:
             where = f"{self.name}: agents[{self.agents.index(body)}].waypoints_m"
             raise InputError(where, "none", "waypoints, to simulate this agent")
-        return _walk(body, self.filter.acceleration_mps2)
+        return _walk(body)
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -202,7 +202,7 @@ class Scene(Strict):
 
     def _check_track(self, agent: Agent, walls: Segments, where: str) -> None:
         try:
-            track = _walk(agent, self.filter.acceleration_mps2)
+            track = _walk(agent)
         except TightCorner as error:
             index = error.index + len(agent.waypoints_m or ()) - len(agent.way) + 1
             found = f"room to turn with a radius of {error.radius:.2g} m"
@@ -244,9 +244,9 @@ def bundled_scenes() -> list[str]:
 
 
 @lru_cache(maxsize=64)
-def _walk(agent: Agent, acceleration: float) -> Trajectory:
+def _walk(agent: Agent) -> Trajectory:
     """Track of an agent with waypoints, cut to its number of steps."""
-    whole = smooth_track(agent.way, agent.step_m, agent.interval_s, acceleration)
+    whole = smooth_track(agent.way, agent.step_m, agent.interval_s, agent.acceleration_mps2)
     return Trajectory(*(getattr(whole, f.name)[: agent.steps] for f in fields(whole)))
 
 

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from gridslam.world.grid_memory import CELL_BYTES, MOST_BYTES, WAY_OUT, in_gb
 from gridslam.world.radio import aperture
 from gridslam.world.validation import Strict, fault
 
 Array = NDArray[np.float64]
 SAME_PLACE_M = 1e-6
 """Points closer than this are one."""
-MOST_CELLS, MOST_STEPS = 20_000_000, 1_000_000
+MOST_STEPS = 1_000_000
 
 Positive = Annotated[float, Field(gt=0, le=1e12)]
 NotNegative = Annotated[float, Field(ge=0, le=1e12)]
@@ -89,8 +90,10 @@ class GridSpec(Strict):
                     key, f"[{low}, {high}]", f"[low, high], at least one cell of {self.cell_m} m apart"
                 )
         cells = (self.x_m[1] - self.x_m[0]) / self.cell_m * ((self.y_m[1] - self.y_m[0]) / self.cell_m)
-        if cells > MOST_CELLS:
-            raise fault("cell_m", f"{self.cell_m} ({cells:.3g} cells)", f"at most {MOST_CELLS} cells in all")
+        if cells * CELL_BYTES > MOST_BYTES:
+            need = in_gb(cells * CELL_BYTES)
+            found = f"{self.cell_m} ({cells:.3g} cells, which need {need})"
+            raise fault("cell_m", found, f"at most {in_gb(MOST_BYTES)}: {WAY_OUT}")
         return self
 
     @property
@@ -171,7 +174,11 @@ class Prior(Strict):
 
 
 class Agent(Strict):
-    """A mobile radio; waypoints give it a way to simulate."""
+    """A mobile radio; waypoints give it a way to simulate.
+
+    `acceleration_mps2` is the most that it accelerates sideways on that way: the truth's, whatever
+    ``filter.acceleration_mps2`` makes of it.
+    """
 
     name: Name
     start_m: Point
@@ -179,6 +186,7 @@ class Agent(Strict):
     waypoints_m: tuple[Point, ...] | None = None
     step_m: Positive = 0.05
     interval_s: Positive = 1.0
+    acceleration_mps2: Positive = 0.03
     steps: int | None = Field(None, ge=1)
     prior: Prior = Prior()
     array: ArraySpec | None = None

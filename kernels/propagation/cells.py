@@ -124,7 +124,7 @@ def cast(
     occupied: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [2, ny nx] o of a traversed cell, of a hit one in V
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] origin x, y, side; factor outside, clip, least
     # share, how likely a wall is of another material where it is hit next
-    held: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [ny, nx, BINS] log-likelihood of coefficients in cells
+    held: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [ny, nx, BINS] log-likelihood of coefficients in cells
     reflection: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] beliefs about coefficients of surfaces
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 14] out: corners, normals, possible or not, V
     seen: ti.types.ndarray(

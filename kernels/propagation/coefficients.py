@@ -10,10 +10,10 @@ from gridslam.kernels.propagation.bundles import cell_of
 from gridslam.kernels.propagation.notes import CHANCE, LENGTH, SHARE, THERE
 from gridslam.kernels.propagation.sightings import LIKELIER_THAN_NOT, spot
 
-BINS, LEAST, OTHER = 20, 5, 6
-"""Bins of a coefficient's belief, products of two have twice as many nodes; where the frame says at which
-share of its states a path must be possible, and how likely a wall is of another material where it is hit
-next."""
+BINS, CLIP, LEAST, OTHER = 20, 4, 5, 6
+"""Bins of a coefficient's belief, products of two have twice as many nodes; where the frame says how far
+apart log-likelihoods may be, at which share of its states a path must be possible, and how likely a wall is
+of another material where it is hit next."""
 FAINT = 1e-3
 """Probability of an association below which it says nothing about coefficients."""
 AUDIBLE = 0.05
@@ -103,15 +103,31 @@ def absorb_at(
     log: ti.template(), share, drawn: ti.template(), held: ti.template(), frame: ti.template(), row, rays,
     corner,
 ):  # fmt: skip
-    """Add a log-likelihood to the cells that the rays of a path meet, shared among its rays."""
-    per_metre = 1 / frame[2]
+    """Add a log-likelihood to the cells that the rays of a path meet, shared among its rays.
+
+    A cell's best bin is 0 afterwards, and none is further below than the clip: steps aren't independent, and
+    what is surer than that could never be learned anew.
+    """
+    per_metre, settled = 1 / frame[2], -1
     for k in range(row * rays, (row + 1) * rays):
         ix = cell_of(drawn[k, 2 * corner], frame[0], per_metre)
         iy = cell_of(drawn[k, 2 * corner + 1], frame[1], per_metre)
         if ix >= 0 and iy >= 0 and ix < held.shape[1] and iy < held.shape[0]:
             for n in range(BINS):
                 before = held[iy, ix, n]
-                held[iy, ix, n] = before + share * log[n] / rays
+                held[iy, ix, n] = before + ti.cast(share * log[n] / rays, ti.f32)
+    for k in range(row * rays, (row + 1) * rays):
+        ix = cell_of(drawn[k, 2 * corner], frame[0], per_metre)
+        iy = cell_of(drawn[k, 2 * corner + 1], frame[1], per_metre)
+        if ix >= 0 and iy >= 0 and ix < held.shape[1] and iy < held.shape[0]:
+            cell = iy * held.shape[1] + ix
+            if cell != settled:  # rays side by side meet the same one
+                settled, most = cell, held[iy, ix, 0]
+                for n in range(1, BINS):
+                    most = ti.max(most, held[iy, ix, n])
+                for n in range(BINS):
+                    below = held[iy, ix, n] - most
+                    held[iy, ix, n] = ti.max(below, ti.cast(-frame[CLIP], ti.f32))
 
 
 @quick
@@ -132,7 +148,7 @@ def learn(
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] as of `cells.cast`
     usual: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] scratch: mean coefficient of every surface
     surface: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] in/out: beliefs of surfaces
-    held: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [ny, nx, BINS] in/out: log-likelihood that cells hold
+    held: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [ny, nx, BINS] in/out: log-likelihood that cells hold
     latest: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [S] scratch: these four as of `sightings.mark`
     foot: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] in/out
     extent: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 2] in/out

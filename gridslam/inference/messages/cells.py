@@ -15,6 +15,7 @@ from gridslam.inference.state.particles import Sampling
 from gridslam.inference.state.path_messages import Notes
 from gridslam.inference.state.polylines import Polylines
 from gridslam.kernels import ALREADY_LISTED, CELL_SLABS
+from gridslam.world.grid_memory import check_room, slabs_for
 from gridslam.world.radio import REFLECTION_BINS
 
 Array = NDArray[np.float64]
@@ -37,23 +38,23 @@ class Cells:
     ----------
     origin, cell : (2,) m and m
         Lower-left corner and side of a cell.
-    held : (ny, nx, BINS) float64
-        Log-likelihood over `REFLECTION_BINS`, where kernels find it.
+    held : (ny, nx, BINS) float32
+        Log-likelihood over `REFLECTION_BINS`, where kernels find it; 0 at the best and `EVIDENCE_CLIP` below
+        at the worst, so that another material can be learned.
     """
 
     def __init__(
         self, origin: Array, cell: float, shape: tuple[int, int], free_path: float, anchors: Array
     ) -> None:
         self.origin, self.cell, self.shape = np.asarray(origin, float), cell, shape
-        self._evidence, count = np.zeros(shape), shape[0] * shape[1]
+        count = shape[0] * shape[1]
+        check_room(count)
+        self._evidence = np.zeros(shape)
         self.observed = np.zeros(shape, dtype=bool)
-        self.held = runtime.resident(np.zeros((*shape, BINS)))
+        self.held = runtime.resident(np.zeros((*shape, BINS), np.float32))
         self.prior = 1 - np.exp(-cell / free_path)
-        y, x = np.indices(shape)
-        centre = self.origin + cell * (np.stack([x, y], -1) + 0.5)
-        gap = np.linalg.norm(centre[:, :, None] - anchors, axis=-1).min(-1)
-        self._clear = np.ascontiguousarray(gap < CLEAR_ANCHOR_M).view(np.uint8).reshape(-1)
-        slabs = CELL_SLABS[runtime.start()]
+        self._clear = _clear(self.origin, cell, shape, anchors).view(np.uint8).reshape(-1)
+        slabs = slabs_for(CELL_SLABS[runtime.start()], count)
         from gridslam.kernels.propagation.bundles import LANES, LINES, PLACES
         from gridslam.kernels.propagation.occupancy import CELLS
 
@@ -84,7 +85,7 @@ class Cells:
 
     @coefficient.setter
     def coefficient(self, value: Array) -> None:
-        self.held = runtime.resident(np.ascontiguousarray(value, dtype=np.float64))
+        self.held = runtime.resident(np.ascontiguousarray(value, dtype=np.float32))
 
     def occupied(self) -> runtime.Resident:
         """Occupancy in both roles, crossed and met, (2, ny nx) float32; it follows the evidence."""
@@ -224,6 +225,19 @@ class Cells:
             fresh.reshape(-1), self.observed.view(np.uint8).reshape(-1), self._occupied,
         )  # fmt: skip
         self._evidence, self._stale = fresh, False
+
+
+def _clear(origin: Array, cell: float, shape: tuple[int, int], anchors: Array) -> NDArray[np.bool_]:
+    """Which cells (ny, nx) have their centre next to one of the anchors (J, 2), without room for all J."""
+    clear = np.zeros(shape, dtype=bool)
+    for place in anchors:
+        x, y = (
+            (origin[axis] + cell * (np.arange(shape[1 - axis]) + 0.5) - place[axis]) ** 2 for axis in (0, 1)
+        )
+        near_x, near_y = np.flatnonzero(x < CLEAR_ANCHOR_M**2), np.flatnonzero(y < CLEAR_ANCHOR_M**2)
+        near = np.sqrt(x[near_x] + y[near_y, None]) < CLEAR_ANCHOR_M
+        clear[np.ix_(near_y, near_x)] |= near
+    return clear
 
 
 def _room(paths: int, rays: int, told: int | None = None) -> tuple[Array, Array, runtime.Resident]:

@@ -1,0 +1,80 @@
+"""A world that changes while an agent listens: a door that closes or opens, a wall of another material."""
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.inference.messages.cells import EVIDENCE_CLIP
+from gridslam.simulation.image_source import heard_along, true_paths
+
+BEFORE = 300
+"""Steps, in each of which anchor A is heard through the door or by way of it."""
+
+
+def world(door):
+    """`room` at 40 dB with a wall across, whose door (2 m by 2.5 m) is open (None) or of a material."""
+    data = gs.Scene.load("room").model_dump(exclude_none=True)
+    data["radio"]["snr_at_1m_db"], data["materials"] = 40.0, {"concrete": 0.7, "glass": 0.3}
+    own = data["agents"][0]
+    for key in ("waypoints_m", "steps"):
+        own.pop(key)
+    own["start_m"] = [-2.0, -0.6]
+    ways = [([[0.6, -3.0], [0.6, -1.0]], "concrete"), ([[0.6, 2.0], [0.6, 3.0]], "concrete")]
+    ways += [([[0.6, -1.0], [0.6, 2.0]], door)] if door else []
+    walls = [{"material": material, "points_m": points} for points, material in ways]
+    return gs.Scene.checked({**data, "walls": [*data["walls"], *walls]}, "door")
+
+
+def to_and_fro(steps):
+    """30 cm there and back, facing the door; what A sends hits the door between y = 0.5 and 0.7 m."""
+    count = np.arange(steps) % 12
+    along = 0.05 * np.minimum(count, 12 - count)
+    place = np.stack([np.full(steps, -2.0), along - 0.6], -1)
+    return gs.Trajectory(np.arange(steps, dtype=float), place, np.gradient(place, axis=0), np.zeros(steps))
+
+
+def mapped(before, after, steps, seed):
+    """Maps when the world changes and 20 steps later, at the two cells of the door that are hit most."""
+    track, maps = to_and_fro(BEFORE + steps), []
+    slam = gs.GridSlam(world(None).with_filter(particles=512), seed=seed)
+    for door, rows in ((before, slice(BEFORE)), (after, slice(BEFORE, None))):
+        scene = world(door)
+        heard, _ = heard_along(scene, "agent1", track, true_paths(scene, "agent1", track), seed)
+        for scan in list(heard)[rows]:
+            estimate = slam.step(scan)
+        assert np.linalg.norm(estimate.position_m - track.position_m[slam.steps - 1]) < 0.05
+        maps.append(slam.map())
+    return maps
+
+
+HIT = np.array([[0.65, 0.55], [0.65, 0.65]])
+
+
+def at(values, grid):
+    """Values (ny, nx) at the cells that are hit, (2,)."""
+    rows, columns = grid.index(HIT)[0].T
+    return values[rows, columns]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("before", "after"), [(None, "concrete"), ("concrete", None)])
+def test_a_door_that_closes_or_opens_is_mapped_within_twenty_hits(before, after, seed):
+    first, last = mapped(before, after, 20, seed)
+    for grid, door in ((first, before), (last, after)):
+        odds = at(grid.evidence, grid) + np.log(grid.prior / (1 - grid.prior))
+        assert ((odds > 0) == (door is not None)).all()
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_wall_of_another_material_is_learned_within_twenty_hits(seed):
+    first, last = mapped("concrete", "glass", 20, seed)
+    np.testing.assert_allclose(at(first.reflection, first), 0.7, atol=0.05)
+    np.testing.assert_allclose(at(last.reflection, last), 0.3, atol=0.05)
+    for grid in (first, last):
+        assert np.ptp(grid.coefficient, axis=-1).max() <= EVIDENCE_CLIP + 1e-3
+
+
+def test_a_window_is_read_as_what_it_is():
+    """Misses count as much as detections (model.md, section 2.5), or a faint wall would seem a strong one."""
+    found = [at(grid.reflection, grid) for seed in (1, 2, 3) for grid in mapped("glass", "glass", 1, seed)]
+    assert np.mean(found) == pytest.approx(0.3, abs=0.03)
