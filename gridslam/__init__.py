@@ -7,12 +7,15 @@ from gridslam.measurements.table import Measurements, Scan
 from gridslam.runs.map_scene import map_scene
 from gridslam.runs.run import Run
 from gridslam.simulation.image_source import Truth, ground_truth, simulate
+from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
+from gridslam.systems.virtual_anchor import VirtualAnchorSlam
 from gridslam.world.scene import Scene, bundled_scenes
 from gridslam.world.trajectory import Trajectory
 
 __version__ = "0.1.0"
 __all__ = [
+    "AdaptiveSlam",
     "GridSlam",
     "InputError",
     "Map",
@@ -22,6 +25,7 @@ __all__ = [
     "Scene",
     "Trajectory",
     "Truth",
+    "VirtualAnchorSlam",
     "bundled_scenes",
     "fuse",
     "ground_truth",

@@ -5,18 +5,23 @@ import itertools
 import numpy as np
 
 
+def every_matching(paths, heard):
+    """All ways to give every path a measurement of its own, or None."""
+    for choice in itertools.product([None, *range(heard)], repeat=paths):
+        taken = [m for m in choice if m is not None]
+        if len(set(taken)) == len(taken):
+            yield choice
+
+
 def enumerate_marginals(beta, missed, new):
     """Exact P(path l caused m), by summing over all valid assignments."""
     paths, heard = beta.shape
     marginal, total = np.zeros((paths, heard)), 0.0
-    for choice in itertools.product(range(-1, heard), repeat=paths):
-        taken = [c for c in choice if c >= 0]
-        if len(set(taken)) < len(taken):
-            continue
-        weight = np.prod([missed[p] if c < 0 else beta[p, c] for p, c in enumerate(choice)])
-        weight *= np.prod([new[m] for m in range(heard) if m not in taken])
+    for choice in every_matching(paths, heard):
+        weight = np.prod([missed[p] if c is None else beta[p, c] for p, c in enumerate(choice)])
+        weight *= np.prod([new[m] for m in range(heard) if m not in choice])
         total += weight
         for path, cause in enumerate(choice):
-            if cause >= 0:
+            if cause is not None:
                 marginal[path, cause] += weight
     return marginal / total

@@ -63,3 +63,12 @@ def random_table(draw, count, near=None, off=0.05):
 def detection_table():
     """p_d over ``0, 0.5, ...``."""
     return 1 / (1 + np.exp(-(0.5 * np.arange(80) - 4))), 0.5
+
+
+def some_rows(draw, shape, spread):
+    """Coefficients of the cells that were hit, most of them: row of each cell, and log-likelihoods."""
+    where = np.full(shape, -1, np.int32)
+    known = draw.random(shape) < 0.7
+    count = int(known.sum())
+    where[known] = draw.permutation(count)
+    return where, draw.normal(0, spread, (count, BINS)).astype(np.float32)

@@ -1,44 +1,72 @@
 """Adaptive SLAM and its reference: amplitude states of rays, and what the systems find on bundled scenes."""
 
 import itertools
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from filter_states import model_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gridslam as gs
-from gridslam.inference.messages.likelihood import DetectionTable
-from gridslam.inference.messages.ray_amplitudes import RayAmplitudes
+from gridslam.inference.messages.prediction import PredictedPaths, Prediction
+from gridslam.inference.messages.ray_amplitudes import (
+    forget_amplitudes,
+    mean_amplitudes,
+    predict_amplitudes,
+    start_amplitudes,
+    update_amplitudes,
+)
 from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rays import Rays
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace import Workspace
 from gridslam.runs.map_scene import METHODS
 from gridslam.world.geometry import sfv
 
 SIGNAL = gs.Scene.load("room").signal_model("agent1")
-TABLE = DetectionTable(SIGNAL)
-NOBODY = np.zeros(0, np.int64)
+MODEL = model_of("room", radio=SIGNAL)
+WORK = Workspace(MODEL, seed=1)
+NOTHING_HEARD = replace(State.start(MODEL), amplitudes=RayAmplitudes())
 
 
 def one_ray(existence=0.9):
     return Rays.of(*(np.array([v]) for v in (0, 0, -1, -1, existence, 1.0)))
 
 
-def heard(*amplitudes):
+def heard(*amplitudes, distance=np.nan):
     count = len(amplitudes)
     unknown = np.full((count, 3), np.nan)
-    return Heard.of(0, np.zeros(2), 0.0, unknown, unknown, np.array(amplitudes, float))
+    value = unknown.copy()
+    value[:, 0] = distance
+    return Heard.of(0, np.zeros(2), 0.0, value, unknown, np.array(amplitudes, float))
+
+
+def one_path(existence, distance):
+    return PredictedPaths(one_ray(existence), Prediction(np.full((1, 12), distance)), None)
+
+
+def ahead(state, existence, distance):
+    """Amplitude belief of the one path, a step ahead."""
+    return predict_amplitudes(state, one_path(existence, distance), SIGNAL, work=WORK)
+
+
+def mean(state, distance):
+    return mean_amplitudes(state, one_ray(), np.array([distance]), SIGNAL, work=WORK)
 
 
 def followed(amplitudes, existence=0.9, distance=3.0):
     """Amplitude belief after hearing one path strengths one after the other; None for a miss."""
-    rays, states = one_ray(existence), RayAmplitudes(SIGNAL)
+    state, path = NOTHING_HEARD, one_path(existence, distance)
     for amplitude in amplitudes:
-        belief = states.predict(rays, NOBODY, np.array([distance]))
-        said = heard() if amplitude is None else heard(amplitude)
-        responsible = np.ones((1, len(said)))
-        states.correct(rays, NOBODY, belief, np.array([distance]), said, responsible, TABLE)
-    return states, states.predict(rays, NOBODY, np.array([distance]))
+        belief = predict_amplitudes(state, path, SIGNAL, work=WORK)
+        own = heard() if amplitude is None else heard(amplitude)
+        ratios = SimpleNamespace(responsible=np.ones((1, len(own))))
+        state = update_amplitudes(state, path, belief, own, ratios, SIGNAL, work=WORK)
+    return state, ahead(state, existence, distance)
 
 
 @given(
@@ -60,17 +88,17 @@ def test_amplitude_converges_to_what_is_heard(true):
     states, belief = followed(
         np.hypot(true + scale * draw.normal(size=40), scale * draw.normal(size=40)), 0.99, 1.0
     )
-    mean = states.mean(one_ray(), NOBODY, np.array([1.0]))[0]
+    level = mean(states, 1.0)[0]
     # a walk of 2 % a step against noise `scale`: some ten measurements count
-    assert abs(mean - true) < 4 * scale / np.sqrt(10)
-    spread = np.sqrt(belief.probability[0] @ (belief.nodes - mean) ** 2)
+    assert abs(level - true) < 4 * scale / np.sqrt(10)
+    spread = np.sqrt(belief.probability[0] @ (belief.nodes - level) ** 2)
     assert spread < 2 * scale
 
 
 @pytest.mark.parametrize("factor", [0.5, 0.9, 1.0, 1.7])
 def test_amplitude_follows_the_length_of_the_path(factor):
     states, belief = followed([9.0] * 20, 0.99, 2.0)
-    near = states.predict(one_ray(0.99), NOBODY, np.array([2.0 / factor]))
+    near = ahead(states, 0.99, 2.0 / factor)
     np.testing.assert_allclose(near.probability.sum(), 1, atol=1e-9)
     means = [b.probability[0] @ b.nodes for b in (belief, near)]
     assert means[1] / means[0] == pytest.approx(factor, rel=0.01)
@@ -80,7 +108,7 @@ def test_an_agent_at_an_anchor_is_loud_but_heard():
     loud = float(SIGNAL.amplitude(0.05))
     states, belief = followed([loud] * 3, 0.99, 0.05)
     assert belief.probability[0, -1] > 0.5
-    assert np.isfinite(states.mean(one_ray(), NOBODY, np.array([0.05]))).all()
+    assert np.isfinite(mean(states, 0.05)).all()
 
 
 def test_silence_makes_a_ray_fainter_but_not_for_good():
@@ -93,23 +121,21 @@ def test_silence_makes_a_ray_fainter_but_not_for_good():
 
 
 def test_a_ray_that_appears_may_have_any_amplitude_of_free_space():
-    states = RayAmplitudes(SIGNAL)
-    belief = states.predict(one_ray(0.005), NOBODY, np.array([4.0]))
+    belief = ahead(NOTHING_HEARD, 0.005, 4.0)
     top = belief.nodes[belief.probability[0] > 0].max()
     assert top <= SIGNAL.amplitude(4.0)
     assert top > 0.9 * SIGNAL.amplitude(4.0)
 
 
 def test_amplitudes_of_dropped_surfaces_are_forgotten():
-    states = RayAmplitudes(SIGNAL)
-    states.start((0, 7, 7), 3.0, 5.0)
-    states.start((0, 8, 7), 3.0, 5.0)
-    states.start((0, 8, 8), 3.0, 5.0)
-    states.forget(np.array([8]))
-    assert set(states._kept) == {(0, 8, 8)}
-    states.start((0, 9, 9), 3.0, 5.0)  # and is dropped in the same step
-    states.forget(np.array([8]))
-    assert set(states._kept) == {(0, 8, 8)}
+    measured = heard(5.0, distance=3.0)
+    one = replace(NOTHING_HEARD.surfaces.add(8, 0.9, np.full(20, 0.05), 0.0, (0, -1, -1)))
+    born = [((0, 7, 7), 0), ((0, 8, 7), 0), ((0, 8, 8), 0)]
+    state = replace(start_amplitudes(NOTHING_HEARD, born, measured, SIGNAL), surfaces=one)
+    assert set(state.amplitudes.known) == {key for key, _ in born}
+    kept = forget_amplitudes(state)
+    assert set(kept.amplitudes.known) == {(0, 8, 8)}
+    assert forget_amplitudes(kept).amplitudes is kept.amplitudes
 
 
 def first_steps(method, name, steps, seed):
@@ -130,10 +156,13 @@ def test_adaptive_slam_finds_the_floor_by_its_double_bounce_alone():
 
 def test_virtual_anchors_serve_their_own_anchor_by_single_bounces():
     slam, estimates = first_steps("va", "alcove", 25, 1)
-    assert set(slam.bank.owner.tolist()) <= {0, 1}
+    bank = slam.state.surfaces
+    assert set(bank.owner.tolist()) <= {0, 1}
     for estimate in estimates:
         assert (estimate.paths.surfaces[:, 0] == estimate.paths.surfaces[:, 1]).all()
-        owner = dict(zip(slam.bank.identity.tolist(), slam.bank.owner.tolist(), strict=True))
+        owner = dict(
+            zip(slam.state.surfaces.identity.tolist(), slam.state.surfaces.owner.tolist(), strict=True)
+        )
         for anchor, surface in zip(estimate.paths.anchor, estimate.paths.surfaces[:, 0], strict=True):
             assert surface < 0 or owner.get(int(surface), anchor) == anchor
 
@@ -152,6 +181,6 @@ def test_separate_beliefs_are_a_setting():
         slam = gs.GridSlam(scene.with_filter(correlated=correlated), seed=1)
         for scan in heard:
             slam.step(scan)
-        cross = slam.belief.covariance[:5, 5:]
+        cross = slam.state.belief.covariance[:5, 5:]
         assert cross.size
         assert cross.any() == correlated

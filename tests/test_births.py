@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from filter_states import model_of
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from kernel_worlds import random_belief, random_radio, random_table
 
 import gridslam as gs
 from gridslam import reference, runtime
-from gridslam.inference.messages.births import Births, bear
+from gridslam.inference.messages.births import Births, initialise_surface
 from gridslam.inference.state.anchor_measurements import Heard
 from gridslam.inference.state.belief import Belief, append
 from gridslam.world.geometry import trace, wrap
@@ -53,8 +54,8 @@ def born(off_deg, double):
     belief = append(Belief(np.array([*AGENT, 0, 0, HEADING]), spread), KNOWN, np.diag([1e-6, 1e-6]))
     hit = np.array([[0 if double else -1, -1]], np.int32)
     births = Births(np.zeros(1, int), hit, NEW[None], np.ones(1))
-    anchors = np.array([[*PLACE, 0.0]])
-    return bear(births, 0, heard, belief, SIGNAL.radio(0), anchors)[0], value[0, 0]
+    model = model_of("alcove", [[*PLACE, 0.0]])
+    return initialise_surface(births, 0, heard, belief, SIGNAL, model)[0], value[0, 0]
 
 
 def length(belief, double):
@@ -142,11 +143,11 @@ def test_a_new_surface_joins_the_belief_as_in_its_twin(seed, surfaces):
 def test_a_birth_of_what_is_not_there_is_refused():
     heard = Heard.of(0, PLACE, 0.0, np.ones((1, 3)), np.full((1, 3), np.nan), np.array([4.0]))
     belief, anchors = Belief(np.zeros(5), np.eye(5)), np.array([[*PLACE, 0.0]])
-    radio, row, line, ratio = SIGNAL.radio(0), np.zeros(1, int), NEW[None], np.ones(1)
+    row, line, ratio = np.zeros(1, int), NEW[None], np.ones(1)
     for births, places in (
         (Births(row, np.array([[0, -1]]), line, ratio), anchors),
         (Births(row + 1, np.array([[-1, -1]]), line, ratio), anchors),
         (Births(row, np.array([[-1, -1]]), line, ratio), anchors[:0]),
     ):
         with pytest.raises(ValueError, match="doesn't exist"):
-            bear(births, 0, heard, belief, radio, places)
+            initialise_surface(births, 0, heard, belief, SIGNAL, model_of("alcove", places))

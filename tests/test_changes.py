@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import gridslam as gs
-from gridslam.inference.messages.cells import EVIDENCE_CLIP
+from gridslam.inference.cell_buffers import EVIDENCE_CLIP
 from gridslam.simulation.image_source import heard_along, true_paths
 
 BEFORE = 300
@@ -42,7 +42,7 @@ def mapped(before, after, steps, seed):
         heard, _ = heard_along(scene, "agent1", track, true_paths(scene, "agent1", track), seed)
         for scan in list(heard)[rows]:
             estimate = slam.step(scan)
-        assert np.linalg.norm(estimate.position_m - track.position_m[slam.steps - 1]) < 0.05
+        assert np.linalg.norm(estimate.position_m - track.position_m[slam.state.step - 1]) < 0.05
         maps.append(slam.map())
     return maps
 

@@ -36,7 +36,7 @@ def image_of_corner(place):
 
 def test_a_ghost_goes_and_takes_nothing_along():
     bank, belief = world(image_of_corner(PLACES[0]))
-    left, rest = ghosts.lay(bank, belief, PLACES)
+    left, rest = ghosts.drop_ghosts(bank, belief, PLACES)
     assert left.identity.tolist() == [0, 1]
     np.testing.assert_array_equal(rest.mean, belief.mean[:-2])
     np.testing.assert_array_equal(rest.covariance, belief.covariance[:-2, :-2])
@@ -52,20 +52,20 @@ def test_a_ghost_goes_and_takes_nothing_along():
 )
 def test_what_may_be_a_wall_stays(unlike):
     bank, belief = world(image_of_corner(PLACES[0]), **unlike)
-    left, rest = ghosts.lay(bank, belief, PLACES)
+    left, rest = ghosts.drop_ghosts(bank, belief, PLACES)
     assert (left, rest) == (bank, belief)
 
 
 def test_a_wall_seen_as_often_as_others_stays():
     bank, belief = world(image_of_corner(PLACES[0]))
     bank.seen[2] = 30
-    assert len(ghosts.lay(bank, belief, PLACES)[0]) == 3
+    assert len(ghosts.drop_ghosts(bank, belief, PLACES)[0]) == 3
 
 
 def test_walls_that_were_hardly_seen_take_nobodys_place():
     bank, belief = world(image_of_corner(PLACES[0]))
     bank.seen[1] = 3
-    assert len(ghosts.lay(bank, belief, PLACES)[0]) == 3
+    assert len(ghosts.drop_ghosts(bank, belief, PLACES)[0]) == 3
 
 
 @given(st.floats(-3, 3), st.floats(0.5, 6))
@@ -75,14 +75,14 @@ def test_a_line_elsewhere_is_no_ghost(angle, offset):
     doubles = [mirror(WALLS[a], mirror(WALLS[1 - a], p)) for a in (0, 1) for p in PLACES]
     gaps = [np.linalg.norm(mirror(line, p) - d) for p in PLACES for d in doubles]
     bank, belief = world(line)
-    kept = len(ghosts.lay(bank, belief, PLACES)[0])
+    kept = len(ghosts.drop_ghosts(bank, belief, PLACES)[0])
     if min(gaps) > AROUND_M:  # nearer ones may go, silent as this line is
         assert kept == 3
 
 
 def test_no_surfaces_no_ghosts():
     bank, belief = Bank.empty(2), Belief(np.zeros(5), np.eye(5))
-    assert ghosts.lay(bank, belief, PLACES) == (bank, belief)
+    assert ghosts.drop_ghosts(bank, belief, PLACES) == (bank, belief)
 
 
 @pytest.mark.parametrize(("heard", "left"), [(0.05, 2), (0.9, 3)])
@@ -93,4 +93,4 @@ def test_a_silent_line_through_the_corner_goes(heard, left):
     assert NEAR_M < gap < AROUND_M
     bank, belief = world(line)
     bank.single[0, 2] = heard
-    assert len(ghosts.lay(bank, belief, PLACES)[0]) == left
+    assert len(ghosts.drop_ghosts(bank, belief, PLACES)[0]) == left

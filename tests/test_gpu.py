@@ -11,7 +11,7 @@ from tiny import TINY
 
 import gridslam as gs
 from gridslam import runtime
-from gridslam.bench.bench import kernels as bench_kernels
+from gridslam.bench import kernels as bench_kernels
 from gridslam.kernels import CELL_SLABS
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
@@ -33,7 +33,7 @@ for scan in gs.simulate(scene, "agent1", 1):
     seen = slam.step(scan)
 print(json.dumps({
     "device": device, "position": seen.position_m.tolist(), "heading": float(seen.heading_rad),
-    "existence": seen.surfaces.existence.tolist(), "evidence": slam.cells.evidence.tolist(),
+    "existence": seen.surfaces.existence.tolist(), "evidence": slam.state.grid.evidence.tolist(),
 }))
 """
 
@@ -78,8 +78,9 @@ def test_resident_arrays_change_nothing(monkeypatch):
             slam = gs.GridSlam(scene, seed=1)
             for scan in gs.simulate(scene, "agent1", 1):
                 slam.step(scan)
-            assert isinstance(slam.cells._message, np.ndarray) == (device == "cpu")
-        beliefs.append((slam.belief.mean, slam.belief.covariance, slam.cells.evidence))
+            assert isinstance(slam.work.require_cells().scratch.message, np.ndarray) == (device == "cpu")
+        belief = slam.state.belief
+        beliefs.append((belief.mean, belief.covariance, slam.state.grid.evidence))
     for near, far in zip(*beliefs[:2], strict=True):
         np.testing.assert_allclose(near, far, rtol=1e-9, atol=1e-9)
     for near, far in zip(beliefs[0], beliefs[2], strict=True):

@@ -96,7 +96,12 @@ def test_a_foreign_checkpoint_is_refused(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "shape"),
-    [("bank/existence", (200,)), ("bank/single", (1, 2)), ("state/mean", (6,)), ("watch/turn", (7,))],
+    [
+        ("surfaces/existence", (200,)),
+        ("surfaces/single", (1, 2)),
+        ("belief/mean", (6,)),
+        ("calibration/turn", (7,)),
+    ],
 )
 def test_a_checkpoint_whose_parts_do_not_fit_is_refused(tmp_path, name, shape):
     scene = shortened(gs.Scene.load("room"), 3)
@@ -190,7 +195,7 @@ def test_an_adapted_number_of_particles_leads_to_the_same_place():
     for adapt in (False, True):
         slam = gs.GridSlam(scene.with_filter(adapt_particles=adapt), seed=1)
         track.append(np.array([slam.step(scan).position_m for scan in scans]))
-    assert slam.particles.ask(slam.belief)[0] < slam.particles.count
+    assert slam.work.particles.ask(slam.state.belief)[0] < slam.work.particles.count
     np.testing.assert_allclose(*track, atol=0.005)
 
 

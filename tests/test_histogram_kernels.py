@@ -8,13 +8,12 @@ from kernel_worlds import random_table
 
 import gridslam as gs
 from gridslam import reference, runtime
-from gridslam.inference.messages.ray_amplitudes import RayAmplitudes
+from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 SIGNAL = gs.Scene.load("room").signal_model("agent1")
-STATES = RayAmplitudes(SIGNAL)
-TABLE, NUMBER, NODES = STATES._table.copy(), STATES._number, STATES.nodes
-TABLE[5] = np.maximum(1 - SIGNAL.detection_probability(NODES), 1e-9)
+MODEL = AmplitudeModel.of(SIGNAL)
+TABLE, NUMBER, NODES = MODEL.table, MODEL.number, MODEL.nodes
 seeds = st.integers(0, 2**32 - 1)
 
 

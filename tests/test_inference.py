@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from enumeration import enumerate_marginals
+from filter_states import Plot
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
@@ -12,11 +13,20 @@ from scipy.stats import norm
 import gridslam as gs
 from gridslam.evaluation.bounds import known_map_bound
 from gridslam.inference.messages.association import associate
-from gridslam.inference.messages.cells import Cells
-from gridslam.inference.state import path_messages as notes_module
+from gridslam.inference.messages.cells import cast_messages
+from gridslam.inference.state import path_messages as messages_module
 from gridslam.inference.state.belief import AGENT, Belief, separated, update
-from gridslam.inference.state.particles import BIN_M, DIVERGENCE, PORTION, Cloud, Particles, Sampling, needed
-from gridslam.inference.state.path_messages import Notes
+from gridslam.inference.state.particles import (
+    BIN_M,
+    DIVERGENCE,
+    PORTION,
+    Cloud,
+    Draft,
+    Particles,
+    Sampling,
+    needed,
+)
+from gridslam.inference.state.path_messages import PathMessages
 from gridslam.inference.state.rays import Rays
 from gridslam.kernels import PATH_BLOCK
 from gridslam.world.geometry import line_between, line_of_sfv, mirror, sfv, trace, wrap
@@ -116,28 +126,19 @@ def test_update_of_a_sure_association_is_the_kalman_update():
     np.testing.assert_allclose(update(belief, jacobian, residual[None], noise[None], np.zeros(1)).mean, 0)
 
 
-def noted(rays, worth, send):
-    """Notes of rays that are worth so much, and of whether they are to be told to cells."""
-    notes = Notes()
-    notes.reserve(len(rays), 0, (1 + int(rays.last.max()), 1))
-    notes.count[0], rows = len(rays), slice(0, len(rays))
-    notes.path[rows], notes.factor[rows, 0], notes.factor[rows, 1] = rays.table, worth, send
-    return notes
-
-
-def told(cells, bounces, anchor, agent, line, worth):
+def told(plot, bounces, anchor, agent, line, worth):
     """Tell the cells of one path at one state, and absorb; return its V."""
     rays = Rays.of(*(np.array([value]) for value in (0, bounces, bounces - 1, bounces - 1, 1.0, 1.0)))
     cloud = Cloud(np.array([[*agent, 0.0, np.cos(line[0]), np.sin(line[0]), line[1]]]).T, 0.0)
-    drawn = cells.tell(noted(rays, worth, True), Sampling.at(cloud), np.array([[*anchor, 0.0]]), 0.0)
-    cells.absorb()
-    return drawn.validity[0]
+    validity = plot.tell(rays, Sampling.at(cloud), [[*anchor, 0.0]], worth)
+    plot.absorb()
+    return validity[0]
 
 
-def ray_messages(cells, through, hits, worth):
+def ray_messages(plot, through, hits, worth):
     """Twin by enumeration: exact log ratio of every touched cell, over all states of the path's cells."""
     touched = through + hits
-    traversed = cells.occupied()[0].reshape(cells.shape)
+    traversed = plot.cells.occupancy(plot.grid)[0].reshape(plot.grid.shape)
     log = {}
     for cell in touched:
         others = [c for c in touched if c != cell]
@@ -158,8 +159,8 @@ def ray_messages(cells, through, hits, worth):
 @pytest.mark.parametrize("worth", [0.1, 1.0, 30.0])
 @pytest.mark.parametrize("bounces", [0, 1])
 def test_cell_messages_equal_enumeration_of_all_cell_states(worth, bounces):
-    cells = Cells(np.zeros(2), 1.0, (5, 6), 10.0, np.array([[100.0, 100.0]]))
-    cells.evidence = np.random.default_rng(3).normal(0, 1, cells.shape)
+    plot = Plot((5, 6))
+    plot.believe(np.random.default_rng(3).normal(0, 1, (5, 6)))
     anchor, agent, point = np.array([0.5, 0.5]), np.array([4.5, 0.5]), np.array([2.5, 3.5])
     corners = np.stack([anchor, point, agent, agent] if bounces else [anchor, agent, agent, agent])
     walked = set()
@@ -170,21 +171,21 @@ def test_cell_messages_equal_enumeration_of_all_cell_states(worth, bounces):
     hits = [(2, 2), (3, 2), (4, 2)] if bounces else []
     through = sorted(walked - set(hits))
     # the corner cells that a sampled walk may graze don't count
-    before = cells.evidence.copy()
-    expected = ray_messages(cells, through, hits, worth)
-    told(cells, bounces, anchor, agent, (np.pi / 2, 3.5), worth)
-    change = cells.evidence - before
+    before = plot.grid.evidence
+    expected = ray_messages(plot, through, hits, worth)
+    told(plot, bounces, anchor, agent, (np.pi / 2, 3.5), worth)
+    change = plot.grid.evidence - before
     for cell, value in expected.items():
         assert change[cell] == pytest.approx(value, rel=1e-5, abs=1e-6)
-    untouched = np.ones(cells.shape, dtype=bool)
+    untouched = np.ones(before.shape, dtype=bool)
     untouched[tuple(np.array(through + hits).T)] = False
     assert not change[untouched].any()
 
 
 def test_a_ray_outside_the_grid_touches_nothing():
-    cells = Cells(np.zeros(2), 1.0, (3, 3), 10.0, np.array([[100.0, 100.0]]))
-    assert told(cells, 0, (5.0, 5.0), (9.0, 7.0), (0.0, 1.0), 5.0) == 1.0
-    assert not cells.evidence.any()
+    plot = Plot((3, 3))
+    assert told(plot, 0, (5.0, 5.0), (9.0, 7.0), (0.0, 1.0), 5.0) == 1.0
+    assert not plot.grid.evidence.any()
 
 
 def test_the_bound_is_positive_and_below_the_prior():
@@ -219,7 +220,6 @@ def test_adapted_particles_grow_with_the_spread_of_the_pose_and_keep_within_boun
         count, kept = particles.ask(belief)
         counts.append(count)
         assert count % PATH_BLOCK == 0
-        assert particles.drawn == count
         used = particles.points(belief)[:, :count].astype(np.float64)
         np.testing.assert_allclose(used.mean(1), 0, atol=1e-6)
         np.testing.assert_allclose(used.std(1), 1, atol=1e-6)
@@ -248,7 +248,7 @@ def test_divergence_of_binned_samples_keeps_below_what_their_number_is_for():
 
 @pytest.mark.parametrize("worth", [1.0, 1 + 1e-12, 3.0])
 def test_worthless_paths_tell_cells_nothing_and_never_list_more_than_there_are(worth):
-    cells = Cells(np.zeros(2), 1.0, (8, 8), 5.0, np.array([[1.0, 1.0]]))
+    plot = Plot((8, 8), 5.0, anchors=[[1.0, 1.0]])
     draw, surfaces, rays = np.random.default_rng(1), 6, 48
     state = np.empty((3 + 3 * surfaces, rays))
     state[:3] = np.array([[6.0, 5.0, 0.0]]).T + 0.3 * draw.normal(size=(3, rays))
@@ -259,117 +259,124 @@ def test_worthless_paths_tell_cells_nothing_and_never_list_more_than_there_are(w
     last, first = (a.ravel() for a in np.indices((surfaces, surfaces)))
     whole = np.ones(len(last))
     paths = Rays.of(0 * last, np.where(last == first, 1, 2), last, first, whole, whole)
-    cells._touched[...] = -7
-    cells.tell(noted(paths, worth, True), Sampling.at(Cloud(state, 0.0)), np.array([[1.0, 1.0, 0.0]]), 0.0)
-    assert (cells._touched[1::2, -1] == -7).all(), "the list of cells that are met is never full"
-    cells.absorb()
-    assert cells.observed.any() == (worth == 3.0)
+    touched = plot.cells.scratch.touched
+    touched[...] = -7
+    plot.tell(paths, Sampling.at(Cloud(state, 0.0)), [[1.0, 1.0, 0.0]], worth)
+    assert (touched[1::2, -1] == -7).all(), "the list of cells that are met is never full"
+    plot.absorb()
+    assert plot.grid.observed.any() == (worth == 3.0)
 
 
-def sighting(cells, worth=9.0):
+def sighting(plot, worth=9.0):
     """Tell 4 x 4 cells of a line of sight along their diagonal."""
     one, none = np.ones(1), np.full(1, -1)
     ray = Rays.of(np.zeros(1, int), np.zeros(1, int), none, none, one, one)
     samples = Sampling.at(Cloud(np.array([[3.5, 3.5, 0.0]]).T, 0.0))
-    cells.tell(noted(ray, worth, True), samples, np.array([[0.5, 0.5, 0.0]]), 0.0)
+    plot.tell(ray, samples, [[0.5, 0.5, 0.0]], worth)
 
 
-def test_messages_of_an_interrupted_step_are_forgotten():
-    cells, other = (Cells(np.zeros(2), 1.0, (4, 4), 5.0, np.array([[0.5, 0.5]])) for _ in range(2))
-    sighting(cells)
-    cells.forget()
-    cells.absorb()
-    assert not cells.evidence.any()
-    for grid in (cells, other):
-        sighting(grid)
-        grid.absorb()
-    assert cells.evidence.any()
-    np.testing.assert_array_equal(cells.evidence, other.evidence)
+def small():
+    return Plot((4, 4), 5.0, anchors=[[0.5, 0.5]])
 
 
-def test_occupancy_follows_evidence_that_is_set_and_a_step_that_was_interrupted(monkeypatch):
+def test_messages_of_an_interrupted_step_are_forgotten_by_the_next():
+    plot, other = small(), small()
+    sighting(plot)
+    plot.work.begin()
+    plot.absorb()
+    assert not plot.grid.evidence.any()
+    for one in (plot, other):
+        one.work.begin()
+        sighting(one)
+        one.absorb()
+    assert plot.grid.evidence.any()
+    np.testing.assert_array_equal(plot.grid.evidence, other.grid.evidence)
+
+
+def test_occupancy_follows_whichever_grid_it_is_asked_of_and_a_step_that_was_interrupted(monkeypatch):
     from gridslam.kernels.propagation import occupancy
 
-    cells = Cells(np.zeros(2), 1.0, (4, 4), 5.0, np.array([[0.5, 0.5]]))
-    sighting(cells)
-    cells.absorb()
-    before = cells.occupied().copy()
-    cells.evidence = np.full(cells.shape, 0.5)
-    set_so, known, absorb = cells.occupied().copy(), cells.evidence, occupancy.absorb
+    plot = small()
+    sighting(plot)
+    plot.absorb()
+    first = plot.state
+    before = plot.cells.occupancy(plot.grid).copy()
+    plot.believe(np.full((4, 4), 0.5))
+    set_so, known, absorb = plot.cells.occupancy(plot.grid).copy(), plot.grid, occupancy.absorb
     np.testing.assert_allclose(set_so[1, 1:], 1 / (1 + np.exp(-0.5)), rtol=1e-5)  # but for the anchor's own
 
     def interrupted(*arguments):
         absorb(*arguments)
         raise KeyboardInterrupt
 
-    sighting(cells)
+    sighting(plot)
     with monkeypatch.context() as patch:
         patch.setattr(occupancy, "absorb", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            cells.absorb()
-    assert cells.evidence is known
-    np.testing.assert_array_equal(cells.occupied(), set_so)
-    cells.evidence = np.zeros(cells.shape)
-    sighting(cells)
-    cells.absorb()
-    np.testing.assert_array_equal(cells.occupied(), before)
+            plot.absorb()
+    assert plot.grid is known
+    np.testing.assert_array_equal(plot.cells.occupancy(plot.grid), set_so)
+    plot.state = first
+    np.testing.assert_array_equal(plot.cells.occupancy(plot.grid), before)
 
 
-def test_notes_stay_when_room_is_made_and_there_is_never_any_where_none_are_kept():
-    notes, draw = Notes(), np.random.default_rng(1)
-    notes.reserve(3, 5, (1, 2))
-    notes.count[:] = 3, 5
-    for array in notes.arrays[1:]:
+def test_messages_stay_when_capacity_grows_and_there_is_never_any_where_none_are_kept():
+    messages, draw = PathMessages(), np.random.default_rng(1)
+    messages.reserve(3, 5, (1, 2))
+    messages.count[:] = 3, 5
+    for array in messages.arrays[1:]:
         array[...] = draw.integers(1, 99, array.shape)
-    notes.begin[0] = 0
-    before = [array.copy() for array in notes.arrays]
-    notes.reserve(2, 2, (4, 1))
-    np.testing.assert_array_equal(notes.path, before[1])
-    notes.reserve(500, 700, (0, 0))
-    count, path, factor, told, begin, said = notes.arrays
-    assert notes.among == (4, 2)
-    assert len(path) == len(factor) == told.shape[1] == len(begin) - 1 >= 503
-    assert said.shape[1] >= 705
-    found = count, path[:3], factor[:3], told[:, :3], begin[:4], said[:, :5]
+    messages.begin[0] = 0
+    before = [array.copy() for array in messages.arrays]
+    messages.reserve(2, 2, (4, 1))
+    np.testing.assert_array_equal(messages.path, before[1])
+    messages.reserve(500, 700, (0, 0))
+    count, path, factor, summary, begin, pairs = messages.arrays
+    assert messages.among == (4, 2)
+    assert len(path) == len(factor) == summary.shape[1] == len(begin) - 1 >= 503
+    assert pairs.shape[1] >= 705
+    found = count, path[:3], factor[:3], summary[:, :3], begin[:4], pairs[:, :5]
     wanted = before[0], before[1][:3], before[2][:3], before[3][:, :3], before[4][:4], before[5][:, :5]
     for now, then in zip(found, wanted, strict=True):
         np.testing.assert_array_equal(now, then)
-    assert all(array.flags.c_contiguous for array in notes.arrays)
-    none = Notes(kept=False)
+    assert all(array.flags.c_contiguous for array in messages.arrays)
+    none = PathMessages(kept=False)
     none.reserve(3, 5, (1, 2))
     assert not len(none.path)
-    cells, samples = (
-        Cells(np.zeros(2), 1.0, (4, 4), 5.0, np.zeros((1, 2))),
-        Sampling.at(Cloud(np.zeros((6, 1)), 0.0)),
-    )
+
+
+def test_messages_of_other_surfaces_or_anchors_are_refused():
+    plot = small()
+    plot.work.messages.reserve(3, 5, (4, 1))
     with pytest.raises(ValueError, match="surfaces or anchors"):
-        cells.tell(notes, samples, np.zeros((2, 3)), 0.0)
+        cast_messages(plot.state, plot.model, work=plot.work)
 
 
-def test_notes_have_room_for_all_or_none_where_something_interrupts(monkeypatch):
-    real, left = notes_module._longer, 3
-    monkeypatch.setattr(notes_module, "_longer", lambda *given: real(*given) if next(left) else 1 / 0)
+def test_capacity_for_messages_is_there_after_whatever_interrupted_its_making(monkeypatch):
+    real, left = messages_module._longer, 3
+    monkeypatch.setattr(messages_module, "_longer", lambda *given: real(*given) if next(left) else 1 / 0)
     for before in range(5):
-        left, notes = itertools.chain([1] * before, [0], itertools.repeat(1)), Notes()
+        left, messages = itertools.chain([1] * before, [0], itertools.repeat(1)), PathMessages()
         with pytest.raises(ZeroDivisionError):
-            notes.reserve(3, 5, (1, 1))
-        assert len({len(notes.path), len(notes.factor), notes.told.shape[1], len(notes.begin) - 1}) == 1
-        notes.reserve(3, 5, (1, 1))
-        assert min(len(notes.path), len(notes.factor), notes.told.shape[1], len(notes.begin) - 1) >= 3
-        assert notes.said.shape[1] >= 5
+            messages.reserve(3, 5, (1, 1))
+        messages.reserve(3, 5, (1, 1))
+        assert min(len(messages.path), len(messages.factor), messages.summary.shape[1]) >= 3
+        assert len(messages.begin) >= 4
+        assert messages.pairs.shape[1] >= 5
 
 
 @pytest.mark.parametrize(("particles", "anchors"), [(32, 3), (192, 4), (384, 8), (10_016, 4)])
 def test_samples_are_spread_evenly_over_the_points_whatever_the_number_of_anchors(particles, anchors):
     cloud, belief = Particles(particles, seed=1), Belief(np.zeros(5), np.eye(5))
-    firsts = [cloud.samples(belief, anchors * step + 1, 48).first for step in range(4 * particles)]
+    draft = Draft.of(5, 48)
+    firsts = [cloud.samples(belief, anchors * step + 1, draft).first for step in range(4 * particles)]
     assert min(firsts) == 0
     assert max(firsts) == particles - 1
     count = np.bincount(firsts, minlength=particles)
     # for a sequence by the golden ratio and its multiples, parts and their share differ by little
     assert np.abs(np.cumsum(count) / len(firsts) - np.arange(1, particles + 1) / particles).max() < 0.05
-    sample = cloud.samples(belief, 1, 48)
-    assert sample.first != cloud.samples(belief, 2, 48).first
+    sample = cloud.samples(belief, 1, draft)
+    assert sample.first != cloud.samples(belief, 2, draft).first
     assert sample.draft.state.shape == (3, 48)
 
 

@@ -1,21 +1,21 @@
 """Every kernel against its plain NumPy twin: random inputs, and the edges where kernels go wrong."""
 
-from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from filter_states import model_of, state_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_stages import stages
 from kernel_worlds import random_world
 
 from gridslam import reference, runtime
-from gridslam.inference.messages.prediction import Ahead
+from gridslam.inference.messages.prediction import PathQuery
 from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.particles import Sampling
-from gridslam.inference.state.surface_bank import Bank
+from gridslam.inference.state.particles import Draft, Sampling
+from gridslam.inference.workspace import Workspace
 from gridslam.kernels import PATH_BLOCK
-from gridslam.world.radio import REFLECTION_BINS
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 seeds = st.integers(0, 2**32 - 1)
@@ -178,15 +178,19 @@ def test_launches_that_are_kept_side_by_side_are_not_mixed_up():
             assert fast.any()
 
 
-def test_what_lasts_is_kept_by_site_key_and_thread():
-    first = runtime.scratch("a test", (2, 3))
-    assert runtime.scratch("a test", (2, 3)) is first
-    assert runtime.scratch("another test", (2, 3)) is not first
-    with ThreadPoolExecutor(1) as pool:
-        assert pool.submit(runtime.scratch, "a test", (2, 3)).result() is not first
-    other = runtime.scratch("a test", (3, 2))
-    assert other.shape == (3, 2)
-    assert runtime.scratch("a test", (2, 3)) is not first
+def test_buffers_last_by_maker_slot_and_shape_and_belong_to_one_workspace():
+    model = model_of()
+    work, other = Workspace(model, seed=1), Workspace(model, seed=1)
+
+    def pair(rows, columns):
+        return np.empty((rows, columns))
+
+    first = work.buffers(pair, 0, 2, 3)
+    assert work.buffers(pair, 0, 2, 3) is first
+    assert work.buffers(pair, 1, 2, 3) is not first
+    assert other.buffers(pair, 0, 2, 3) is not first
+    assert work.buffers(pair, 0, 3, 2).shape == (3, 2)
+    assert work.buffers(pair, 0, 2, 3) is not first
 
 
 def test_a_kernel_of_another_taichi_is_launched_as_it_is():
@@ -213,7 +217,7 @@ def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
     evaluate(
         none, np.zeros(1), 0.0, none, none, np.zeros(2), 1.0, np.zeros(11), 0.1, root, base, points,
         np.zeros((0, 4), np.int32), np.zeros((1, 3)), np.zeros((2, 0, 1)), np.zeros((2, 0, 0)),
-        np.zeros((1, 11), np.float32), np.zeros((11, 0)), np.zeros(1, np.int32), np.zeros((1, 2), np.int32),
+        np.zeros((1, 11), np.float32), np.zeros((12, 0)), np.zeros(1, np.int32), np.zeros((1, 2), np.int32),
         np.zeros((1, 8)), state, np.zeros((0, 3), np.float32), np.zeros((5, 0, 0)), np.zeros((4, 0)),
     )  # fmt: skip
     np.testing.assert_allclose(state, reference.draw(root, base, points), atol=1e-5)
@@ -223,17 +227,13 @@ def drawn_by(belief, points, first, samples):
     """What the kernel that looks ahead makes ready of a belief: its draft."""
     from gridslam.kernels.propagation.rays import foresee
 
-    surfaces = len(belief.lines)
-    bank, anchors = Bank.empty(1), np.zeros((1, 3))
-    for number in range(surfaces):
-        bank = bank.add(
-            number, 0.5, np.full(len(REFLECTION_BINS), 1 / len(REFLECTION_BINS)), 0.0, (0, -1, -1)
-        )
-    few = Sampling.of(belief, points, first, samples)
-    ahead = Ahead.of(bank, np.full(1, 0.9), belief, anchors, 0, 2, (0.95, 0.005), 0.19, few)
-    for arguments in ahead.attempts():
+    model = model_of(anchors=np.zeros((1, 3)))
+    query = PathQuery.of(state_of(belief), 0, model, samples, 0, Workspace(model, seed=1))
+    few = Sampling.of(belief, points, first, Draft.of(len(belief.mean), samples))
+    query = replace(query, before=(*query.before[:12], 0.9, points, first), sampling=few)
+    for arguments in query.attempts():
         foresee(*arguments)
-    return ahead.sampling.draft
+    return few.draft
 
 
 @given(seeds, st.integers(0, 6), st.sampled_from([0, 1, 48]))

@@ -4,9 +4,10 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from filter_states import Plot
 
 import gridslam as gs
-from gridslam.inference.messages.cells import CLEAR_ANCHOR_M, Cells
+from gridslam.inference.cell_buffers import CLEAR_ANCHOR_M
 from gridslam.world import grid_memory
 
 SHAPE, SIDE = (500, 400), 0.1
@@ -19,11 +20,11 @@ def crowd():
 
 
 def test_four_million_cells_with_fifty_anchors_fit_into_two_gigabytes(crowd):
-    Cells(np.zeros(2), SIDE, (8, 8), 10.0, crowd)  # whatever is made once
+    Plot((8, 8), side=SIDE, anchors=crowd).absorb()  # whatever is made once
     tracemalloc.start()
     try:
-        cells = Cells(np.zeros(2), SIDE, SHAPE, 10.0, crowd)
-        cells.absorb()
+        plot = Plot(SHAPE, side=SIDE, anchors=crowd)
+        plot.absorb()
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -33,11 +34,11 @@ def test_four_million_cells_with_fifty_anchors_fit_into_two_gigabytes(crowd):
 
 
 def test_cells_next_to_an_anchor_are_those_within_reach_of_the_nearest(crowd):
-    cells = Cells(np.array([-0.3, 0.2]), SIDE, (60, 70), 10.0, crowd / 6)
+    plot = Plot((60, 70), side=SIDE, anchors=crowd / 6, origin=(-0.3, 0.2))
     y, x = np.indices((60, 70))
     centre = np.array([-0.3, 0.2]) + SIDE * (np.stack([x, y], -1) + 0.5)
     gap = np.linalg.norm(centre[:, :, None] - crowd / 6, axis=-1).min(-1)
-    np.testing.assert_array_equal(cells._clear.reshape(60, 70), gap < CLEAR_ANCHOR_M)
+    np.testing.assert_array_equal(plot.cells.clear.reshape(60, 70), gap < CLEAR_ANCHOR_M)
 
 
 def test_slabs_are_fewer_where_each_is_large():

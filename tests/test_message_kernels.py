@@ -33,7 +33,7 @@ def test_gated_pairs_equal_their_twin(seed, given_std, flat_array, spreading):
     belief[: paths // 2, ::2] = 0.0  # nodes that can't be
     level = np.linspace(2, 80, nodes) if spreading else np.linspace(0.4, 12, nodes)
     chance, step = detection_table()
-    odds = np.full((11, paths), np.nan)
+    odds = np.full((12, paths), np.nan)
     odds[:3] = draw.choice([0.0, 0.7, 1.0], (3, paths))
     start, room = np.zeros(paths + 1, np.int32), max(paths * count, 1)
     index, pair, table = np.zeros((room, 2), np.int32), np.zeros((room, 8)), np.zeros((room, 11), np.float32)
@@ -86,7 +86,7 @@ def test_messages_into_the_association_equal_their_twin(seed):
     blocks[: paths // 3] = 0.0  # possible nowhere
     index = np.zeros((len(chosen) + 2, 2), np.int32)  # longer than need be, like the blocks
     index[: len(chosen)] = chosen
-    pair, odds = draw.uniform(0.1, 2, (len(index), 8)), np.full((11, paths), 7.0)
+    pair, odds = draw.uniform(0.1, 2, (len(index), 8)), np.full((12, paths), 7.0)
     odds[:4] = draw.uniform(0, 1, (4, paths))
     message, measured = np.full((5, paths, count), 7.0), np.full((4, count), 7.0)
     given_to = blocks, start, index, pair, odds, message, measured
@@ -117,7 +117,7 @@ def test_evaluation_equals_its_twin(seed, spreading):
     kept, points = 0.1, draw.normal(size=(len(mean) + 1, blocks * PATH_BLOCK)).astype(np.float32)
     root = (np.sqrt(1 - kept) * np.linalg.cholesky(covariance)).astype(np.float32)
     base = np.stack([mean, np.cos(mean), np.sin(mean)], -1, dtype=np.float32)
-    odds, message = np.full((11, paths), 7.0), np.full((5, paths, count), 7.0)
+    odds, message = np.full((12, paths), 7.0), np.full((5, paths, count), 7.0)
     odds[:3] = draw.choice([0.0, 0.7, 1.0], (3, paths), p=[0.1, 0.5, 0.4])
     measured, state = np.full((4, count), 7.0), np.empty((3 + 3 * surfaces, points.shape[1]), np.float32)
     given_to = belief, level, float(spreading), predicted, heard, *detection_table(), radio, kept, root, base
@@ -158,7 +158,7 @@ def test_association_messages_equal_their_twin(seed, paths, count):
 
     draw = np.random.default_rng(seed)
     odds, message, measured = (
-        np.full(shape, np.nan) for shape in ((11, paths), (5, paths, count), (4, count))
+        np.full(shape, np.nan) for shape in ((12, paths), (5, paths, count), (4, count))
     )
     message[1] = draw.exponential(10.0 ** draw.integers(-2, 4), (paths, count))
     message[1] *= draw.random((paths, count)) < 0.6
@@ -192,7 +192,7 @@ def test_updates_equal_their_twin(seed, surfaces, rounds, noted):
     message = np.zeros((5, len(path), count))
     message[:2, chosen[:, 0], chosen[:, 1]] = draw.exponential(1.0, (2, len(chosen)))
     message[3] = draw.uniform(0.2, 1, (len(path), count))
-    odds, measured = draw.uniform(0.05, 0.95, (11, len(path))), draw.uniform(0, 1, (4, count))
+    odds, measured = draw.uniform(0.05, 0.95, (12, len(path))), draw.uniform(0, 1, (4, count))
     measured[2] = 1 + draw.exponential(1.0, count)
     heard = random_table(draw, count)
     blocks = draw.uniform(0, PATH_BLOCK, (len(path) + len(chosen), 3)).astype(np.float32)
@@ -241,7 +241,7 @@ def test_equally_sure_paths_are_taken_as_they_stand():
             count = sorted_by(rank, 0.25, rank.shape[1])
         return count
 
-    rank = np.full((11, 7), -1.0)
+    rank = np.full((12, 7), -1.0)
     rank[9] = [0.5, 0.1, 0.9, 0.5, 0.25, 0.9, 0.0]
     assert order_of(rank) == 5
     assert rank[10].tolist() == [2, 5, 0, 3, 4, -1, -1]

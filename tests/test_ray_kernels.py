@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernel_worlds import BINS
+from kernel_worlds import BINS, some_rows
 
 from gridslam import reference, runtime
 from gridslam.kernels import ALREADY_LISTED, CELL_SLABS, STATE_GIVEN
@@ -34,7 +34,7 @@ def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0):
     table = np.pad(path, ((0, 0), (0, 1)))
     draw = np.random.default_rng(seed)
     # some so sure that all else is impossible
-    held = draw.normal(0, draw.choice([0.1, 30.0]), (*shape, BINS)).astype(np.float32)
+    where, held = some_rows(draw, shape, draw.choice([0.1, 30.0]))
     surface = draw.dirichlet(np.full(BINS, 0.2), state.shape[0] // 3)
     belief, frame = np.full((len(path), 2 * BINS), np.nan), np.append(frame, [0.1, 12.0, 0.0, 0.05])
     square, row, entries = np.empty((0, 0)), np.empty(0), np.empty(0, np.int64)
@@ -43,12 +43,12 @@ def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0):
     cast(
         ALREADY_LISTED, 0, 0.0, 0.0, row, square, np.append(place, 0.0)[None], row, entries, row, square,
         np.empty((0, 0, 0)), 1.0, roots[1], 0, STATE_GIVEN, *roots, state, np.full(1, 9, np.int32), table,
-        row, row, square, found, factor, occupied, frame, held, surface, drawn, seen, belief, line, spot,
-        sums, touched, met, message, news,
+        row, row, square, found, factor, occupied, frame, where, held, surface, drawn, seen, belief, line,
+        spot, sums, touched, met, message, news,
     )  # fmt: skip
     np.testing.assert_allclose(belief.sum(1), 1, rtol=1e-9)
     np.testing.assert_allclose(
-        belief, reference.recall(drawn, table, held, surface, frame[:3], 0.05), atol=1e-9
+        belief, reference.recall(drawn, table, where, held, surface, frame[:3], 0.05), atol=1e-9
     )
     for array in (sums, met):
         assert not array.any(), "scratch is left as it was found"

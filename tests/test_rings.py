@@ -211,7 +211,7 @@ def test_silence_begins_no_ring_and_clutter_joins_none(scene):
     slam = VirtualAnchorSlam(scene, seed=1)
     for scan in silent:
         slam.step(scan)
-    assert not len(slam.rings)
+    assert not len(slam.state.rings)
     draw = np.random.default_rng(2)
     clutter = {name: [draw.uniform(0, 30, 1) for _ in range(40)] for name in ("A", "B")}
     slam = VirtualAnchorSlam(scene, seed=1)

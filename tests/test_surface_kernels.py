@@ -12,6 +12,7 @@ from kernel_worlds import (
     random_radio,
     random_table,
     random_world,
+    some_rows,
 )
 
 from gridslam import reference, runtime
@@ -212,7 +213,9 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
     polylines(state, path, place[None], drawn)
     drawn, seen = np.pad(drawn, ((0, 0), (0, 1))), draw.uniform(0.5, 1.0, (room, 6))
     spread = draw.choice([0.1, 30.0])  # some so sure that all else is impossible
-    held = draw.normal(0, spread, (9, 11, BINS)).astype(np.float32)
+    where, rows = some_rows(draw, (9, 11), spread)
+    held, used = np.full((99, BINS), np.nan, np.float32), np.array([len(rows)], np.int32)
+    held[: len(rows)] = rows
     surface = draw.dirichlet(np.full(BINS, 0.2), 3)
     frame = np.array([-3.0, -2.0, 0.7, 0.1, 12.0, 0.8, 0.05])  # some hits are outside
     factor, told = draw.integers(0, 2, (room, 2)).astype(float), draw.uniform(0, 1, (4, room))
@@ -237,10 +240,14 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
         frame,
     )
     sights = draw.normal(size=3), draw.choice([np.nan, 0.3], (3, 2)), draw.integers(0, 9, 3)
-    expected = reference.learn(*into, surface, held, *sights)
-    learn(*into, np.empty(3), surface, held, np.full(3, 9, np.int32), *sights)
+    expected = reference.learn(*into, surface, where, held, *sights)
+    known = where.copy()
+    learn(*into, np.empty(3), surface, where, held, used, np.full(3, 9, np.int32), *sights)
     np.testing.assert_allclose(surface, expected[0], rtol=1e-5, atol=1e-12)
-    np.testing.assert_allclose(held, expected[1], rtol=1e-6, atol=2e-4)
+    np.testing.assert_allclose(reference.dense(where, held), expected[1], rtol=1e-6, atol=2e-4)
+    np.testing.assert_array_equal(where[known >= 0], known[known >= 0])
+    fresh = np.sort(where[(where >= 0) & (known < 0)])
+    np.testing.assert_array_equal(fresh, np.arange(len(rows), used[0]))
     for found, wanted in zip(sights, expected[2:], strict=True):
         np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
 

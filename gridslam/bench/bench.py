@@ -15,7 +15,9 @@ from gridslam.bench.growth import Growth, fitted, growth
 from gridslam.bench.kernels import IdleLaunches, KernelSpeed, compete, largest_launches
 from gridslam.bench.stages import KERNEL, Stopwatch
 from gridslam.bench.start import Machine, StartUp, machine, start_up
+from gridslam.estimates import Estimate
 from gridslam.runs.map_scene import METHODS
+from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
 
 Tell = Callable[[str, int, int], None]
@@ -205,8 +207,14 @@ def _steps(scene: Scene, method: str, plan: Plan, before: int, idle: IdleLaunche
     memory, slam = PeakMemory(), METHODS[method](scene, seed=1)
     course = run(slam.step, scans[: -plan.watched], memory)
     launch = [idle.seconds()]  # of this very minute: before, and after
-    with Stopwatch().watching() as watch:
-        whole = sum(run(slam.step, scans[-plan.watched :], memory).took)
+    with Stopwatch(slam.work).watching() as watch:
+
+        def step(scan: Scan) -> Estimate:
+            estimate = slam.step(scan)
+            watch.count(slam.info.seconds if slam.info else {})
+            return estimate
+
+        whole = sum(run(step, scans[-plan.watched :], memory).took)
     launch.append(idle.seconds())
     usual = {name: 0.5 * (launch[0][name] + launch[1][name]) for name in launch[0]}
     stages = watch.of_step(whole, plan.watched, usual)

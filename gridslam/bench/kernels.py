@@ -91,7 +91,7 @@ def _visits(case: Case) -> int:
     for rays, count in zip(_drawn(case), case["path"][: _listed(case), 0], strict=True):
         for row in rays[rays[:, 12] > 0.5]:
             corners, normals = row[:8].reshape(4, 2)[: count + 2], row[8:12].reshape(2, 2)[:count]
-            crossed, met = reference.cells_of(corners, normals, case["frame"], case["held"].shape[:2])
+            crossed, met = reference.cells_of(corners, normals, case["frame"], case["where"].shape)
             total += len(crossed) + sum(len(cells) for cells in met)
     return total
 
@@ -154,7 +154,7 @@ def _cast_twin(case: Case) -> dict[str, Any]:
     """What was drawn of the sending paths; the kernel draws them itself, and casts the others for V alone."""
     send = _senders(case)
     rows = _drawn(case)[send].reshape(-1, 14)
-    traversed, hit = case["occupied"].reshape(2, *case["held"].shape[:2])
+    traversed, hit = case["occupied"].reshape(2, *case["where"].shape)
     return {
         "corners": rows[:, :8].reshape(-1, 4, 2), "normals": rows[:, 8:12].reshape(-1, 2, 2),
         "possible": rows[:, 12], "bounces": case["path"][send, 0], "worth": case["factor"][send, 0],
@@ -194,7 +194,8 @@ CONTESTS = {
     "glance": Contest("path", reference.glance, _born, ("born",), changes=("told", "measured")),
     "haunt": Contest("pair", reference.haunt, lambda case: len(case["surface"]) ** 2, ("surface",)),
     "learn": Contest(
-        "path", reference.learn, _noted, ("count",), changes=("surface", "held", "foot", "extent", "times")
+        "path", reference.learn, _noted, ("count",),
+        changes=("surface", "where", "held", "used", "foot", "extent", "times"),
     ),
     "listen": Contest(
         "node",

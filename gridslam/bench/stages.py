@@ -1,13 +1,12 @@
-"""Where a step's time goes, found from outside: nothing in the filter knows of it, or pays for it.
+"""Where a step's time goes: by stage, as its `StepInfo` tells, and in which kernels.
 
-While a filter is watched, the kernels and the functions of `gridslam.inference` are replaced by timed ones
-wherever a module holds them; afterwards everything is as it was.
+While a filter is watched, its kernels are replaced by timed ones wherever a module holds them; afterwards
+everything is as it was.
 """
 
 from __future__ import annotations
 
 import importlib
-import inspect
 import pkgutil
 import sys
 import time
@@ -17,25 +16,8 @@ from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
 
-STAGES = {
-    "likelihood_ratios": "evaluation",
-    "likelihood": "evaluation",
-    "particles": "evaluation",
-    "rays": "evaluation",
-    "prediction": "evaluation",
-    "ray_amplitudes": "evaluation",
-    "association": "association",
-    "updates": "updates",
-    "births": "births",
-    "birth_proposals": "births",
-    "path_messages": "cells",
-    "cells": "cells",
-    "polylines": "cells",
-    "reflection": "cells",
-}
-"""Modules of `gridslam.inference` and the stage that their functions count for."""
-OTHER = "bookkeeping"
-"""Everything else: motion, surfaces, estimates, and what joins the stages."""
+from gridslam.inference.workspace import OTHER, Workspace
+
 LAUNCHES = "launches"
 KERNEL = "kernel "
 """Before the name of a kernel."""
@@ -81,40 +63,35 @@ def replaced(others: Mapping[int, tuple[Function, Function]], homes: Sequence[An
 class Stopwatch:
     """Seconds by stage and kernel, and how often each kernel was launched.
 
-    A stage lasts from its outermost function to that function's return, without the kernels launched on
-    the way.
+    Parameters
+    ----------
+    work : Workspace
+        Of the filter that is watched.
 
     Attributes
     ----------
     seconds : dict
-        By stage, and by kernel under ``"kernel NAME"``, launch included.
+        By stage, without the kernels launched in it, and by kernel under ``"kernel NAME"``, launch included.
     launches : Counter
         By kernel.
     """
 
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = dict.fromkeys([*STAGES.values(), OTHER], 0.0)
+    def __init__(self, work: Workspace) -> None:
+        self.seconds: dict[str, float] = {OTHER: 0.0}
         self.launches: Counter[str] = Counter()
-        self._in_kernels, self._inside = 0.0, False
+        self._work = work
 
     @contextmanager
     def watching(self) -> Iterator[Stopwatch]:
-        """Time whatever runs meanwhile."""
+        """Time the kernels of whatever runs meanwhile."""
         launches = {id(kernel): (kernel, self._kernel(name, kernel)) for name, kernel in kernels().items()}
-        stages: dict[int, tuple[Function, Function]] = {}
-        classes = []
-        for module in modules("gridslam.inference."):
-            stage, own = STAGES.get(module.__name__.rpartition(".")[2], OTHER), _classes(module)
-            classes += own
-            for home in (module, *own):
-                for name, function in vars(home).items():
-                    here = inspect.isfunction(function) and function.__module__ == module.__name__
-                    if here and not name.startswith("_"):
-                        stages[id(function)] = function, self._stage(stage, function)
-        # a stage is told by its outermost function, and every function that is watched takes longer
-        outermost = [*modules("gridslam.systems."), *classes]
-        with replaced(launches, modules("gridslam.")), replaced(stages, outermost):
+        with replaced(launches, modules("gridslam.")):
             yield self
+
+    def count(self, seconds: Mapping[str, float]) -> None:
+        """Take in a step's time by stage, kernels included, as its `StepInfo` tells."""
+        for stage, took in seconds.items():
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + took
 
     def of_step(self, whole: float, steps: int, launch: Mapping[str, float]) -> dict[str, float]:
         """Seconds per step by stage; their sum is the whole.
@@ -141,7 +118,7 @@ class Stopwatch:
         from gridslam.kernels.primitives.device import ON_CPU
 
         def timed(*arguments: Any) -> Any:
-            began = time.perf_counter()
+            began, stage = time.perf_counter(), self._work.stage
             try:
                 result = kernel(*arguments)
                 if not ON_CPU:
@@ -149,24 +126,8 @@ class Stopwatch:
                 return result
             finally:
                 took = time.perf_counter() - began
-                self.seconds[KERNEL + name] = self.seconds.get(KERNEL + name, 0.0) + took
                 self.launches[name] += 1
-                self._in_kernels += took
-
-        return timed
-
-    def _stage(self, stage: str, function: Function) -> Function:
-        def timed(*arguments: Any, **named: Any) -> Any:
-            if self._inside:
-                return function(*arguments, **named)
-            self._inside = True
-            began, before = time.perf_counter(), self._in_kernels
-            try:
-                return function(*arguments, **named)
-            finally:
-                took = time.perf_counter() - began
-                self.seconds[stage] += took - (self._in_kernels - before)
-                self._inside = False
+                self.count({KERNEL + name: took, stage: -took})
 
         return timed
 
@@ -174,7 +135,3 @@ class Stopwatch:
 def modules(prefix: str) -> list[ModuleType]:
     """Modules that are loaded, by the beginning of their names."""
     return [module for name, module in sorted(sys.modules.items()) if name.startswith(prefix)]
-
-
-def _classes(module: ModuleType) -> list[type]:
-    return [c for c in vars(module).values() if inspect.isclass(c) and c.__module__ == module.__name__]

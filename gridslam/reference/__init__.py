@@ -4,7 +4,7 @@ Each takes what its kernel takes and returns what that writes, worked out anothe
 """
 
 from gridslam.reference.births import bear, glance, likely, propose
-from gridslam.reference.cells import absorb, cast, cells_of, learn, mark, recall
+from gridslam.reference.cells import absorb, cast, cells_of, dense, learn, mark, recall
 from gridslam.reference.gaussian import correct, predict
 from gridslam.reference.histograms import listen, walk
 from gridslam.reference.messages import associate, enter, evaluate, gate, log_rician, weigh
@@ -16,7 +16,7 @@ from gridslam.reference.updates import effective_sample_size, exist, fit, update
 from gridslam.world.geometry import trace
 
 __all__ = [
-    "absorb", "associate", "bear", "cast", "cells_of", "correct", "densities", "describe", "draw",
+    "absorb", "associate", "bear", "cast", "cells_of", "correct", "dense", "densities", "describe", "draw",
     "duplicate", "effective_sample_size", "enter", "evaluate", "exist", "fit", "foresee", "gate", "glance",
     "haunt", "learn", "likely", "lines_of", "listen", "log_rician", "mark", "near", "polylines", "predict",
     "prepare", "propose", "recall", "trace", "update", "walk", "weigh",

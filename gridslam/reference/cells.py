@@ -51,6 +51,13 @@ def _inside(cells: Array, shape: tuple[int, int]) -> Array:
     return np.unique(cells[good], axis=0)
 
 
+def dense(where: Whole, held: Array) -> Array:
+    """Log-likelihoods of all cells, (ny, nx, BINS), of which those that were hit have rows."""
+    whole = np.zeros((*where.shape, held.shape[1]))
+    whole[where >= 0] = held[where[where >= 0]]
+    return whole
+
+
 def cast(
     corners: Array, normals: Array, possible: Array, bounces: Whole, worth: Array, traversed: Array,
     hit: Array, frame: Array, rays: int, outside: float, clip: float,
@@ -92,10 +99,12 @@ def _message(validity: Array, worth: float) -> Array:
     return validity * worth + 1 - validity
 
 
-def recall(drawn: Array, path: Whole, held: Array, surface: Array, frame: Array, other: float) -> Array:
+def recall(
+    drawn: Array, path: Whole, where: Whole, held: Array, surface: Array, frame: Array, other: float
+) -> Array:
     """Twin of `coefficients.recall`: beliefs over products of coefficients, (L, 2 BINS)."""
     bins, rays = surface.shape[1], len(drawn) // max(len(path), 1)
-    centre = (np.arange(bins) + 0.5) / bins
+    centre, held = (np.arange(bins) + 0.5) / bins, dense(where, held)
     belief = np.zeros((len(path), 2 * bins))
     for row, (bounces, last, first) in enumerate(path[:, :3]):
         corners = drawn[row * rays : (row + 1) * rays, :8].reshape(rays, 4, 2)
@@ -124,9 +133,9 @@ def recall(drawn: Array, path: Whole, held: Array, surface: Array, frame: Array,
 def learn(
     mean: Array, drawn: Array, seen: Array, count: Whole, path: Whole, factor: Array, told: Array,
     begin: Whole, said: Array, table: Array, step: float, radio: Array, frame: Array, surface: Array,
-    held: Array, foot: Array, extent: Array, times: Long,
+    where: Whole, held: Array, foot: Array, extent: Array, times: Long,
 ) -> tuple[Array, Array, Array, Array, Long]:  # fmt: skip
-    """Twin of `coefficients.learn`: beliefs of surfaces, log-likelihoods of cells, and `mark`'s."""
+    """Twin of `coefficients.learn`: beliefs of surfaces, log-likelihoods of all cells, and `mark`'s."""
     rays, path = len(drawn) // max(len(path), 1), path[: count[0]]
     send = (factor[: len(path), 1] > 0.5) & (seen[: len(path), 1] > frame[5])
     sure = send * told[2, : len(path)]
@@ -139,7 +148,7 @@ def learn(
         extent,
         times,
     )
-    surface, held, bins = surface.copy(), held.astype(np.float64), surface.shape[1]
+    surface, held, bins = surface.copy(), dense(where, held), surface.shape[1]
     centre = (np.arange(bins) + 0.5) / bins
     usual = surface @ centre
 

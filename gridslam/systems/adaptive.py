@@ -2,25 +2,80 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.messages.births import Births
-from gridslam.inference.messages.prediction import foresee
-from gridslam.inference.messages.ray_amplitudes import RayAmplitudes
-from gridslam.inference.state import surface_bank
-from gridslam.inference.state.anchor_measurements import Heard
-from gridslam.inference.state.particles import at_mean
-from gridslam.inference.state.polylines import draw_paths
+from gridslam.inference.management.merging import merge_and_prune
+from gridslam.inference.management.pose_recovery import recover_pose
+from gridslam.inference.messages.birth_proposals import propose_births
+from gridslam.inference.messages.births import add_births
+from gridslam.inference.messages.clutter import learn_clutter
+from gridslam.inference.messages.detections import mark_detections
+from gridslam.inference.messages.likelihood_ratios import evaluate
+from gridslam.inference.messages.motion import predict
+from gridslam.inference.messages.prediction import predict_paths
+from gridslam.inference.messages.ray_amplitudes import (
+    forget_amplitudes,
+    mean_amplitudes,
+    predict_amplitudes,
+    start_amplitudes,
+    update_amplitudes,
+)
+from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
+from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.state.belief import separated
+from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rays import Rays
+from gridslam.inference.state.state import State
+from gridslam.inference.step_info import StepInfo, conclude
+from gridslam.inference.workspace import Workspace
 from gridslam.maps.map import Map
-from gridslam.systems.surface_slam import SurfaceSlam
-from gridslam.world.scene import Scene
+from gridslam.systems.front import SurfaceFilter, inherit_surfaces
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.scan import Scan
 
 Array = NDArray[np.float64]
 
 
-class AdaptiveSlam(SurfaceSlam):
+def start(model: FilterModel, prior: Map | None = None) -> State:
+    """The state before the first step: the agent's prior, and the surfaces of an earlier agent's map."""
+    state = replace(State.start(model), amplitudes=RayAmplitudes())
+    return state if prior is None else inherit_surfaces(state, prior)
+
+
+def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:
+    """One step, as the list of its messages (paper 002, section V)."""
+    work.begin()
+    exchanges, earlier_s = list[Exchange](), state.time_s
+    state = predict(state, scan.time_s, len(scan), model)
+    reckoned = state.calibration
+    model = work.calibrated(model, reckoned.turned)
+    scans = split_by_anchor(scan, model)
+    state = recover_pose(state, scans, earlier_s, model, work=work)
+    for heard in scans:
+        radio = state.calibration.tuned(model.radio, heard.anchor)
+        paths = predict_paths(state, heard.anchor, model, work=work)  # eq. (14)
+        amplitudes = predict_amplitudes(state, paths, model.radio, work=work)  # eq. (13)
+        cloud, ratios = evaluate(heard, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
+        state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
+        births = propose_births(state, heard, cloud, ratios, radio, model, work=work)
+        state, exchange = update_surfaces_and_agent(
+            state, heard, paths, ratios, reckoned.turned, model, work=work
+        )
+        state = update_amplitudes(state, paths, amplitudes, heard, ratios, model.radio, work=work)  # eq. (26)
+        state = mark_detections(state, paths.rays, ratios.responsible.sum(1), model, work=work)
+        state, exchange, born = add_births(state, births, heard, exchange, radio, model, work=work)
+        state = start_amplitudes(state, born, heard, model.radio)
+        state = state if model.settings.correlated else replace(state, belief=separated(state.belief))
+        exchanges.append(exchange)
+    state = forget_amplitudes(merge_and_prune(state, model))
+    return conclude(state, exchanges, reckoned, model, work)
+
+
+class AdaptiveSlam(SurfaceFilter):
     """Adaptive SLAM, one step at a time.
 
     It differs from grid SLAM in two points: a ray's amplitude is a state of its own instead of following
@@ -36,47 +91,18 @@ class AdaptiveSlam(SurfaceSlam):
     agent : str, optional
         Which of the scene's agents (default: the first): start, prior and array.
     seed : int
+
+    Raises
+    ------
+    InputError
+        A scene without agents, an unknown one, or a map of another frame.
     """
 
-    reflects = False
+    method = "adaptive"
+    start = staticmethod(start)
+    advance = staticmethod(step)
 
-    def __init__(
-        self, scene: Scene, prior_map: Map | None = None, agent: str | None = None, seed: int = 0
-    ) -> None:
-        super().__init__(scene, agent, seed)
-        self.amplitudes = RayAmplitudes(self.signal)
-        if prior_map is not None:
-            self._start_from(prior_map)
-
-    def _take_in(self, heard: Heard) -> None:
-        """Messages of one anchor, in the order of the paper's section V."""
-        # prediction of paths and amplitudes, eqs. (13), (14)
-        rays, predicted, recipe = foresee(
-            self.bank, self.sight, self.belief, self.anchors, heard.anchor, self.most_bounces, self.particles,
-        )  # fmt: skip
-        distance = predicted.value[:, 0]
-        amplitudes = self.amplitudes.predict(rays, self.bank.identity, distance)
-        # measurement evaluation, births, data association, updates of agent, surfaces and rays
-        said, births = self._exchange(heard, rays, predicted, amplitudes, np.ones(len(rays)), recipe)
-        # amplitudes, eq. (26); what was seen; new surfaces
-        self.amplitudes.correct(
-            rays, self.bank.identity, amplitudes, distance, heard, said.responsible, self.detected
-        )
-        drawn = draw_paths(rays, at_mean(self.belief), self.anchors)
-        surface_bank.mark(self.bank, self.belief, rays, drawn, said.responsible.sum(1))
-        self._learn_from_births(heard, births, said.claimed)
-
-    def _tidy(self) -> None:
-        """Merge and drop surfaces, and the amplitudes of their rays with them."""
-        super()._tidy()
-        self.amplitudes.forget(self.bank.identity)
-
-    def _learn_from_births(self, heard: Heard, births: Births, claimed: Array) -> None:
-        """Add new surfaces; the ray that bore each starts with the amplitude that was measured."""
-        for measurement, last, first in self._bear(heard, births, claimed):
-            length = float(heard.value[measurement, 0])
-            self.amplitudes.start((heard.anchor, last, first), length, float(heard.amplitude[measurement]))
-
-    def _strength(self, rays: Rays, distance: Array) -> Array:
+    def _strength(self, state: State) -> Callable[[Rays, Array], Array]:
         """Amplitudes of the rays' own states, eq. (18)."""
-        return self.amplitudes.mean(rays, self.bank.identity, distance)
+        radio, work = self.model.radio, self.work
+        return lambda rays, distance: mean_amplitudes(state, rays, distance, radio, work=work)

@@ -1,4 +1,8 @@
-"""Checkpoint of a running filter, from which it goes on bit for bit."""
+"""Checkpoint of a running filter, from which it goes on bit for bit: one format for every system.
+
+A state is a value, so a checkpoint is that value, the scene, and who is running. Random numbers are a
+function of seed and step, so the step's number is all that must be kept of them.
+"""
 
 from __future__ import annotations
 
@@ -6,93 +10,195 @@ import json
 import math
 import os
 from dataclasses import fields
+from typing import TYPE_CHECKING, Any, TypeVar
 
+import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam.errors import InputError
 from gridslam.inference.state.belief import AGENT, Belief
-from gridslam.inference.state.calibration import Watch
-from gridslam.inference.state.surface_bank import BINS, Bank
+from gridslam.inference.state.grid import BINS, NEVER_HIT, Grid
+from gridslam.inference.state.ray_amplitudes import RayAmplitudes
+from gridslam.inference.state.rings import BEARINGS, MOVING, Rings
+from gridslam.inference.state.state import State
+from gridslam.inference.state.surface_bank import Bank
 from gridslam.io.files import get, get_attributes, put, put_attributes, reading_h5, subgroup, writing_h5
-from gridslam.systems.grid import GridSlam
 from gridslam.world.scene import Scene
 
-FORMAT = "gridslam-checkpoint"
+if TYPE_CHECKING:
+    from gridslam.systems.front import SurfaceFilter
+
+FORMAT, VERSION = "gridslam-checkpoint", 2
+Part = TypeVar("Part")
+Slam = TypeVar("Slam", bound="SurfaceFilter")
+Shape = tuple[int | None, ...]
 
 
-def save(slam: GridSlam, path: str | os.PathLike[str]) -> None:
+def save(slam: SurfaceFilter, path: str | os.PathLike[str]) -> None:
     """Write the whole state of a filter as HDF5.
-
-    Random numbers are a function of seed and step, so the step's number is all that must be kept of them.
 
     Raises
     ------
     InputError
         The file can't be written.
     """
-    with writing_h5(path, FORMAT) as file:
-        last = math.nan if slam.last_time is None else slam.last_time
-        state = {
+    state = slam.state
+    with writing_h5(path, FORMAT, VERSION) as file:
+        attributes = {
+            "method": slam.method,
             "scene": slam.scene.to_toml(),
             "agent": slam.agent,
             "seed": slam.seed,
-            "steps": slam.steps,
-            "next_identity": slam.next_identity,
-            "last_time_s": last,
             "provenance": json.dumps(slam.provenance),
+            "step": state.step,
+            "next_identity": state.next_identity,
+            "time_s": math.nan if state.time_s is None else state.time_s,
         }
-        put_attributes(file.create_group("state"), state)
-        for name, value in (("mean", slam.belief.mean), ("covariance", slam.belief.covariance)):
-            put(file["state"], name, value, "m, m/s, rad")
-        put(file["state"], "sight", slam.sight, "1")
-        for name in ("evidence", "observed", "coefficient"):
-            put(file["state"], name, getattr(slam.cells, name), "1")
-        watch = file.create_group("watch")
-        for field in fields(Watch):
-            put(watch, field.name, getattr(slam.watch, field.name), "1")
-        bank = file.create_group("bank")
-        for field in fields(Bank):
-            put(bank, field.name, getattr(slam.bank, field.name), "1")
+        put_attributes(file.create_group("state"), attributes)
+        put(file["state"], "los", state.los, "1")
+        for name in ("belief", "surfaces", "calibration", "monitor", "grid", "rings"):
+            part = getattr(state, name)
+            if part is not None:
+                _put_part(file.create_group(name), part)
+        if state.amplitudes is not None:
+            group = file.create_group("amplitudes")
+            for name, array in zip(("key", "probability", "length"), _table(state.amplitudes), strict=True):
+                put(group, name, array, "m" if name == "length" else "1")
 
 
-def resume(path: str | os.PathLike[str]) -> GridSlam:
+def resume(system: type[Slam], path: str | os.PathLike[str]) -> Slam:
     """Read a checkpoint and return the filter, ready for its next step.
 
     Raises
     ------
     InputError
-        No such file, or not a checkpoint of this version.
+        No such file, or not a checkpoint of this version and system, or one whose numbers can't be.
     """
-    with reading_h5(path, FORMAT) as file:
-        state, bank = subgroup(file, "state"), subgroup(file, "bank")
-        kept = get_attributes(state)
-        scene = Scene.from_toml(str(kept["scene"]), f"{path}: scene")
-        slam = GridSlam(scene, agent=str(kept["agent"]), seed=int(str(kept["seed"])))
-        size = len(get(state, "mean", (None,)))
-        if size < AGENT or (size - AGENT) % 2:
-            raise InputError(f"{path}: mean", f"{size} entries", f"{AGENT}, and 2 for each surface")
-        mean, covariance = get(state, "mean", (size,)), get(state, "covariance", (size, size))
-        slam.belief = Belief(_like(slam.belief.mean, mean), _like(slam.belief.mean, covariance))
-        slam.sight = _like(slam.sight, get(state, "sight", (len(scene.anchors),)))
-        shape = slam.cells.shape
-        slam.cells.evidence = _like(slam.cells.evidence, get(state, "evidence", shape))
-        slam.cells.observed = _like(slam.cells.observed, get(state, "observed", shape))
-        slam.cells.coefficient = get(state, "coefficient", (*shape, BINS))
-        count, anchors = max(size - AGENT, 0) // 2, len(scene.anchors)
-        several = {"reflection": (count, BINS), "extent": (count, 2), "single": (anchors, count)}
-        shapes = {"double": (anchors, count, count), **several}
-        rows = {f.name: get(bank, f.name, shapes.get(f.name, (count,))) for f in fields(Bank)}
-        slam.bank = Bank(**{name: _like(getattr(slam.bank, name), row) for name, row in rows.items()})
-        slam.steps, slam.next_identity = int(str(kept["steps"])), int(str(kept["next_identity"]))
-        watch = subgroup(file, "watch")
-        kept_by = {f.name: len(getattr(slam.watch, f.name)) for f in fields(Watch)}
-        slam.watch = Watch(**{name: get(watch, name, (n,)).astype(float) for name, n in kept_by.items()})
-        last = float(str(kept["last_time_s"]))
-        slam.last_time = None if math.isnan(last) else last
-        slam.provenance = json.loads(str(kept["provenance"]))
+    with reading_h5(path, FORMAT, VERSION) as file:
+        group = subgroup(file, "state")
+        known = get_attributes(group)
+        if known.get("method") != system.method:
+            raise InputError(f"{path}: method", repr(known.get("method")), repr(system.method))
+        scene = Scene.from_toml(str(known["scene"]), f"{path}: scene")
+        slam = system(scene, agent=str(known["agent"]), seed=int(str(known["seed"])))
+        slam.provenance = json.loads(str(known["provenance"]))
+        slam.state = _read_state(file, group, known, slam.state, len(scene.anchors), str(path))
     return slam
 
 
-def _like(array: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """The value in the type of an array, as kernels take it."""
-    return np.ascontiguousarray(value, dtype=array.dtype)
+def _read_state(
+    file: h5py.File, group: h5py.Group, known: dict[str, Any], fresh: State, anchors: int, path: str
+) -> State:
+    """The state that a file holds, in the types and shapes of one that is fresh."""
+    size = len(get(subgroup(file, "belief"), "mean", (None,)))
+    if size < AGENT or (size - AGENT) % 2:
+        raise InputError(f"{path}: mean", f"{size} entries", f"{AGENT}, and 2 for each surface")
+    count, time_s = (size - AGENT) // 2, float(known["time_s"])
+    belief = _get_part(file, "belief", fresh.belief, {"mean": (size,), "covariance": (size, size)})
+    _require_proper(belief, path)
+    per_surface: dict[str, Shape] = {f.name: (count,) for f in fields(Bank)}
+    whole = {"reflection": (count, BINS), "extent": (count, 2), "single": (anchors, count)}
+    surfaces = _get_part(
+        file, "surfaces", fresh.surfaces, {**per_surface, **whole, "double": (anchors, count, count)},
+        blank=("extent",),
+    )  # fmt: skip
+    calibration: dict[str, Shape] = {
+        name: (anchors,) for name in ("clutter", "listened", "turn", "turn_weight")
+    }
+    return State(
+        belief, surfaces, _finite(group, "los", (anchors,), fresh.los.dtype),
+        _get_part(file, "calibration", fresh.calibration, calibration),
+        _get_part(file, "monitor", fresh.monitor, {}),
+        int(known["step"]), int(known["next_identity"]), None if math.isnan(time_s) else time_s,
+        None if fresh.grid is None else _read_grid(file, fresh.grid, path),
+        None if fresh.amplitudes is None else _read_amplitudes(file),
+        None if fresh.rings is None else _read_rings(file, fresh.rings),
+    )  # fmt: skip
+
+
+def _read_grid(file: h5py.File, fresh: Grid, path: str) -> Grid:
+    shapes: dict[str, Shape] = {
+        "evidence": fresh.shape, "observed": fresh.shape, "row": fresh.shape, "hit": (None, BINS)
+    }  # fmt: skip
+    grid = _get_part(file, "grid", fresh, shapes)
+    if grid.row.size and not (NEVER_HIT <= grid.row.min() and grid.row.max() < len(grid.hit)):
+        raise InputError(f"{path}: grid/row", "rows beyond the table", "rows of the table")
+    return grid
+
+
+def _read_rings(file: h5py.File, fresh: Rings) -> Rings:
+    rings, size = len(get(subgroup(file, "rings"), "anchor", (None,))), MOVING + 2
+    several: dict[str, Shape] = {name: (rings,) for name in ("anchor", "existence", "age", "seen")}
+    mixture: dict[str, Shape] = {"weight": (rings, BEARINGS), "mean": (rings, BEARINGS, size)}
+    return _get_part(
+        file, "rings", fresh, {**several, **mixture, "covariance": (rings, BEARINGS, size, size)}
+    )
+
+
+def _read_amplitudes(file: h5py.File) -> RayAmplitudes:
+    group = subgroup(file, "amplitudes")
+    count = len(get(group, "length", (None,)))
+    key = get(group, "key", (count, 3)).tolist()
+    probability = _finite(group, "probability", (count, None), np.dtype(float))
+    length = _finite(group, "length", (count,), np.dtype(float)).tolist()
+    return RayAmplitudes(
+        {(a, b, c): (row, far) for (a, b, c), row, far in zip(key, probability, length, strict=True)}
+    )
+
+
+def _put_part(group: h5py.Group, part: Any) -> None:
+    """Write a part of a state: arrays as datasets, numbers as attributes."""
+    values = {f.name: getattr(part, f.name) for f in fields(part)}
+    put_attributes(group, {n: v for n, v in values.items() if not isinstance(v, np.ndarray)})
+    for name, value in values.items():
+        if isinstance(value, np.ndarray):
+            put(group, name, value, "1")
+
+
+def _get_part(
+    file: h5py.File, name: str, like: Part, shapes: dict[str, Shape], blank: tuple[str, ...] = ()
+) -> Part:
+    """Read a part of a state in the types of another; fields named `blank` may hold NaN."""
+    group = subgroup(file, name)
+    known, values = get_attributes(group), {}
+    for field in fields(like):  # type: ignore[arg-type]
+        kind = getattr(like, field.name)
+        if isinstance(kind, np.ndarray):
+            values[field.name] = _finite(
+                group, field.name, shapes[field.name], kind.dtype, field.name in blank
+            )
+            continue
+        if field.name not in known:
+            raise InputError(f"{file.filename}: /{name}/{field.name}", "none", "a number")
+        values[field.name] = type(kind)(known[field.name])
+        if not math.isfinite(values[field.name]):
+            raise InputError(f"{file.filename}: /{name}/{field.name}", str(known[field.name]), "a number")
+    return type(like)(**values)
+
+
+def _finite(
+    group: h5py.Group, name: str, shape: Shape, dtype: np.dtype[Any], blank: bool = False
+) -> NDArray[Any]:
+    """A dataset in the type that kernels take."""
+    value = np.ascontiguousarray(get(group, name, shape), dtype=dtype)
+    if not blank and not np.isfinite(value).all():
+        raise InputError(f"{group.file.filename}: {group.name}/{name}", "NaN or infinity", "finite numbers")
+    return value
+
+
+def _require_proper(belief: Belief, path: str) -> None:
+    """Refuse a covariance that is none."""
+    covariance = belief.covariance
+    if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-12):
+        raise InputError(f"{path}: /belief/covariance", "not symmetric", "a covariance")
+    scale = np.sqrt(np.maximum(np.diagonal(covariance), 0))
+    if (scale == 0).any() or np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() < -1e-6:
+        raise InputError(f"{path}: /belief/covariance", "not positive definite", "a covariance")
+
+
+def _table(amplitudes: RayAmplitudes) -> tuple[NDArray[np.int64], NDArray[Any], NDArray[Any]]:
+    """Keys (n, 3), probabilities (n, K) and lengths (n,) of all rays."""
+    rows = list(amplitudes.known.values())
+    key = np.array(list(amplitudes.known), np.int64).reshape(-1, 3)
+    return key, np.array([row for row, _ in rows]).reshape(len(rows), -1), np.array([m for _, m in rows])

@@ -2,29 +2,77 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gridslam.inference.messages.cells import Cells
-from gridslam.inference.messages.prediction import look_ahead
-from gridslam.inference.messages.reflection import Reflected, learn
-from gridslam.inference.state.anchor_measurements import Heard
-from gridslam.inference.state.path_messages import Notes
+from gridslam.inference.management.merging import merge_and_prune
+from gridslam.inference.management.pose_recovery import recover_pose
+from gridslam.inference.messages.birth_proposals import propose_births
+from gridslam.inference.messages.births import add_births
+from gridslam.inference.messages.cells import cast_messages, cast_paths, update_cells
+from gridslam.inference.messages.clutter import learn_clutter
+from gridslam.inference.messages.likelihood_ratios import evaluate
+from gridslam.inference.messages.motion import predict
+from gridslam.inference.messages.reflection import Reflected, update_coefficients
+from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
+from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.state.belief import separated
+from gridslam.inference.state.grid import Grid
+from gridslam.inference.state.state import State
+from gridslam.inference.step_info import StepInfo, conclude
+from gridslam.inference.workspace import Workspace
 from gridslam.maps.map import Map
-from gridslam.systems.surface_slam import SurfaceSlam
-from gridslam.world.scene import Scene
-
-Array = NDArray[np.float64]
-RAYS = 48
-"""Sampled rays per path, from which validity and cell messages are averaged."""
-MOSTLY_POSSIBLE = 0.8
-"""Share of a path's samples that must be possible before it tells the cells anything."""
+from gridslam.systems.front import SurfaceFilter, inherit_surfaces
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.scan import Scan
 
 
-class GridSlam(SurfaceSlam):
+def start(model: FilterModel, prior: Map | None = None) -> State:
+    """The state before the first step: the agent's prior, and what an earlier agent's map holds (IV-C).
+
+    Parameters
+    ----------
+    prior : Map, optional
+        On the model's grid.
+    """
+    state = State.start(model)
+    if prior is None:
+        return replace(state, grid=Grid.empty(model.grid.shape))
+    grid = Grid.of(prior.evidence, prior.observed, prior.coefficient)
+    return replace(inherit_surfaces(state, prior), grid=grid)
+
+
+def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:
+    """One step, as the list of its messages (paper 003, section IV)."""
+    work.begin()
+    exchanges, earlier_s = list[Exchange](), state.time_s
+    state = predict(state, scan.time_s, len(scan), model)  # section III-C
+    reckoned = state.calibration
+    model = work.calibrated(model, reckoned.turned)
+    scans = split_by_anchor(scan, model)
+    state = recover_pose(state, scans, earlier_s, model, work=work)
+    for heard in scans:
+        radio = state.calibration.tuned(model.radio, heard.anchor)
+        paths, visible = cast_paths(state, heard.anchor, model, work=work)  # eq. (1)
+        amplitudes = Reflected(visible.products, radio)  # eq. (2)
+        cloud, ratios = evaluate(heard, paths, visible.validity, amplitudes, radio, model, work=work)
+        state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
+        births = propose_births(state, heard, cloud, ratios, radio, model, work=work)  # eq. (11)
+        state, exchange = update_surfaces_and_agent(
+            state, heard, paths, ratios, reckoned.turned, model, work=work
+        )
+        state, exchange, _ = add_births(state, births, heard, exchange, radio, model, work=work)
+        state = state if model.settings.correlated else replace(state, belief=separated(state.belief))
+        exchanges.append(exchange)
+    drawn = cast_messages(state, model, work=work)  # eqs. (43) to (45)
+    state = update_coefficients(state, drawn, model, work=work)
+    state = update_cells(state, work=work)  # eq. (46)
+    state = merge_and_prune(state, model)
+    return conclude(state, exchanges, reckoned, model, work)
+
+
+class GridSlam(SurfaceFilter):
     """Grid SLAM, one step at a time.
 
     Parameters
@@ -36,86 +84,24 @@ class GridSlam(SurfaceSlam):
     agent : str, optional
         Which of the scene's agents (default: the first): start, prior and array.
     seed : int
+
+    Raises
+    ------
+    InputError
+        A scene without agents, an unknown one, a map of another frame, or too many cells for this machine.
     """
 
-    def __init__(
-        self, scene: Scene, prior_map: Map | None = None, agent: str | None = None, seed: int = 0
-    ) -> None:
-        super().__init__(scene, agent, seed)
-        grid, free_path = scene.grid, self.settings.mean_free_path_m
-        self.cells = Cells(np.array(grid.origin_m), grid.cell_m, grid.shape, free_path, self.places)
-        self.notes = Notes()
-        if prior_map is not None:
-            self._start_from(prior_map)
-
-    def _move(self, now: float) -> None:
-        """Motion; what a step that was interrupted left to be told is dropped."""
-        self.notes.clear()
-        self.cells.forget()
-        super()._move(now)
-
-    def _take_in(self, heard: Heard) -> None:
-        """Messages of one anchor, in the paper's order (section IV; model.md, sections 2.1 to 2.6)."""
-        # prediction: paths, their validity in the grid, eq. (1), and amplitudes, eq. (2)
-        ahead, recipe = look_ahead(
-            self.bank, self.sight, self.belief, self.anchors, heard.anchor, self.most_bounces, self.particles,
-            self._number(heard.anchor), RAYS,
-        )  # fmt: skip
-        validity, products = self.cells.see(ahead, self.bank.reflection)
-        rays, predicted = ahead.paths()
-        amplitudes = Reflected(products, self.signal)
-        # measurement evaluation, births, data association, updates of agent, surfaces and rays
-        said, births = self._exchange(heard, rays, predicted, amplitudes, validity, recipe)
-        # new surfaces; what cells and coefficients are to be told was noted
-        self._bear(heard, births, said.claimed)
-
-    def _number(self, anchor: int) -> int:
-        """Which points states are sampled by: others for every step and anchor."""
-        return self.steps * (len(self.places) + 1) + anchor
-
-    def _space(self) -> Cells:
-        return self.cells
-
-    def _tidy(self) -> None:
-        """Messages of all anchors to coefficients and cells; then merge and drop surfaces."""
-        self._tell()
-        self.cells.absorb()
-        super()._tidy()
-
-    def _tell(self) -> None:
-        """Messages to the cells that each path crosses or meets, eqs. (43) to (45), and to coefficients."""
-        few = self.particles.samples(self.belief, self._number(len(self.places)), RAYS)
-        drawn = self.cells.tell(self.notes, few, self.anchors, MOSTLY_POSSIBLE)
-        learn(
-            self.notes, self.bank, self.belief, drawn, MOSTLY_POSSIBLE, self.cells, self.detected, self.signal
-        )
+    method = "grid"
+    keeps_grid = True
+    start = staticmethod(start)
+    advance = staticmethod(step)
 
     def map(self) -> Map:
         """The map as it stands: evidence, coefficients, detected surfaces."""
+        grid = self.state.require_grid()
         return replace(
             super().map(),
-            evidence=self.cells.evidence.astype(np.float32),
-            coefficient=self.cells.coefficient.copy(),
-            observed=self.cells.observed.copy(),
+            evidence=grid.evidence.astype(np.float32),
+            coefficient=grid.coefficient,
+            observed=grid.observed.copy(),
         )
-
-    def _start_from(self, prior: Map) -> Map:
-        """Start from another agent's map (paper 003, section IV-C)."""
-        prior = super()._start_from(prior)
-        self.cells.evidence = prior.evidence.astype(np.float64)
-        self.cells.observed = prior.observed.copy()
-        self.cells.coefficient = prior.coefficient.copy()
-        return prior
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a checkpoint, from which `resume` goes on bit for bit."""
-        from gridslam.systems.checkpoint import save
-
-        save(self, path)
-
-    @staticmethod
-    def resume(path: str | os.PathLike[str]) -> GridSlam:
-        """Read a checkpoint; `InputError` if it isn't one."""
-        from gridslam.systems.checkpoint import resume
-
-        return resume(path)

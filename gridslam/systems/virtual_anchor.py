@@ -2,27 +2,88 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.inference.management.merging import merge_and_prune
+from gridslam.inference.management.pose_recovery import recover_pose
 from gridslam.inference.messages import ranging
-from gridslam.inference.messages.exact_association import associate_exactly
-from gridslam.inference.messages.likelihood_ratios import Evaluation
-from gridslam.inference.state import rings
-from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.messages.birth_proposals import propose_births
+from gridslam.inference.messages.births import add_births
+from gridslam.inference.messages.clutter import learn_clutter
+from gridslam.inference.messages.detections import mark_detections
+from gridslam.inference.messages.likelihood_ratios import evaluate
+from gridslam.inference.messages.motion import predict
+from gridslam.inference.messages.prediction import predict_paths
+from gridslam.inference.messages.ray_amplitudes import (
+    forget_amplitudes,
+    mean_amplitudes,
+    predict_amplitudes,
+    start_amplitudes,
+    update_amplitudes,
+)
+from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
+from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.state.belief import separated
+from gridslam.inference.state.ray_amplitudes import RayAmplitudes
+from gridslam.inference.state.rays import Rays
+from gridslam.inference.state.rings import Rings
+from gridslam.inference.state.state import State
+from gridslam.inference.step_info import StepInfo, conclude
+from gridslam.inference.workspace import Workspace
 from gridslam.maps.map import Map
-from gridslam.systems.adaptive import AdaptiveSlam
-from gridslam.world.geometry import unit
-from gridslam.world.radio import REFLECTION_BINS
-from gridslam.world.scene import Scene
+from gridslam.systems.front import SurfaceFilter
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.scan import Scan
 
 Array = NDArray[np.float64]
 
 
-class VirtualAnchorSlam(AdaptiveSlam):
+def start(model: FilterModel, prior: Map | None = None) -> State:
+    """The state before the first step; a virtual anchor is nothing that a map's surfaces could stand for."""
+    return replace(State.start(model), amplitudes=RayAmplitudes(), rings=Rings.empty())
+
+
+def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:
+    """One step, as the list of its messages (paper 002, section VI), with rings beside virtual anchors."""
+    work.begin()
+    exchanges, earlier_s = list[Exchange](), state.time_s
+    state = ranging.move_rings(state, scan.time_s, model)
+    state = predict(state, scan.time_s, len(scan), model)
+    reckoned = state.calibration
+    model = work.calibrated(model, reckoned.turned)
+    scans = split_by_anchor(scan, model)
+    state = recover_pose(state, scans, earlier_s, model, work=work)
+    for heard in scans:
+        before, radio = state, state.calibration.tuned(model.radio, heard.anchor)
+        paths = predict_paths(state, heard.anchor, model, work=work)
+        amplitudes = predict_amplitudes(state, paths, model.radio, work=work)
+        cloud, ratios = evaluate(heard, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
+        state, ratios, level = learn_clutter(state, heard.anchor, ratios, radio, model)
+        births = propose_births(state, heard, cloud, ratios, level, model, work=work)
+        given, tentative = ranging.associate_with_rings(state, heard, ratios, radio, model)
+        state, exchange = update_surfaces_and_agent(
+            state, heard, paths, ratios, reckoned.turned, model, given, work=work
+        )
+        state = update_amplitudes(state, paths, amplitudes, heard, ratios, model.radio, work=work)
+        state = mark_detections(state, paths.rays, ratios.responsible.sum(1), model, work=work)
+        state, exchange, born = add_births(
+            state, births, heard, exchange, radio, model, shared=False, work=work
+        )
+        state = start_amplitudes(state, born, heard, model.radio)
+        state = ranging.update_rings(before, state, heard, tentative, radio, model)
+        state = state if model.settings.correlated else replace(state, belief=separated(state.belief))
+        exchanges.append(exchange)
+    state = ranging.join_shrunk_rings(state, radio, model)
+    state = ranging.follow_belief(state, forget_amplitudes(merge_and_prune(state, model)))
+    state = ranging.prune_rings(state, model)
+    return conclude(state, exchanges, reckoned, model, work)
+
+
+class VirtualAnchorSlam(SurfaceFilter):
     """SLAM by virtual anchors, one step at a time.
 
     A virtual anchor is the mirror image of one anchor, so it is kept as the line between the two: that line
@@ -37,78 +98,27 @@ class VirtualAnchorSlam(AdaptiveSlam):
     scene : Scene
         Radio, anchors and filter settings; its walls are never read.
     prior_map : Map, optional
-        Not used: a virtual anchor is nothing that another agent's surfaces could stand for.
+        Its frame is checked; its surfaces aren't used: a virtual anchor is nothing that they could stand for.
     agent : str, optional
         Which of the scene's agents (default: the first): start, prior and array.
     seed : int
+
+    Raises
+    ------
+    InputError
+        A scene without agents, an unknown one, or a map of another frame.
     """
 
-    shared = False
+    method = "va"
+    start = staticmethod(start)
+    advance = staticmethod(step)
 
-    def __init__(
-        self, scene: Scene, prior_map: Map | None = None, agent: str | None = None, seed: int = 0
-    ) -> None:
-        super().__init__(scene, None, agent, seed)
-        self.most_bounces = min(self.most_bounces, 1)
-        self.rings = rings.Rings.empty()
-        self._told, self._begun = np.zeros((0, 0)), (np.zeros(0), np.zeros((0, 0)))
+    @staticmethod
+    def _model(model: FilterModel) -> FilterModel:
+        """Single bounces alone."""
+        return replace(model, max_bounces=min(model.max_bounces, 1))
 
-    def _move(self, now: float) -> None:
-        """Motion of the agent, which the rings follow."""
-        if self.last_time is not None:
-            self.rings = rings.move(self.rings, now - self.last_time, self.settings.acceleration_mps2)
-        super()._move(now)
-
-    def _take_in(self, heard: Heard) -> None:
-        """Messages of one anchor: first those of its virtual anchors, then those of the rings."""
-        with self._followed():
-            super()._take_in(heard)
-        # updates of rings by what the association left them; new rings
-        worth = ranging.judge(self.rings, heard, self.detected, self.signal)
-        self.rings = ranging.learn(self.rings, worth, self._told)
-        chance, bearings = self._begun
-        self.rings = ranging.begin(self.rings, self.belief, heard, self.signal, chance, bearings)
-
-    def _associate(self, heard: Heard, said: Evaluation) -> tuple[Array, Array]:
-        """Data association of virtual anchors and rings alike."""
-        worth = ranging.judge(self.rings, heard, self.detected, self.signal)
-        tentative, silent = ranging.claims(self.rings, worth)
-        born, bearings = ranging.expected(
-            self.belief, heard, self.signal, self.settings.births, self.middle, self.radius_m
-        )
-        nu, claimed = associate_exactly(
-            np.concatenate([said.beta, tentative]), np.concatenate([said.missed, silent]), said.new + born
-        )
-        paths = len(said.beta)
-        self._told = nu[paths:]
-        self._begun = born / (said.new + born + claimed), bearings
-        return nu[:paths], claimed
-
-    def _tidy(self) -> None:
-        """Rings that have shrunk to a place become virtual anchors; duplicates merge, the unlikely go."""
-        for row in rings.shrunk(self.rings, self.places, self.signal)[::-1].tolist():
-            self._join(row)
-        with self._followed():
-            super()._tidy()
-        self.rings = rings.prune(self.rings, self.settings.survival)
-
-    def _join(self, row: int) -> None:
-        ring = self.rings.take(np.array([row]))
-        anchor = int(ring.anchor[0])
-        with self._followed():
-            self.belief = rings.join(self.rings, row, self.belief, self.places[anchor])
-            foot = float(self.belief.mean[:2] @ unit(self.belief.lines[-1, 0] + 0.5 * np.pi))
-            bins = np.full(len(REFLECTION_BINS), 1 / len(REFLECTION_BINS))
-            self.bank = self.bank.add(
-                self.next_identity, float(ring.existence[0]), bins, foot, (anchor, -1, -1), anchor
-            )
-            self.bank.age[-1], self.bank.seen[-1] = ring.age[0], ring.seen[0]
-            self.next_identity += 1
-        self.rings = self.rings.take(np.arange(len(self.rings)) != row)
-
-    @contextmanager
-    def _followed(self) -> Iterator[None]:
-        """Let the rings follow whatever the block does to the belief."""
-        before = self.belief.copy()  # it is corrected in place
-        yield
-        self.rings = rings.follow(self.rings, before, self.belief)
+    def _strength(self, state: State) -> Callable[[Rays, Array], Array]:
+        """Amplitudes of the rays' own states."""
+        radio, work = self.model.radio, self.work
+        return lambda rays, distance: mean_amplitudes(state, rays, distance, radio, work=work)

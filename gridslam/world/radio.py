@@ -20,7 +20,7 @@ REFLECTION_BINS: Array = (np.arange(20) + 0.5) / 20
 CLUTTER_LOG_FLOOR = -25.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SignalModel:
     """The radio's numbers that the likelihoods need.
 

@@ -104,7 +104,7 @@ def exchange(odds: ti.template(), message: ti.template(), measured: ti.template(
 @quick
 @ti.kernel
 def associate(
-    odds: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [11, L] of which `MISSED` is given: see `tables`
+    odds: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [12, L] of which `MISSED` is given: see `tables`
     message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [5, L, M] in/out: `BETA` is given, `CLAIM`, `NU` told
     measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: `NEW` is given, `CLAIMED` told
     rounds: ti.i32,  # at most

@@ -31,7 +31,7 @@ def evaluate(
     density: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [2, M, K] scratch
     strength: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [2, L, M] scratch: amplitude's ratio to clutter; mean
     table: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L M, 11] scratch: z, inverse (6), nearest, farthest
-    odds: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [11, L] in/out: see `tables`; three are given
+    odds: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [12, L] in/out: see `tables`; three are given
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] out: where the pairs of each path begin
     index: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L M, 2] out: path and measurement
     pair: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L M, 8] out: z, variances, density, determinant

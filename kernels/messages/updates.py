@@ -19,7 +19,7 @@ def update(
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] where the pairs of each path begin
     index: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [K or more, 2] path and measurement of every pair
     pair: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [K or more, 8] z (3), variance (3), density, unused
-    odds: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [11, L] in/out: see `tables`; eight are given
+    odds: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [12, L] in/out: see `tables`; eight are given
     rounds: ti.i32,  # of association at most; 0 where it was done elsewhere
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
     predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 12] value (3) and spread (9) of every path

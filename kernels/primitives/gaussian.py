@@ -7,7 +7,7 @@ import taichi as ti
 
 from gridslam.kernels import UNMEASURED
 from gridslam.kernels.primitives.functions import PI, bearing_of, cos_of, decay_of, sin_of, wrapped
-from gridslam.kernels.primitives.tables import BETA, MISSED, NU, ORDER, RESPONSIBLE, SURE, THERE
+from gridslam.kernels.primitives.tables import BETA, MISSED, NU, ORDER, RESPONSIBLE, SURE, THERE, TOTAL
 
 MEASURED = 0.1 * UNMEASURED
 """A variance from here on stands for "not measured"."""
@@ -186,6 +186,7 @@ def correct_by(
                     shift += part * g
                     change += part * (inverse - g.outer_product(g))
                     moved = True
+    odds[TOTAL, row] = total
     for k in range(start[row], start[row + 1]):
         share[k] /= total
     if moved:
@@ -232,7 +233,8 @@ def correct(
         for m in range(message.shape[2]):
             message[RESPONSIBLE, row, m] = 0.0
             total += message[BETA, row, m] * message[NU, row, m]
-        odds[SURE, row] = total / (total + odds[MISSED, row])
+        odds[TOTAL, row] = total + odds[MISSED, row]
+        odds[SURE, row] = total / odds[TOTAL, row]
     for turn in range(sorted_by(odds, UNHEARD, path.shape[0])):
         row = ti.cast(odds[ORDER, turn], ti.i32)
         correct_by(row, mean, covariance, path, start, index, pair, odds, message, places, scratch, share)

@@ -5,12 +5,15 @@ only what machine code relies on, and hands over addresses; on the CPU only thos
 same objects as at the launch before. Before that, Taichi reads the kernel: it notes for every expression
 where it stands, which takes half the time and serves its complaints alone, and looks for a function's source
 at every call of it.
+
+All of this is private to Taichi 1.7, and nothing else in the package is. So it is tried on a small kernel
+first, see `agrees`; should anything differ, all launches go Taichi's own way, and steps take twice as long.
 """
 
 import gc
 import threading
+import warnings
 from contextlib import contextmanager
-from ctypes import c_void_p
 from functools import cache, wraps
 
 import numpy as np
@@ -20,15 +23,19 @@ from taichi.lang.util import to_numpy_type
 from gridslam.kernels.primitives.device import ON_CPU
 
 _one_at_a_time = threading.RLock()
-ndarray, HEAD, NOTHING = np.ndarray, object.__basicsize__, object()
+_verdict: list[bool] = []
+ndarray, NOTHING = np.ndarray, object()
 MOST_KEPT, KEYS = 8, ("anchor", "only", "path", "radio")
 """Launches of a kernel that a thread keeps side by side; arguments that tell them apart, anchors mostly."""
 PRIVATE = ("arguments", "compiled_kernels", "runtime")
 """What a kernel of Taichi 1.7 keeps of itself."""
+GOOD = [True]
 
 
 def quick(kernel):
-    """The same kernel, launched quickly; whatever isn't as it was compiled for goes Taichi's own way.
+    """The same kernel, launched quickly if that `agrees` with Taichi's own launches.
+
+    Whatever isn't as it was compiled for goes Taichi's own way.
 
     Parameters
     ----------
@@ -43,11 +50,88 @@ def quick(kernel):
     primal = getattr(kernel, "_primal", None)
     if not all(hasattr(primal, name) for name in PRIVATE):
         return kernel  # a Taichi that keeps these elsewhere
+    hurried = _hurrying(kernel)
+
+    @wraps(kernel)
+    def launch(*arguments):
+        return (hurried if _verdict == GOOD or agrees() else kernel)(*arguments)
+
+    return launch
+
+
+def agrees():
+    """Whether quick launches do what Taichi's own do, here and now; tried once in a process.
+
+    A kernel is launched both ways: with the same arguments again, with other ones, and in turns.
+    """
+    with _one_at_a_time:
+        if not _verdict:
+            kernel, attempts, hurried, trouble = _sample(), _attempts(), [], ""
+            try:
+                hurried = _made(_hurrying(kernel), attempts)
+            except Exception as error:
+                trouble = f"{type(error).__name__}: {error}"
+            if _made(kernel, attempts) != hurried:  # if this fails, so does any launch
+                trouble = trouble or "results differ"
+            _verdict.append(not trouble)
+            if trouble:
+                known = ".".join(map(str, ti.__version__))
+                said = f"Taichi {known} isn't launched quickly, and steps take twice as long: {trouble}"
+                warnings.warn(said, RuntimeWarning, stacklevel=3)
+        return _verdict[0]
+
+
+def _sample():
+    """A kernel with arguments of all kinds."""
+
+    @ti.kernel
+    def sample(
+        anchor: ti.i32,
+        factor: ti.f64,
+        wide: ti.types.ndarray(dtype=ti.f64, ndim=2),
+        narrow: ti.types.ndarray(dtype=ti.f32, ndim=1),
+        whole: ti.types.ndarray(dtype=ti.i32, ndim=1),
+        out: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    ):
+        for i in range(wide.shape[0]):
+            for j in range(wide.shape[1]):
+                out[i, j] = anchor + factor * wide[i, j] + narrow[j] * whole[i]
+
+    return sample
+
+
+def _attempts():
+    """Arguments of launches one after the other: the same again, others, in turns, none, and views."""
+    draw = np.random.default_rng(1)
+    one, other, none = (
+        (draw.normal(size=(n, m)), draw.normal(size=m).astype(np.float32), np.arange(n, dtype=np.int32))
+        for n, m in ((3, 5), (4, 7), (0, 2))
+    )
+    fixed, part = (-one[0], *one[1:]), (one[0][1:], one[1], one[2][1:])
+    fixed[0].flags.writeable = False
+    return [
+        (1, 0.5, *one), (1, 0.5, *one), (2, 0.25, *one), (1, 0.5, *other), (2, 0.25, *one), (3, 2.0, *none),
+        (1, -1.5, *fixed), (1, 0.5, *one), (300, 0.5, *part),
+    ]  # fmt: skip
+
+
+def _made(kernel, attempts):
+    """What the sample kernel makes of them, as bytes: all of it, or there would be NaN."""
+    found = []
+    for arguments in attempts:
+        out = np.full(arguments[2].shape, np.nan)
+        kernel(*arguments, out)
+        found.append(out.tobytes())
+    return found
+
+
+def _hurrying(kernel):
+    """A quick launch of a kernel, whether that agrees or not."""
+    primal = kernel._primal
     kinds = [_kind(argument.annotation) for argument in primal.arguments]
     places = [(place,) for place in range(len(kinds))]
     own, key = threading.local(), _key(primal.arguments) if ON_CPU else None
 
-    @wraps(kernel)
     def launch(*arguments):
         compiled = primal.compiled_kernels
         if not compiled:
@@ -155,7 +239,7 @@ def _hand_over(context, handed, place, value, kind):
     if type(value) is ndarray and type(kind) is tuple:
         if value.dtype is not kind[0] or value.ndim != kind[1] or not value.flags.c_contiguous:
             return False
-        context.set_arg_external_array_with_shape(place, address(value), value.nbytes, value.shape, 0)
+        context.set_arg_external_array_with_shape(place, value.ctypes.data, value.nbytes, value.shape, 0)
         handed[number] = value  # which keeps it where it is
     elif kind is float or kind is int:
         if type(value) is not kind:
@@ -167,21 +251,6 @@ def _hand_over(context, handed, place, value, kind):
     else:
         return False
     return True
-
-
-def _told(array):
-    """Where an array's first entry is, as NumPy tells."""
-    return array.__array_interface__["data"][0]
-
-
-def _read(array):
-    """The same in an eighth of the time: the pointer follows what every Python object begins with."""
-    return c_void_p.from_address(id(array) + HEAD).value
-
-
-_samples = [np.zeros(shape)[start:] for shape in (1, 7, (3, 4)) for start in (0, 1)]
-address = _read if all(_read(sample) == _told(sample) for sample in _samples) else _told
-"""Where an array's first entry is; read from the array wherever that proves right."""
 
 
 def _kind(annotation):

@@ -124,7 +124,8 @@ def cast(
     occupied: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [2, ny nx] o of a traversed cell, of a hit one in V
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] origin x, y, side; factor outside, clip, least
     # share, how likely a wall is of another material where it is hit next
-    held: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [ny, nx, BINS] log-likelihood of coefficients in cells
+    where: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [ny, nx] a cell's row of `held`, -1 for none
+    held: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [H, BINS] log-likelihood of coefficients in hit cells
     reflection: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] beliefs about coefficients of surfaces
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 14] out: corners, normals, possible or not, V
     seen: ti.types.ndarray(
@@ -157,7 +158,7 @@ def cast(
     for item in range(message.shape[0] * SPREAD):
         if item % SPREAD == 0:
             slab = item // SPREAD
-            ny, nx = held.shape[0], held.shape[1]
+            ny, nx = where.shape[0], where.shape[1]
             paths, rays = (found[0] if failed[0] == 0 else 0), state.shape[1]
             row = slab
             while row < paths:
@@ -281,6 +282,6 @@ def cast(
                 for n in ti.static(range(4)):
                     seen[row, 2 + n] = middle[n]
                 if belief.shape[0] > 0:
-                    recall(drawn, path, held, reflection, frame, row, rays, belief)
+                    recall(drawn, path, where, held, reflection, frame, row, rays, belief)
                 settle(slab, known, hits, total, a, frame[4], occupied, sums, touched, message, news)
                 row += message.shape[0]

@@ -22,8 +22,8 @@ AUDIBLE = 0.05
 
 @ti.func
 def local_belief(
-    drawn: ti.template(), path: ti.template(), held: ti.template(), surface: ti.template(),
-    frame: ti.template(), row, rays, corner, number,
+    drawn: ti.template(), path: ti.template(), where: ti.template(), held: ti.template(),
+    surface: ti.template(), frame: ti.template(), row, rays, corner, number,
 ):  # fmt: skip
     """Belief over the coefficient at a hit: the surface's, the cell's own, and room for a surprise."""
     at = ti.Vector([0.0] * BINS, dt=ti.f64)
@@ -31,10 +31,12 @@ def local_belief(
     for k in range(row * rays, (row + 1) * rays):
         ix = cell_of(drawn[k, 2 * corner], frame[0], per_metre)
         iy = cell_of(drawn[k, 2 * corner + 1], frame[1], per_metre)
-        if ix >= 0 and iy >= 0 and ix < held.shape[1] and iy < held.shape[0]:
+        if ix >= 0 and iy >= 0 and ix < where.shape[1] and iy < where.shape[0]:
             inside += 1
-            for n in range(BINS):
-                at[n] += held[iy, ix, n]
+            cell = where[iy, ix]
+            if cell >= 0:
+                for n in range(BINS):
+                    at[n] += held[cell, n]
     most, total = ti.cast(-1e30, ti.f64), ti.cast(0.0, ti.f64)
     for n in range(BINS):
         at[n] /= ti.max(inside, 1)
@@ -50,8 +52,8 @@ def local_belief(
 
 @ti.func
 def recall(
-    drawn: ti.template(), path: ti.template(), held: ti.template(), surface: ti.template(),
-    frame: ti.template(), row, rays, belief: ti.template(),
+    drawn: ti.template(), path: ti.template(), where: ti.template(), held: ti.template(),
+    surface: ti.template(), frame: ti.template(), row, rays, belief: ti.template(),
 ):  # fmt: skip
     """Belief over the product of the coefficients along a path (paper 003, eq. (2)).
 
@@ -63,12 +65,12 @@ def recall(
     if bounces == 0:
         belief[row, nodes - 1] = 1.0
     elif bounces == 1:
-        last = local_belief(drawn, path, held, surface, frame, row, rays, 1, path[row, 1])
+        last = local_belief(drawn, path, where, held, surface, frame, row, rays, 1, path[row, 1])
         for n in range(BINS):
             belief[row, 2 * n] = last[n]
     else:
-        first = local_belief(drawn, path, held, surface, frame, row, rays, 1, path[row, 2])
-        last = local_belief(drawn, path, held, surface, frame, row, rays, 2, path[row, 1])
+        first = local_belief(drawn, path, where, held, surface, frame, row, rays, 1, path[row, 2])
+        last = local_belief(drawn, path, where, held, surface, frame, row, rays, 2, path[row, 1])
         for i in range(BINS):
             for j in range(BINS):  # the product of two bins' centres lies between two nodes
                 place = ti.cast((2 * i + 1) * (2 * j + 1), ti.f64) / (2 * BINS) - 1
@@ -100,34 +102,42 @@ def say(
 
 @ti.func
 def absorb_at(
-    log: ti.template(), share, drawn: ti.template(), held: ti.template(), frame: ti.template(), row, rays,
-    corner,
+    log: ti.template(), share, drawn: ti.template(), where: ti.template(), held: ti.template(),
+    used: ti.template(), frame: ti.template(), row, rays, corner,
 ):  # fmt: skip
     """Add a log-likelihood to the cells that the rays of a path meet, shared among its rays.
 
     A cell's best bin is 0 afterwards, and none is further below than the clip: steps aren't independent, and
-    what is surer than that could never be learned anew.
+    what is surer than that could never be learned anew. A cell that is hit for the first time gets a row.
     """
     per_metre, settled = 1 / frame[2], -1
     for k in range(row * rays, (row + 1) * rays):
         ix = cell_of(drawn[k, 2 * corner], frame[0], per_metre)
         iy = cell_of(drawn[k, 2 * corner + 1], frame[1], per_metre)
-        if ix >= 0 and iy >= 0 and ix < held.shape[1] and iy < held.shape[0]:
-            for n in range(BINS):
-                before = held[iy, ix, n]
-                held[iy, ix, n] = before + ti.cast(share * log[n] / rays, ti.f32)
+        if ix >= 0 and iy >= 0 and ix < where.shape[1] and iy < where.shape[0]:
+            cell = where[iy, ix]
+            if cell < 0 and used[0] < held.shape[0]:
+                cell = used[0]
+                used[0] = cell + 1
+                where[iy, ix] = cell
+                for n in range(BINS):
+                    held[cell, n] = 0.0
+            if cell >= 0:
+                for n in range(BINS):
+                    before = held[cell, n]
+                    held[cell, n] = before + ti.cast(share * log[n] / rays, ti.f32)
     for k in range(row * rays, (row + 1) * rays):
         ix = cell_of(drawn[k, 2 * corner], frame[0], per_metre)
         iy = cell_of(drawn[k, 2 * corner + 1], frame[1], per_metre)
-        if ix >= 0 and iy >= 0 and ix < held.shape[1] and iy < held.shape[0]:
-            cell = iy * held.shape[1] + ix
-            if cell != settled:  # rays side by side meet the same one
-                settled, most = cell, held[iy, ix, 0]
+        if ix >= 0 and iy >= 0 and ix < where.shape[1] and iy < where.shape[0]:
+            cell = where[iy, ix]
+            if cell >= 0 and cell != settled:  # rays side by side meet the same one
+                settled, most = cell, held[cell, 0]
                 for n in range(1, BINS):
-                    most = ti.max(most, held[iy, ix, n])
+                    most = ti.max(most, held[cell, n])
                 for n in range(BINS):
-                    below = held[iy, ix, n] - most
-                    held[iy, ix, n] = ti.max(below, ti.cast(-frame[CLIP], ti.f32))
+                    below = held[cell, n] - most
+                    held[cell, n] = ti.max(below, ti.cast(-frame[CLIP], ti.f32))
 
 
 @quick
@@ -148,7 +158,9 @@ def learn(
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] as of `cells.cast`
     usual: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] scratch: mean coefficient of every surface
     surface: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] in/out: beliefs of surfaces
-    held: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [ny, nx, BINS] in/out: log-likelihood that cells hold
+    where: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [ny, nx] in/out: a cell's row of `held`, -1 for none
+    held: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [H or more, BINS] in/out: log-likelihoods of hit cells
+    used: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] in/out: H
     latest: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [S] scratch: these four as of `sightings.mark`
     foot: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] in/out
     extent: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 2] in/out
@@ -188,9 +200,9 @@ def learn(
                         before = surface[last, n]
                         surface[last, n] = before / total
                 if send:
-                    absorb_at(log, told[THERE, row], drawn, held, frame, row, rays, 1)
+                    absorb_at(log, told[THERE, row], drawn, where, held, used, frame, row, rays, 1)
             elif bounces == 2 and heard and send:
                 say(log, told, begin, said, table, step, radio, row, usual[first])
-                absorb_at(log, told[THERE, row], drawn, held, frame, row, rays, 2)
+                absorb_at(log, told[THERE, row], drawn, where, held, used, frame, row, rays, 2)
                 say(log, told, begin, said, table, step, radio, row, usual[last])
-                absorb_at(log, told[THERE, row], drawn, held, frame, row, rays, 1)
+                absorb_at(log, told[THERE, row], drawn, where, held, used, frame, row, rays, 1)

@@ -20,7 +20,7 @@ from gridslam.kernels import OFTEN, OFTENER
 Array = NDArray[np.float64]
 
 
-def lay(bank: Bank, belief: Belief, places: Array) -> tuple[Bank, Belief]:
+def drop_ghosts(bank: Bank, belief: Belief, places: Array) -> tuple[Bank, Belief]:
     """Drop the surfaces that are ghosts of double bounces over surer surfaces.
 
     Parameters

@@ -11,21 +11,27 @@ that of a Poisson process of paths and clutter (every measurement may come from 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.inference.messages.likelihood import DetectionTable, deviations
+from gridslam.inference.messages.likelihood import DetectionTable, detection_table, deviations
+from gridslam.inference.messages.prediction import paths_now
 from gridslam.inference.state.anchor_measurements import Heard
 from gridslam.inference.state.belief import AGENT, Belief
+from gridslam.inference.state.health import ENOUGH
 from gridslam.inference.state.rays import Rays
-from gridslam.inference.state.surface_bank import Bank
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace import Workspace, timed
+from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import direction, mirror, unit, wrap
-from gridslam.world.radio import SignalModel
+from gridslam.world.radio import REFLECTION_BINS, SignalModel
 
 Array = NDArray[np.float64]
+PURPOSE = 2
+"""Names the stream of random numbers that a search takes."""
 POSE = np.array([0, 1, 4])
 """Entries of the agent's pose in the state."""
 COPIES, KEPT, REFINED = 10, 150, 400
@@ -111,21 +117,58 @@ class Fix:
         return self.gain > WORTH
 
 
-def near_paths(
-    scans: Sequence[Heard], bank: Bank, belief: Belief, anchors: Array, signal: SignalModel
-) -> int:
+@timed("recovery")
+def recover_pose(
+    state: State, scans: Sequence[Heard], earlier_s: float | None, model: FilterModel, *, work: Workspace
+) -> State:
+    """Where the belief can't be followed from the last step on, find the agent by the map.
+
+    Parameters
+    ----------
+    earlier_s : float or None
+        Time of the step before, if there was one.
+    """
+    count = sum(int(np.count_nonzero(heard.loud)) for heard in scans)
+    vague = is_vague(state.belief)
+    if count < ENOUGH and not vague:
+        return state
+    near = near_paths(scans, state, model)
+    lost = state.monitor.is_lost(count, near)
+    if not lost:
+        state = replace(state, monitor=state.monitor.followed(count, near))
+    if not (lost or vague):
+        return state
+    rays = paths_now(state, replace(model, max_bounces=1), work=work)
+    images = sources(rays, state.belief, model.anchor_positions, state.surfaces.reflection @ REFLECTION_BINS)
+    belief, now_s = state.belief, state.time_s
+    if lost:
+        elapsed = 0.0 if earlier_s is None or now_s is None else now_s - earlier_s
+        belief = freed(belief, elapsed, model.settings.acceleration_mps2)
+    with runtime.one_blas_thread():
+        fix = find_pose(
+            belief, state.belief, images, scans, detection_table(model.radio),
+            state.calibration.tuned(model.radio, 0), [work.seed, state.step, len(scans), PURPOSE],
+        )  # fmt: skip
+    if fix is None or not fix.clear or not (fix.better or not lost):
+        return state
+    monitor = state.monitor.found_again() if lost else state.monitor
+    return replace(state, belief=moved(belief, fix, float(model.start_variance[2])), monitor=monitor)
+
+
+def near_paths(scans: Sequence[Heard], state: State, model: FilterModel) -> int:
     """How many loud measurements lie where their anchor's line of sight or a single bounce is predicted."""
     runtime.start()
     from gridslam.kernels.propagation.rays import near
 
-    bank.check(belief, len(scans), len(anchors))
+    belief, bank = state.belief, state.surfaces
+    bank.check(belief, len(scans), len(model.anchors))
     start = np.zeros(len(scans) + 1, np.int32)
     np.cumsum([len(heard) for heard in scans], out=start[1:])
     table = np.concatenate([heard.table for heard in scans])
     claimed = np.empty(len(table), np.int32)
     near(
-        belief.mean, belief.covariance, anchors, bank.existence, bank.owner, start, table, signal.numbers,
-        claimed,
+        belief.mean, belief.covariance, model.anchors, bank.existence, bank.owner, start, table,
+        model.radio.numbers, claimed,
     )  # fmt: skip
     return int(claimed.sum())
 

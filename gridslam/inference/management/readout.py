@@ -9,55 +9,61 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.estimates import PathEstimate, SurfaceEstimate
-from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rays import Rays, listed_at_most
-from gridslam.inference.state.surface_bank import Bank
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace import Workspace
+from gridslam.world.filter_model import FilterModel
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 Long = NDArray[np.int64]
 
 
-def surface_estimate(belief: Belief, bank: Bank) -> SurfaceEstimate:
+def surface_estimate(state: State, *, work: Workspace) -> SurfaceEstimate:
     """Table of all potential surfaces."""
-    return estimates(belief, bank, np.zeros(0), np.zeros((0, 3)), 0, 0.0)[0]
+    none = np.zeros(0), np.zeros((0, 3)), 0, 0.0
+    return _described(state, *none, None, work)[0]
 
 
 def estimates(
-    belief: Belief, bank: Bank, sight: Array, anchors: Array, most_bounces: int, at_1m: float,
-    strength: Callable[[Rays, Array], Array] | None = None,
+    state: State, model: FilterModel, at_1m: float,
+    strength: Callable[[Rays, Array], Array] | None = None, *, work: Workspace,
 ) -> tuple[SurfaceEstimate, PathEstimate]:  # fmt: skip
     """Tables of all potential surfaces, and of the paths believed in over them as they stand.
 
     Parameters
     ----------
-    sight : (J,)
-        Existence of every anchor's line of sight.
-    anchors : (J, 3)
-        x, y (m) and orientation (rad).
     at_1m : float
         Amplitude of a line of sight 1 m long: others follow from coefficients (paper 003, eq. (2)).
     strength : callable, optional
         Amplitudes (L,) of rays of given distances (L,), if they are known otherwise.
     """
+    return _described(state, state.los, model.anchors, model.max_bounces, at_1m, strength, work)
+
+
+def _described(
+    state: State, los: Array, anchors: Array, max_bounces: int, at_1m: float,
+    strength: Callable[[Rays, Array], Array] | None, work: Workspace,
+) -> tuple[SurfaceEstimate, PathEstimate]:  # fmt: skip
+    """Tables of surfaces, and of the paths from some anchors."""
     runtime.start()
     from gridslam.kernels.management.readout import describe
 
+    belief, bank = state.belief, state.surfaces
     count, places = len(bank), len(anchors)
-    bank.check(belief, places, len(sight))
+    bank.check(belief, places, len(los))
     table = np.empty((count, 16))
-    most = 1 + places * listed_at_most(count, most_bounces)
-    room = runtime.lasting("described", (most, count), lambda: _room(most, count))
-    state, path, drawn, number, told, found = room
+    most = 1 + places * listed_at_most(count, max_bounces)
+    sample, path, drawn, number, told, found = work.buffers(_buffers, places, most, count)
     describe(
-        belief.mean, belief.covariance, bank.extent, bank.reflection, most_bounces, anchors, bank.existence,
-        bank.owner, sight, bank.single, bank.double, bank.identity, at_1m, state, table, path, drawn, number,
+        belief.mean, belief.covariance, bank.extent, bank.reflection, max_bounces, anchors, bank.existence,
+        bank.owner, los, bank.single, bank.double, bank.identity, at_1m, sample, table, path, drawn, number,
         told, found,
     )  # fmt: skip
     several = int(found[0])
     surfaces = SurfaceEstimate(
         bank.identity, table[:, 6:8], table[:, 8:12].reshape(-1, 2, 2), table[:, :2],
-        table[:, 2:6].reshape(-1, 2, 2), table[:, 12], table[:, 13], bank.existence.copy(), table[:, 14:],
+        table[:, 2:6].reshape(-1, 2, 2), table[:, 12], table[:, 13], bank.existence, table[:, 14:],
         bank.owner,
     )  # fmt: skip
     number, told = number[:several].copy(), told[:several].copy()
@@ -71,7 +77,7 @@ def estimates(
     )  # fmt: skip
 
 
-def _room(most: int, surfaces: int) -> tuple[Array, Whole, Array, Long, Array, Whole]:
+def _buffers(most: int, surfaces: int) -> tuple[Array, Whole, Array, Long, Array, Whole]:
     """What `describe` fills in of so many paths, after scratch, and their number."""
     return (
         np.empty((3 + 3 * surfaces, 1)), np.empty((most, 4), np.int32), np.empty((most, 13)),

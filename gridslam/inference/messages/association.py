@@ -40,7 +40,34 @@ def associate(beta: Array, missed: Array, new: Array, rounds: int = ROUNDS) -> t
     from gridslam.kernels.messages.association import associate as launch
 
     paths, count = beta.shape
-    odds, message, measured = np.empty((11, paths)), np.empty((5, paths, count)), np.empty((4, count))
+    odds, message, measured = (
+        np.empty((tables.ODDS, paths)),
+        np.empty((5, paths, count)),
+        np.empty((4, count)),
+    )
     odds[tables.MISSED], message[tables.BETA], measured[tables.NEW] = missed, beta, new
     launch(odds, message, measured, rounds)
     return message[tables.NU], message[tables.CLAIM].sum(0)  # a device that bounds loops may not come to sums
+
+
+def log_normaliser(beta: Array, missed: Array, new: Array, nu: Array, total: Array) -> float:
+    """Log of an anchor's normaliser, in ratio to clutter: Bethe's, with paths normalised in sequence.
+
+    The sum over all matchings of the product of their messages is ``sum_l log(missed_l + sum_m beta_lm nu_lm)
+    + sum_m log(xi_m + sum_l mu_lm) - sum_lm log(1 + nu_lm mu_lm)`` where the graph is a tree. Instead of the
+    first term stands what every path's association came to where the paths before had led the belief: paths
+    of one scan share the agent, and a vague belief doesn't gain by measurements that agree with no one pose.
+
+    Parameters
+    ----------
+    beta, missed, new : (L, M), (L,), (M,)
+        As of `associate`.
+    nu : (L, M)
+        What `associate` returns.
+    total : (L,)
+        ``missed + sum beta nu`` of every path, or what took its place.
+    """
+    own = beta * nu
+    mu = beta / (missed[:, None] + np.maximum(own.sum(1, keepdims=True) - own, 0.0))
+    known = np.log(total).sum() + np.log(new + mu.sum(0)).sum()
+    return float(known - np.log1p(nu * mu).sum())

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from functools import cache, lru_cache
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.inference.messages.births import Births
-from gridslam.inference.messages.cells import Cells
 from gridslam.inference.messages.likelihood_ratios import PORTION, Evaluation
 from gridslam.inference.state.anchor_measurements import Heard
 from gridslam.inference.state.belief import AGENT, Belief
 from gridslam.inference.state.particles import Cloud
+from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import Bank
+from gridslam.inference.workspace import Workspace, timed
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.radio import SignalModel
 
 Array = NDArray[np.float64]
 CONVERGED_STD_M = 0.3
@@ -39,51 +43,74 @@ def _known(sure: bytes, most_bounces: int) -> NDArray[np.int32]:
     return known
 
 
-def propose(
-    heard: Heard, belief: Belief, bank: Bank, cloud: Cloud, said: Evaluation, cells: Cells | None,
-    radio: Array, anchors: Array, rate: float, most_bounces: int,
+class ProposalBuffers(NamedTuple):
+    """What the kernel fills in: births and their number, what they are, and scratch."""
+
+    born: NDArray[np.int32]
+    told: Array
+    ratio: Array
+
+    @classmethod
+    def of(cls, measurements: int, hypotheses: int) -> Self:
+        """Room for so many."""
+        most = measurements * hypotheses
+        return cls(
+            np.empty((1 + most, 3), np.int32), np.empty((most, 3)), np.empty((measurements, hypotheses))
+        )
+
+
+@timed("births")
+def propose_births(
+    state: State, heard: Heard, cloud: Cloud, ratios: Evaluation, signal: SignalModel, model: FilterModel,
+    *, work: Workspace,
 ) -> Births:  # fmt: skip
     """All birth hypotheses worth a look, of the measurements that carry distance and AoA.
 
     Surfaces are born uniformly over all lines that cross the region (angle and offset): a measure that
-    doesn't depend on the frame. The sums over each measurement's are told to
-    `said.new`. What is told lasts until the next call.
+    doesn't depend on the frame. The sums over each measurement's are filled in to `ratios.new`. Of a system
+    that keeps a grid they are weighed by V of their paths; without one every path is open. What is found
+    lasts until the next call.
 
     Parameters
     ----------
-    cells : Cells, optional
-        What may stand between; without it every path is open.
-    radio : (11,)
-        `SignalModel.radio` of the anchor.
-    anchors : (J, 3)
-        x, y (m) and orientation (rad).
-    rate : float
-        Births per anchor, step and unit of such lines (rad m).
+    signal : SignalModel
+        As the radio seems to be.
     """
     runtime.start()
     from gridslam.kernels.management.births import propose as launch
 
-    known, count, surfaces = partners(bank, belief, most_bounces), len(heard), len(belief.lines)
-    if len(bank) != surfaces or cloud.surfaces != surfaces or not 0 <= heard.anchor < len(anchors):
+    belief, bank, anchor = state.belief, state.surfaces, heard.anchor
+    known, surfaces = partners(bank, belief, model.max_bounces), len(belief.lines)
+    if len(bank) != surfaces or cloud.surfaces != surfaces or not 0 <= anchor < len(model.anchors):
         raise ValueError("surfaces or anchors don't belong together")
-    room, hypotheses = -(-count // PORTION) * PORTION, len(known)
-    born, told, ratio = runtime.lasting("births", (room, hypotheses), lambda: _room(room, hypotheses))
+    capacity, hypotheses = -(-len(heard) // PORTION) * PORTION, len(known)
+    buffers = work.buffers(ProposalBuffers.of, 0, capacity, hypotheses)
+    born, told, ratio = buffers
     launch(
-        cloud.state, _noise(hypotheses), belief.mean, heard.table, known, heard.anchor, anchors, radio,
-        rate, ratio, said.measured, born, told,
+        cloud.state, _noise(hypotheses), belief.mean, heard.table, known, anchor, model.anchors,
+        signal.radio(anchor), model.birth_rate, ratio, ratios.measured, born, told,
     )  # fmt: skip
-    if cells is not None and born[0, 0]:
-        cells.glance(belief.mean, heard.anchor, anchors, born, told, said.measured)
+    if state.grid is not None and born[0, 0]:
+        _weigh_by_visibility(state, anchor, buffers, ratios, model, work)
     found = int(born[0, 0])
     if not found:
         return Births.none()
     return Births(born[1 : 1 + found, 0], born[1 : 1 + found, 1:], told[:found, :2], told[:found, 2])
 
 
-def _room(measurements: int, hypotheses: int) -> tuple[NDArray[np.int32], Array, Array]:
-    """What the kernel fills in: births and their number, what they are, and scratch."""
-    most = measurements * hypotheses
-    return np.empty((1 + most, 3), np.int32), np.empty((most, 3)), np.empty((measurements, hypotheses))
+def _weigh_by_visibility(
+    state: State, anchor: int, births: ProposalBuffers, ratios: Evaluation, model: FilterModel,
+    work: Workspace,
+) -> None:  # fmt: skip
+    """Weigh births, where they were proposed, by V of their paths at the mean of the belief."""
+    from gridslam.kernels.management.births import glance
+
+    grid, cells, mean = state.require_grid(), work.require_cells(), state.belief.mean
+    glance(
+        mean, anchor, model.anchors, grid.shape[1], cells.occupancy(grid), cells.frame, cells.scratch.line,
+        cells.scratch.place, np.empty(((len(mean) - AGENT) // 2 * 3 + 6, 1)), np.empty((1, 4), np.int32),
+        np.empty((1, 14)), births.born, births.told, ratios.measured,
+    )  # fmt: skip
 
 
 @cache

@@ -3,18 +3,26 @@ owner of that kernel."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import Heard
 from gridslam.inference.state.belief import Belief
-from gridslam.world.radio import REFLECTION_BINS
+from gridslam.inference.state.ray_amplitudes import Key
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace import Workspace, timed
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import unit
+from gridslam.world.radio import REFLECTION_BINS, SignalModel
 
 Array = NDArray[np.float64]
+MOST_DOUBTFUL_M = 2.0
+"""A birth whose offset is less certain than this is put off until the agent knows better where it is."""
 RIVAL = 0.2
 """Share of a measurement's births from which on the second likeliest is followed, too."""
 
@@ -82,17 +90,52 @@ class Births:
         return followed
 
 
-def bear(
-    births: Births, number: int, heard: Heard, belief: Belief, radio: Array, anchors: Array
-) -> tuple[Belief, Array]:
-    """Belief with one hypothesis' surface appended, correlated with the agent, and corrected by the AoD.
+@timed("births")
+def add_births(
+    state: State, births: Births, heard: Heard, exchange: Exchange, signal: SignalModel, model: FilterModel,
+    shared: bool = True, *, work: Workspace,
+) -> tuple[State, Exchange, list[tuple[Key, int]]]:  # fmt: skip
+    """Add the new surfaces that are likely enough.
 
     Parameters
     ----------
-    radio : (11,)
-        `SignalModel.radio` of the anchor.
-    anchors : (J, 3)
-        x, y (m) and orientation (rad).
+    signal : SignalModel
+        As the radio seems to be.
+    shared : bool
+        Whether a surface serves all anchors, or the one alone that heard it.
+
+    Returns
+    -------
+    (state, exchange, bearers)
+        exchange: with what was born; bearers: the ray that bore each new surface, and its measurement.
+    """
+    bearers: list[tuple[Key, int]] = []
+    born: list[tuple[int, float]] = []
+    for number, existence in births.chosen(exchange.claimed, 0.5 * model.settings.prune_below):
+        belief, reflection = initialise_surface(births, number, heard, state.belief, signal, model)
+        if belief.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not np.isfinite(belief.mean).all():
+            continue
+        ends = births.hit[number].tolist()
+        bank = state.surfaces.add(
+            state.next_identity,
+            existence,
+            reflection,
+            float(belief.mean[:2] @ unit(belief.lines[-1, 0] + 0.5 * np.pi)),
+            (heard.anchor, *ends),
+            -1 if shared else heard.anchor,
+        )
+        state = replace(state, belief=belief, surfaces=bank, next_identity=state.next_identity + 1)
+        last, first = (int(bank.identity[s]) for s in ends)  # -1 is the last, which is the new one
+        measurement = int(births.measurement[number])
+        bearers.append(((heard.anchor, last, first), measurement))
+        born.append((measurement, existence))
+    return state, replace(exchange, born=np.array(born).reshape(-1, 2)), bearers
+
+
+def initialise_surface(
+    births: Births, number: int, heard: Heard, belief: Belief, signal: SignalModel, model: FilterModel
+) -> tuple[Belief, Array]:
+    """Belief with one hypothesis' surface appended, correlated with the agent, and corrected by the AoD.
 
     Returns
     -------
@@ -103,12 +146,12 @@ def bear(
     from gridslam.kernels.management.bearing import bear as launch
 
     row, (last, first), size = int(births.measurement[number]), births.hit[number].tolist(), len(belief.mean)
-    if max(last, first) >= len(belief.lines) or row >= len(heard) or heard.anchor >= len(anchors):
+    if max(last, first) >= len(belief.lines) or row >= len(heard) or heard.anchor >= len(model.anchors):
         raise ValueError("a birth names a surface, measurement or anchor that doesn't exist")
     mean, covariance = np.empty(size + 2), np.empty((size + 2, size + 2))
     reflection = np.empty(len(REFLECTION_BINS))
     launch(
-        belief.mean, belief.covariance, heard.anchor, anchors, heard.table, row, last, first, radio,
-        runtime.scratch("bear", (size + 2,)), mean, covariance, reflection,
+        belief.mean, belief.covariance, heard.anchor, model.anchors, heard.table, row, last, first,
+        signal.radio(heard.anchor), np.empty(size + 2), mean, covariance, reflection,
     )  # fmt: skip
     return Belief(mean, covariance), reflection

@@ -1,246 +1,155 @@
-"""Occupancy and coefficients of the grid (paper 003, eqs. (1), (2), (43)-(46)); owner of their kernels."""
+"""Occupancy of the grid: visibility of paths and messages to cells (paper 003, eqs. (1), (43)-(46)); owner of
+their kernels."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.inference.messages.prediction import Ahead
-from gridslam.inference.state.belief import AGENT
-from gridslam.inference.state.particles import Sampling
-from gridslam.inference.state.path_messages import Notes
+from gridslam.inference.messages.prediction import PathQuery, PredictedPaths
+from gridslam.inference.state.grid import Grid
+from gridslam.inference.state.particles import Draft, Sampling
 from gridslam.inference.state.polylines import Polylines
-from gridslam.kernels import ALREADY_LISTED, CELL_SLABS
-from gridslam.world.grid_memory import check_room, slabs_for
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace import Workspace, timed
+from gridslam.kernels import ALREADY_LISTED
+from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import REFLECTION_BINS
 
 Array = NDArray[np.float64]
 BINS = len(REFLECTION_BINS)
-EVIDENCE_CLIP = 12.0
-CLEAR_ANCHOR_M = 0.35
-OUTSIDE = 0.1
-"""Factor of a hit outside the grid."""
-OTHER_MATERIAL = 0.05
-"""Share of the belief that a wall is of another material where it is hit next."""
+RAYS = 48
+"""Sampled rays per path, from which validity and cell messages are averaged."""
 NO_BANK = np.empty(0), np.empty(0, np.int64), np.empty(0), np.empty((0, 0)), np.empty((0, 0, 0))
 NO_PATHS = np.empty(0), np.empty(0), np.empty((0, 12))
-"""What is told of surfaces, and of paths to be listed, where there are none to list."""
+"""Empty placeholders for a kernel's arguments where paths are listed already."""
 
 
-class Cells:
-    """Grid of cells: log odds of occupancy, and a log posterior of the reflection coefficient per hit cell.
+@dataclass(frozen=True, eq=False)
+class Visibility:
+    """What rays cast through the grid tell of an anchor's paths.
 
     Attributes
     ----------
-    origin, cell : (2,) m and m
-        Lower-left corner and side of a cell.
-    held : (ny, nx, BINS) float32
-        Log-likelihood over `REFLECTION_BINS`, where kernels find it; 0 at the best and `EVIDENCE_CLIP` below
-        at the worst, so that another material can be learned.
+    validity : (L,)
+        V of every path, eq. (1): probability that it is open.
+    products : (L, 2 BINS)
+        Belief over the product of the coefficients along every path, eq. (2), by nodes
+        ``(n + 1) / (2 BINS)``. A hit's own is made up of what surface and cells there believe, and of room
+        for a surprise.
     """
 
-    def __init__(
-        self, origin: Array, cell: float, shape: tuple[int, int], free_path: float, anchors: Array
-    ) -> None:
-        self.origin, self.cell, self.shape = np.asarray(origin, float), cell, shape
-        count = shape[0] * shape[1]
-        check_room(count)
-        self._evidence = np.zeros(shape)
-        self.observed = np.zeros(shape, dtype=bool)
-        self.held = runtime.resident(np.zeros((*shape, BINS), np.float32))
-        self.prior = 1 - np.exp(-cell / free_path)
-        self._clear = _clear(self.origin, cell, shape, anchors).view(np.uint8).reshape(-1)
-        slabs = slabs_for(CELL_SLABS[runtime.start()], count)
-        from gridslam.kernels.propagation.bundles import LANES, LINES, PLACES
-        from gridslam.kernels.propagation.occupancy import CELLS
+    validity: Array
+    products: Array
 
-        self._pending, self._stale = False, True
-        self._occupied = runtime.room((2, count))
-        self._line = runtime.room((slabs, LINES, LANES), np.float64)
-        self._place = runtime.room((slabs, PLACES, LANES), np.int32)
-        self._sums = runtime.resident(np.zeros((3 * slabs, count), np.float32))
-        self._touched = runtime.resident(np.zeros((2 * slabs, count + 1), np.int32))
-        self._met = runtime.resident(np.zeros((slabs, count), np.uint8))
-        self._message = runtime.resident(np.zeros((slabs, count), np.float32))
-        self._news = runtime.resident(np.zeros((slabs, -(-count // CELLS)), np.uint8))
-        self._frames: dict[tuple[float, ...], Array] = {}
 
-    @property
-    def evidence(self) -> Array:
-        """Log odds of every cell, 0 where untouched, (ny, nx); replace it whole, never in place."""
-        return self._evidence
+class CastBuffers(NamedTuple):
+    """What casting fills in: means of each path, beliefs about their coefficients, rays, and no factors."""
 
-    @evidence.setter
-    def evidence(self, value: Array) -> None:
-        self._evidence, self._stale = value, True
+    seen: Array
+    belief: Array
+    drawn: runtime.Resident
+    factor: Array
 
-    @property
-    def coefficient(self) -> Array:
-        """Log-likelihood over `REFLECTION_BINS` of every cell, (ny, nx, BINS)."""
-        return runtime.on_host(self.held)
+    @classmethod
+    def of(cls, paths: int, rays: int, beliefs: int) -> Self:
+        """Room for so many paths and rays each, and beliefs about the coefficients of so many."""
+        drawn = runtime.room((paths * rays, 14), np.float64)
+        return cls(np.empty((paths, 6)), np.empty((beliefs, 2 * BINS)), drawn, np.zeros((paths, 2)))
 
-    @coefficient.setter
-    def coefficient(self, value: Array) -> None:
-        self.held = runtime.resident(np.ascontiguousarray(value, dtype=np.float32))
 
-    def occupied(self) -> runtime.Resident:
-        """Occupancy in both roles, crossed and met, (2, ny nx) float32; it follows the evidence."""
-        if self._stale:
-            cells, groups = self._message.shape[1], self._news.shape[1]
-            self._fold(np.empty((0, cells), np.float32), np.empty((0, groups), np.uint8))  # messages stay
-        return self._occupied
+@timed("evaluation")
+def cast_paths(
+    state: State, anchor: int, model: FilterModel, *, work: Workspace
+) -> tuple[PredictedPaths, Visibility]:
+    """List and predict an anchor's paths, and cast them at sampled states: V, eq. (1), and coefficients.
 
-    def frame(self, *more: float) -> Array:
-        """Origin x and y, side of a cell, and what else a kernel wants to know, read-only."""
-        if more not in self._frames:
-            self._frames[more] = np.array([*self.origin, self.cell, *more])
-            self._frames[more].setflags(write=False)
-        return self._frames[more]
+    What is found lasts until the same anchor's paths are cast again.
+    """
+    query = PathQuery.of(state, anchor, model, RAYS, _number(state, anchor, model), work)
+    most = len(query.buffers.table)
+    cast = work.buffers(CastBuffers.of, anchor, most, RAYS, most)
+    _cast(query.attempts(), state.require_grid(), cast, cast.factor, state.surfaces.reflection, work)
+    paths = query.paths()
+    return paths, Visibility(cast.seen[: len(paths), 0], cast.belief[: len(paths)])
 
-    def see(self, ahead: Ahead, surface: Array) -> tuple[Array, Array]:
-        """List and predict an anchor's paths, and cast them at its samples: V, eq. (1), and coefficients.
 
-        What is told lasts until the same anchor's rays are seen again.
+@timed("cells")
+def cast_messages(state: State, model: FilterModel, *, work: Workspace) -> Polylines:
+    """Cast all paths of a step, and add their messages to the cells', eqs. (43)-(45), in the workspace.
 
-        Parameters
-        ----------
-        surface : (S, BINS)
-            Beliefs about the surfaces' coefficients.
+    What is drawn lasts until the next call.
+    """
+    messages, anchors = work.messages, len(model.anchors)
+    if messages.among[0] > len(state.surfaces) or messages.among[1] > anchors:
+        raise ValueError("messages are of surfaces or anchors that don't exist")
+    draft = work.buffers(Draft.of, anchors, len(state.belief.mean), RAYS)
+    samples = work.particles.samples(state.belief, _number(state, anchors, model), draft)
+    cast = work.buffers(CastBuffers.of, anchors, len(messages.path), RAYS, 0)
+    cast_at(samples, state.require_grid(), cast, model.anchors, work)
+    return Polylines(int(messages.count[0]), cast.drawn, cast.seen)
 
-        Returns
-        -------
-        (validity, belief)
-            validity (L,): V of every path. belief (L, 2 BINS): over the product of the coefficients along
-            every path, eq. (2), by nodes ``(n + 1) / (2 BINS)``. A hit's own is made up of what surface and
-            cells there believe, and of room for a surprise.
-        """
-        if len(surface) != ahead.among[0]:
-            raise ValueError("coefficients don't belong to these surfaces")
-        most, rays = len(ahead.table), ahead.sampling.draft.state.shape[1]
-        factor, seen, belief, drawn = runtime.lasting(
-            f"seen {ahead.site}", (most, rays), lambda: (np.zeros((most, 2)), *_room(most, rays))
-        )
-        self._cast(ahead.attempts(), factor, 0.0, surface, drawn, seen, belief)
-        count = int(ahead.found[0])
-        return runtime.lasting(
-            f"seen of {ahead.site}", (id(seen), count), lambda: (seen[:count, 0], belief[:count])
-        )
 
-    def glance(
-        self, mean: Array, anchor: int, anchors: Array, born: NDArray[np.int32], told: Array, measured: Array
-    ) -> None:
-        """Weigh births, in place, by V of their paths at the mean (N,) of the belief.
+def cast_at(samples: Sampling, grid: Grid, cast: CastBuffers, anchors: Array, work: Workspace) -> None:
+    """Cast the paths that messages are of at sampled states, and add their messages to the cells'."""
+    messages = work.messages
+    before = (
+        ALREADY_LISTED, 0, 0.0, 0.0, samples.belief.mean, samples.belief.covariance, anchors, *NO_BANK, 1.0,
+        samples.points, samples.first,
+    )  # fmt: skip
+    after = messages.path, *NO_PATHS, messages.count
+    attempts = ((*before, *way, *after) for way in samples.attempts())
+    work.require_cells().unsettled = True
+    none = np.empty((0, 2 * BINS))
+    _cast(attempts, grid, cast, messages.factor, none, work, sends=True, given=samples.given)
 
-        Parameters
-        ----------
-        born, told, measured : (1 + B, 3), (B, 3) and (4, M)
-            As `gridslam.kernels.management.births.propose` leaves them.
-        """
-        from gridslam.kernels.management.births import glance
 
-        glance(
-            mean, anchor, anchors, self.shape[1], self.occupied(), self.frame(OUTSIDE), self._line,
-            self._place, runtime.scratch("glance state", ((len(mean) - AGENT) // 2 * 3 + 6, 1)),
-            runtime.scratch("glance path", (1, 4), np.int32), runtime.scratch("glance drawn", (1, 14)),
-            born, told, measured,
+@timed("cells")
+def update_cells(state: State, *, work: Workspace) -> State:
+    """Fold the messages of all paths and anchors into the beliefs of the cells, eq. (46)."""
+    grid, cells = state.require_grid(), work.require_cells()
+    cells.occupancy(grid)
+    evidence, observed = cells.fold(grid, cells.scratch.message, cells.scratch.news)
+    cells.unsettled = False
+    return replace(state, grid=replace(grid, evidence=evidence, observed=observed))
+
+
+def _number(state: State, anchor: int, model: FilterModel) -> int:
+    """Which points states are sampled by: others for every step and anchor."""
+    return state.step * (len(model.anchors) + 1) + anchor
+
+
+def _cast(
+    attempts: Iterable[tuple[Any, ...]], grid: Grid, cast: CastBuffers, factor: Array, surface: Array,
+    work: Workspace, sends: bool = False, given: bool = False,
+) -> None:  # fmt: skip
+    """Cast rays.
+
+    Parameters
+    ----------
+    factor : (L, 2)
+        A of every path, and whether it sends messages.
+    surface : (S, BINS)
+        Beliefs about the surfaces' coefficients.
+    sends : bool
+        Whether messages are sent at all.
+    given : bool
+        Whether paths and samples are there already.
+    """
+    device, cells = runtime.start(), work.require_cells()
+    from gridslam.kernels.propagation.cells import cast as launch
+    from gridslam.kernels.propagation.rays import foresee
+
+    frame = cells.frame_of_messages if sends else cells.frame
+    for arguments in attempts:
+        if device == "gpu" and not given:
+            foresee(*arguments)
+        launch(
+            *arguments, factor, cells.occupancy(grid), frame, grid.row, grid.hit, surface, cast.drawn,
+            cast.seen, cast.belief, *cells.scratch,
         )  # fmt: skip
-
-    def tell(self, notes: Notes, samples: Sampling, anchors: Array, least: float) -> Polylines:
-        """Add the messages of paths to their cells, eqs. (43)-(45); `absorb` folds them in.
-
-        What is drawn lasts until the next call.
-
-        Parameters
-        ----------
-        notes : Notes
-            The paths.
-        samples : Sampling
-            States at which the rays are cast.
-        least : float
-            Share of the states at which a path must be possible to tell anything.
-        """
-        state, most = samples.draft.state, len(notes.path)
-        if notes.among[0] > len(state) // 3 - 1 or notes.among[1] > len(anchors):
-            raise ValueError("notes are of surfaces or anchors that don't exist")
-        self._pending = True
-        seen, none, drawn = runtime.lasting(
-            "told by", (most, state.shape[1]), lambda: _room(most, state.shape[1], 0)
-        )
-        before = (
-            ALREADY_LISTED, 0, 0.0, 0.0, samples.belief.mean, samples.belief.covariance, anchors, *NO_BANK,
-            1.0, samples.points, samples.first,
-        )  # fmt: skip
-        after = notes.path, *NO_PATHS, notes.count
-        asked = ((*before, *way, *after) for way in samples.attempts())
-        self._cast(asked, notes.factor, least, none, drawn, seen, none, samples.given)
-        return Polylines(int(notes.count[0]), drawn, seen)
-
-    def hits(self, least: float) -> Array:
-        """What kernels that cast rays and learn from their hits want to know; `least` as of `tell`."""
-        return self.frame(OUTSIDE, EVIDENCE_CLIP, least, OTHER_MATERIAL)
-
-    def _cast(
-        self, asked: Iterable[tuple[Any, ...]], factor: Array, least: float, surface: Array,
-        drawn: runtime.Resident, seen: Array, belief: Array, given: bool = False,
-    ) -> None:  # fmt: skip
-        """Cast; `given` says that paths and samples are there already."""
-        device = runtime.start()
-        from gridslam.kernels.propagation.cells import cast
-        from gridslam.kernels.propagation.rays import foresee
-
-        frame = self.hits(least)
-        for arguments in asked:
-            if device == "gpu" and not given:
-                foresee(*arguments)
-            cast(
-                *arguments, factor, self.occupied(), frame, self.held, surface, drawn, seen, belief,
-                self._line, self._place, self._sums, self._touched, self._met, self._message, self._news,
-            )  # fmt: skip
-
-    def forget(self) -> None:
-        """Drop messages that were never absorbed, since a step was interrupted."""
-        if self._pending:
-            self._message.fill(0)
-            self._news.fill(0)
-            self._pending = False
-
-    def absorb(self) -> None:
-        """Fold the messages of all paths and anchors into the beliefs, eq. (46)."""
-        self._fold(self._message, self._news)
-        self._pending = False
-
-    def _fold(self, message: runtime.Resident, news: runtime.Resident) -> None:
-        runtime.start()
-        from gridslam.kernels.propagation.occupancy import absorb
-
-        fresh, odds = np.empty(self.shape), float(np.log(self.prior / (1 - self.prior)))
-        every, self._stale = int(self._stale), True  # until all of it is done
-        self.observed = np.ascontiguousarray(self.observed)  # which is written to in place
-        absorb(
-            message, news, self._evidence.reshape(-1), self._clear, every, odds, EVIDENCE_CLIP,
-            fresh.reshape(-1), self.observed.view(np.uint8).reshape(-1), self._occupied,
-        )  # fmt: skip
-        self._evidence, self._stale = fresh, False
-
-
-def _clear(origin: Array, cell: float, shape: tuple[int, int], anchors: Array) -> NDArray[np.bool_]:
-    """Which cells (ny, nx) have their centre next to one of the anchors (J, 2), without room for all J."""
-    clear = np.zeros(shape, dtype=bool)
-    for place in anchors:
-        x, y = (
-            (origin[axis] + cell * (np.arange(shape[1 - axis]) + 0.5) - place[axis]) ** 2 for axis in (0, 1)
-        )
-        near_x, near_y = np.flatnonzero(x < CLEAR_ANCHOR_M**2), np.flatnonzero(y < CLEAR_ANCHOR_M**2)
-        near = np.sqrt(x[near_x] + y[near_y, None]) < CLEAR_ANCHOR_M
-        clear[np.ix_(near_y, near_x)] |= near
-    return clear
-
-
-def _room(paths: int, rays: int, told: int | None = None) -> tuple[Array, Array, runtime.Resident]:
-    """What casting fills in: means of each path, beliefs about coefficients of `told` paths, and rays."""
-    belief = np.empty((paths if told is None else told, 2 * BINS))
-    return np.empty((paths, 6)), belief, runtime.room((paths * rays, 14), np.float64)

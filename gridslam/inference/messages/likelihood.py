@@ -6,6 +6,7 @@ SLAM, amplitudes in adaptive SLAM. Both meet the measurements in the same kernel
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -55,6 +56,12 @@ class DetectionTable:
     def __call__(self, amplitude: Array) -> Array:
         """Detection probability of any amplitudes."""
         return np.interp(amplitude, self._u, self.chance)
+
+
+@lru_cache(16)
+def detection_table(signal: SignalModel) -> DetectionTable:
+    """The table of a radio, made once."""
+    return DetectionTable(signal)
 
 
 def deviations(

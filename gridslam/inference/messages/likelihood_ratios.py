@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.inference.messages.likelihood import AmplitudeBelief, DetectionTable
-from gridslam.inference.messages.prediction import Prediction
+from gridslam.inference.messages.likelihood import AmplitudeBelief, detection_table
+from gridslam.inference.messages.prediction import PredictedPaths
 from gridslam.inference.state.anchor_measurements import Heard
-from gridslam.inference.state.particles import Cloud, Recipe
-from gridslam.inference.state.rays import Rays
+from gridslam.inference.state.particles import Cloud
+from gridslam.inference.workspace import Workspace, timed
 from gridslam.kernels import PATH_BLOCK
 from gridslam.kernels.primitives import tables
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.radio import SignalModel
 
 Array = NDArray[np.float64]
 PORTION = 16
@@ -59,8 +61,8 @@ class Evaluation:
     blocks : (L + K or more, P / PATH_BLOCK) float32
         Over blocks of particles: at how many the path is possible; sums of each pair's weights; where the
         device has them.
-    odds : (11, L)
-        By path, rows as in `gridslam.kernels.primitives.tables`; the last three are left to the updates.
+    odds : (12, L)
+        By path, rows as in `gridslam.kernels.primitives.tables`; the last four are left to the updates.
     message : (5, L, M)
         By path and measurement, likewise; the last three are left to the association.
     measured : (4, M)
@@ -108,63 +110,75 @@ class Evaluation:
         """What the known paths send to each measurement, (M,)."""
         return self.measured[tables.CLAIMED]
 
-    def against(self, clutter: float) -> None:
-        """Make it, in place, what it is against a clutter level `clutter` times as high."""
-        pair = self.pairs.pair[: len(self.pairs)]
-        for told in (pair[:, 6], self.message[tables.RATIO], self.beta, self.explained):
-            told /= clutter
+    def against(self, clutter: float) -> Evaluation:
+        """The same against a clutter level `clutter` times as high."""
+        pair, message, measured = self.pairs.pair.copy(), self.message.copy(), self.measured.copy()
+        pair[: len(self.pairs), 6] /= clutter
+        message[tables.RATIO] /= clutter
+        message[tables.BETA] /= clutter
+        measured[tables.EXPLAINED] /= clutter
+        return replace(self, pairs=replace(self.pairs, pair=pair), message=message, measured=measured)
 
 
-class _Room(NamedTuple):
-    """Arrays of an evaluation that last: scratch, and what is told."""
+class RatioBuffers(NamedTuple):
+    """Arrays that an evaluation fills in, in the order of the kernel's arguments: scratch, then outputs."""
 
     scratch: tuple[runtime.Resident, ...]
     told: tuple[runtime.Resident, ...]
 
     @classmethod
-    def of(cls, paths: int, count: int, nodes: int, particles: int) -> _Room:
+    def of(cls, paths: int, count: int, nodes: int, particles: int) -> Self:
+        """Room for so many paths, measurements, amplitude nodes and particles."""
         most = max(paths * count, 1)
         scratch = np.empty((2, count, nodes)), np.empty((2, paths, count)), np.empty((most, 11), np.float32)
         start, index, pair = np.empty(paths + 1, np.int32), np.empty((most, 2), np.int32), np.empty((most, 8))
         blocks = runtime.room((paths + most, particles // PATH_BLOCK))
-        return cls(scratch, (np.empty((11, paths)), start, index, pair, blocks))
+        return cls(scratch, (start, index, pair, blocks))
 
 
+def _states(rows: int, particles: int) -> runtime.Resident:
+    """Room for the particles' states."""
+    return runtime.room((rows, particles))
+
+
+@timed("evaluation")
 def evaluate(
-    rays: Rays, predicted: Prediction, validity: Array, heard: Heard, amplitudes: AmplitudeBelief,
-    table: DetectionTable, radio: Array, recipe: Recipe, anchors: Array,
+    heard: Heard, paths: PredictedPaths, validity: Array, amplitudes: AmplitudeBelief, signal: SignalModel,
+    model: FilterModel, *, work: Workspace,
 ) -> tuple[Cloud, Evaluation]:  # fmt: skip
     """Pick pairs by distance and angles, draw the particles, and evaluate pairs and paths at them.
 
-    What is told lasts until the same anchor's next evaluation, particles until the next of any.
+    The pairs and the sums over blocks of particles last until the same anchor's next evaluation, particles
+    until the next of any.
 
     Parameters
     ----------
     validity : (L,)
         V: probability that the path is open.
-    radio : (11,)
-        `SignalModel.radio` of the anchor.
-    anchors : (J, 3)
-        x, y (m) and orientation (rad).
+    signal : SignalModel
+        As the radio seems to be.
     """
     runtime.start()
     from gridslam.kernels.messages.evaluation import evaluate as launch
 
-    paths, count, (rows, particles), nodes = len(rays), len(heard), recipe.room, amplitudes.nodes
+    rays, recipe, table = paths.rays, paths.recipe, detection_table(model.radio)
+    count, (rows, particles), nodes = len(heard), recipe.room, amplitudes.nodes
     if particles % PATH_BLOCK:
         raise ValueError(f"{particles} particles: whole blocks of {PATH_BLOCK} are needed")
-    rays.check(rows // 3 - 1, len(anchors))
-    anchor, broad = heard.anchor, -(-count // PORTION) * PORTION  # shapes that last
-    shape = paths, broad, len(nodes), particles
-    room = runtime.lasting(f"evaluation {anchor}", shape, lambda: _Room.of(*shape))
-    odds, start, index, pair, blocks = room.told
-    message, measured = np.empty((5, paths, count)), np.empty((4, count))
-    state = runtime.lasting("state", (rows, particles), lambda: runtime.room((rows, particles)))
+    rays.check(rows // 3 - 1, len(model.anchors))
+    broad = -(-count // PORTION) * PORTION  # shapes that last
+    buffers = work.buffers(RatioBuffers.of, heard.anchor, len(rays), broad, len(nodes), particles)
+    start, index, pair, blocks = buffers.told
+    odds, message, measured = (
+        np.empty((tables.ODDS, len(rays))), np.empty((5, len(rays), count)), np.empty((4, count)),
+    )  # fmt: skip
+    state = work.buffers(_states, 0, rows, particles)
     odds[tables.EXISTENCE], odds[tables.SURFACES], odds[tables.OPEN] = rays.existence, rays.surfaces, validity
     launch(
-        amplitudes.probability, nodes, 1.0 if amplitudes.spreading else 0.0, predicted.whole, heard.table,
-        table.chance, table.step, radio, recipe.kept, recipe.root, recipe.base, recipe.points, rays.table,
-        anchors, *room.scratch, odds, start, index, pair, state, blocks, message, measured,
+        amplitudes.probability, nodes, 1.0 if amplitudes.spreading else 0.0, paths.prediction.whole,
+        heard.table, table.chance, table.step, signal.radio(heard.anchor), recipe.kept, recipe.root,
+        recipe.base, recipe.points, rays.table, model.anchors, *buffers.scratch, odds, start, index, pair,
+        state, blocks, message, measured,
     )  # fmt: skip
     pairs = Pairs(int(start[-1]), start, index, pair)
     return Cloud(state, recipe.kept), Evaluation(pairs, blocks, odds, message, measured)

@@ -1,4 +1,5 @@
-"""Predicted parameters of paths, linearised at the mean of the belief; owner of that kernel."""
+"""Predicted paths, linearised at the mean of the belief, and their existence one step ahead; owner of that
+kernel."""
 
 from __future__ import annotations
 
@@ -6,18 +7,22 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.particles import Particles, Recipe, Sampling
+from gridslam.inference.state.particles import Draft, Recipe, Sampling
 from gridslam.inference.state.rays import P_APPEAR, P_STAY, Rays, listed_at_most
-from gridslam.inference.state.surface_bank import Bank
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace import Workspace, timed
+from gridslam.world.filter_model import FilterModel
 
 Array = NDArray[np.float64]
+EVERY_ANCHOR = -1
+AS_THEY_ARE = 1.0, 0.0
+"""Probabilities that a ray stays, and that one appears, where none has had time to change."""
 
 
 @dataclass(frozen=True)
@@ -43,144 +48,139 @@ class Prediction:
         return self.whole[:, 3:].reshape(-1, 3, 3)
 
 
+class PathBuffers(NamedTuple):
+    """Where a kernel leaves the paths that it lists.
+
+    Attributes
+    ----------
+    table, existence, surfaces, predicted : (most, 4), (most,), (most,), (most, 12)
+        Paths, existence of ray and of surfaces, and prediction.
+    found : (1,) int32
+        How many there are.
+    """
+
+    table: NDArray[np.int32]
+    existence: Array
+    surfaces: Array
+    predicted: Array
+    found: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, most: int) -> Self:
+        """Room for so many."""
+        table, found = np.empty((most, 4), np.int32), np.empty(1, np.int32)
+        return cls(table, np.empty(most), np.empty(most), np.empty((most, 12)), found)
+
+
 @dataclass(frozen=True)
-class Ahead:
-    """Paths that a kernel lists and predicts, and samples that it draws along with them.
+class PathQuery:
+    """What a kernel is asked for that lists and predicts paths, and draws samples along with them.
 
     Attributes
     ----------
     before : tuple
         Its first arguments, up to the points of the samples.
     sampling : Sampling
-    table, existence, surfaces, predicted : (most, 4), (most,), (most,), (most, 12)
-        Where it leaves paths, existence of ray and surfaces, and prediction.
-    found : (1,) int32
-        How many there are.
-    site : str
-        Whose paths these are.
+    buffers : PathBuffers
     among : (int, int)
         How many surfaces and anchors there are.
+    recipe : Recipe
+        How to draw the particles, true once a kernel was asked.
     """
 
     before: tuple[Any, ...]
     sampling: Sampling
-    table: NDArray[np.int32]
-    existence: Array
-    surfaces: Array
-    predicted: Array
-    found: NDArray[np.int32]
-    site: str
+    buffers: PathBuffers
     among: tuple[int, int]
+    recipe: Recipe
 
     @classmethod
     def of(
-        cls, bank: Bank, sight: Array, belief: Belief, anchors: Array, anchor: int, most_bounces: int,
-        change: tuple[float, float], kept: float, samples: Sampling,
-    ) -> Ahead:  # fmt: skip
-        """What to ask a kernel, to which all anchors are -1; what it tells lasts until the next question.
+        cls, state: State, anchor: int, model: FilterModel, samples: int, number: int, work: Workspace,
+        change: tuple[float, float] = (P_STAY, P_APPEAR),
+    ) -> Self:  # fmt: skip
+        """Ask for all paths worth a look from `anchor`; what is found lasts until the next question of it.
 
         Parameters
         ----------
+        samples, number : int
+            How many exact samples are drawn, and by which points; see `Particles.samples`.
         change : (float, float)
             Probabilities that a ray stays, and that one appears.
-        kept : float
-            Share of the covariance that particles won't be drawn with.
-        samples : Sampling
-            Drawn along with them.
         """
-        count, places = len(bank), len(anchors)
-        bank.check(belief, places, len(sight))
+        bank, belief, anchors = state.surfaces, state.belief, model.anchors
+        surfaces, places = len(bank), len(anchors)
+        bank.check(belief, places, len(state.los))
         if anchor >= places:
             raise ValueError("there is no such anchor")
-        most, site = (places if anchor < 0 else 1) * listed_at_most(count, most_bounces), f"paths {anchor}"
-        told = runtime.lasting(site, most, lambda: _room(most))
+        most = (places if anchor == EVERY_ANCHOR else 1) * listed_at_most(surfaces, model.max_bounces)
+        buffers = work.buffers(PathBuffers.of, anchor, most)
+        draft = work.buffers(Draft.of, anchor, len(belief.mean), samples)
+        sampling = work.particles.samples(belief, number, draft)
+        count, bandwidth = work.particles.ask(belief)
         before = (
-            anchor, most_bounces, *change, belief.mean, belief.covariance, anchors, bank.existence,
-            bank.owner, sight, bank.single, bank.double, _share(kept), samples.points,
-            samples.first,
+            anchor, model.max_bounces, *change, belief.mean, belief.covariance, anchors, bank.existence,
+            bank.owner, state.los, bank.single, bank.double, _share(bandwidth), sampling.points,
+            sampling.first,
         )  # fmt: skip
-        return cls(before, samples, *told, site, (count, places))
+        recipe = Recipe(draft.root, draft.base, sampling.points, count, bandwidth)
+        return cls(before, sampling, buffers, (surfaces, places), recipe)
 
     def attempts(self) -> Iterator[tuple[Any, ...]]:
-        """What a kernel is told; if it finds the covariance singular, once more otherwise."""
+        """The kernel's arguments; if it finds the covariance singular, once more otherwise."""
         for way in self.sampling.attempts():
-            yield (*self.before, *way, self.table, self.existence, self.surfaces, self.predicted, self.found)
+            yield (*self.before, *way, *self.buffers)
 
-    def paths(self) -> tuple[Rays, Prediction]:
+    def paths(self) -> PredictedPaths:
         """What was listed and predicted."""
-        count = int(self.found[0])
-        table, predicted = runtime.lasting(
-            f"listed {self.site}",
-            (id(self.table), count),
-            lambda: (self.table[:count], self.predicted[:count]),
-        )
-        rays = Rays(table, self.existence[:count], self.surfaces[:count], self.among)
-        return rays, Prediction(predicted)
+        count = int(self.buffers.found[0])
+        found = self.buffers
+        rays = Rays(found.table[:count], found.existence[:count], found.surfaces[:count], self.among)
+        return PredictedPaths(rays, Prediction(found.predicted[:count]), self.recipe)
 
 
-def look_ahead(
-    bank: Bank, sight: Array, belief: Belief, anchors: Array, anchor: int, most_bounces: int,
-    particles: Particles, number: int, samples: int,
-) -> tuple[Ahead, Recipe]:  # fmt: skip
-    """What to ask for all paths worth a look from `anchor`, with their existence one step ahead.
+@dataclass(frozen=True)
+class PredictedPaths:
+    """Paths of one anchor, or of all, as they are predicted.
 
-    Parameters
+    Attributes
     ----------
-    sight : (J,)
-        Existence of every anchor's line of sight.
-    anchors : (J, 3)
-        x, y (m) and orientation (rad).
-    particles : Particles
-        How to draw these comes along, true once a kernel was asked.
-    number, samples : int
-        Of some exact samples; see `Particles.samples`.
+    rays : Rays
+        L of them, with their existence one step ahead.
+    prediction : Prediction
+    recipe : Recipe
+        How to draw the particles at which they are evaluated.
     """
-    if anchor < 0:
-        raise ValueError("there is no such anchor")
-    count, kept = particles.ask(belief)
-    change = P_STAY, P_APPEAR
-    few = particles.samples(belief, number, samples, f"samples {anchor}")
-    ahead = Ahead.of(bank, sight, belief, anchors, anchor, most_bounces, change, kept, few)
-    return ahead, Recipe(few.draft.root, few.draft.base, few.points, count, kept)
+
+    rays: Rays
+    prediction: Prediction
+    recipe: Recipe
+
+    def __len__(self) -> int:
+        return len(self.rays)
 
 
-def foresee(
-    bank: Bank, sight: Array, belief: Belief, anchors: Array, anchor: int, most_bounces: int,
-    particles: Particles,
-) -> tuple[Rays, Prediction, Recipe]:  # fmt: skip
-    """All paths worth a look from `anchor`, one step ahead, as they are predicted; particles' recipe.
-
-    This asks what `look_ahead` puts, by a launch for nothing else. What is told lasts until the anchor's
-    paths are foreseen again.
-    """
-    ahead, recipe = look_ahead(bank, sight, belief, anchors, anchor, most_bounces, particles, 0, 0)
-    return *_foreseen(ahead), recipe
+@timed("evaluation")
+def predict_paths(state: State, anchor: int, model: FilterModel, *, work: Workspace) -> PredictedPaths:
+    """All paths worth a look from `anchor`, one step ahead: what is found lasts until the next question."""
+    return _listed(PathQuery.of(state, anchor, model, 0, 0, work))
 
 
-def paths_now(
-    bank: Bank, sight: Array, belief: Belief, anchors: Array, most_bounces: int, particles: Particles
-) -> Rays:
+def paths_now(state: State, model: FilterModel, *, work: Workspace) -> Rays:
     """All paths worth a look from any anchor, anchor by anchor, with their existence as it is now."""
-    none, as_it_is = particles.samples(belief, 0, 0, "no samples"), (1.0, 0.0)
-    return _foreseen(Ahead.of(bank, sight, belief, anchors, -1, most_bounces, as_it_is, 0.0, none))[0]
+    return _listed(PathQuery.of(state, EVERY_ANCHOR, model, 0, 0, work, AS_THEY_ARE)).rays
 
 
-def _foreseen(ahead: Ahead) -> tuple[Rays, Prediction]:
+def _listed(query: PathQuery) -> PredictedPaths:
     runtime.start()
     from gridslam.kernels.propagation.rays import foresee
 
-    for arguments in ahead.attempts():
+    for arguments in query.attempts():
         foresee(*arguments)
-    return ahead.paths()
+    return query.paths()
 
 
 @lru_cache(16)
-def _share(kept: float) -> float:
+def _share(bandwidth: float) -> float:
     """Share of the covariance's root that particles are drawn with."""
-    return math.sqrt(1 - kept)
-
-
-def _room(most: int) -> tuple[NDArray[np.int32], Array, Array, Array, NDArray[np.int32]]:
-    """Table, existence, surfaces and prediction of so many paths, and room for their number."""
-    table, found = np.empty((most, 4), np.int32), np.empty(1, np.int32)
-    return table, np.empty(most), np.empty(most), np.empty((most, 12)), found
+    return math.sqrt(1 - bandwidth)

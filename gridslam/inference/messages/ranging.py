@@ -7,11 +7,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.messages.likelihood import DetectionTable, deviations
+from gridslam.inference.messages.exact_association import associate_exactly
+from gridslam.inference.messages.likelihood import DetectionTable, detection_table, deviations
+from gridslam.inference.messages.likelihood_ratios import Evaluation
 from gridslam.inference.state.anchor_measurements import Heard
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rays import P_STAY
-from gridslam.inference.state.rings import BEARINGS, LEAST_EXISTENCE, MOVING, Rings, outer, symmetric, weighed
+from gridslam.inference.state.rings import (
+    BEARINGS,
+    LEAST_EXISTENCE,
+    MOVING,
+    Rings,
+    follow,
+    join,
+    move,
+    outer,
+    prune,
+    shrunk,
+    symmetric,
+    weighed,
+)
+from gridslam.inference.state.state import State
+from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import line_between, unit
 from gridslam.world.radio import REFLECTION_BINS, SignalModel
 
@@ -20,6 +37,116 @@ OVERLAP = 0.6
 """Deviation of a hypothesis along the ring at birth, in spacings: their sum is flat within 1 %."""
 APART = 2.0
 """Deviations by which a distance must exceed that of the anchor itself before it may begin a ring."""
+
+
+@dataclass(frozen=True)
+class Tentative:
+    """What an association leaves to rings, and to measurements that may begin some.
+
+    Attributes
+    ----------
+    nu : (R, M)
+        Messages to the rings of the anchor.
+    chance : (M,)
+        Probability that a measurement tells of a new image.
+    bearings : (M, K)
+        How likely that makes every bearing.
+    """
+
+    nu: Array
+    chance: Array
+    bearings: Array
+
+
+def move_rings(state: State, time_s: float, model: FilterModel) -> State:
+    """Motion of the agent of every hypothesis."""
+    if state.time_s is None:
+        return state
+    elapsed = time_s - state.time_s
+    return replace(state, rings=move(require(state), elapsed, model.settings.acceleration_mps2))
+
+
+def associate_with_rings(
+    state: State, heard: Heard, ratios: Evaluation, signal: SignalModel, model: FilterModel
+) -> tuple[tuple[Array, Array], Tentative]:
+    """Data association of virtual anchors and rings alike.
+
+    Returns
+    -------
+    (given, tentative)
+        given: messages (nu, claimed) of the virtual anchors, as of `association.associate`.
+    """
+    rings = require(state)
+    worth = judge(rings, heard, detection_table(model.radio), signal)
+    tentative, silent = claims(rings, worth)
+    born, bearings = expected(
+        state.belief, heard, signal, model.settings.births, model.middle, model.radius_m
+    )
+    nu, claimed = associate_exactly(
+        np.concatenate([ratios.beta, tentative]), np.concatenate([ratios.missed, silent]), ratios.new + born
+    )
+    paths = len(ratios.beta)
+    chance = born / (ratios.new + born + claimed)
+    return (nu[:paths], claimed), Tentative(nu[paths:], chance, bearings)
+
+
+def update_rings(
+    before: State, state: State, heard: Heard, tentative: Tentative, signal: SignalModel, model: FilterModel
+) -> State:
+    """Rings follow what an anchor's measurements did to the belief, learn of them, and begin."""
+    state = follow_belief(before, state)
+    rings = require(state)
+    worth = judge(rings, heard, detection_table(model.radio), signal)
+    rings = learn(rings, worth, tentative.nu)
+    fresh = begin(rings, state.belief, heard, signal, tentative.chance, tentative.bearings)
+    return replace(state, rings=fresh)
+
+
+def follow_belief(before: State, state: State) -> State:
+    """The rings follow what was done to the belief."""
+    return replace(state, rings=follow(require(state), before.belief, state.belief))
+
+
+def join_shrunk_rings(state: State, signal: SignalModel, model: FilterModel) -> State:
+    """Rings that have shrunk to a place become virtual anchors."""
+    for row in shrunk(require(state), model.anchor_positions, signal)[::-1].tolist():
+        rings = require(state)
+        ring = rings.take(np.array([row]))
+        anchor = int(ring.anchor[0])
+        belief = join(rings, row, state.belief, model.anchor_positions[anchor])
+        surfaces = state.surfaces.add(
+            state.next_identity,
+            float(ring.existence[0]),
+            np.full(len(REFLECTION_BINS), 1 / len(REFLECTION_BINS)),
+            float(belief.mean[:2] @ unit(belief.lines[-1, 0] + 0.5 * np.pi)),
+            (anchor, -1, -1),
+            anchor,
+            int(ring.age[0]),
+            int(ring.seen[0]),
+        )
+        rings = follow(rings, state.belief, belief).take(np.arange(len(rings)) != row)
+        state = replace(
+            state, belief=belief, surfaces=surfaces, rings=rings, next_identity=state.next_identity + 1
+        )
+    return state
+
+
+def prune_rings(state: State, model: FilterModel) -> State:
+    """Drop unlikely rings."""
+    return replace(state, rings=prune(require(state), model.settings.survival))
+
+
+def require(state: State) -> Rings:
+    """Rings of a system that keeps some.
+
+    Raises
+    ------
+    ValueError
+        This system keeps none.
+    """
+    if state.rings is None:
+        raise ValueError("this state has no rings")
+    return state.rings
 
 
 @dataclass(frozen=True)

@@ -6,16 +6,22 @@ both told. Nodes stand densely enough for the amplitude's noise at any strength.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.inference.messages.likelihood import DetectionTable
-from gridslam.inference.messages.likelihood_ratios import PORTION
+from gridslam.inference.messages.likelihood import detection_table
+from gridslam.inference.messages.likelihood_ratios import PORTION, Evaluation
+from gridslam.inference.messages.prediction import PredictedPaths
 from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.ray_amplitudes import Key, RayAmplitudes
 from gridslam.inference.state.rays import P_APPEAR, P_STAY, Rays
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace import Workspace, timed
 from gridslam.world.radio import SignalModel
 
 Array = NDArray[np.float64]
@@ -27,6 +33,8 @@ FINE, RATIO = 11.7, 0.03
 """Nodes ``FINE sinh(RATIO k)``: 0.35 apart where faint, 3 % apart where strong."""
 NEAREST_M = 0.2
 """Distance of free space whose amplitude is the last node; anything louder counts as that."""
+WORTH_KEEPING = 0.01
+"""Existence below which a ray's amplitude isn't kept."""
 
 
 @dataclass(frozen=True)
@@ -45,103 +53,167 @@ class Histogram:
     spreading = False
 
 
-class RayAmplitudes:
-    """Amplitude beliefs of all rays, kept by anchor and the identities of the surfaces they meet."""
+@dataclass(frozen=True, eq=False)
+class AmplitudeModel:
+    """Nodes, and what kernels take of them, for one radio.
 
-    def __init__(self, signal: SignalModel) -> None:
-        self.signal = signal
-        count = int(np.ceil(np.arcsinh(float(signal.amplitude(NEAREST_M)) / FINE) / RATIO))
-        self.nodes: Array = FINE * np.sinh(RATIO * (np.arange(count) + 1))
-        gap = np.gradient(self.nodes)
-        rate = 0.5 * np.square(WALK * self.nodes / gap)
-        rise, fall = np.append(rate[:-1], 0.0), np.append(0.0, rate[1:])
-        walk = np.stack([1 - 2 * rate, rise, fall])
-        self._gap = gap / gap.sum()
-        self._table = np.stack([self.nodes, self._gap, *(walk / walk.sum(0)), np.zeros(count)])
-        self._number = np.array([FINE, RATIO, signal.amplitude_at_1m, P_STAY, P_APPEAR, SURPRISE])
-        self._detected: DetectionTable | None = None
-        self._kept: dict[tuple[int, int, int], tuple[Array, float]] = {}
-        """Belief of every ray, and the length (m) of its path then."""
-        self._alive: bytes | None = None
+    Attributes
+    ----------
+    nodes : (K,)
+        Amplitudes.
+    gap : (K,)
+        Share of every node's cell; they sum to 1.
+    table : (6, K)
+        Nodes, gap, and the walk's three diagonals; then what silence is worth. See
+        `gridslam.kernels.messages.histograms`.
+    number : (6,)
+        FINE, RATIO, amplitude at 1 m, P_STAY, P_APPEAR, SURPRISE.
+    """
 
-    def predict(self, rays: Rays, identity: NDArray[np.int64], distance: Array) -> Histogram:
-        """Beliefs one step ahead, given that the ray exists.
-
-        A ray that was there walks on, eq. (13), about what free space makes of its new length: near an
-        anchor an amplitude doubles within a few steps. One that appears now may have any amplitude up to that
-        of free space at its `distance` (L,).
-        """
-        return Histogram(self._walked(rays, identity, distance)[0], self.nodes)
-
-    def correct(
-        self, rays: Rays, identity: NDArray[np.int64], belief: Histogram, distance: Array, heard: Heard,
-        responsible: Array, table: DetectionTable,
-    ) -> None:  # fmt: skip
-        """Multiply in what was heard, softly by association, eq. (26).
-
-        Parameters
-        ----------
-        distance : (L,) m
-        responsible : (L, M)
-            Probability that the path caused the measurement.
-        """
-        runtime.start()
-        from gridslam.kernels.messages.histograms import SILENT, listen
-
-        if table is not self._detected:
-            self._table[SILENT], self._detected = np.maximum(1 - table(self.nodes), SURPRISE), table
-        shape = belief.probability.shape
-        if responsible.shape != (len(rays), len(heard)) or shape != (len(rays), len(self.nodes)):
-            raise ValueError("beliefs don't belong to these rays and measurements")
-        after = np.empty(shape)  # whose rows are kept
-        room = runtime.scratch("amplitudes heard", (-(-len(heard) // PORTION) * PORTION, shape[1]))
-        listen(
-            belief.probability, heard.table, np.ascontiguousarray(responsible), self._table, self._number,
-            float(self.signal.samples), room, after,
-        )  # fmt: skip
-        worth = (rays.existence * rays.surfaces > 0.01).tolist()
-        for row, (key, length) in enumerate(zip(self._keys(rays, identity), distance.tolist(), strict=True)):
-            if worth[row]:
-                self._kept[key] = after[row], length
-
-    def start(self, ray: tuple[int, int, int], distance: float, amplitude: float) -> None:
-        """First belief of the `ray` (anchor, last, first) that bore a surface, from the measurement alone."""
-        self._alive = None  # a surface that dies in the step of its birth leaves rays behind, too
-        if np.isfinite(amplitude) and np.isfinite(distance):
-            log = self.signal.log_rician(np.minimum(amplitude, self.nodes[-1]), self.nodes)
-            density = self._gap * np.exp(log - log.max())
-            self._kept[ray] = density / density.sum(), distance
-
-    def mean(self, rays: Rays, identity: NDArray[np.int64], distance: Array) -> Array:
-        """Estimated amplitude of every ray, eq. (18), (L,)."""
-        return self._walked(rays, identity, distance)[1]
-
-    def _walked(self, rays: Rays, identity: NDArray[np.int64], distance: Array) -> tuple[Array, Array]:
-        """Beliefs one step ahead (L, K), and mean amplitudes before that step (L,)."""
-        runtime.start()
-        from gridslam.kernels.messages.histograms import walk
-
-        count, size = len(rays), len(self.nodes)
-        kept = runtime.scratch("amplitudes kept", (count, size))
-        length, scratch = runtime.scratch("lengths", (2, count)), runtime.scratch("amplitudes", (size,))
-        ahead, mean = np.empty((count, size)), np.empty(count)
-        length[0], length[1] = -1.0, distance
-        for row, key in enumerate(self._keys(rays, identity)):
-            known = self._kept.get(key)
-            if known is not None:
-                kept[row], length[0, row] = known
-        walk(kept, length, rays.existence, self._table, self._number, scratch, ahead, mean)
-        return ahead, mean
-
-    def forget(self, alive: NDArray[np.int64]) -> None:
-        """Drop the rays of surfaces that are no more."""
-        if alive.tobytes() != self._alive:  # else none can have gone
-            living, self._alive = {-1, *alive.tolist()}, alive.tobytes()
-            self._kept = {key: value for key, value in self._kept.items() if {*key[1:]} <= living}
+    nodes: Array
+    gap: Array
+    table: Array
+    number: Array
 
     @staticmethod
-    def _keys(rays: Rays, identity: NDArray[np.int64]) -> list[tuple[int, int, int]]:
-        named = np.append(identity, -1)
-        return list(
-            zip(rays.anchor.tolist(), named[rays.last].tolist(), named[rays.first].tolist(), strict=True)
-        )
+    @lru_cache(16)
+    def of(signal: SignalModel) -> AmplitudeModel:
+        """Nodes up to the amplitude of the nearest line of sight."""
+        from gridslam.kernels.messages.histograms import SILENT
+
+        count = int(np.ceil(np.arcsinh(float(signal.amplitude(NEAREST_M)) / FINE) / RATIO))
+        nodes: Array = FINE * np.sinh(RATIO * (np.arange(count) + 1))
+        gap = np.gradient(nodes)
+        rate = 0.5 * np.square(WALK * nodes / gap)
+        rise, fall = np.append(rate[:-1], 0.0), np.append(0.0, rate[1:])
+        walk = np.stack([1 - 2 * rate, rise, fall])
+        gap = gap / gap.sum()
+        table = np.stack([nodes, gap, *(walk / walk.sum(0)), np.zeros(count)])
+        table[SILENT] = np.maximum(1 - detection_table(signal)(nodes), SURPRISE)
+        number = np.array([FINE, RATIO, signal.amplitude_at_1m, P_STAY, P_APPEAR, SURPRISE])
+        return AmplitudeModel(nodes, gap, table, number)
+
+
+@timed("evaluation")
+def predict_amplitudes(
+    state: State, paths: PredictedPaths, signal: SignalModel, *, work: Workspace
+) -> Histogram:
+    """Beliefs one step ahead, given that the ray exists.
+
+    A ray that was there walks on, eq. (13), about what free space makes of its new length: near an anchor an
+    amplitude doubles within a few steps. One that appears now may have any amplitude up to that of free space
+    at its length.
+    """
+    distance = paths.prediction.value[:, 0]
+    return Histogram(_walked(state, paths.rays, distance, signal, work)[0], AmplitudeModel.of(signal).nodes)
+
+
+def mean_amplitudes(
+    state: State, rays: Rays, distance: Array, signal: SignalModel, *, work: Workspace
+) -> Array:
+    """Estimated amplitude of every ray, eq. (18), (L,)."""
+    return _walked(state, rays, distance, signal, work)[1]
+
+
+@timed("updates")
+def update_amplitudes(
+    state: State, paths: PredictedPaths, belief: Histogram, heard: Heard, ratios: Evaluation,
+    signal: SignalModel, *, work: Workspace,
+) -> State:  # fmt: skip
+    """Multiply in what was heard, softly by association, eq. (26).
+
+    Parameters
+    ----------
+    paths : PredictedPaths
+        Of the surfaces of `state`, as they were predicted.
+    belief : Histogram
+        One step ahead.
+    ratios : Evaluation
+        After the association.
+    """
+    runtime.start()
+    from gridslam.kernels.messages.histograms import listen
+
+    amplitudes, model, rays = require(state), AmplitudeModel.of(signal), paths.rays
+    responsible, shape = ratios.responsible, belief.probability.shape
+    if responsible.shape != (len(rays), len(heard)) or shape != (len(rays), len(model.nodes)):
+        raise ValueError("beliefs don't belong to these rays and measurements")
+    after = np.empty(shape)  # whose rows are kept
+    scratch = work.buffers(_densities, 0, -(-len(heard) // PORTION) * PORTION, shape[1])
+    listen(
+        belief.probability, heard.table, np.ascontiguousarray(responsible), model.table, model.number,
+        float(signal.samples), scratch, after,
+    )  # fmt: skip
+    worth = (rays.existence * rays.surfaces > WORTH_KEEPING).tolist()
+    distance, keys = paths.prediction.value[:, 0].tolist(), RayAmplitudes.keys(rays, state.surfaces.identity)
+    rows = enumerate(zip(keys, distance, worth, strict=True))
+    changes = {key: (after[row], length) for row, (key, length, kept) in rows if kept}
+    return replace(state, amplitudes=amplitudes.having(changes))
+
+
+def start_amplitudes(
+    state: State, born: Sequence[tuple[Key, int]], heard: Heard, signal: SignalModel
+) -> State:
+    """First beliefs of the rays that bore surfaces, from their measurements alone.
+
+    Parameters
+    ----------
+    born : sequence of (key, measurement)
+    """
+    model, changes = AmplitudeModel.of(signal), dict[Key, tuple[Array, float]]()
+    for key, measurement in born:
+        length, amplitude = float(heard.value[measurement, 0]), float(heard.amplitude[measurement])
+        if np.isfinite(amplitude) and np.isfinite(length):
+            log = signal.log_rician(np.minimum(amplitude, model.nodes[-1]), model.nodes)
+            density = model.gap * np.exp(log - log.max())
+            changes[key] = density / density.sum(), length
+    return replace(state, amplitudes=require(state).having(changes))
+
+
+def forget_amplitudes(state: State) -> State:
+    """The state without the rays of surfaces that are no more."""
+    return replace(state, amplitudes=require(state).among(state.surfaces.identity))
+
+
+def require(state: State) -> RayAmplitudes:
+    """Amplitudes of a system that keeps some.
+
+    Raises
+    ------
+    ValueError
+        This system keeps none.
+    """
+    if state.amplitudes is None:
+        raise ValueError("this state has no amplitudes of rays")
+    return state.amplitudes
+
+
+def _walked(
+    state: State, rays: Rays, distance: Array, signal: SignalModel, work: Workspace
+) -> tuple[Array, Array]:
+    """Beliefs one step ahead (L, K), and mean amplitudes before that step (L,)."""
+    runtime.start()
+    from gridslam.kernels.messages.histograms import walk
+
+    known, model = require(state).known, AmplitudeModel.of(signal)
+    count, size = len(rays), len(model.nodes)
+    before = work.buffers(_histograms, 0, count, size)
+    length, scratch = np.empty((2, count)), np.empty(size)
+    ahead, mean = np.empty((count, size)), np.empty(count)
+    length[0], length[1] = -1.0, distance
+    for row, key in enumerate(RayAmplitudes.keys(rays, state.surfaces.identity)):
+        belief = known.get(key)
+        if belief is not None:
+            before[row], length[0, row] = belief
+    walk(before, length, rays.existence, model.table, model.number, scratch, ahead, mean)
+    return ahead, mean
+
+
+def _densities(measurements: int, nodes: int) -> Array:
+    """Scratch: densities of amplitudes over nodes."""
+    return np.empty((measurements, nodes))
+
+
+def _histograms(paths: int, nodes: int) -> Array:
+    """Scratch: histograms before the step."""
+    return np.empty((paths, nodes))

@@ -3,19 +3,20 @@ of that kernel."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.inference.messages.cells import Cells
-from gridslam.inference.messages.likelihood import DetectionTable
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.path_messages import Notes
+from gridslam.inference.messages.cells import RAYS
+from gridslam.inference.messages.detections import latest_hits
+from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.state.polylines import Polylines
-from gridslam.inference.state.surface_bank import Bank
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace import Workspace, timed
+from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import REFLECTION_BINS, SignalModel
 
 Array = NDArray[np.float64]
@@ -52,29 +53,37 @@ def _nodes(amplitude_at_1m: float) -> Array:
     return nodes
 
 
-def learn(
-    notes: Notes, bank: Bank, belief: Belief, drawn: Polylines, least: float, cells: Cells,
-    table: DetectionTable, signal: SignalModel,
-) -> None:  # fmt: skip
-    """Learn coefficients of surfaces and cells, in place, from what a step's amplitudes said.
-
-    And remember which surfaces were seen, and where they were hit.
+@timed("cells")
+def update_coefficients(state: State, drawn: Polylines, model: FilterModel, *, work: Workspace) -> State:
+    """Learn coefficients of surfaces and cells from a step's amplitudes, and where surfaces were hit.
 
     Parameters
     ----------
     drawn : Polylines
-        The paths as cast at sampled states.
-    least : float
-        Share of the states at which a path must be possible to tell of cells.
+        The paths of the step's messages, as cast at sampled states.
     """
     runtime.start()
-    from gridslam.kernels.propagation.coefficients import learn as launch
+    from gridslam.kernels.propagation.coefficients import learn
 
+    messages, bank, belief, grid = work.messages, state.surfaces, state.belief, state.require_grid()
     surfaces = len(bank)
-    if notes.among[0] > surfaces or len(belief.lines) != surfaces:
-        raise ValueError("notes or belief aren't of these surfaces")
-    launch(
-        belief.mean, drawn.drawn, drawn.seen, *notes.arrays, table.chance, table.step, signal.radio(0),
-        cells.hits(least), runtime.scratch("learn", (surfaces,)), bank.reflection, cells.held,
-        runtime.scratch("latest", (surfaces,), np.int32), bank.foot, bank.extent, bank.seen,
+    if messages.among[0] > surfaces or len(belief.lines) != surfaces:
+        raise ValueError("messages or belief aren't of these surfaces")
+    reflection, foot, extent = bank.reflection.copy(), bank.foot.copy(), bank.extent.copy()
+    seen = bank.seen.copy()
+    row, used = grid.row.copy(), np.array([len(grid.hit)], np.int32)
+    hit = np.empty((len(grid.hit) + 2 * drawn.count * RAYS, BINS), np.float32)
+    hit[: len(grid.hit)] = grid.hit
+    detection, radio = detection_table(model.radio), state.calibration.tuned(model.radio, 0).radio(0)
+    usual, latest = work.buffers(_usual, 0, surfaces), work.buffers(latest_hits, 0, surfaces)
+    learn(
+        belief.mean, drawn.drawn, drawn.seen, *messages.arrays, detection.chance, detection.step, radio,
+        work.require_cells().frame_of_messages, usual, reflection, row, hit, used, latest, foot, extent, seen,
     )  # fmt: skip
+    bank = replace(bank, reflection=reflection, foot=foot, extent=extent, seen=seen)
+    return replace(state, surfaces=bank, grid=replace(grid, row=row, hit=hit[: int(used[0])]))
+
+
+def _usual(surfaces: int) -> Array:
+    """Scratch: mean coefficient of every surface."""
+    return np.empty(surfaces)

@@ -2,66 +2,132 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.inference.messages.association import ROUNDS, associate
+from gridslam.inference.messages.association import ROUNDS, associate, log_normaliser
 from gridslam.inference.messages.likelihood_ratios import Evaluation
-from gridslam.inference.messages.prediction import Prediction
+from gridslam.inference.messages.prediction import PredictedPaths
 from gridslam.inference.state.anchor_measurements import Heard
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.calibration import Watch
-from gridslam.inference.state.path_messages import Notes
+from gridslam.inference.state.health import NO_FIT
 from gridslam.inference.state.rays import Rays
-from gridslam.inference.state.surface_bank import Bank
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace import Workspace, timed
 from gridslam.kernels.primitives import tables
+from gridslam.world.filter_model import FilterModel
 
 Array = NDArray[np.float64]
 
 
-def update(
-    belief: Belief, bank: Bank, sight: Array, rays: Rays, predicted: Prediction, heard: Heard,
-    said: Evaluation, given: tuple[Array, Array] | None, watch: Watch, radio: Array, anchors: Array,
-    notes: Notes,
-) -> None:  # fmt: skip
-    """Associate; correct agent and surfaces and update what exists, in place; note how well it all fits.
+@dataclass(frozen=True, eq=False)
+class Exchange:
+    """What an anchor's measurements and the filter's paths told each other at one step.
+
+    Attributes
+    ----------
+    anchor : int
+    rays : Rays
+        The L paths, with their existence one step ahead.
+    odds : (12, L)
+        By path, `message` (5, L, M) by path and measurement, `measured` (4, M) by measurement: rows as in
+        `gridslam.kernels.primitives.tables`.
+    fit : (9,)
+        How the measurements fitted; see `gridslam.kernels.SUMS`.
+    particles : int
+        How many the paths were evaluated at.
+    born : (B, 2)
+        Measurement and existence of every new surface.
+    """
+
+    anchor: int
+    rays: Rays
+    odds: Array
+    message: Array
+    measured: Array
+    fit: Array
+    particles: int
+    born: Array
+
+    @property
+    def responsible(self) -> Array:
+        """Probability that a path caused a measurement, (L, M)."""
+        return self.message[tables.RESPONSIBLE]
+
+    @property
+    def claimed(self) -> Array:
+        """What the known paths send to each measurement, (M,)."""
+        return self.measured[tables.CLAIMED]
+
+    @property
+    def effective_sample_size(self) -> float:
+        """Least effective number of particles behind a sure association; all if there is none."""
+        return float(min(self.fit[8], self.particles))
+
+    @cached_property
+    def log_evidence(self) -> float:
+        """Log of the anchor's normaliser, in ratio to clutter; see `association.log_normaliser`."""
+        return log_normaliser(
+            self.message[tables.BETA], self.odds[tables.MISSED], self.measured[tables.NEW],
+            self.message[tables.NU], self.odds[tables.TOTAL],
+        )  # fmt: skip
+
+
+@timed("updates")
+def update_surfaces_and_agent(
+    state: State, heard: Heard, paths: PredictedPaths, ratios: Evaluation, turned: Array,
+    model: FilterModel, given: tuple[Array, Array] | None = None, *, work: Workspace,
+) -> tuple[State, Exchange]:  # fmt: skip
+    """Associate; correct agent and surfaces, and update what exists.
 
     The joint belief is corrected by every path in turn, surest first, moment-matched over its association.
     Each path is linearised where the ones before it have led: the sure ones carry the unsure.
 
     Parameters
     ----------
-    sight : (J,)
-        Existence of every anchor's line of sight, updated in place like the bank's rays.
-    said : Evaluation
+    ratios : Evaluation
         With its `new` filled in; its messages are filled in here.
+    turned : (J,) rad
+        By which the anchors are taken to be turned.
     given : (nu, claimed), optional
         Messages out of an association done otherwise, as of `association.associate`.
-    radio : (11,)
-        `SignalModel.radio` of the anchor, as told.
-    anchors : (J, 3)
-        x, y (m) and orientation (rad).
-    notes : Notes
-        To which what the measurements said is appended.
     """
     if runtime.start() == "gpu" and given is None:
-        given = associate(said.beta, said.missed, said.new)  # a device may bound how long one launch loops
+        given = associate(
+            ratios.beta, ratios.missed, ratios.new
+        )  # a device may bound how long one launch loops
     from gridslam.kernels.messages.updates import update as launch
 
-    rays.check(len(bank), len(sight))
-    rays.check(len(bank), len(anchors))
-    if not 0 <= heard.anchor < len(watch.fits):
+    rays, bank, anchor, messages = paths.rays, state.surfaces, heard.anchor, work.messages
+    surfaces, anchors = len(bank), len(model.anchors)
+    rays.check(surfaces, min(len(state.los), anchors))
+    if not 0 <= anchor < len(turned):
         raise ValueError("there is no such anchor")
-    pairs, mean, covariance = said.pairs, belief.mean, belief.covariance
-    share, rounds = runtime.scratch(f"share {heard.anchor}", (len(pairs.index),)), ROUNDS
+    belief, los, existence = state.belief.copy(), state.los.copy(), bank.existence.copy()
+    single, double, pairs, rounds = bank.single.copy(), bank.double.copy(), ratios.pairs, ROUNDS
+    share, scratch = work.buffers(_shares, anchor, len(pairs.index)), np.empty((len(belief.mean), 6))
+    fits = np.tile(NO_FIT, (len(turned), 1))
     if given is not None:
-        (said.message[tables.NU], said.measured[tables.CLAIMED]), rounds = given, 0
-    notes.reserve(len(rays), len(pairs), (len(bank), len(anchors)))
+        (ratios.message[tables.NU], ratios.measured[tables.CLAIMED]), rounds = given, 0
+    messages.reserve(len(rays), len(pairs), (surfaces, anchors))
     launch(
-        mean, covariance, rays.table, pairs.start, pairs.index, pairs.pair, said.odds, rounds, anchors,
-        predicted.whole, heard.table, said.blocks, radio, heard.anchor,
-        watch.taken,
-        runtime.scratch("update", (len(mean), 6)), said.message, said.measured, bank.existence, sight,
-        bank.single, bank.double, share, watch.fits, *notes.arrays,
+        belief.mean, belief.covariance, rays.table, pairs.start, pairs.index, pairs.pair, ratios.odds, rounds,
+        model.anchors, paths.prediction.whole, heard.table, ratios.blocks, model.radio.radio(anchor), anchor,
+        turned, scratch, ratios.message, ratios.measured, existence, los, single, double, share, fits,
+        *messages.arrays,
     )  # fmt: skip
+    bank = replace(bank, existence=existence, single=single, double=double)
+    listed = Rays(rays.table.copy(), rays.existence.copy(), rays.surfaces.copy(), rays.among)
+    exchange = Exchange(
+        anchor, listed, ratios.odds, ratios.message, ratios.measured, fits[anchor], paths.recipe.count,
+        np.zeros((0, 2)),
+    )  # fmt: skip
+    return replace(state, belief=belief, surfaces=bank, los=los), exchange
+
+
+def _shares(pairs: int) -> Array:
+    """Scratch: probability of each association."""
+    return np.empty(pairs)

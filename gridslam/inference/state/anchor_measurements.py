@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.measurements.table import Scan
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.scan import Scan
 
 Array = NDArray[np.float64]
 LOUD = np.log(1000.0)
@@ -64,6 +65,11 @@ class Heard:
         """Measurements given one by one; `threshold` is the amplitude from which on anything is heard."""
         table = _table(value, own_std, amplitude, threshold)
         return cls(anchor, place, facing, value, own_std, amplitude, table)
+
+
+def split_by_anchor(scan: Scan, model: FilterModel) -> list[Heard]:
+    """A scan, anchor by anchor, the silent ones too."""
+    return hear(scan, model.anchor_positions, model.anchor_orientations, model.radio.threshold)
 
 
 def hear(scan: Scan, places: Array, facings: Array, threshold: float = 0.0) -> list[Heard]:

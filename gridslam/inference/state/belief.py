@@ -33,7 +33,7 @@ class Belief:
     covariance: Array
 
     def copy(self) -> Belief:
-        """The same, which stays as it is when this one is corrected in place."""
+        """The same in arrays of its own."""
         return Belief(self.mean.copy(), self.covariance.copy())
 
     @property
@@ -63,8 +63,8 @@ def slots(surfaces: ArrayLike) -> NDArray[np.intp]:
 
 def predict(
     belief: Belief, dt: float, acceleration: float, heading: float, shift: float, feet: Array
-) -> None:
-    """Near-constant velocity, random-walk heading, and jitter of every surface at its wall; in place.
+) -> Belief:
+    """Near-constant velocity, random-walk heading, and jitter of every surface at its wall.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def predict(
     entries[angle + 1 :: on][: len(feet)] += lever
     entries[angle + size :: on] += lever
     entries[angle + size + 1 :: on] += lever * feet + shift**2
-    belief.mean[:], belief.covariance[:] = mean, covariance  # at the end, should anything interrupt
+    return Belief(mean, covariance)
 
 
 def update(belief: Belief, jacobian: Array, residuals: Array, noises: Array, weights: Array) -> Belief:

@@ -137,20 +137,17 @@ class Sampling:
     given: bool = False
 
     @classmethod
-    def of(
-        cls, belief: Belief, points: runtime.Resident, first: int, samples: int, site: str = "samples"
-    ) -> Sampling:
-        """So many samples by standard normal points; what is drawn lasts until the next of this site.
+    def of(cls, belief: Belief, points: runtime.Resident, first: int, draft: Draft) -> Sampling:
+        """As many samples by standard normal points as the draft has room for.
 
         Raises
         ------
         ValueError
-            The points have fewer entries than the belief.
+            The points have fewer entries than the belief, or the draft is of another size.
         """
         size = len(belief.mean)
-        if points.shape[0] < size:
+        if points.shape[0] < size or len(draft.whole) != size:
             raise ValueError(f"points of {points.shape[0]} entries for a belief of {size}")
-        draft = runtime.lasting(site, (size, samples), lambda: Draft.of(size, samples))
         return cls(belief, points, first, draft)
 
     @classmethod
@@ -199,13 +196,12 @@ class Particles:
 
     Attributes
     ----------
-    drawn : int
-        How many the latest recipe was for.
+    count : int
+        How many there are at most.
     """
 
     def __init__(self, count: int, seed: int, adapt: bool = False) -> None:
         self.count, self.adapt = -(-count // PATH_BLOCK) * PATH_BLOCK, adapt
-        self.drawn = self.count
         self._seed = seed
         self._points = np.zeros((0, self.count), np.float32)
         self._held: runtime.Resident = self._points
@@ -220,21 +216,19 @@ class Particles:
             self._points = points  # last, should anything interrupt
         return self._held
 
-    def samples(self, belief: Belief, number: int, samples: int, site: str = "samples") -> Sampling:
+    def samples(self, belief: Belief, number: int, draft: Draft) -> Sampling:
         """Exact samples of a belief by points that follow each other, from another one on for every `number`.
 
-        Those of a sequence of numbers are spread evenly over all points. What is drawn lasts until the next
-        of this site.
+        Those of a sequence of numbers are spread evenly over all points. The draft is where they are drawn.
         """
         first = (number * GOLDEN % 2**32) * self.count >> 32
-        return Sampling.of(belief, self.points(belief), first, samples, site)
+        return Sampling.of(belief, self.points(belief), first, draft)
 
     def ask(self, belief: Belief) -> tuple[int, float]:
         """How many particles to draw of a belief, and the share of the covariance that each keeps."""
         count = self.count
         if self.adapt:
             count = min(count, -int(-needed(belief) // PORTION) * PORTION)
-        self.drawn = count
         return count, _kept(count)
 
     def _column(self, number: int) -> Single:

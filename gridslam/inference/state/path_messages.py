@@ -1,4 +1,4 @@
-"""Notes of what the anchors' measurements said of their paths in one step, for coefficients and cells."""
+"""What the anchors' measurements said of their paths in one step, for coefficients and cells."""
 
 from __future__ import annotations
 
@@ -8,16 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 PORTION = 64
-"""Room for paths, and for pairs, comes in portions, so that it lasts."""
+"""Capacity for paths, and for pairs, grows in portions, so that arrays last."""
 
 
-class Notes:
-    """Paths of all anchors, one anchor after the other, as updates note them.
+class PathMessages:
+    """Paths of all anchors, one anchor after the other, as the updates' kernel appends them.
+
+    Part of a workspace: a step begins it anew, and nothing of it outlives the step.
 
     Parameters
     ----------
     kept : bool
-        False for a system that needs none: there is never room for any, and nothing is noted.
+        False for a system that needs none: there is never any capacity, and nothing is appended.
 
     Attributes
     ----------
@@ -27,11 +29,11 @@ class Notes:
         As of `Rays.table`.
     factor : (L or more, 2)
         A of each path: what it is worth if it is not blocked; whether it is likely enough to tell of cells.
-    told : (4, L or more)
+    summary : (4, L or more)
         See `gridslam.kernels.propagation.notes`.
     begin : (L + 1 or more,) int32
         Where the pairs of each path begin.
-    said : (2, K or more)
+    pairs : (2, K or more)
         Measured amplitude, negative for none, and probability of each pair.
     among : (int, int)
         No path names more surfaces and anchors.
@@ -40,32 +42,31 @@ class Notes:
     def __init__(self, kept: bool = True) -> None:
         self.count, self.among, self._kept = np.zeros(2, np.int32), (0, 0), kept
         self.path, self.factor = np.zeros((0, 4), np.int32), np.zeros((0, 2))
-        self.told, self.begin, self.said = np.zeros((4, 0)), np.zeros(1, np.int32), np.zeros((2, 0))
+        self.summary, self.begin, self.pairs = np.zeros((4, 0)), np.zeros(1, np.int32), np.zeros((2, 0))
 
     @property
     def arrays(self) -> tuple[NDArray[Any], ...]:
         """All of them, in the order of a kernel's arguments."""
-        return self.count, self.path, self.factor, self.told, self.begin, self.said
+        return self.count, self.path, self.factor, self.summary, self.begin, self.pairs
 
     def clear(self) -> None:
         """Begin a new step."""
         self.count[:], self.among = 0, (0, 0)
 
     def reserve(self, paths: int, pairs: int, among: tuple[int, int]) -> None:
-        """Make room for so many more, which name surfaces and anchors below these."""
+        """Have capacity for so many more, which name surfaces and anchors below these."""
         if not self._kept:
             return
         self.among = max(self.among[0], among[0]), max(self.among[1], among[1])
-        noted, paired = self.count.tolist()
-        if noted + paths > len(self.path):
-            more = _portions(noted + paths) - len(self.path)
-            path, factor, begin = (_longer(array, more) for array in (self.path, self.factor, self.begin))
-            told = _longer(self.told.T, more).T.copy()
-            # all or, should anything interrupt, none: kernels rely on the length of one
-            self.path, self.factor, self.told, self.begin = path, factor, told, begin
-        if paired + pairs > self.said.shape[1]:
-            more = _portions(paired + pairs) - self.said.shape[1]
-            self.said = _longer(self.said.T, more).T.copy()
+        listed, paired = self.count.tolist()
+        if listed + paths > len(self.path):
+            more = _portions(listed + paths) - len(self.path)
+            self.factor, self.begin = _longer(self.factor, more), _longer(self.begin, more)
+            self.summary = _longer(self.summary.T, more).T.copy()
+            self.path = _longer(self.path, more)  # last: its length says what there is capacity for
+        if paired + pairs > self.pairs.shape[1]:
+            more = _portions(paired + pairs) - self.pairs.shape[1]
+            self.pairs = _longer(self.pairs.T, more).T.copy()
 
 
 def _portions(count: int) -> int:

@@ -1,0 +1,88 @@
+"""Management of surfaces: duplicates merge into the older one, the unlikely are pruned; owner of the kernel
+that finds duplicates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gridslam import runtime
+from gridslam.inference.management.ghosts import drop_ghosts
+from gridslam.inference.state.belief import Belief, keep, slots, update
+from gridslam.inference.state.state import State
+from gridslam.inference.state.surface_bank import Bank
+from gridslam.world.filter_model import FilterModel
+
+MOST_SURFACES = 24
+CONFIRMED = ((60, 8), (25, 6), (5, 2))
+"""Ages from which on a surface must have been seen so often."""
+
+
+def prune(bank: Bank, belief: Belief, threshold: float) -> tuple[Bank, Belief]:
+    """Drop unlikely surfaces; a birth must be confirmed by detections soon, and the number is bounded.
+
+    Without confirmation a false birth hides: once its rays are believed blocked, no miss counts against it.
+    """
+    rows = zip(bank.existence.tolist(), bank.age.tolist(), bank.seen.tolist(), strict=True)
+    kept = [
+        existence >= (max(threshold, 0.3) if age >= 3 and seen < 3 else threshold)
+        and seen >= next((least for after, least in CONFIRMED if age >= after), 0)
+        for existence, age, seen in rows
+    ]
+    if all(kept) and len(kept) <= MOST_SURFACES:
+        return bank, belief
+    good = np.array(kept)
+    if good.sum() > MOST_SURFACES:
+        order = np.argsort(-bank.existence * good, kind="stable")
+        good = np.zeros(len(bank), dtype=bool)
+        good[order[:MOST_SURFACES]] = True
+    return bank.take(good), keep(belief, good)
+
+
+def merge(bank: Bank, belief: Belief) -> tuple[Bank, Belief]:
+    """Merge duplicates into the older surface by the joint belief that both are one line.
+
+    Two lines are one when they agree, within their joint covariance plus a centimetre, in angle and in
+    offset at the place where the younger was hit.
+    """
+    runtime.start()
+    from gridslam.kernels.management.tidying import duplicate
+
+    if len(belief.lines) != len(bank):
+        raise ValueError("belief and bank don't hold the same surfaces")
+    for _ in range(MOST_SURFACES + 1):
+        found, tie = np.empty(2, np.int32), np.empty((2, 5))
+        duplicate(belief.mean, belief.covariance, bank.foot, bank.owner, found, tie)
+        older, younger = found.tolist()
+        if older < 0:
+            break
+        jacobian = np.zeros((2, len(belief.mean)))
+        jacobian[:, slots(older)], jacobian[:, slots(younger)] = tie[:, :2], tie[:, 2:4]
+        belief = update(belief, jacobian, tie[None, :, 4], np.array([[1e-4, 1e-6]]), np.ones(1))
+        rest = np.arange(len(bank)) != younger
+        bank, belief = _united(bank, older, younger).take(rest), keep(belief, rest)
+    return bank, belief
+
+
+def _united(bank: Bank, older: int, younger: int) -> Bank:
+    """The bank with the better of two surfaces' records in the older one's place."""
+    existence, seen, single = bank.existence.copy(), bank.seen.copy(), bank.single.copy()
+    double, extent = bank.double.copy(), bank.extent.copy()
+    existence[older] = max(existence[older], existence[younger])
+    seen[older] = max(seen[older], seen[younger])
+    single[:, older] = np.maximum(single[:, older], single[:, younger])
+    double[:, older] = np.maximum(double[:, older], double[:, younger])
+    double[:, :, older] = np.maximum(double[:, :, older], double[:, :, younger])
+    ends = np.stack([extent[older], extent[younger]])
+    extent[older] = [np.fmin.reduce(ends[:, 0]), np.fmax.reduce(ends[:, 1])]
+    return replace(bank, existence=existence, seen=seen, single=single, double=double, extent=extent)
+
+
+def merge_and_prune(state: State, model: FilterModel) -> State:
+    """Merge duplicates, drop ghosts and the unlikely."""
+    bank, belief = merge(state.surfaces, state.belief)
+    if model.max_bounces > 1:
+        bank, belief = drop_ghosts(bank, belief, model.anchor_positions)
+    bank, belief = prune(bank, belief, model.settings.prune_below)
+    return replace(state, surfaces=bank, belief=belief)

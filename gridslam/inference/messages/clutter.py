@@ -1,0 +1,33 @@
+"""The level of clutter, learned from what no path can have caused, and likelihood ratios against it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from gridslam.inference.messages.likelihood_ratios import Evaluation
+from gridslam.inference.state.state import State
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.radio import SignalModel
+
+
+def learn_clutter(
+    state: State, anchor: int, ratios: Evaluation, signal: SignalModel, model: FilterModel
+) -> tuple[State, Evaluation, SignalModel]:
+    """Take in how much clutter an anchor's scan holds, before its association.
+
+    Parameters
+    ----------
+    signal : SignalModel
+        By which the ratios were evaluated.
+
+    Returns
+    -------
+    (state, ratios, signal)
+        With the level that is believed now.
+    """
+    calibration = state.calibration.heard_clutter(anchor, ratios.clutter, model.radio)
+    level = calibration.level(anchor, model.radio.false_alarms)
+    if level != signal.false_alarms:
+        ratios = ratios.against(level / signal.false_alarms)
+        signal = replace(signal, false_alarms=level)
+    return replace(state, calibration=calibration), ratios, signal

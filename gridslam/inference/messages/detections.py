@@ -1,0 +1,46 @@
+"""Which surfaces were seen, and where they were hit; owner of that kernel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam import runtime
+from gridslam.inference.state.particles import at_mean
+from gridslam.inference.state.polylines import draw_paths
+from gridslam.inference.state.rays import Rays
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace import Workspace, timed
+from gridslam.world.filter_model import FilterModel
+
+Array = NDArray[np.float64]
+
+
+@timed("cells")
+def mark_detections(state: State, rays: Rays, share: Array, model: FilterModel, *, work: Workspace) -> State:
+    """Remember which surfaces were seen by an anchor, and where its rays hit them at the belief's mean.
+
+    Parameters
+    ----------
+    share : (L,)
+        Probability that the path caused a measurement, if it is possible; above one half it counts.
+    """
+    runtime.start()
+    from gridslam.kernels.propagation.sightings import mark
+
+    bank, belief = state.surfaces, state.belief
+    lines = draw_paths(rays, at_mean(belief), model.anchors)
+    rays.check(len(bank))
+    if len(belief.lines) != len(bank) or not len(rays) == lines.count == len(share):
+        raise ValueError("belief, bank, rays and what was drawn of them don't belong together")
+    foot, extent, seen = bank.foot.copy(), bank.extent.copy(), bank.seen.copy()
+    latest = work.buffers(latest_hits, 0, len(bank))
+    mark(belief.mean, rays.table, lines.seen, share, latest, foot, extent, seen)
+    return replace(state, surfaces=replace(bank, foot=foot, extent=extent, seen=seen))
+
+
+def latest_hits(surfaces: int) -> NDArray[np.int32]:
+    """Scratch of the kernels that remember hits: of every surface its latest path."""
+    return np.empty(surfaces, np.int32)

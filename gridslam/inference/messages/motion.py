@@ -1,0 +1,41 @@
+"""Prediction of the state over time: motion of the agent, jitter and survival of the surfaces."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gridslam.inference.state import belief, surface_bank
+from gridslam.inference.state.state import State
+from gridslam.world.filter_model import FilterModel
+
+JITTER = 0.2
+"""Share of the papers' surface jitter that is used: it keeps particles apart, a Gaussian needs less."""
+
+
+def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> State:
+    """The state at the time of a scan, before any of it is taken in (paper 003, section III-C).
+
+    At the first step nothing has moved yet. What was learned of the radio fades.
+
+    Parameters
+    ----------
+    scan_size : int
+        How many measurements were heard.
+    """
+    settings, joint, surfaces = model.settings, state.belief, state.surfaces
+    if state.time_s is not None:
+        joint = belief.predict(
+            joint, time_s - state.time_s, settings.acceleration_mps2, np.radians(settings.heading_deg),
+            JITTER * settings.surface_m, surfaces.foot,
+        )  # fmt: skip
+        surfaces = surface_bank.evolve(surfaces, settings.survival, settings.reflection)
+    return replace(
+        state,
+        belief=joint,
+        surfaces=surfaces,
+        calibration=state.calibration.faded(),
+        monitor=state.monitor.begun(scan_size),
+        time_s=time_s,
+    )

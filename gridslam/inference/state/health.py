@@ -1,0 +1,149 @@
+"""A filter's own word on whether what is heard fits what is believed. Nothing here needs the truth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.estimates import Health
+from gridslam.inference.state.calibration import KEEP, Calibration
+from gridslam.kernels import SUMS
+from gridslam.world.filter_model import FilterModel
+
+Array = NDArray[np.float64]
+SLOW = 0.03
+"""Share of news that enters what is usual."""
+SILENT, LOST, MISFIT, LOUD_CLUTTER, FEW, VAGUE_M = 5, 0.5, 1.7, 3.0, 3.0, 1.0
+"""When something is amiss: steps of silence; share of the usual explained; ratio of innovations to what is
+expected; of clutter; effective particles; position's standard deviation."""
+AFRESH, ENOUGH = 5, 4
+"""Steps for which a new start is reported; loud measurements that are needed to call it for."""
+NO_FIT = np.append(np.zeros(SUMS - 1), np.inf)
+"""Sums of an anchor before its measurements were taken in."""
+
+
+@dataclass(frozen=True)
+class HealthMonitor:
+    """How well measurements have fitted lately.
+
+    Attributes
+    ----------
+    misfit, freedom : float
+        Normalised innovations squared of sure associations, and their degrees of freedom: numbers measured
+        with finite deviations.
+    explained, loud : float
+        Measurements too loud for clutter that known paths explain, and all such.
+    usual, near : float
+        Share of them that is explained, and that lies where a line of sight or a single bounce is predicted,
+        in the long run.
+    silent, since : int
+        Steps of silence so far; steps since the agent was found again.
+    """
+
+    misfit: float = 0.0
+    freedom: float = 0.0
+    explained: float = 0.0
+    loud: float = 0.0
+    usual: float = 0.0
+    near: float = 0.0
+    silent: int = 0
+    since: int = 1_000_000
+
+    def begun(self, scan_size: int) -> Self:
+        """A new step, at which `scan_size` measurements were heard."""
+        return replace(
+            self,
+            misfit=KEEP * self.misfit,
+            freedom=KEEP * self.freedom,
+            explained=KEEP * self.explained,
+            loud=KEEP * self.loud,
+            silent=0 if scan_size else self.silent + 1,
+            since=self.since + 1,
+        )
+
+    def fitted(self, fits: Array) -> Self:
+        """Take in how the measurements of all anchors fitted, (J, 9); see `gridslam.kernels.SUMS`."""
+        misfit, freedom, _, _, explained, loud = fits[:, :6].sum(0).tolist()
+        return replace(
+            self,
+            misfit=self.misfit + misfit,
+            freedom=self.freedom + freedom,
+            explained=self.explained + explained,
+            loud=self.loud + loud,
+        )
+
+    def is_lost(self, count: int, near: int) -> bool:
+        """Whether, of `count` loud measurements, far fewer than usual lie where a path is predicted."""
+        return count >= ENOUGH and bool(near < LOST * self.near * count)
+
+    def followed(self, count: int, near: int) -> Self:
+        """Take in how many loud measurements lie where a path is predicted, at a step that isn't lost."""
+        return self if count < ENOUGH else replace(self, near=self.near + SLOW * (near / count - self.near))
+
+    def found_again(self) -> Self:
+        """The agent was found by other means than following it."""
+        return replace(self, since=0)
+
+    def assess(
+        self, calibration: Calibration, turned: Array, model: FilterModel, spread_m: float, effective: float
+    ) -> tuple[Health, Self]:
+        """Say how things are.
+
+        Parameters
+        ----------
+        turned : (J,) rad
+            By which the anchors were taken to be turned at this step.
+        spread_m : float
+            Standard deviation of the position.
+        effective : float
+            Least effective number of particles behind a sure association.
+
+        Returns
+        -------
+        (health, monitor)
+            With what is usual learned, unless nothing was heard.
+        """
+        share, stated = (self.explained + 1) / (self.loud + 1), model.radio.false_alarms
+        ratio = self.misfit / self.freedom if self.freedom > 0 else 1.0
+        low, high = innovation_band(self.freedom)
+        heard = [calibration.estimate(j, stated) for j in range(len(calibration.clutter))]
+        reasons = []
+        if self.silent >= SILENT:
+            reasons.append(f"nothing heard for {self.silent} steps")
+        if spread_m > VAGUE_M:
+            reasons.append(f"position known to {spread_m:.1f} m alone")
+        if self.since < AFRESH:
+            reasons.append(f"agent found again {self.since} steps ago")
+        if self.usual > 0 and share < LOST * self.usual:
+            reasons.append(f"{share:.0%} of the loud measurements explained, usually {self.usual:.0%}")
+        if ratio > max(high, MISFIT):
+            reasons.append(f"innovations {ratio:.1f} times as large as they should be")
+        clutter = max(heard) / stated
+        if clutter > LOUD_CLUTTER:
+            reasons.append(f"clutter {clutter:.1f} times what the scene says")
+        if turned.any():
+            worst = int(np.abs(turned).argmax())
+            turn = np.degrees(turned[worst])
+            reasons.append(f"anchor {model.anchor_names[worst]} seems turned by {turn:.1f} degrees")
+        if effective < FEW:
+            reasons.append(f"{effective:.0f} particles carry the weight")
+        health = Health(
+            not reasons, "; ".join(reasons), effective, ratio, (low, high), share, np.array(heard),
+            calibration.gain, calibration.turned, self.silent,
+        )  # fmt: skip
+        if self.silent:
+            return health, self
+        return health, replace(
+            self, usual=self.usual + (SLOW if self.usual > 0 else 1.0) * (share - self.usual)
+        )
+
+
+def innovation_band(freedom: float) -> tuple[float, float]:
+    """Band of the mean normalised innovation squared with 0.998 probability (Wilson and Hilferty)."""
+    part = 2 / (9 * max(freedom, 1.0))
+    reach = 3.09 * math.sqrt(part)
+    return max(1 - part - reach, 0.0) ** 3, (1 - part + reach) ** 3

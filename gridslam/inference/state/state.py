@@ -1,0 +1,84 @@
+"""The state of a filter: all that a step needs of the steps before, and all that a checkpoint holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.calibration import Calibration
+from gridslam.inference.state.grid import Grid
+from gridslam.inference.state.health import HealthMonitor
+from gridslam.inference.state.ray_amplitudes import RayAmplitudes
+from gridslam.inference.state.rings import Rings
+from gridslam.inference.state.surface_bank import Bank
+from gridslam.world.filter_model import FilterModel
+
+Array = NDArray[np.float64]
+FRESH_SIGHT = 0.9
+"""Existence of an anchor's line of sight before anything was heard."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What is believed after a step. A value: nothing of it is changed once a step has returned it.
+
+    Attributes
+    ----------
+    belief : Belief
+        Joint Gaussian of agent and surfaces.
+    surfaces : Bank
+        Existence, coefficients and rays of the surfaces, in the order of the belief.
+    los : (J,) float64
+        Existence of every anchor's line of sight.
+    calibration : Calibration
+        What was learned of the radio.
+    monitor : HealthMonitor
+        How well measurements fitted.
+    step, next_identity : int
+        Steps taken; number of the next new surface.
+    time_s : float or None
+        Of the latest step; None before the first.
+    grid : Grid, optional
+        Occupancy and coefficients of cells (grid SLAM).
+    amplitudes : RayAmplitudes, optional
+        Amplitude of every ray (adaptive SLAM).
+    rings : Rings, optional
+        Tentative virtual anchors (SLAM by virtual anchors).
+    """
+
+    belief: Belief
+    surfaces: Bank
+    los: Array
+    calibration: Calibration
+    monitor: HealthMonitor
+    step: int = 0
+    next_identity: int = 0
+    time_s: float | None = None
+    grid: Grid | None = None
+    amplitudes: RayAmplitudes | None = None
+    rings: Rings | None = None
+
+    @classmethod
+    def start(cls, model: FilterModel) -> Self:
+        """Before the first step: the agent's prior, and no surfaces."""
+        anchors = len(model.anchors)
+        return cls(
+            Belief(model.start_mean, np.diag(model.start_variance)), Bank.empty(anchors),
+            np.full(anchors, FRESH_SIGHT), Calibration.start(anchors), HealthMonitor(),
+        )  # fmt: skip
+
+    def require_grid(self) -> Grid:
+        """The grid, of a system that keeps one.
+
+        Raises
+        ------
+        ValueError
+            This system keeps none.
+        """
+        if self.grid is None:
+            raise ValueError("this state has no grid")
+        return self.grid

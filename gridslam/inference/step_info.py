@@ -1,0 +1,72 @@
+"""What happened at a step, returned beside the new state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.estimates import Health
+from gridslam.inference.messages.updates import Exchange
+from gridslam.inference.state.calibration import Calibration
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace import Workspace
+from gridslam.world.filter_model import FilterModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class StepInfo:
+    """Messages, timing and health of one step.
+
+    Attributes
+    ----------
+    exchanges : sequence of Exchange
+        Of every anchor, in the order in which they were taken in.
+    health : Health
+    seconds : mapping of str to float
+        Where the time went, by stage.
+    found_again : bool
+        Whether the agent was found by other means than following it.
+    turned : (J,) rad
+        By which the anchors were taken to be turned.
+    gain : float
+        Ratio of true to stated amplitude that was reckoned with.
+    """
+
+    exchanges: Sequence[Exchange]
+    health: Health
+    seconds: Mapping[str, float]
+    found_again: bool
+    turned: Array
+    gain: float
+
+    @cached_property
+    def log_evidence(self) -> float:
+        """Log of the step's normaliser: that of each anchor given the ones before, in ratio to clutter."""
+        return sum(exchange.log_evidence for exchange in self.exchanges)
+
+
+def conclude(
+    state: State, exchanges: Sequence[Exchange], reckoned: Calibration, model: FilterModel, work: Workspace
+) -> tuple[State, StepInfo]:
+    """Learn how everything fitted, count the step, say how things are, and put together what happened.
+
+    Parameters
+    ----------
+    reckoned : Calibration
+        What the step took the radio to be like.
+    """
+    fits = np.stack([exchange.fit for exchange in exchanges])
+    monitor, calibration = state.monitor.fitted(fits), state.calibration.fitted(fits)
+    spread = np.sqrt(float(state.belief.covariance[0, 0] + state.belief.covariance[1, 1]))
+    effective = min((exchange.effective_sample_size for exchange in exchanges), default=np.inf)
+    health, monitor = monitor.assess(calibration, reckoned.turned, model, spread, effective)
+    found_again = monitor.since == 0
+    state = replace(state, calibration=calibration, monitor=monitor, step=state.step + 1)
+    times, turned = work.times(), reckoned.turned
+    return state, StepInfo(tuple(exchanges), health, times, found_again, turned, reckoned.gain)

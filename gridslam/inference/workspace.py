@@ -1,0 +1,144 @@
+"""A filter's workspace: buffers and clock, which die with it. It holds nothing of the state."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Hashable
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.inference.cell_buffers import CellBuffers
+from gridslam.inference.state.particles import Particles
+from gridslam.inference.state.path_messages import PathMessages
+from gridslam.world.filter_model import FilterModel
+
+Array = NDArray[np.float64]
+Made = TypeVar("Made")
+P = ParamSpec("P")
+R = TypeVar("R")
+OTHER = "bookkeeping"
+"""Stage of whatever isn't timed by itself."""
+
+
+class Workspace:
+    """What the steps of one filter write to and may forget.
+
+    Attributes
+    ----------
+    particles : Particles
+        Normal points from which beliefs are sampled; they follow from seed and number.
+    messages : PathMessages
+        What the anchors' measurements said of their paths, within a step.
+    seconds : dict of str to float
+        Time of the latest step, by stage.
+
+    Parameters
+    ----------
+    model : FilterModel
+    seed : int
+    grid : bool
+        Whether the system maps cells.
+
+    Raises
+    ------
+    InputError
+        The machine has no memory for so many cells.
+    """
+
+    def __init__(self, model: FilterModel, seed: int, grid: bool = False) -> None:
+        settings = model.settings
+        self.seed = seed
+        self._cells = CellBuffers(model) if grid else None
+        self.particles = Particles(settings.particles, seed, settings.adapt_particles)
+        self.messages = PathMessages(grid)
+        self.seconds: dict[str, float] = {}
+        self._buffers: dict[tuple[Callable[..., Any], Hashable], tuple[tuple[Any, ...], Any]] = {}
+        self._stages = [OTHER]
+        self._since = time.perf_counter()
+        self._turned: tuple[FilterModel, bytes, FilterModel] | None = None
+
+    def begin(self) -> None:
+        """A new step: whatever an earlier one left, should it have been interrupted, is dropped."""
+        self.messages.clear()
+        if self._cells is not None:
+            self._cells.settle()
+        self.seconds = {}
+        self._stages = [OTHER]
+        self._since = time.perf_counter()
+
+    def buffers(self, make: Callable[..., Made], slot: Hashable, *shape: Any) -> Made:
+        """What `make` made of this shape for the slot, made anew if the latest was of another one.
+
+        The slot tells apart what is in use at the same time, as the anchors' arrays are.
+        """
+        known = self._buffers.get((make, slot))
+        if known is None or known[0] != shape:
+            known = self._buffers[make, slot] = shape, make(*shape)
+        made: Made = known[1]
+        return made
+
+    def require_cells(self) -> CellBuffers:
+        """Arrays of the cells, of a system that maps them.
+
+        Raises
+        ------
+        ValueError
+            This system maps none.
+        """
+        if self._cells is None:
+            raise ValueError("this system has no grid")
+        return self._cells
+
+    def calibrated(self, model: FilterModel, turns: Array) -> FilterModel:
+        """The model with its anchors turned by (J,) rad; the same object for as long as nothing turns."""
+        key = turns.tobytes()
+        if self._turned is None or self._turned[0] is not model or self._turned[1] != key:
+            self._turned = model, key, model.turned(turns)
+        return self._turned[2]
+
+    @property
+    def stage(self) -> str:
+        """For which stage time counts now."""
+        return self._stages[-1]
+
+    def enter(self, stage: str) -> None:
+        """From now on time counts for this stage."""
+        self._count()
+        self._stages.append(stage)
+
+    def leave(self) -> None:
+        """From now on time counts for the stage before."""
+        self._count()
+        self._stages.pop()
+
+    def _count(self) -> None:
+        now, stage = time.perf_counter(), self._stages[-1]
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._since
+        self._since = now
+
+    def times(self) -> dict[str, float]:
+        """Seconds of the step so far, by stage."""
+        self._count()
+        return dict(self.seconds)
+
+
+def timed(stage: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Count a function's time for a stage, in the workspace that it is handed as `work`."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        @wraps(function)
+        def run(*arguments: P.args, **named: P.kwargs) -> R:
+            work = named["work"]
+            assert isinstance(work, Workspace)
+            work.enter(stage)
+            try:
+                return function(*arguments, **named)
+            finally:
+                work.leave()
+
+        return run
+
+    return decorate

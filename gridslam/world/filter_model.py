@@ -1,0 +1,119 @@
+"""What a filter may know of a scene. Walls, waypoints and tracks have no place in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.errors import InputError
+from gridslam.world.geometry import wrap
+from gridslam.world.radio import SignalModel
+from gridslam.world.scene import Scene
+from gridslam.world.scene_parts import FilterSettings, GridSpec
+
+Array = NDArray[np.float64]
+LEAST_PRIOR = 1e-4
+"""Half width of a start prior that is taken at least (m, m/s, rad)."""
+
+
+@dataclass(frozen=True, eq=False)
+class FilterModel:
+    """Radio, anchors, region, priors and settings of one agent: all that inference is handed of a scene.
+
+    Attributes
+    ----------
+    scene, agent : str
+        Names.
+    radio : SignalModel
+        As the scene states it; what is learned of it stands in the state.
+    anchor_names : tuple of str
+    anchors : (J, 3) float64
+        x, y (m) and orientation (rad), read-only.
+    max_bounces : int
+        Bounces of the paths that are listed.
+    grid : GridSpec
+        Region and cells.
+    settings : FilterSettings
+    start_mean, start_variance : (5,) float64
+        Prior of x, y, vx, vy (m, m/s) and heading (rad).
+    """
+
+    scene: str
+    agent: str
+    radio: SignalModel
+    anchor_names: tuple[str, ...]
+    anchors: Array
+    max_bounces: int
+    grid: GridSpec
+    settings: FilterSettings
+    start_mean: Array
+    start_variance: Array
+
+    @classmethod
+    def of(cls, scene: Scene, agent: str | None = None) -> Self:
+        """Take from a scene what a filter may know.
+
+        Parameters
+        ----------
+        agent : str, optional
+            Which of the scene's agents; default: the first.
+
+        Raises
+        ------
+        InputError
+            The scene has no such agent, or none.
+        """
+        if agent is None and not scene.agents:
+            raise InputError(f"{scene.name}: agents", "none", "at least one, to say where it starts")
+        body = scene.agent(agent) if agent else scene.agents[0]
+        prior = body.prior
+        half = np.array([prior.position_m] * 2 + [prior.velocity_mps] * 2 + [np.radians(prior.heading_deg)])
+        variance = np.maximum(half, LEAST_PRIOR) ** 2 / 3
+        # the agent moves at an unknown speed from the first step on
+        variance[2:4] += (body.step_m / body.interval_s) ** 2
+        return cls(
+            scene.name, body.name, scene.signal_model(body.name), scene.anchor_names,
+            _fixed(np.column_stack([scene.anchor_positions, scene.anchor_orientations])),
+            scene.radio.max_bounces, scene.grid, scene.filter,
+            _fixed(np.array([*body.start_m, 0.0, 0.0, np.radians(body.start_heading_deg)])), _fixed(variance),
+        )  # fmt: skip
+
+    @cached_property
+    def anchor_positions(self) -> Array:
+        """Where the anchors stand, (J, 2) m."""
+        return _fixed(np.ascontiguousarray(self.anchors[:, :2]))
+
+    @property
+    def anchor_orientations(self) -> Array:
+        """Where the anchors' arrays point, (J,) rad."""
+        return self.anchors[:, 2]
+
+    @cached_property
+    def middle(self) -> Array:
+        """Middle of the region, (2,) m."""
+        side = np.array(self.grid.shape[::-1]) * self.grid.cell_m
+        return np.asarray(self.grid.origin_m + 0.5 * side, np.float64)
+
+    @cached_property
+    def radius_m(self) -> float:
+        """Radius of the circle about the region, m."""
+        return float(0.5 * np.hypot(*(np.array(self.grid.shape[::-1]) * self.grid.cell_m)))
+
+    @property
+    def birth_rate(self) -> float:
+        """Births per anchor, step and unit of the lines (rad m) that cross the region."""
+        return self.settings.births / (4 * np.pi * self.radius_m)
+
+    def turned(self, turns: Array) -> Self:
+        """The same with its anchors turned by (J,) rad."""
+        orientation = wrap(self.anchor_orientations + turns)
+        return replace(self, anchors=_fixed(np.column_stack([self.anchor_positions, orientation])))
+
+
+def _fixed(array: Array) -> Array:
+    array.setflags(write=False)
+    return array

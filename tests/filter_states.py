@@ -1,0 +1,72 @@
+"""Models, states and grids for tests, put together without a scene file of their own."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import gridslam as gs
+from gridslam.inference.messages.cells import CastBuffers, cast_at, update_cells
+from gridslam.inference.state.grid import Grid
+from gridslam.inference.state.state import State
+from gridslam.inference.state.surface_bank import BINS, Bank
+from gridslam.inference.workspace import Workspace
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.scene_parts import GridSpec
+
+
+def model_of(scene="room", anchors=None, radio=None, **settings):
+    """What a filter may know of a bundled scene, with other anchors (J, 3), radio or settings."""
+    model = FilterModel.of(gs.Scene.load(scene))
+    model = replace(model, settings=model.settings.model_copy(update=settings))
+    if anchors is not None:
+        model = replace(
+            model, anchors=np.asarray(anchors, float), anchor_names=tuple(map(str, range(len(anchors))))
+        )
+    return model if radio is None else replace(model, radio=radio)
+
+
+def state_of(belief, anchors=1, existence=0.5):
+    """A state that believes this, of surfaces that nothing else is known of."""
+    bank = Bank.empty(anchors)
+    for number in range(len(belief.lines)):
+        bank = bank.add(number, existence, np.full(BINS, 1 / BINS), 0.0, (0, -1, -1))
+    return replace(State.start(model_of(anchors=np.zeros((anchors, 3)))), belief=belief, surfaces=bank)
+
+
+class Plot:
+    """A grid alone, whose cells are told of paths by messages."""
+
+    def __init__(self, shape, free_path=10.0, side=1.0, anchors=((100.0, 100.0),), origin=(0.0, 0.0)):
+        (rows, columns), (x, y) = shape, origin
+        region = GridSpec(x_m=(x, x + columns * side), y_m=(y, y + rows * side), cell_m=side)
+        anchors = np.pad(np.asarray(anchors, float), ((0, 0), (0, 1)))
+        self.model = replace(model_of(anchors=anchors, mean_free_path_m=free_path), grid=region)
+        self.work = Workspace(self.model, 1, grid=True)
+        self.state = replace(State.start(self.model), grid=Grid.empty(shape))
+
+    @property
+    def grid(self):
+        return self.state.grid
+
+    @property
+    def cells(self):
+        return self.work.require_cells()
+
+    def believe(self, evidence):
+        """Have other evidence."""
+        self.state = replace(self.state, grid=replace(self.grid, evidence=np.array(evidence, float)))
+
+    def tell(self, rays, samples, anchors, worth):
+        """Cast paths that are worth so much at sampled states, add their messages, return V of each."""
+        messages = self.work.messages
+        messages.clear()
+        messages.reserve(len(rays), 0, (1 + int(rays.last.max()), 1))
+        messages.count[0], rows = len(rays), slice(0, len(rays))
+        messages.path[rows], messages.factor[rows, 0], messages.factor[rows, 1] = rays.table, worth, True
+        cast = CastBuffers.of(len(messages.path), samples.draft.state.shape[1], 0)
+        cast_at(samples, self.grid, cast, np.asarray(anchors, float), self.work)
+        return cast.seen[rows, 0]
+
+    def absorb(self):
+        """Fold the messages in."""
+        self.state = update_cells(self.state, work=self.work)

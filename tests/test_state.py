@@ -1,0 +1,261 @@
+"""A state is a value: it can be kept, saved and gone on from; a step returns another, or nothing."""
+
+import inspect
+import sys
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from enumeration import every_matching
+from filter_states import model_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scene_samples import shortened
+
+import gridslam as gs
+from gridslam.inference.messages.association import associate, log_normaliser
+from gridslam.inference.workspace import Workspace
+from gridslam.systems import adaptive, grid, virtual_anchor
+from gridslam.systems.adaptive import AdaptiveSlam
+from gridslam.systems.grid import GridSlam
+from gridslam.systems.virtual_anchor import VirtualAnchorSlam
+from gridslam.world.filter_model import FilterModel
+
+SYSTEMS = [GridSlam, AdaptiveSlam, VirtualAnchorSlam]
+STEPS = 12
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return shortened(gs.Scene.load("room"), STEPS).with_filter(particles=256)
+
+
+@pytest.fixture(scope="module")
+def scans(scene):
+    return list(gs.simulate(scene, "agent1", seed=2))
+
+
+def arrays(value):
+    """All arrays that a value is made of."""
+    if isinstance(value, np.ndarray):
+        yield value
+    elif is_dataclass(value):
+        for field in fields(value):
+            yield from arrays(getattr(value, field.name))
+    elif isinstance(value, dict | list | tuple):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from arrays(part)
+
+
+def frozen(value):
+    for array in arrays(value):
+        array.setflags(write=False)
+    return value
+
+
+def same(one, two):
+    for here, there in zip(arrays(one), arrays(two), strict=True):
+        np.testing.assert_array_equal(here, there)
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_nothing_writes_into_a_state_or_an_info_that_was_returned(system, scene, scans):
+    plain, watched = system(scene, seed=3), system(scene, seed=3)
+    for scan in scans:
+        kept, told = plain.state, frozen(watched.info)
+        copies = [array.copy() for array in arrays((kept, told))]
+        estimate, other = plain.step(scan), watched.step(scan)
+        frozen(watched.state)
+        np.testing.assert_array_equal(estimate.covariance, other.covariance)
+        for array, copy in zip(arrays((kept, told)), copies, strict=True):
+            np.testing.assert_array_equal(array, copy)
+    assert len(plain.state.surfaces)
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_a_step_can_be_taken_again_from_any_state_that_was_kept(system, scene, scans):
+    slam, kept = system(scene, seed=3), []
+    for scan in scans:
+        kept.append(slam.state)
+        slam.step(scan)
+    again, model = system(scene, seed=3), slam.model
+    for number in (7, 2, 7):
+        state = kept[number]
+        for scan in scans[number:]:
+            state, info = system.advance(state, scan, model, again.work)
+        same(state, slam.state)
+        assert info.health.why == slam.info.health.why
+
+
+def interrupted(after, function, *arguments):
+    """Call a function, and raise at the line of ours of this number; return how many lines came."""
+    ours, lines = str(Path(gs.__file__).parent), 0
+
+    def watch(frame, event, _):
+        nonlocal lines
+        if not frame.f_code.co_filename.startswith(ours) or "/kernels/" in frame.f_code.co_filename:
+            return None
+        if event == "line":
+            lines += 1
+            if lines == after:
+                raise KeyboardInterrupt
+        return watch
+
+    before = sys.gettrace()
+    sys.settrace(watch)
+    try:
+        function(*arguments)
+    finally:
+        sys.settrace(before)
+    return lines
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_a_step_that_is_interrupted_at_any_line_leaves_the_old_state_whole(system, scene, scans):
+    slam, plain = system(scene, seed=3), system(scene, seed=3)
+    for scan in scans[:6]:
+        slam.step(scan)
+        plain.step(scan)
+    everywhere = interrupted(-1, plain.step, scans[6])
+    assert everywhere > 500
+    before = slam.state
+    copies = [array.copy() for array in arrays(before)]
+    for place in np.random.default_rng(4).integers(1, everywhere - 50, 20).tolist():
+        with pytest.raises(KeyboardInterrupt):
+            interrupted(place, slam.step, scans[6])
+        assert slam.state is before
+        for array, copy in zip(arrays(before), copies, strict=True):
+            np.testing.assert_array_equal(array, copy)
+    slam.step(scans[6])
+    same(slam.state, plain.state)
+    for scan in scans[7:]:
+        same(slam.step(scan).covariance, plain.step(scan).covariance)
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_every_system_goes_on_from_its_checkpoint_bit_for_bit(system, scene, scans, tmp_path):
+    slam = system(scene, seed=3)
+    for scan in scans[:7]:
+        slam.step(scan)
+    slam.save(tmp_path / "here.h5")
+    again = system.resume(tmp_path / "here.h5")
+    same(again.state, slam.state)
+    for scan in scans[7:]:
+        same(slam.step(scan).covariance, again.step(scan).covariance)
+    same(slam.state, again.state)
+    others = [other for other in SYSTEMS if other is not system]
+    for other in others:
+        with pytest.raises(gs.InputError, match="method"):
+            other.resume(tmp_path / "here.h5")
+
+
+@pytest.mark.parametrize(
+    ("name", "spoil"),
+    [
+        ("belief/mean", lambda data: np.full(data.shape, np.nan)),
+        ("belief/covariance", lambda data: -data),
+        ("belief/covariance", lambda data: data + np.triu(np.ones(data.shape), 1)),
+        ("surfaces/existence", lambda data: np.full(data.shape, np.inf)),
+        ("los", lambda data: np.full(data.shape, np.nan)),
+        ("grid/row", lambda data: data + 10_000),
+        ("grid/evidence", lambda data: np.full(data.shape, np.nan)),
+    ],
+)
+def test_a_checkpoint_whose_numbers_cannot_be_is_refused(name, spoil, scene, scans, tmp_path, monkeypatch):
+    from gridslam.systems import checkpoint
+
+    slam, put = GridSlam(scene, seed=3), checkpoint.put
+    for scan in scans[:7]:
+        slam.step(scan)
+
+    def spoiled(group, own, value, units):
+        ours = f"{group.name.strip('/')}/{own}".endswith(name)
+        put(group, own, spoil(np.asarray(value)) if ours else value, units)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint, "put", spoiled)
+        slam.save(tmp_path / "here.h5")
+    with h5py.File(tmp_path / "here.h5", "r") as file:
+        assert file.attrs["version"] == checkpoint.VERSION
+    with pytest.raises(gs.InputError, match=name.rpartition("/")[2]):
+        GridSlam.resume(tmp_path / "here.h5")
+
+
+def test_a_filter_is_handed_nothing_of_the_walls_or_the_track():
+    """A step takes a `FilterModel`, which has no place for them: that it can't look is a matter of type."""
+    for system in (grid, adaptive, virtual_anchor):
+        assert inspect.signature(system.step).parameters["model"].annotation == "FilterModel"
+        assert "Scene" not in vars(system)
+    names = {field.name for field in fields(FilterModel)}
+    assert not names & {"walls", "segments", "waypoints_m", "agents", "track", "truth"}
+    scene = gs.Scene.load("canyon")
+    told = FilterModel.of(scene)
+    walls = {tuple(corner) for wall in scene.walls for corner in np.round(wall.corners, 6).tolist()}
+    held = {
+        tuple(row)
+        for array in arrays(told)
+        for row in np.round(np.atleast_2d(array), 6)[..., :2].reshape(-1, 2).tolist()
+    }
+    assert not held & walls
+
+
+def test_a_model_without_an_agent_is_refused():
+    scene = gs.Scene.load("room").model_copy(update={"agents": ()})
+    with pytest.raises(gs.InputError, match="agents"):
+        FilterModel.of(scene)
+
+
+def sums(beta, missed, new):
+    """Normaliser by enumeration of all matchings."""
+    total = 0.0
+    for matching in every_matching(*beta.shape):
+        worth = 1.0
+        for path, m in enumerate(matching):
+            worth *= missed[path] if m is None else beta[path, m]
+        total += worth * np.prod([new[m] for m in range(len(new)) if m not in matching])
+    return np.log(total)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 4), st.integers(0, 4))
+@settings(max_examples=60, deadline=None)
+def test_the_evidence_is_that_of_enumeration_on_a_tree_and_close_to_it_otherwise(seed, paths, count):
+    draw = np.random.default_rng(seed)
+    beta = draw.exponential(2.0, (paths, count)) * (draw.random((paths, count)) < 0.6)
+    missed, new = draw.uniform(0.1, 1, paths), draw.uniform(1, 3, count)
+    nu, _ = associate(beta, missed, new)
+    found = log_normaliser(beta, missed, new, nu, missed + (beta * nu).sum(1))
+    wanted = sums(beta, missed, new)
+    tree = paths <= 1 or count <= 1
+    assert found == pytest.approx(wanted, abs=1e-5 if tree else 0.4)
+    assert found < wanted + 1e-5, "Bethe's is never above"
+
+
+def test_the_evidence_of_a_right_world_is_higher_than_that_of_a_wrong_one(scene, scans):
+    """The same scans, by a filter that starts where the agent is and by one that is sure to be 1 m off."""
+    total = []
+    for off in (0.0, 1.0):
+        slam, log = GridSlam(scene, seed=1), 0.0
+        there = slam.model.start_mean + np.array([0.0, off, 0.0, 0.0, 0.0])
+        sure = replace(slam.model, start_mean=there, start_variance=np.full(5, 1e-3))
+        slam.state = grid.start(sure)
+        for scan in scans[:3]:
+            slam.step(scan)
+            log += slam.info.log_evidence
+        total.append(log)
+    assert np.isfinite(total).all()
+    assert total[0] > total[1] + 10
+
+
+def test_stages_of_a_step_add_up_and_workspaces_are_their_filters_own(scene, scans):
+    one, two = GridSlam(scene, seed=3), GridSlam(scene, seed=3)
+    for scan in scans[:3]:
+        seconds = one.step(scan).seconds
+        told = one.info.seconds
+        assert {"evaluation", "updates", "births", "cells", "bookkeeping"} <= set(told)
+        assert 0 < sum(told.values()) <= seconds
+        two.step(scan)
+    assert one.work is not two.work
+    settings = model_of("room", particles=320).settings
+    assert Workspace(replace(one.model, settings=settings), seed=1).particles.count == 320
