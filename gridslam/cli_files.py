@@ -44,6 +44,7 @@ def check(
 def export(
     map_file: Annotated[Path, typer.Argument(metavar="MAP.h5")],
     output: Annotated[Path, typer.Option("-o", "--output", help="folder; other files in it stay")],
+    raw: Annotated[bool, typer.Option("--raw", help="nav2: the cells alone, no walls drawn in")] = False,
 ) -> None:
     """Export a map for others: nav2 (yaml, pgm), pictures (png), tables (csv), surfaces (GeoJSON)."""
     from gridslam.files import beside, cannot_write
@@ -57,11 +58,11 @@ def export(
     try:  # all files or none: they are made aside and then moved
         shutil.rmtree(part, ignore_errors=True)
         part.mkdir(parents=True)
-        found.to_nav2(part)
+        found.to_nav2(part, raw)
         found.to_csv(part)
         draw_export(found, part)
         if found.surfaces is not None:
-            write_surfaces(part / "surfaces.geojson", found.surfaces)
+            write_surfaces(part / "surfaces.geojson", found.surfaces, found.wall_segments())
         names = sorted(path.name for path in part.iterdir())
         output.mkdir(exist_ok=True)
         for name in names:

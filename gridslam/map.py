@@ -14,6 +14,7 @@ from gridslam import mapfiles
 from gridslam.errors import InputError
 from gridslam.estimates import SurfaceEstimate
 from gridslam.signal import REFLECTION_BINS
+from gridslam.walls import WallSegments, wall_segments
 
 ON_LATTICE = 1e-6
 """Largest deviation, in cells, at which two grids still count as aligned."""
@@ -147,6 +148,14 @@ class Map:
         pictures[0][hit], pictures[1][hit] = mean, np.sqrt(variance)
         return pictures[0], pictures[1]
 
+    def wall_segments(self) -> WallSegments:
+        """Stretches of the surfaces where there is a wall, see `gridslam.walls.wall_segments`."""
+        return self._walls
+
+    @cached_property
+    def _walls(self) -> WallSegments:
+        return wall_segments(self)
+
     def index(self, points: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Find the cells of points.
 
@@ -270,9 +279,12 @@ class Map:
         except InputError as error:
             raise InputError(f"{path}: {error.where}", error.found, error.allowed) from error
 
-    def to_nav2(self, directory: str | os.PathLike[str]) -> None:
-        """Write ``map.yaml`` and ``map.pgm`` for ROS nav2, ``reflection.*`` likewise (`mapfiles`)."""
-        mapfiles.write_nav2(self, directory)
+    def to_nav2(self, directory: str | os.PathLike[str], raw: bool = False) -> None:
+        """Write ``map.yaml`` and ``map.pgm`` for ROS nav2, ``reflection.*`` likewise (`mapfiles`).
+
+        Walls that were found are drawn in and nothing is free behind them, unless `raw`: the cells alone.
+        """
+        mapfiles.write_nav2(self, directory, raw)
 
     def to_csv(self, directory: str | os.PathLike[str]) -> None:
         """Write ``cells.csv`` (observed cells) and ``surfaces.csv``, see `mapfiles.write_csv`."""
