@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
 from gridslam.errors import InputError
+
+if TYPE_CHECKING:
+    from gridslam.map import Map
 
 out = Console()
 KINDS = "a scene (.toml), measurements (.csv, .mat, .h5), a map (.h5) or a run's folder"
@@ -17,7 +20,7 @@ KINDS = "a scene (.toml), measurements (.csv, .mat, .h5), a map (.h5) or a run's
 
 def register(app: typer.Typer) -> None:
     """Add the commands."""
-    for command in (check, export, plot, scenes):
+    for command in (check, export, fuse, plot, scenes):
         app.command()(command)
 
 
@@ -76,6 +79,29 @@ def export(
     _say(f"wrote {', '.join(names)} to {output}")
 
 
+def fuse(
+    maps: Annotated[list[Path], typer.Argument(metavar="MAP.h5...", help="two or more")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="FILE.h5")],
+    same_frame: Annotated[
+        bool, typer.Option("--same-frame", help="they are in one frame, though they share no anchor")
+    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace a file of this name")] = False,
+) -> None:
+    """Make one map of maps that agents made apart from each other."""
+    from gridslam.fusion import fuse as fused
+    from gridslam.map import Map
+
+    if output.suffix != ".h5":
+        raise InputError("-o", repr(output.name), "a name that ends in .h5")
+    if output.is_dir() or (output.exists() and not overwrite):
+        raise InputError(str(output), "something of this name", "a new file (or --overwrite)")
+    if len(maps) < 2:
+        raise InputError("fuse", f"{len(maps)} map", "two or more maps")
+    whole = fused([Map.load(path) for path in maps], same_frame, [str(path) for path in maps])
+    whole.save(output)
+    _say(f"wrote {output}: {_summary(whole)}")
+
+
 def plot(
     directory: Annotated[Path, typer.Argument(help="a run's folder")],
     rerun: Annotated[bool, typer.Option("--rerun", help="show it in the Rerun viewer instead")] = False,
@@ -121,15 +147,19 @@ def _describe(file: Path) -> str:
         return f"scene {world.name}: {counts}, {size} cells of {world.grid.cell_m:g} m"
     kind = _kind(file)
     if kind == "gridslam-map":
-        grid = Map.load(file)
-        height, width = grid.shape
-        surfaces = len(grid.surfaces) if grid.surfaces is not None else 0
-        who = ", ".join(map(str, grid.provenance.get("agents", []))) or "unknown agents"  # type: ignore[arg-type]
-        return (
-            f"map by {who}: {width} x {height} cells of {grid.cell_m:g} m, {grid.observed.mean():.0%} "
-            f"observed, {grid.occupied.sum()} occupied, {surfaces} surfaces"
-        )
+        return _summary(Map.load(file))
     raise InputError(str(file), f"an HDF5 file of format {kind!r}", KINDS)
+
+
+def _summary(grid: Map) -> str:
+    """A map in one line."""
+    height, width = grid.shape
+    surfaces = len(grid.surfaces) if grid.surfaces is not None else 0
+    who = ", ".join(map(str, grid.provenance.get("agents", []))) or "unknown agents"  # type: ignore[arg-type]
+    return (
+        f"map by {who}: {width} x {height} cells of {grid.cell_m:g} m, {grid.observed.mean():.0%} "
+        f"observed, {grid.occupied.sum()} occupied, {surfaces} surfaces"
+    )
 
 
 def _is_table(file: Path) -> bool:
