@@ -27,6 +27,9 @@ WALL_NAT = 1.0
 """Evidence above which a cell speaks for a wall."""
 HIT_NAT = 0.3
 """What hits must have told of a cell's reflection coefficient, best to worst, to count as hits."""
+SURE_HIT_NAT = 1.0
+"""A stretch needs a cell that was told so much, or one that speaks for a wall: faint hits alone are doubt
+about where a wall ends."""
 STRONG_HIT_NAT = 50.0
 """From here on hits outweigh rays that seem to have crossed: the line was elsewhere when they were cast."""
 SHORTEST_OPENING_M = 0.5
@@ -100,9 +103,9 @@ def _stretches(grid: Map, told: NDArray, line: Array, cov: Array, extent: Array)
     """Where along one surface there is a wall: pairs of coordinates, ascending."""
     low, high = np.sort(extent)
     edge = np.linspace(low, high, max(1, int(np.ceil((high - low) / (0.5 * grid.cell_m)))) + 1)
-    state = _states(grid, told, line, cov, 0.5 * (edge[1:] + edge[:-1]))
+    state, sure = _states(grid, told, line, cov, 0.5 * (edge[1:] + edge[:-1]))
     if not (state == WALL).any():  # nothing to go by but what is open
-        state = np.where(state == UNKNOWN, WALL, state)
+        state, sure = np.where(state == UNKNOWN, WALL, state), state == UNKNOWN
     first, last = _runs(state)
     length = edge[last] - edge[first]
     kind = state[first]
@@ -111,11 +114,14 @@ def _stretches(grid: Map, told: NDArray, line: Array, cov: Array, extent: Array)
     wall = (kind == WALL) | (inner & (length <= longest))
     first, last = _runs(np.repeat(wall, last - first))  # neighbours that are both wall now are one
     wall = np.logical_xor(wall[0], np.arange(len(first)) % 2)
-    return [(float(edge[a]), float(edge[b])) for a, b in zip(first[wall], last[wall], strict=True)]
+    pieces = zip(first[wall], last[wall], strict=True)
+    return [(float(edge[a]), float(edge[b])) for a, b in pieces if sure[a:b].any()]
 
 
-def _states(grid: Map, told: NDArray, line: Array, cov: Array, along: Array) -> NDArray[np.int64]:
-    """OPEN, WALL or UNKNOWN at places (N,) along a line."""
+def _states(
+    grid: Map, told: NDArray, line: Array, cov: Array, along: Array
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """OPEN, WALL or UNKNOWN at places (N,) along a line, and whether a wall there is beyond doubt."""
     normal, tangent = unit(line[0]), unit(line[0] + 0.5 * np.pi)
     jacobian = np.stack([-along, np.ones_like(along)], axis=-1)  # of the place across the line
     spread = 2 * np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", jacobian, cov, jacobian), 0))
@@ -129,8 +135,9 @@ def _states(grid: Map, told: NDArray, line: Array, cov: Array, along: Array) -> 
     evidence = np.where(seen, grid.evidence[at], 0.0)
     hit = np.where(inside, told[at], 0.0).max(axis=1)
     is_open = (evidence < OPEN_NAT).all(axis=1) & (hit < STRONG_HIT_NAT)
-    is_wall = (hit > HIT_NAT) | (evidence > WALL_NAT).any(axis=1)
-    return np.where(is_open, OPEN, np.where(is_wall, WALL, UNKNOWN))
+    solid = (evidence > WALL_NAT).any(axis=1)
+    is_wall = (hit > HIT_NAT) | solid
+    return np.where(is_open, OPEN, np.where(is_wall, WALL, UNKNOWN)), (hit > SURE_HIT_NAT) | solid
 
 
 def _runs(values: NDArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -121,6 +121,14 @@ def test_what_counts_as_an_opening(x, y, evidence, hits, observed, open_m):
     assert 12 - grid.wall_segments().length_m.sum() == pytest.approx(open_m, abs=0.25)
 
 
+def test_faint_hits_in_open_air_are_no_wall():
+    grid = changed(street(), (4, 9), (1.8, 2.4), CLEAR, 0.0, True)
+    grid = changed(grid, (6, 6.6), (2.0, 2.1), -2.0, 0.4)
+    np.testing.assert_allclose(stretches(grid), [[0, 4], [9, 12]], atol=0.11)
+    grid = changed(grid, (6, 6.6), (2.0, 2.1), -2.0, 4.0)  # a pillar between two gates
+    np.testing.assert_allclose(stretches(grid), [[0, 4], [6, 6.6], [9, 12]], atol=0.11)
+
+
 def test_without_cells_the_extent_is_the_wall_and_what_was_never_hit_is_none():
     bare = replace(Map.blank((0, 0), SIDE, (30, 60), 0.01), surfaces=surfaces([(0.4, 2.0)], extent=(-1, 2)))
     np.testing.assert_allclose(bare.wall_segments().ends_m, bare.surfaces.ends_m, atol=1e-9)
