@@ -129,7 +129,8 @@ def test_export_writes_nav2_pictures_and_tables(say, mapped, tmp_path):
     }  # fmt: skip
     for name in ("occupancy", "reflection"):
         assert Path(f"robot/{name}.png").read_bytes().startswith(b"\x89PNG")
-    assert len(Path("robot/surfaces.csv").read_text().splitlines()) == 1 + len(mapped[1].map.surfaces)
+    rows = Path("robot/surfaces.csv").read_text().splitlines()[1:]
+    assert {float(row.split(",")[0]) for row in rows} == set(mapped[1].map.surfaces.identity.tolist())
     assert listing(tmp_path) == sorted(["map.h5", "robot", *(f"robot/{n}" for n in os.listdir("robot"))])
 
 

@@ -180,7 +180,7 @@ def test_faulty_file(say, tmp_path, mapped, words, word):
 )
 def test_map_that_fits_no_cell_of_the_scene(say, tmp_path, origin, cell, shape, word):
     gs.Map.blank(origin, cell, shape, 0.01).save(tmp_path / "bad.h5")
-    refused(say("run", "room", "--map", "bad.h5"), tmp_path, ["bad.h5"], word)
+    refused(say("run", "room", "--map", "bad.h5", "--same-frame"), tmp_path, ["bad.h5"], word)
 
 
 OPTION_FAULTS = [

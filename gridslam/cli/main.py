@@ -44,6 +44,9 @@ def run(
     ] = None,
     truth: Annotated[Path | None, typer.Option(help="TUM track to score --measurements by")] = None,
     map_file: Annotated[Path | None, typer.Option("--map", help="map to start from")] = None,
+    same_frame: Annotated[
+        bool, typer.Option("--same-frame", help="the map is in the scene's frame, though it shares no anchor")
+    ] = False,
     device: Annotated[str, typer.Option(help="auto, cpu or gpu")] = "auto",
     threads: Annotated[int | None, typer.Option(min=1)] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="new folder")] = None,
@@ -71,7 +74,7 @@ def run(
     recorded = _recorded(world, measurements, truth)
     if recorded is not None:
         check_anchors(world, recorded)
-    given, note = fitted(Map.load(map_file), world, str(map_file)) if map_file else (None, None)
+    given, note = fitted(Map.load(map_file), world, str(map_file), same_frame) if map_file else (None, None)
     with _view(world, names, rerun_to, overwrite) if rerun or rerun_to else nullcontext() as view:
         runtime.start(device, threads)
         if note:

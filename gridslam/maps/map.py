@@ -13,6 +13,7 @@ from scipy.special import expit, logit
 from gridslam.errors import InputError
 from gridslam.estimates import SurfaceEstimate
 from gridslam.maps import map_files
+from gridslam.maps.walls import WallSegments, wall_segments
 from gridslam.world.radio import REFLECTION_BINS
 
 ON_LATTICE = 1e-6
@@ -147,6 +148,14 @@ class Map:
         pictures[0][hit], pictures[1][hit] = mean, np.sqrt(variance)
         return pictures[0], pictures[1]
 
+    def wall_segments(self) -> WallSegments:
+        """Stretches of the surfaces where there is a wall, see `gridslam.maps.walls.wall_segments`."""
+        return self._walls
+
+    @cached_property
+    def _walls(self) -> WallSegments:
+        return wall_segments(self)
+
     def index(self, points: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Find the cells of points.
 
@@ -270,9 +279,12 @@ class Map:
         except InputError as error:
             raise InputError(f"{path}: {error.where}", error.found, error.allowed) from error
 
-    def to_nav2(self, directory: str | os.PathLike[str]) -> None:
-        """Write ``map.yaml`` and ``map.pgm`` for ROS nav2, ``reflection.*`` likewise (`mapfiles`)."""
-        map_files.write_nav2(self, directory)
+    def to_nav2(self, directory: str | os.PathLike[str], raw: bool = False) -> None:
+        """Write ``map.yaml`` and ``map.pgm`` for ROS nav2, ``reflection.*`` likewise (`map_files`).
+
+        Walls that were found are drawn in and nothing is free behind them, unless `raw`: the cells alone.
+        """
+        map_files.write_nav2(self, directory, raw)
 
     def to_csv(self, directory: str | os.PathLike[str]) -> None:
         """Write ``cells.csv`` (observed cells) and ``surfaces.csv``, see `map_files.write_csv`."""

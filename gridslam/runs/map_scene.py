@@ -14,15 +14,15 @@ import psutil
 from gridslam import runtime
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
-from gridslam.maps.frames import SAME_PLACE_M
-from gridslam.world.geometry import wrap
+from gridslam.maps.frames import SAME_PLACE_M, assured
 from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements
 from gridslam.runs.run import Run
-from gridslam.world.scene import Scene
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
+from gridslam.world.geometry import wrap
+from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
 METHODS = {"grid": GridSlam, "adaptive": AdaptiveSlam, "va": VirtualAnchorSlam}
@@ -39,6 +39,7 @@ def map_scene(
     progress: bool | Callable[[Estimate, int, int], None] = False,
     particles: int | None = None,
     watch: Callable[[Estimate, Callable[[], Map]], None] | None = None,
+    same_frame: bool = False,
 ) -> Run:
     """Run a method over all measurements of one agent.
 
@@ -60,6 +61,8 @@ def map_scene(
         Instead of ``scene.filter.particles``.
     watch : callable, optional
         Gets, after every step, the estimate and a function that returns the map as it stands.
+    same_frame : bool
+        The user's word that `prior_map` is in the scene's frame, where it shares no anchor with it.
 
     Returns
     -------
@@ -80,6 +83,8 @@ def map_scene(
     if agent is None and not scene.agents:
         raise InputError(f"{scene.name}: agents", "none", "at least one, to say where it starts")
     check_anchors(scene, measurements)
+    if prior_map is not None and same_frame:
+        prior_map = assured(prior_map, scene)
     device = runtime.start()
     slam = METHODS[method](scene, prior_map=prior_map, agent=agent, seed=seed)
     estimates: list[Estimate] = []

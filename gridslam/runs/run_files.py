@@ -22,8 +22,8 @@ from gridslam.estimates import Estimate
 from gridslam.io.files import beside, cannot_write, write_bytes
 from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements
-from gridslam.world.scene import Scene
 from gridslam.runs.step_files import read_steps, write_steps
+from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
 if TYPE_CHECKING:

@@ -40,6 +40,7 @@ def save(slam: GridSlam, path: str | os.PathLike[str]) -> None:
             "next_identity": slam.next_identity,
             "last_time_s": last,
             "provenance": json.dumps(slam.provenance),
+            "identity": slam.identity.state,
         }
         put_attributes(file.create_group("state"), state)
         for name, value in (("mean", slam.belief.mean), ("covariance", slam.belief.covariance)):
@@ -89,7 +90,9 @@ def resume(path: str | os.PathLike[str]) -> GridSlam:
         slam.watch = Watch(**{name: get(watch, name, (n,)).astype(float) for name, n in kept_by.items()})
         last = float(str(kept["last_time_s"]))
         slam.last_time = None if math.isnan(last) else last
-        slam.provenance = json.loads(str(kept["provenance"]))
+        slam.provenance = {"runs": []} | json.loads(str(kept["provenance"]))
+        if "identity" in kept:  # checkpoints of earlier versions have none: "" stands for unknown
+            slam.identity.state = str(kept["identity"])
     return slam
 
 

@@ -13,6 +13,7 @@ from gridslam.inference.messages.prediction import look_ahead
 from gridslam.inference.messages.reflection import Reflected, learn
 from gridslam.inference.state.anchor_measurements import Heard
 from gridslam.inference.state.path_messages import Notes
+from gridslam.maps.frames import assured
 from gridslam.maps.map import Map
 from gridslam.systems.surface_slam import SurfaceSlam
 from gridslam.world.scene import Scene
@@ -36,17 +37,24 @@ class GridSlam(SurfaceSlam):
     agent : str, optional
         Which of the scene's agents (default: the first): start, prior and array.
     seed : int
+    same_frame : bool
+        The user's word that `prior_map` is in the scene's frame, where it shares no anchor with it.
     """
 
     def __init__(
-        self, scene: Scene, prior_map: Map | None = None, agent: str | None = None, seed: int = 0
+        self,
+        scene: Scene,
+        prior_map: Map | None = None,
+        agent: str | None = None,
+        seed: int = 0,
+        same_frame: bool = False,
     ) -> None:
         super().__init__(scene, agent, seed)
         grid, free_path = scene.grid, self.settings.mean_free_path_m
         self.cells = Cells(np.array(grid.origin_m), grid.cell_m, grid.shape, free_path, self.places)
         self.notes = Notes()
         if prior_map is not None:
-            self._start_from(prior_map)
+            self._start_from(assured(prior_map, scene) if same_frame else prior_map)
 
     def _move(self, now: float) -> None:
         """Motion; what a step that was interrupted left to be told is dropped."""

@@ -30,6 +30,7 @@ from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.surface_bank import Bank
 from gridslam.maps.frames import fitted, stamped
 from gridslam.maps.map import Map
+from gridslam.maps.run_identity import Identity
 from gridslam.measurements.table import Scan
 from gridslam.world.geometry import unit, wrap
 from gridslam.world.radio import REFLECTION_BINS
@@ -90,7 +91,8 @@ class SurfaceSlam:
         self.last_time: float | None = None
         self.elapsed, self.start_velocity = 0.0, float(variance[2])
         self.next_identity, self.steps = 0, 0
-        self.provenance: dict[str, list] = {"agents": [], "seeds": [], "steps": []}
+        self.provenance: dict[str, list] = {"agents": [], "seeds": [], "steps": [], "runs": []}
+        self.identity = Identity(self.places)
 
     def step(self, scan: Scan) -> Estimate:
         """Take in what was heard at one step and return what is believed now."""
@@ -107,6 +109,7 @@ class SurfaceSlam:
                 self.belief = separated(self.belief)
         self.watch.judge()
         self._tidy()
+        self.identity.hear(scan)
         return self._estimate(scan, time.perf_counter() - began)
 
     def _take_in(self, heard: Heard) -> None:
@@ -122,6 +125,7 @@ class SurfaceSlam:
             "agents": [*self.provenance["agents"], self.agent],
             "seeds": [*self.provenance["seeds"], self.seed],
             "steps": [*self.provenance["steps"], self.steps],
+            "runs": [*self.provenance["runs"], self.identity.text],
         }
         sheet = Map(
             np.array(grid.origin_m), grid.cell_m, np.zeros(grid.shape, np.float32),
@@ -143,6 +147,8 @@ class SurfaceSlam:
         for key in self.provenance:
             earlier = prior.provenance.get(key)
             self.provenance[key] = list(earlier) if isinstance(earlier, list) else []
+        unknown = len(self.provenance["agents"]) - len(self.provenance["runs"])
+        self.provenance["runs"] = [""] * unknown + self.provenance["runs"]  # of earlier versions
         known = prior.surfaces if prior.surfaces is not None else SurfaceEstimate.empty()
         self._inherit(known, prior.surface_reflection)
         return prior

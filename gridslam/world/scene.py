@@ -40,6 +40,7 @@ class Scene(Strict):
 
     name: Name = "scene"
     description: str = ""
+    frame: Name | None = None
     radio: Radio = Radio()
     grid: GridSpec
     materials: dict[Name, Share] = Field(default_factory=lambda: {"concrete": 0.7, "glass": 0.3})
