@@ -14,6 +14,7 @@ from gridslam import deepmimo, formats, matlab, ragged, raytracers, sionna
 from gridslam.errors import InputError
 from gridslam.formats import DEVIATIONS, KEYS, VALUES
 from gridslam.geometry import wrap
+from gridslam.names import label_fault
 from gridslam.scan import Scan
 from gridslam.trajectory import Trajectory
 
@@ -76,6 +77,10 @@ class Measurements:
         names = tuple(self.anchors)
         if not names or len(set(names)) < len(names):
             raise InputError("measurements: anchors", ", ".join(names) or "none", "names, each once")
+        for name in names:
+            allowed = label_fault(name) if isinstance(name, str) else "text"
+            if allowed is not None:
+                raise InputError("measurements: anchors", repr(name), allowed)
         count = np.size(self.step)
         shapes: dict[str, tuple[int, ...]] = dict.fromkeys((*KEYS, *VALUES, *DEVIATIONS), (count,))
         shapes |= {"anchor_position_m": (len(names), 2), "anchor_orientation_rad": (len(names),)}

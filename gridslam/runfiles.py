@@ -6,7 +6,6 @@ import json
 import math
 import os
 import platform
-import re
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -22,6 +21,7 @@ from gridslam.estimates import Estimate
 from gridslam.files import beside, cannot_write, write_bytes
 from gridslam.map import Map
 from gridslam.measurements import Measurements
+from gridslam.names import folder_fault
 from gridslam.scene import Scene
 from gridslam.stepfiles import read_steps, write_steps
 from gridslam.trajectory import Trajectory
@@ -29,18 +29,6 @@ from gridslam.trajectory import Trajectory
 if TYPE_CHECKING:
     from gridslam.result import Run
 
-RESERVED = frozenset(
-    (
-        "figures",
-        "run.json",
-        "scene.toml",
-        "map.h5",
-        "map.yaml",
-        "map.pgm",
-        "reflection.yaml",
-        "reflection.pgm",
-    )
-)
 PACKAGES = ("gridslam", "numpy", "scipy", "taichi", "h5py")
 
 
@@ -147,10 +135,9 @@ def write_run(
     """
     names = [run.agent for run in runs]
     for name in names:
-        if not re.fullmatch(r"\w[\w .+-]*", name) or name in RESERVED:
-            raise InputError(
-                "agent name", repr(name), "letters, digits, space, _ . + -, and no file of the run's"
-            )
+        allowed = folder_fault(name)
+        if allowed is not None:
+            raise InputError("agent name", repr(name), allowed)
     if not names or len(set(names)) < len(names):
         raise InputError("agents", f"{names}", "one or more, each once")
     check_output(directory, overwrite)
@@ -192,15 +179,18 @@ def read_run(directory: str | os.PathLike[str]) -> RunFiles:
     folder = Path(directory)
     try:
         summary = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-        names = list(summary["agents"])
-        if not names:
+        scores = summary["agents"]
+        if not scores or not all(isinstance(table, dict) for table in (summary, scores, *scores.values())):
             raise ValueError("no agent")
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
             f"{folder / 'run.json'}", "none that can be read", "a folder that a run wrote"
         ) from error
     agents = {}
-    for name in names:
+    for name in scores:
+        allowed = folder_fault(name)
+        if allowed is not None:  # a path out of the folder, above all
+            raise InputError(f"{folder / 'run.json'}: agents", repr(name), allowed)
         own = folder / name
         truth = own / "truth.tum"
         agents[name] = AgentFiles(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from typing import Annotated, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from gridslam.names import FolderName, Label
 from gridslam.signal import aperture
 from gridslam.strict import Strict, fault
 
@@ -113,7 +113,7 @@ class GridSpec(Strict):
 class Anchor(Strict):
     """A radio at a known place."""
 
-    name: Name
+    name: Label
     position_m: Point
     orientation_deg: Degree = 0.0
     array: ArraySpec | None = None
@@ -173,7 +173,7 @@ class Prior(Strict):
 class Agent(Strict):
     """A mobile radio; waypoints give it a way to simulate."""
 
-    name: Name
+    name: FolderName
     start_m: Point
     start_heading_deg: Degree = 0.0
     waypoints_m: tuple[Point, ...] | None = None
@@ -185,8 +185,6 @@ class Agent(Strict):
 
     @model_validator(mode="after")
     def _leads_somewhere(self) -> Self:
-        if not re.fullmatch(r"\w[\w .+-]*", self.name):
-            raise fault("name", repr(self.name), "letters, digits, space, _ . + - (it names a folder)")
         gaps = np.linalg.norm(np.diff(self.way, axis=0), axis=1)
         if self.waypoints_m is not None and (len(gaps) < 1 or (gaps < SAME_PLACE_M).any()):
             raise fault("waypoints_m", "no way to go", "waypoints that differ from the one before")
