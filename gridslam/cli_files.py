@@ -141,8 +141,8 @@ def _kind(file: Path) -> str:
     """Format that an HDF5 file says it has."""
     import h5py
 
-    from gridslam.files import most_claimed
     from gridslam.foreign import prove
+    from gridslam.limits import most_claimed
 
     if not file.is_file():
         raise InputError(str(file), "no file", KINDS)
