@@ -44,9 +44,10 @@ def check(
 def export(
     map_file: Annotated[Path, typer.Argument(metavar="MAP.h5")],
     output: Annotated[Path, typer.Option("-o", "--output", help="folder; other files in it stay")],
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace files of these names")] = False,
 ) -> None:
     """Export a map for others: nav2 (yaml, pgm), pictures (png), tables (csv), surfaces (GeoJSON)."""
-    from gridslam.files import beside, cannot_write
+    from gridslam.files import beside, cannot_write, put_in_place, refuse_taken
     from gridslam.geojson import write_surfaces
     from gridslam.map import Map
     from gridslam.plots import draw_export
@@ -63,10 +64,13 @@ def export(
         if found.surfaces is not None:
             write_surfaces(part / "surfaces.geojson", found.surfaces)
         names = sorted(path.name for path in part.iterdir())
+        refuse_taken([output / name for name in names], overwrite)
         output.mkdir(exist_ok=True)
         for name in names:
-            (part / name).replace(output / name)
+            put_in_place(part / name, output / name)
     except InputError as error:
+        if part not in Path(error.where).parents:
+            raise
         raise InputError(str(output), error.found, error.allowed) from error
     except OSError as error:
         raise cannot_write(output, error) from error

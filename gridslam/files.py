@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -26,6 +26,19 @@ def cannot_write(path: Path, error: OSError) -> InputError:
     return InputError(
         str(path), f"{error.strerror or error}", "a folder that can be written to, with space left"
     )
+
+
+def refuse_taken(paths: Iterable[Path], overwrite: bool = False) -> None:
+    """Refuse to replace files that a command would write, unless it was asked to.
+
+    Raises
+    ------
+    InputError
+        One is there and `overwrite` is off.
+    """
+    for path in paths:
+        if (path.exists() or path.is_symlink()) and not overwrite:
+            raise InputError(str(path), "something of this name", "a new name (or --overwrite)")
 
 
 def put_in_place(part: Path, path: Path) -> None:

@@ -12,7 +12,8 @@ from gridslam.consistency import complaints
 from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
 from gridslam.map import Map
 from gridslam.metrics import diverged, map_scores, p95, reflection_mae, rmse, track_errors
-from gridslam.runfiles import AgentFiles, RunFiles, check_output, read_run, write_run
+from gridslam.reservation import check_output
+from gridslam.runfiles import AgentFiles, RunFiles, read_run, write_run
 from gridslam.scene import Scene
 from gridslam.scoring import known_bound
 from gridslam.simulate import Truth
