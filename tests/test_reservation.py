@@ -42,25 +42,26 @@ def here():
 # ---- two runs, one folder ---------------------------------------------------------------------------
 
 
-def test_of_two_runs_at_once_one_is_refused_and_the_other_is_whole(tmp_path):
-    """Whichever comes first, and however far it is when the other comes."""
+def test_of_two_runs_at_once_the_second_is_refused_and_the_first_is_whole(tmp_path):
+    """Each stops where it would draw, until the other is as far or has ended."""
     (tmp_path / "tiny.toml").write_text(TINY)
-    code = "import gridslam.plots, gridslam.cli as c; gridslam.plots.draw_all = lambda folder: []; c.main()"
-    runs = [
-        subprocess.Popen(
-            [sys.executable, "-c", code, *RUN, "--seed", str(seed)],
-            cwd=tmp_path,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for seed in (5, 6)
-    ]
+    code = (
+        "import sys, gridslam.plots, gridslam.cli as c\n"
+        "gridslam.plots.draw_all = lambda folder: (print('drawing', flush=True), sys.stdin.read(), [])[2]\n"
+        "c.main()"
+    )
+    runs = []
+    for seed in (5, 6):
+        command = [sys.executable, "-c", code, *RUN, "--seed", str(seed)]
+        pipe = subprocess.PIPE
+        run = subprocess.Popen(command, cwd=tmp_path, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
+        runs.append(run)
+        while run.stdout.readline() not in ("drawing\n", ""):
+            pass
     said = [run.communicate()[1] for run in runs]
-    assert sorted(run.returncode for run in runs) == [0, 2], said
-    winner = [run.returncode for run in runs].index(0)
-    assert json.loads((tmp_path / "out/run.json").read_text())["seed"] == 5 + winner
-    assert len(said[1 - winner].strip().splitlines()) == 1
+    assert [run.returncode for run in runs] == [0, 2], said
+    assert json.loads((tmp_path / "out/run.json").read_text())["seed"] == 5
+    assert len(said[1].strip().splitlines()) == 1
     assert sorted(os.listdir(tmp_path)) == ["out", "tiny.toml"]
 
 
