@@ -48,10 +48,11 @@ def export(
     map_file: Annotated[Path, typer.Argument(metavar="MAP.h5")],
     output: Annotated[Path, typer.Option("-o", "--output", help="folder; other files in it stay")],
     raw: Annotated[bool, typer.Option("--raw", help="nav2: the cells alone, no walls drawn in")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace files of these names")] = False,
 ) -> None:
     """Export a map for others: nav2 (yaml, pgm), pictures (png), tables (csv), surfaces (GeoJSON)."""
     from gridslam.importers.geojson import write_surfaces
-    from gridslam.io.files import beside, cannot_write
+    from gridslam.io.files import beside, cannot_write, put_in_place, refuse_taken
     from gridslam.maps.map import Map
     from gridslam.viewers.plots import draw_export
 
@@ -67,10 +68,13 @@ def export(
         if found.surfaces is not None:
             write_surfaces(part / "surfaces.geojson", found.surfaces, found.wall_segments())
         names = sorted(path.name for path in part.iterdir())
+        refuse_taken([output / name for name in names], overwrite)
         output.mkdir(exist_ok=True)
         for name in names:
-            (part / name).replace(output / name)
+            put_in_place(part / name, output / name)
     except InputError as error:
+        if part not in Path(error.where).parents:
+            raise
         raise InputError(str(output), error.found, error.allowed) from error
     except OSError as error:
         raise cannot_write(output, error) from error
@@ -172,8 +176,8 @@ def _kind(file: Path) -> str:
     """Format that an HDF5 file says it has."""
     import h5py
 
-    from gridslam.io.files import most_claimed
     from gridslam.io.hdf5_guard import prove
+    from gridslam.io.hdf5_limits import most_claimed
 
     if not file.is_file():
         raise InputError(str(file), "no file", KINDS)

@@ -12,13 +12,15 @@ from rich.console import Console
 from rich.table import Table
 
 from gridslam.cli import bench, files, scene
+from gridslam.cli.output import ended, interruptible, reserved
 from gridslam.cli.robustness import robustness
 from gridslam.cli.study import study
-from gridslam.errors import InputError
+from gridslam.errors import InputError, Unwritten
 
 if TYPE_CHECKING:
     from gridslam.maps.map import Map
     from gridslam.measurements.table import Measurements
+    from gridslam.runs.reservation import Place
     from gridslam.runs.run import Run
     from gridslam.viewers.rerun_view import RunView
     from gridslam.world.scene import Scene
@@ -61,7 +63,6 @@ def run(
     from gridslam.maps.frames import fitted
     from gridslam.maps.map import Map
     from gridslam.runs.map_scene import METHODS, check_anchors
-    from gridslam.runs.run import check_output
     from gridslam.world.scene import Scene
 
     world = Scene.load(scene)
@@ -69,29 +70,30 @@ def run(
     if method not in METHODS:
         raise InputError("--method", repr(method), ", ".join(METHODS))
     names = _agents(world, agent, measurements)
-    folder = output or _free_folder(world.name)
-    check_output(folder, overwrite)
-    recorded = _recorded(world, measurements, truth)
-    if recorded is not None:
-        check_anchors(world, recorded)
-    given, note = fitted(Map.load(map_file), world, str(map_file), same_frame) if map_file else (None, None)
-    with _view(world, names, rerun_to, overwrite) if rerun or rerun_to else nullcontext() as view:
-        runtime.start(device, threads)
-        if note:
-            err.print(f"note: {note}", highlight=False, markup=False, soft_wrap=True)
-        runs, heards = _explore(world, names, method, seed, recorded, given, view)
-        stopped = len(runs) < len(names) or runs[-1].interrupted
-        try:
-            with _busy("scoring"):
-                scores = _scores(world, runs, heards, given)
-        except KeyboardInterrupt:
-            scores, stopped = [done.score() for done in runs], True
-        stopped = not _finish(folder, world, runs, heards, scores, overwrite) or stopped
-    if stopped:
-        done = f"{len(runs[-1].estimates)} of {len(heards[-1])} steps of {runs[-1].agent}"
-        line = f"interrupted after {done}: {folder} holds what was done"
-        err.print(line, highlight=False, markup=False, soft_wrap=True)
-        sys.exit(130)
+    with interruptible() as termination, reserved(output, world.name, overwrite) as (folder, place):
+        recorded = _recorded(world, measurements, truth)
+        if recorded is not None:
+            check_anchors(world, recorded)
+        prior = Map.load(map_file) if map_file else None
+        given, note = fitted(prior, world, str(map_file), same_frame) if prior is not None else (None, None)
+        with _view(world, names, rerun_to, overwrite) if rerun or rerun_to else nullcontext() as view:
+            runtime.start(device, threads)
+            for line in (*place.notes, note):
+                if line:
+                    err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
+            runs, heards = _explore(world, names, method, seed, recorded, given, view)
+            stopped = len(runs) < len(names) or runs[-1].interrupted
+            try:
+                with _busy("scoring"):
+                    scores = _scores(world, runs, heards, given)
+            except KeyboardInterrupt:
+                scores, stopped = [done.score() for done in runs], True
+            stopped = not _finish(folder, place, world, runs, heards, scores) or stopped
+        if stopped:
+            done = f"{len(runs[-1].estimates)} of {len(heards[-1])} steps of {runs[-1].agent}"
+            line = f"{ended(termination)} after {done}: {folder} holds what was done"
+            err.print(line, highlight=False, markup=False, soft_wrap=True)
+            sys.exit(143 if termination.asked else 130)
 
 
 @app.command()
@@ -100,8 +102,10 @@ def simulate(
     output: Annotated[Path, typer.Option("-o", "--output", help="FILE.csv or FILE.h5")],
     agent: Annotated[list[str] | None, typer.Option(help="default: the first")] = None,
     seed: Annotated[int, typer.Option(min=0)] = 0,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace files of these names")] = False,
 ) -> None:
     """Write what an agent would hear; for several agents, their names go into the files' names."""
+    from gridslam.io.files import refuse_taken
     from gridslam.simulation.image_source import simulate as hear
     from gridslam.world.scene import Scene
 
@@ -109,8 +113,9 @@ def simulate(
         raise InputError("-o", repr(output.name), "a name that ends in .csv or .h5")
     world = Scene.load(scene)
     names = _agents(world, agent or [a.name for a in world.agents[:1]], None)
-    for name in names:
-        path = output if len(names) == 1 else output.with_stem(f"{output.stem}-{name}")
+    paths = [output if len(names) == 1 else output.with_stem(f"{output.stem}-{name}") for name in names]
+    refuse_taken(paths, overwrite)
+    for name, path in zip(names, paths, strict=True):
         heard = hear(world, name, seed)
         (heard.to_csv if output.suffix == ".csv" else heard.to_h5)(path)
         counts = f"{len(heard)} steps, {len(heard.step)} measurements"
@@ -126,6 +131,10 @@ def main() -> None:
     """Entry point: bad input is one line and exit code 2, Ctrl-C is 130, never a traceback for either."""
     try:
         code = app(standalone_mode=False)
+    except Unwritten as error:
+        for fault in error.faults[:-1]:
+            err.print(f"error: {fault}", highlight=False, markup=False, soft_wrap=True)
+        _refuse(str(error.faults[-1]))
     except InputError as error:
         _refuse(str(error))
     except (KeyboardInterrupt, typer.Abort):
@@ -152,14 +161,6 @@ def _refuse(reason: str) -> None:
 def _busy(what: str) -> AbstractContextManager[object]:
     """A sign of life on a terminal."""
     return err.status(what) if err.is_terminal else nullcontext()
-
-
-def _free_folder(name: str) -> Path:
-    """First unused folder runs/NAME-1, runs/NAME-2, ..."""
-    number = 1
-    while (Path("runs") / f"{name}-{number}").exists():
-        number += 1
-    return Path("runs") / f"{name}-{number}"
 
 
 def _agents(world: Scene, chosen: list[str] | None, measurements: Path | None) -> list[str]:
@@ -259,13 +260,13 @@ def _scores(
 
 def _finish(
     folder: Path,
+    place: Place,
     world: Scene,
     runs: list[Run],
     heards: list[Measurements],
     scores: list[dict[str, Any]],
-    overwrite: bool,
 ) -> bool:
-    """Write the folder and say what is in it; False if Ctrl-C ended the drawing."""
+    """Write the folder and say what is in it; False if Ctrl-C ended the writing or drawing."""
     from gridslam.runs.run import write_run
     from gridslam.viewers.plots import draw_all
 
@@ -279,12 +280,20 @@ def _finish(
         except KeyboardInterrupt:
             whole = False
 
-    write_run(folder, world, runs, heards, scores, {}, overwrite, draw)
+    fault: InputError | None = None
+    try:
+        write_run(folder, world, runs, heards, scores, {}, place.overwrite, draw, place)
+    except KeyboardInterrupt:
+        whole = False
+    except InputError as error:  # the table is worth seeing all the same
+        fault = error
     out.print(_table(runs, scores), width=max(out.width, WIDEST_TABLE), crop=False)
     for done, score in zip(runs, scores, strict=True):
         for why, steps in score["health"]["why"].items():
             line = f"note: {done.agent} at {steps} of {len(done.estimates)} steps: {why}"
             out.print(line, highlight=False, markup=False, soft_wrap=True)
+    if fault is not None:
+        raise fault
     out.print(
         f"wrote {folder}, computed on the {runs[-1].device}", highlight=False, markup=False, soft_wrap=True
     )

@@ -15,6 +15,7 @@ from gridslam.importers import deepmimo, raytracers, sionna
 from gridslam.measurements import csv_hdf5, matlab, per_step_arrays
 from gridslam.measurements.csv_hdf5 import DEVIATIONS, KEYS, VALUES
 from gridslam.world.geometry import wrap
+from gridslam.world.names import label_fault
 from gridslam.world.scan import Scan
 from gridslam.world.trajectory import Trajectory
 
@@ -77,6 +78,10 @@ class Measurements:
         names = tuple(self.anchors)
         if not names or len(set(names)) < len(names):
             raise InputError("measurements: anchors", ", ".join(names) or "none", "names, each once")
+        for name in names:
+            allowed = label_fault(name) if isinstance(name, str) else "text"
+            if allowed is not None:
+                raise InputError("measurements: anchors", repr(name), allowed)
         count = np.size(self.step)
         shapes: dict[str, tuple[int, ...]] = dict.fromkeys((*KEYS, *VALUES, *DEVIATIONS), (count,))
         shapes |= {"anchor_position_m": (len(names), 2), "anchor_orientation_rad": (len(names),)}

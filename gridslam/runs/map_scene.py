@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
 import psutil
@@ -18,6 +16,7 @@ from gridslam.maps.frames import SAME_PLACE_M, assured
 from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements
 from gridslam.runs.run import Run
+from gridslam.runs.stopping import asked_to_stop
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
@@ -89,7 +88,7 @@ def map_scene(
     slam = METHODS[method](scene, prior_map=prior_map, agent=agent, seed=seed)
     estimates: list[Estimate] = []
     peak, began = 0.0, time.perf_counter()
-    with _watcher(progress, slam.agent, measurements) as tell, _stop() as stopped:
+    with _watcher(progress, slam.agent, measurements) as tell, asked_to_stop() as stopped:
         for scan in measurements:
             estimates.append(slam.step(scan))
             peak = max(peak, psutil.Process().memory_info().rss / 2**20)
@@ -160,23 +159,3 @@ def _watcher(
 
         return progress_bar(name, measurements.truth)
     return nullcontext(progress if callable(progress) else None)
-
-
-@contextmanager
-def _stop() -> Iterator[threading.Event]:
-    """Set the event at the first Ctrl-C, so that no step is cut in half; let the second one through."""
-    stopped = threading.Event()
-    ours = threading.current_thread() is threading.main_thread()
-    if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield stopped  # somebody else decides what Ctrl-C means
-        return
-
-    def ask(*_: object) -> None:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        stopped.set()
-
-    signal.signal(signal.SIGINT, ask)
-    try:
-        yield stopped
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)

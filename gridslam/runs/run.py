@@ -14,7 +14,8 @@ from gridslam.evaluation.ground_truth import known_bound
 from gridslam.evaluation.metrics import diverged, map_scores, p95, reflection_mae, rmse, track_errors
 from gridslam.evaluation.surface_truth import surface_scores
 from gridslam.maps.map import Map
-from gridslam.runs.run_files import AgentFiles, RunFiles, check_output, read_run, write_run
+from gridslam.runs.reservation import check_output
+from gridslam.runs.run_files import AgentFiles, RunFiles, read_run, write_run
 from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.simulation.image_source import Truth
 from gridslam.world.scene import Scene

@@ -16,6 +16,7 @@ from pydantic import Field, model_validator
 
 from gridslam.errors import InputError
 from gridslam.world.geometry import Segments, crossing, distance_to_segments, line_through, wrap
+from gridslam.world.names import Label, label_fault, same_folder
 from gridslam.world.radio import SignalModel
 from gridslam.world.scene_parts import Agent, Anchor, FilterSettings, GridSpec, Name, Radio, Share, Wall
 from gridslam.world.trajectory import Trajectory
@@ -38,9 +39,9 @@ class Scene(Strict):
     ('A', 'B')
     """
 
-    name: Name = "scene"
+    name: Label = "scene"
     description: str = ""
-    frame: Name | None = None
+    frame: Label | None = None
     radio: Radio = Radio()
     grid: GridSpec
     materials: dict[Name, Share] = Field(default_factory=lambda: {"concrete": 0.7, "glass": 0.3})
@@ -87,7 +88,8 @@ class Scene(Strict):
             data = tomllib.loads(text)
         except (ValueError, RecursionError) as error:  # no TOML, or a number of thousands of digits
             raise InputError(where, f"broken TOML ({error})", "TOML") from error
-        return cls.checked({"name": Path(where).stem or "scene", **data}, where)
+        stem = Path(where).stem
+        return cls.checked({"name": stem if label_fault(stem) is None else "scene", **data}, where)
 
     def to_toml(self) -> str:
         """Write all settings, defaults included; reads back as an equal scene."""
@@ -188,6 +190,11 @@ class Scene(Strict):
             for index, name in enumerate(names):
                 if name in names[:index]:
                     raise fault(f"{key}[{index}].name", repr(name), "a name that isn't taken")
+        folders = [same_folder(agent.name) for agent in self.agents]
+        for index, folder in enumerate(folders):
+            if folder in folders[:index]:
+                found = f"{self.agents[index].name!r} beside {self.agents[folders.index(folder)].name!r}"
+                raise fault(f"agents[{index}].name", found, "names that differ by more than case")
         for index, wall in enumerate(self.walls):
             if wall.material not in self.materials:
                 field = f"walls[{index}].material"
