@@ -280,7 +280,7 @@ def _finish(
     out.print(_table(runs, scores), width=max(out.width, WIDEST_TABLE), crop=False)
     for done, score in zip(runs, scores, strict=True):
         for why, steps in score["health"]["why"].items():
-            line = f"note: {done.agent} at {steps} of {len(done.estimates)} steps: {why}"
+            line = f"note: {done.agent}: {why} ({steps} of {len(done.estimates)} steps)"
             out.print(line, highlight=False, markup=False, soft_wrap=True)
     out.print(
         f"wrote {folder}, computed on the {runs[-1].device}", highlight=False, markup=False, soft_wrap=True
