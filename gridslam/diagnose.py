@@ -28,6 +28,8 @@ ENOUGH, CERTAIN = 10.0, 30.0
 """Log likelihood ratios in nats above which a reading is told, and told as certain."""
 LEVEL_DB = 2.5
 """Amplitudes whose level is nearer to the expected one aren't questioned."""
+GAINED = 0.1
+"""Share of scans that another reading must explain beyond those that the column explains as it stands."""
 EXPLAINED = 0.85
 """Share of scans with a line of sight above which a column isn't questioned further."""
 
@@ -191,6 +193,8 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
                 other = explain(trusted | {name: values}, scene, agent, world)
                 if world and straight and turning_rad(other.position_m) < np.radians(30):
                     continue  # relative to a heading of 0 is the same as in the world
+                if not world and other.explained < plain.explained + GAINED:
+                    continue
                 if other.evidence > max(best.evidence, plain.evidence + ENOUGH, ENOUGH):
                     best, read, kind = other, values, label
         if kind:

@@ -77,9 +77,8 @@ def whole_cure(table: Columns, scene: Scene, agent: str | None, sofar: Sight, pl
             best = Cure(_names(order, scene, sight, plain), renamed, sight)
     if not _has_both(table):
         return best
-    # to find the lines of sight; heights of single anchors are told apart afterwards, by least squares
-    likely = [error for error in range_errors(scene) if error.kind == "offset" or len(error.anchors) > 1]
-    seen = [explain(table, scene, agent, error=error) for error in likely]
+    # finds the lines of sight alone: the particles may miss the right error, least squares name it afterwards
+    seen = [explain(table, scene, agent, error=error) for error in range_errors(scene)]
     top = max(seen, key=lambda sight: sight.evidence)
     if top.explained < FITTING or top.evidence <= needed:
         return best

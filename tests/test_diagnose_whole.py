@@ -91,8 +91,9 @@ def test_times_that_are_no_seconds_are_named(epoch, kind):
     assert (found.column, found.kind) == ("time_s", kind)
 
 
-def test_missing_distances_are_named():
-    columns = heard("room", 1)
+@pytest.mark.parametrize("seed", [1, 3, 5])
+def test_missing_distances_are_named(seed):
+    columns = heard("room", seed)
     del columns["distance_m"]
     (found,) = named(columns, "room")
     assert (found.column, found.kind) == ("distance_m", "missing")
