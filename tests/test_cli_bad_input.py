@@ -91,7 +91,7 @@ CSV_FAULTS = {
     "steps out of order": (HEADER + "1,1.0,A,3,0,0,9\n0,0.0,A,3,0,0,9\n", "line 3"),
     "times that stand still": (HEADER + "0,1.0,A,3,0,0,9\n1,1.0,A,3,0,0,9\n", "time_s"),
     "unknown anchor": (ROWS.replace("B", "Z"), "'Z'"),
-    "NaN": (ROWS.replace("3.2", "nan"), "line 3: distance_m"),
+    "NaN": (ROWS.replace("1.0,", "nan,"), "time_s"),
     "infinity": (ROWS.replace("3.2", "inf"), "line 3: distance_m"),
     "text": (ROWS.replace("3.2", "far"), "'far'"),
     "short row": (ROWS + "2,2.0,A\n", "line 4"),

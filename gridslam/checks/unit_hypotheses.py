@@ -28,7 +28,8 @@ class Suspicion:
     ----------
     column : str
     kind : str
-        "padding", "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "round trip",
+        "padding", "missing", "case", "names", "offset", "slant", "milliseconds", "microseconds",
+        "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "round trip",
         "flipped", "world frame", "backwards", "swapped", "dB" or "power".
     text : str
         What it looks like and what to do.

@@ -29,7 +29,11 @@ def check(
     scene: Annotated[str | None, typer.Option(help="compares measurements with a scene's anchors")] = None,
     agent: Annotated[str | None, typer.Option(help="whose measurements; default: the first")] = None,
 ) -> None:
-    """Say what a scene, measurement or map file (or a run's folder) is, or what is wrong with it."""
+    """Say what a scene, measurement or map file (or a run's folder) is, or what is wrong with it.
+
+    Exit code 0: nothing is wrong with it; 1: something looks wrong (lines that begin with "suspect:"); 2: it
+    can't be read.
+    """
     from gridslam.checks.diagnose import describe
     from gridslam.measurements.table import Measurements
     from gridslam.world.scene import Scene
@@ -38,10 +42,13 @@ def check(
     if not _is_table(file):
         _say(_describe(file))
         return
-    for line in describe(file, world, agent):
+    lines = describe(file, world, agent)
+    for line in lines:
         if not line.startswith("refused: "):
             _say(line)
     Measurements.load(file)  # a fault is told as that of every file
+    if any(line.startswith("suspect: ") for line in lines):
+        raise typer.Exit(1)
 
 
 def export(

@@ -290,7 +290,7 @@ def _finish(
     out.print(_table(runs, scores), width=max(out.width, WIDEST_TABLE), crop=False)
     for done, score in zip(runs, scores, strict=True):
         for why, steps in score["health"]["why"].items():
-            line = f"note: {done.agent} at {steps} of {len(done.estimates)} steps: {why}"
+            line = f"note: {done.agent}: {why} ({steps} of {len(done.estimates)} steps)"
             out.print(line, highlight=False, markup=False, soft_wrap=True)
     if fault is not None:
         raise fault

@@ -33,6 +33,8 @@ UNITS = {
     "distance_std_m": "m",
 }
 UNITS |= dict.fromkeys(("aod_rad", "aoa_rad", "aod_std_rad", "aoa_std_rad"), "rad")
+IN_DEGREES = {name.replace("_rad", "_deg"): name for name in UNITS if name.endswith("_rad")}
+"""Columns of angles by the names that they may have in CSV files if they are in degrees."""
 MOST_STEPS = 10_000_000
 LARGEST_CSV_BYTES = 2**29
 """A larger table belongs into HDF5."""
@@ -121,6 +123,9 @@ def read_csv(
 ) -> tuple[Columns, tuple[str, ...]]:
     """Read and check a CSV table.
 
+    Cells may be set apart by semicolons, with decimal commas, as spreadsheets of some countries write them;
+    ``nan`` is an empty cell; angles may be in columns that end in ``_deg``.
+
     Parameters
     ----------
     path : path
@@ -143,7 +148,9 @@ def read_csv(
     number = {name: index for index, name in enumerate(anchors or ())}
     lines, table = array("q"), array("d")  # a list of lists takes ten times the memory
     with _rows(Path(path)) as reader:
-        header = [name.strip() for name in next(reader, [])]
+        written = [name.strip() for name in next(reader, [])]
+        comma = reader.dialect.delimiter == ";"
+        header = [IN_DEGREES.get(name, name) for name in written]
         _check_header(header, str(path))
         for cells in reader:
             where = f"{path}: line {reader.line_num}"
@@ -152,13 +159,18 @@ def read_csv(
             if cells:
                 lines.append(reader.line_num)
                 table.extend(
-                    _number(cell.strip(), name, number, anchors is None, where)
+                    _number(
+                        _point(cell, name) if comma else cell.strip(), name, number, anchors is None, where
+                    )
                     for cell, name in zip(cells, header, strict=True)
                 )
     if not table:
         raise InputError(str(path), "no rows", "at least one measurement")
     columns = dict(zip(header, np.array(table).reshape(-1, len(header)).T, strict=True))
     columns |= {name: columns[name].astype(np.intp) for name in ("step", "anchor")}
+    columns |= {
+        IN_DEGREES[name]: np.radians(columns[IN_DEGREES[name]]) for name in written if name in IN_DEGREES
+    }
     names = tuple(number)
     if checked:
         check_columns(columns, len(names), lambda row, name: f"{path}: line {lines[row]}: {name}")
@@ -174,7 +186,11 @@ def _rows(path: Path) -> Iterator[Any]:
             size = f"{path.stat().st_size} bytes"
             raise InputError(str(path), size, f"at most {LARGEST_CSV_BYTES} bytes of CSV (or HDF5)")
         with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file, strict=True)
+            first = file.readline()
+            file.seek(0)
+            reader = csv.reader(
+                file, strict=True, delimiter=";" if ";" in first and "," not in first else ","
+            )
             yield reader
     except csv.Error as error:
         line = reader.line_num if reader is not None else 1
@@ -182,6 +198,11 @@ def _rows(path: Path) -> Iterator[Any]:
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "bytes that aren't text"
         raise InputError(str(path), reason, "a CSV file of measurements") from error
+
+
+def _point(cell: str, name: str) -> str:
+    """A cell of a table with decimal commas, with a point instead."""
+    return cell.strip() if name == "anchor" else cell.strip().replace(",", ".")
 
 
 def _check_header(header: list[str], where: str) -> None:
@@ -212,7 +233,7 @@ def _number(cell: str, name: str, anchors: dict[str, int], growing: bool, where:
         if not (cell.isascii() and cell.isdecimal() and len(cell) <= 12):
             raise InputError(f"{where}: step", repr(cell), f"a whole number from 0 to {MOST_STEPS - 1}")
         return int(cell)
-    if not cell and name != "time_s":
+    if name != "time_s" and cell.lower() in ("", "nan"):
         return np.nan
     try:
         value = float(cell)

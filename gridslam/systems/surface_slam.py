@@ -317,7 +317,8 @@ class SurfaceSlam:
         """MMSE estimates of agent and surfaces, and the paths believed in."""
         mean = self.belief.mean
         variance = float(self.belief.covariance[0, 0] + self.belief.covariance[1, 1])
-        health = self.watch.health(self.told, np.sqrt(variance), self.particles.drawn)
+        names = self.scene.anchor_names
+        health = self.watch.health(self.told, np.sqrt(variance), self.particles.drawn, names)
         table, paths = estimates(
             self.belief, self.bank, self.sight, self.anchors, self.most_bounces, self.signal.amplitude_at_1m,
             None if self.reflects else self._strength,

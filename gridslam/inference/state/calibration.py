@@ -6,6 +6,7 @@ Sums with forgetting over some ten steps stand for a window. Nothing here needs 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -187,7 +188,7 @@ class Watch:
         if was_lost:
             self.since[:] = 0
 
-    def health(self, told: SignalModel, spread_m: float, particles: int) -> Health:
+    def health(self, told: SignalModel, spread_m: float, particles: int, names: Sequence[str] = ()) -> Health:
         """Say how things are.
 
         Parameters
@@ -196,6 +197,8 @@ class Watch:
             Standard deviation of the position.
         particles : int
             How many there are.
+        names : sequence of str
+            Of the anchors; numbers from 1 on where they are missing.
         """
         misfit, freedom, _, _, explained, loud = self._sums.tolist()
         silent, since, usual = int(self.silent[0]), int(self.since[0]), float(self.usual[0])
@@ -221,7 +224,8 @@ class Watch:
         if self.taken.any():
             worst = int(np.abs(self.taken).argmax())
             turn = np.degrees(self.taken[worst])
-            reasons.append(f"anchor number {worst + 1} seems turned by {turn:.1f} degrees")
+            name = names[worst] if names else f"number {worst + 1}"
+            reasons.append(f"anchor {name} seems turned by {turn:.1f} degrees")
         if effective < FEW:
             reasons.append(f"{effective:.0f} particles carry the weight")
         if not silent:
