@@ -44,6 +44,9 @@ def run(
     ] = None,
     truth: Annotated[Path | None, typer.Option(help="TUM track to score --measurements by")] = None,
     map_file: Annotated[Path | None, typer.Option("--map", help="map to start from")] = None,
+    start: Annotated[
+        str | None, typer.Option(help="told start: drawn from the prior by seed (default), or exact")
+    ] = None,
     device: Annotated[str, typer.Option(help="auto, cpu or gpu")] = "auto",
     threads: Annotated[int | None, typer.Option(min=1)] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="new folder")] = None,
@@ -66,6 +69,7 @@ def run(
     if method not in METHODS:
         raise InputError("--method", repr(method), ", ".join(METHODS))
     names = _agents(world, agent, measurements)
+    how = _start(start, measurements)
     folder = output or _free_folder(world.name)
     check_output(folder, overwrite)
     recorded = _recorded(world, measurements, truth)
@@ -76,7 +80,7 @@ def run(
         runtime.start(device, threads)
         if note:
             err.print(f"note: {note}", highlight=False, markup=False, soft_wrap=True)
-        runs, heards = _explore(world, names, method, seed, recorded, given, view)
+        runs, heards = _explore(world, names, method, seed, how, recorded, given, view)
         stopped = len(runs) < len(names) or runs[-1].interrupted
         try:
             with _busy("scoring"):
@@ -177,6 +181,17 @@ def _agents(world: Scene, chosen: list[str] | None, measurements: Path | None) -
     return names
 
 
+def _start(asked: str | None, measurements: Path | None) -> str:
+    """What agents are told of their start: of recorded measurements, the scene's own is all that is known."""
+    from gridslam.start import HOWS
+
+    if asked is not None and asked not in HOWS:
+        raise InputError("--start", repr(asked), " or ".join(HOWS))
+    if measurements is not None and asked == "drawn":
+        raise InputError("--start", "drawn with --measurements", "exact: the scene's own start")
+    return asked or ("drawn" if measurements is None else "exact")
+
+
 def _recorded(world: Scene, file: Path | None, truth: Path | None) -> Measurements | None:
     """Measurements from a file, with the truth that goes with them."""
     from gridslam.measurements import Measurements
@@ -206,6 +221,7 @@ def _explore(
     names: list[str],
     method: str,
     seed: int,
+    how: str,
     recorded: Measurements | None,
     given: Map | None,
     view: RunView | None = None,
@@ -214,6 +230,7 @@ def _explore(
     from gridslam.mapping import map_scene
     from gridslam.progress import progress_bar
     from gridslam.simulate import simulate as hear
+    from gridslam.start import told_start
 
     runs: list[Run] = []
     heards: list[Measurements] = []
@@ -224,7 +241,8 @@ def _explore(
             watch = view.follow(name, heard.truth) if view else None
             with progress_bar(name, heard.truth, err) as tell:
                 before = runs[-1].map if runs else given
-                done = map_scene(world, heard, method, name, seed, before, tell, watch=watch)
+                start = told_start(world, name, seed, how)
+                done = map_scene(world, heard, method, name, seed, before, tell, watch=watch, start=start)
             if view:
                 view.show_map(done.map)
             heards.append(heard)

@@ -20,6 +20,7 @@ from gridslam.map import Map
 from gridslam.measurements import Measurements
 from gridslam.result import Run
 from gridslam.scene import Scene
+from gridslam.start import Start
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
@@ -39,6 +40,7 @@ def map_scene(
     progress: bool | Callable[[Estimate, int, int], None] = False,
     particles: int | None = None,
     watch: Callable[[Estimate, Callable[[], Map]], None] | None = None,
+    start: Start | None = None,
 ) -> Run:
     """Run a method over all measurements of one agent.
 
@@ -60,6 +62,9 @@ def map_scene(
         Instead of ``scene.filter.particles``.
     watch : callable, optional
         Gets, after every step, the estimate and a function that returns the map as it stands.
+    start : Start, optional
+        Told instead of the scene's own start, e.g. `gridslam.start.told_start(scene, agent, seed)`: drawn
+        from the agent's prior, as `gridslam run` and `study` do where they simulate.
 
     Returns
     -------
@@ -82,6 +87,8 @@ def map_scene(
     check_anchors(scene, measurements)
     device = runtime.start()
     slam = METHODS[method](scene, prior_map=prior_map, agent=agent, seed=seed)
+    if start is not None:
+        slam.start_at(start.position_m, start.heading_rad)
     estimates: list[Estimate] = []
     peak, began = 0.0, time.perf_counter()
     with _watcher(progress, slam.agent, measurements) as tell, _stop() as stopped:
@@ -120,6 +127,7 @@ def map_scene(
         seconds_per_step=(time.perf_counter() - began) / len(estimates),
         peak_memory_mb=peak,
         interrupted=len(estimates) < len(measurements),
+        start=start.how if start is not None else "exact",
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.errors import InputError
 from gridslam.estimates import Estimate, SurfaceEstimate
 from gridslam.frames import fitted, stamped
 from gridslam.geometry import unit, wrap
@@ -90,6 +91,21 @@ class SurfaceSlam:
         self.elapsed, self.start_velocity = 0.0, float(variance[2])
         self.next_identity, self.steps = 0, 0
         self.provenance: dict[str, list] = {"agents": [], "seeds": [], "steps": []}
+
+    def start_at(self, position_m: Array, heading_rad: float) -> None:
+        """Believe in another start (m, rad) than the scene's, as surely as its prior says.
+
+        Raises
+        ------
+        InputError
+            Something was heard already, or the start isn't finite.
+        """
+        if self.steps or self.last_time is not None:
+            raise InputError("start", f"told after {self.steps} steps", "before the first")
+        pose = np.array([*np.reshape(position_m, 2), heading_rad], dtype=np.float64)
+        if not np.isfinite(pose).all():
+            raise InputError("start", str(pose.tolist()), "finite numbers")
+        self.belief.mean[[0, 1, 4]] = pose
 
     def step(self, scan: Scan) -> Estimate:
         """Take in what was heard at one step and return what is believed now."""
