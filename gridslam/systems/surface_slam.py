@@ -62,6 +62,8 @@ class SurfaceSlam:
 
     def __init__(self, scene: Scene, agent: str | None = None, seed: int = 0) -> None:
         self.scene, self.seed = scene, seed
+        if not scene.agents:
+            raise InputError(f"{scene.name}: agents", "none", "at least one, to say where it starts")
         body = scene.agent(agent) if agent else scene.agents[0]
         self.agent, self.settings = body.name, scene.filter
         self.signal = self.told = scene.signal_model(body.name)
@@ -89,7 +91,7 @@ class SurfaceSlam:
         self.notes = Notes(kept=False)
         self.last_time: float | None = None
         self.elapsed, self.start_velocity = 0.0, float(variance[2])
-        self.next_identity, self.steps = 0, 0
+        self.next_identity, self.steps, self.crowd = 0, 0, 0
         self.provenance: dict[str, list] = {"agents": [], "seeds": [], "steps": []}
 
     def start_at(self, position_m: Array, heading_rad: float) -> None:
@@ -108,8 +110,15 @@ class SurfaceSlam:
         self.belief.mean[[0, 1, 4]] = pose
 
     def step(self, scan: Scan) -> Estimate:
-        """Take in what was heard at one step and return what is believed now."""
+        """Take in what was heard at one step and return what is believed now.
+
+        Raises
+        ------
+        InputError
+            The scan makes no sense, see `Scan.checked`; the filter stays as it was.
+        """
         began = time.perf_counter()
+        scan = scan.checked(len(self.places), self.last_time)  # before anything is changed
         self._move(scan.time_s)
         self.watch.begin(len(scan))
         self._face(self.watch.taken)
@@ -186,7 +195,7 @@ class SurfaceSlam:
 
     def _find_again(self, scans: list[Heard]) -> None:
         """Where the belief can't be followed from the last step on, find the agent by the map."""
-        count = sum(int(np.count_nonzero(heard.loud)) for heard in scans)
+        count, self.crowd = sum(int(np.count_nonzero(heard.loud)) for heard in scans), 0
         vague = relocation.is_vague(self.belief)
         if count < ENOUGH and not vague:
             return
@@ -199,6 +208,7 @@ class SurfaceSlam:
         belief = self.belief
         if lost:
             belief = relocation.freed(belief, self.elapsed, self.settings.acceleration_mps2)
+        self.crowd = relocation.crowd(scans)
         with runtime.one_blas_thread():
             fix = relocation.find_pose(
                 belief, self.belief, sources, scans, self.detected, self.watch.tuned(self.told, 0),
@@ -325,6 +335,9 @@ class SurfaceSlam:
         mean = self.belief.mean
         variance = float(self.belief.covariance[0, 0] + self.belief.covariance[1, 1])
         health = self.watch.health(self.told, np.sqrt(variance), self.particles.drawn)
+        if self.crowd:
+            why = f"{self.crowd} loud paths of one anchor: {relocation.MOST_LOUD} of them propose poses"
+            health = replace(health, ok=False, why="; ".join(filter(None, (health.why, why))))
         table, paths = estimates(
             self.belief, self.bank, self.sight, self.anchors, self.most_bounces, self.signal.amplitude_at_1m,
             None if self.reflects else self._strength,
