@@ -53,7 +53,7 @@ def test_two_agents_in_turn_leave_a_whole_folder(say, short_room, tmp_path):
 
 
 def test_recorded_measurements_and_a_tum_track_score_like_the_simulation(say, short_room, no_figures):
-    assert say("run", short_room, "--agent", "agent1", "-o", "whole").code == 0
+    assert say("run", short_room, "--agent", "agent1", "--start", "exact", "-o", "whole").code == 0
     assert say("simulate", short_room, "--agent", "agent1", "-o", "heard.csv").code == 0
     said = say(
         "run", short_room, "--measurements", "heard.csv", "--truth", "whole/agent1/truth.tum", "-o", "again"

@@ -49,6 +49,9 @@ def run(
     same_frame: Annotated[
         bool, typer.Option("--same-frame", help="the map is in the scene's frame, though it shares no anchor")
     ] = False,
+    start: Annotated[
+        str | None, typer.Option(help="told start: drawn from the prior by seed (default), or exact")
+    ] = None,
     device: Annotated[str, typer.Option(help="auto, cpu or gpu")] = "auto",
     threads: Annotated[int | None, typer.Option(min=1)] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="new folder")] = None,
@@ -70,6 +73,7 @@ def run(
     if method not in METHODS:
         raise InputError("--method", repr(method), ", ".join(METHODS))
     names = _agents(world, agent, measurements)
+    how = _start(start, measurements)
     with interruptible() as termination, reserved(output, world.name, overwrite) as (folder, place):
         recorded = _recorded(world, measurements, truth)
         if recorded is not None:
@@ -81,7 +85,7 @@ def run(
             for line in (*place.notes, note):
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
-            runs, heards = _explore(world, names, method, seed, recorded, given, view)
+            runs, heards = _explore(world, names, method, seed, how, recorded, given, view)
             stopped = len(runs) < len(names) or runs[-1].interrupted
             try:
                 with _busy("scoring"):
@@ -181,6 +185,17 @@ def _agents(world: Scene, chosen: list[str] | None, measurements: Path | None) -
     return names
 
 
+def _start(asked: str | None, measurements: Path | None) -> str:
+    """What agents are told of their start: of recorded measurements, the scene's own is all that is known."""
+    from gridslam.world.start import HOWS
+
+    if asked is not None and asked not in HOWS:
+        raise InputError("--start", repr(asked), " or ".join(HOWS))
+    if measurements is not None and asked == "drawn":
+        raise InputError("--start", "drawn with --measurements", "exact: the scene's own start")
+    return asked or ("drawn" if measurements is None else "exact")
+
+
 def _recorded(world: Scene, file: Path | None, truth: Path | None) -> Measurements | None:
     """Measurements from a file, with the truth that goes with them."""
     from gridslam.evaluation.ground_truth import with_truth
@@ -210,6 +225,7 @@ def _explore(
     names: list[str],
     method: str,
     seed: int,
+    how: str,
     recorded: Measurements | None,
     given: Map | None,
     view: RunView | None = None,
@@ -218,6 +234,7 @@ def _explore(
     from gridslam.runs.map_scene import map_scene
     from gridslam.runs.progress import progress_bar
     from gridslam.simulation.image_source import simulate as hear
+    from gridslam.world.start import told_start
 
     runs: list[Run] = []
     heards: list[Measurements] = []
@@ -228,7 +245,8 @@ def _explore(
             watch = view.follow(name, heard.truth) if view else None
             with progress_bar(name, heard.truth, err) as tell:
                 before = runs[-1].map if runs else given
-                done = map_scene(world, heard, method, name, seed, before, tell, watch=watch)
+                start = told_start(world, name, seed, how)
+                done = map_scene(world, heard, method, name, seed, before, tell, watch=watch, start=start)
             if view:
                 view.show_map(done.map)
             heards.append(heard)

@@ -22,6 +22,7 @@ from gridslam.systems.grid import GridSlam
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
+from gridslam.world.start import Start
 from gridslam.world.trajectory import Trajectory
 
 METHODS = {"grid": GridSlam, "adaptive": AdaptiveSlam, "va": VirtualAnchorSlam}
@@ -39,6 +40,7 @@ def map_scene(
     particles: int | None = None,
     watch: Callable[[Estimate, Callable[[], Map]], None] | None = None,
     same_frame: bool = False,
+    start: Start | None = None,
 ) -> Run:
     """Run a method over all measurements of one agent.
 
@@ -62,6 +64,9 @@ def map_scene(
         Gets, after every step, the estimate and a function that returns the map as it stands.
     same_frame : bool
         The user's word that `prior_map` is in the scene's frame, where it shares no anchor with it.
+    start : Start, optional
+        Told instead of the scene's own start, e.g. `gridslam.world.start.told_start(scene, agent, seed)`:
+        drawn from the agent's prior, as `gridslam run` and `study` do where they simulate.
 
     Returns
     -------
@@ -86,6 +91,8 @@ def map_scene(
         prior_map = assured(prior_map, scene)
     device = runtime.start()
     slam = METHODS[method](scene, prior_map=prior_map, agent=agent, seed=seed)
+    if start is not None:
+        slam.start_at(start.position_m, start.heading_rad)
     estimates: list[Estimate] = []
     peak, began = 0.0, time.perf_counter()
     with _watcher(progress, slam.agent, measurements) as tell, asked_to_stop() as stopped:
@@ -124,6 +131,7 @@ def map_scene(
         seconds_per_step=(time.perf_counter() - began) / len(estimates),
         peak_memory_mb=peak,
         interrupted=len(estimates) < len(measurements),
+        start=start.how if start is not None else "exact",
     )
 
 

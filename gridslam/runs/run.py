@@ -62,6 +62,8 @@ class Run:
         What the run cost.
     interrupted : bool
         Whether it was stopped before the last measurement.
+    start : str
+        What the filter was told of the start: "exact", the scene's own, or "drawn" from the prior.
     """
 
     scene: Scene
@@ -77,6 +79,7 @@ class Run:
     seconds_per_step: float
     peak_memory_mb: float
     interrupted: bool = False
+    start: str = "exact"
 
     def score(self, truth: Truth | Trajectory | None = None, earlier: Sequence[Truth] = ()) -> dict[str, Any]:
         """Score the run; the keys are those of one agent in ``run.json``.

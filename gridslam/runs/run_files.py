@@ -222,6 +222,7 @@ def _fill(
         "scene": scene.name,
         "method": last.method,
         "seed": last.seed,
+        "start": last.start,
         "particles": last.scene.filter.particles,
         "device": last.device,
         "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},

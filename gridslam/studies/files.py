@@ -20,7 +20,7 @@ try:
 except ImportError:  # Windows: two studies in one folder aren't kept apart there
     fcntl = None
 
-FORMAT, VERSION = "gridslam-study", 2
+FORMAT, VERSION = "gridslam-study", 3
 FILE = "study.jsonl"
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.errors import InputError
 from gridslam.estimates import Estimate, SurfaceEstimate
 from gridslam.inference.management import ghosts, pose_recovery
 from gridslam.inference.management.readout import estimates, surface_estimate
@@ -63,6 +64,8 @@ class SurfaceSlam:
 
     def __init__(self, scene: Scene, agent: str | None = None, seed: int = 0) -> None:
         self.scene, self.seed = scene, seed
+        if not scene.agents:
+            raise InputError(f"{scene.name}: agents", "none", "at least one, to say where it starts")
         body = scene.agent(agent) if agent else scene.agents[0]
         self.agent, self.settings = body.name, scene.filter
         self.signal = self.told = scene.signal_model(body.name)
@@ -90,13 +93,35 @@ class SurfaceSlam:
         self.notes = Notes(kept=False)
         self.last_time: float | None = None
         self.elapsed, self.start_velocity = 0.0, float(variance[2])
-        self.next_identity, self.steps = 0, 0
+        self.next_identity, self.steps, self.crowd = 0, 0, 0
         self.provenance: dict[str, list] = {"agents": [], "seeds": [], "steps": [], "runs": []}
         self.identity = Identity(self.places)
 
+    def start_at(self, position_m: Array, heading_rad: float) -> None:
+        """Believe in another start (m, rad) than the scene's, as surely as its prior says.
+
+        Raises
+        ------
+        InputError
+            Something was heard already, or the start isn't finite.
+        """
+        if self.steps or self.last_time is not None:
+            raise InputError("start", f"told after {self.steps} steps", "before the first")
+        pose = np.array([*np.reshape(position_m, 2), heading_rad], dtype=np.float64)
+        if not np.isfinite(pose).all():
+            raise InputError("start", str(pose.tolist()), "finite numbers")
+        self.belief.mean[[0, 1, 4]] = pose
+
     def step(self, scan: Scan) -> Estimate:
-        """Take in what was heard at one step and return what is believed now."""
+        """Take in what was heard at one step and return what is believed now.
+
+        Raises
+        ------
+        InputError
+            The scan makes no sense, see `Scan.checked`; the filter stays as it was.
+        """
         began = time.perf_counter()
+        scan = scan.checked(len(self.places), self.last_time)  # before anything is changed
         self._move(scan.time_s)
         self.watch.begin(len(scan))
         self._face(self.watch.taken)
@@ -177,7 +202,7 @@ class SurfaceSlam:
 
     def _find_again(self, scans: list[Heard]) -> None:
         """Where the belief can't be followed from the last step on, find the agent by the map."""
-        count = sum(int(np.count_nonzero(heard.loud)) for heard in scans)
+        count, self.crowd = sum(int(np.count_nonzero(heard.loud)) for heard in scans), 0
         vague = pose_recovery.is_vague(self.belief)
         if count < ENOUGH and not vague:
             return
@@ -192,6 +217,7 @@ class SurfaceSlam:
         belief = self.belief
         if lost:
             belief = pose_recovery.freed(belief, self.elapsed, self.settings.acceleration_mps2)
+        self.crowd = pose_recovery.crowd(scans)
         with runtime.one_blas_thread():
             fix = pose_recovery.find_pose(
                 belief, self.belief, sources, scans, self.detected, self.watch.tuned(self.told, 0),
@@ -319,6 +345,9 @@ class SurfaceSlam:
         variance = float(self.belief.covariance[0, 0] + self.belief.covariance[1, 1])
         names = self.scene.anchor_names
         health = self.watch.health(self.told, np.sqrt(variance), self.particles.drawn, names)
+        if self.crowd:
+            why = f"{self.crowd} loud paths of one anchor: {pose_recovery.MOST_LOUD} of them propose poses"
+            health = replace(health, ok=False, why="; ".join(filter(None, (health.why, why))))
         table, paths = estimates(
             self.belief, self.bank, self.sight, self.anchors, self.most_bounces, self.signal.amplitude_at_1m,
             None if self.reflects else self._strength,

@@ -36,6 +36,8 @@ MAP_M, MAP_RAD = 0.03, 0.02
 """What the map's own errors add to a measurement's."""
 CLEAR, WORTH = 5.0, 8.0
 """Log-likelihood by which a mode must beat the next one, and the pose that was believed."""
+MOST_LOUD, BLOCK = 30, 200_000
+"""The loudest of an anchor, which propose poses; poses x images x measurements scored at a time."""
 LOUDEST = 25.0
 VAGUE_M, VAGUE_RAD = 0.6, 0.4
 """Standard deviations of position and heading from which on a pose is searched for."""
@@ -177,6 +179,12 @@ def moved(belief: Belief, fix: Fix, velocity: float) -> Belief:
     return Belief(mean, 0.5 * (covariance + covariance.T))
 
 
+def crowd(scan: Sequence[Heard]) -> int:
+    """Loud measurements of the anchor that heard most, if too many for all to propose poses; else 0."""
+    most = max((int(np.count_nonzero(heard.loud)) for heard in scan), default=0)
+    return most if most > MOST_LOUD else 0
+
+
 def find_pose(
     belief: Belief, expected: Belief, images: Sequence[Sources], scan: Sequence[Heard],
     table: DetectionTable, signal: SignalModel, stream: list[int],
@@ -199,7 +207,13 @@ def find_pose(
     known = draw.multivariate_normal(mean, narrow, KEPT, method="eigh")
     bound = np.linalg.inv(wide + np.diag([0.1, 0.1, 0.1]))
 
-    def score(poses: Array) -> Array:
+    largest = max(len(own.image) * max(len(heard), 1) for own, heard in zip(images, scan, strict=True))
+    block = max(BLOCK // max(largest, 1), 1)
+
+    def score(every: Array) -> Array:
+        return np.concatenate([one(every[at : at + block]) for at in range(0, len(every), block)])
+
+    def one(poses: Array) -> Array:
         gap = poses - mean
         gap[:, 2] = wrap(gap[:, 2])
         far = np.einsum("ni,ij,nj->n", gap, bound, gap)
@@ -236,6 +250,9 @@ def _proposals(
         rows = np.flatnonzero(~np.isnan(heard.value).any(1) & heard.loud)
         if not len(rows):
             continue
+        if len(rows) > MOST_LOUD:  # or poses x measurements would grow with their square
+            rank = np.argsort(-np.nan_to_num(heard.amplitude[rows], nan=signal.threshold), kind="stable")
+            rows = np.sort(rows[rank[:MOST_LOUD]])
         strength = np.nan_to_num(heard.amplitude[rows], nan=signal.threshold)
         std = deviations(heard, rows, strength, heard.value[rows, 1:], signal)
         for copy in range(COPIES):
