@@ -11,11 +11,11 @@ from scene_samples import shortened
 
 import gridslam as gs
 from gridslam import runtime
-from gridslam.bench.bench import bench
-from gridslam.bench.bench import growth as bench_growth
-from gridslam.bench.bench import kernels as bench_kernels
-from gridslam.bench.bench import stages as bench_stages
-from gridslam.bench.bench import start as bench_start
+from gridslam.bench import bench
+from gridslam.bench import growth as bench_growth
+from gridslam.bench import kernels as bench_kernels
+from gridslam.bench import stages as bench_stages
+from gridslam.bench import start as bench_start
 from gridslam.errors import InputError
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())

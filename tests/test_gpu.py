@@ -11,7 +11,7 @@ from tiny import TINY
 
 import gridslam as gs
 from gridslam import runtime
-from gridslam.bench.bench import kernels as bench_kernels
+from gridslam.bench import kernels as bench_kernels
 from gridslam.kernels import CELL_SLABS
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
