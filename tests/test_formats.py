@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from tables import same, table
 
 from gridslam.errors import InputError
-from gridslam.measurements.csv_hdf5 import DEVIATIONS, VALUES
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.image_source import simulate
+from gridslam.world.columns import DEVIATIONS, VALUES
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 

@@ -19,8 +19,8 @@ from gridslam.checks.rivals import FITTING, range_cure, whole_cure
 from gridslam.checks.unit_hypotheses import ADVICE, ANGLES, Suspicion, absurd, finite, padding, readings
 from gridslam.errors import InputError
 from gridslam.measurements import csv_hdf5, matlab
-from gridslam.measurements.csv_hdf5 import DEVIATIONS, VALUES, Columns
 from gridslam.measurements.table import Measurements
+from gridslam.world.columns import DEVIATIONS, VALUES, Columns
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
 

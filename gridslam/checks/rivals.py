@@ -13,7 +13,7 @@ from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.range_errors import RangeError
 from gridslam.checks.range_fit import fits
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite
-from gridslam.measurements.csv_hdf5 import Columns
+from gridslam.world.columns import Columns
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 

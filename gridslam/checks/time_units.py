@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gridslam.checks.line_of_sight_filter import Sight
 from gridslam.checks.unit_hypotheses import Suspicion
-from gridslam.measurements.csv_hdf5 import Columns
+from gridslam.world.columns import Columns
 
 Array = NDArray[np.float64]
 LATEST_S = 1e11

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.measurements.csv_hdf5 import VALUES, Columns
+from gridslam.world.columns import VALUES, Columns
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene

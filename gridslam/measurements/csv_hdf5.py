@@ -1,4 +1,4 @@
-"""The columns of a measurement table, their checks, and their CSV and HDF5 files."""
+"""CSV and HDF5 files of measurement tables."""
 
 from __future__ import annotations
 
@@ -6,24 +6,21 @@ import csv
 import io
 import os
 from array import array
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam.errors import InputError
 from gridslam.io.files import get, put, reading_h5, subgroup, write_bytes, writing_h5
+from gridslam.world.columns import DEVIATIONS, KEYS, MOST_STEPS, VALUES, Columns, check_columns
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.validation import nearest
 
 KIND = "gridslam-measurements"
-KEYS = ("step", "time_s", "anchor")
-VALUES = ("distance_m", "aod_rad", "aoa_rad", "amplitude")
-DEVIATIONS = ("distance_std_m", "aod_std_rad", "aoa_std_rad")
 UNITS = {
     "step": "1",
     "time_s": "s",
@@ -35,11 +32,8 @@ UNITS = {
 UNITS |= dict.fromkeys(("aod_rad", "aoa_rad", "aod_std_rad", "aoa_std_rad"), "rad")
 IN_DEGREES = {name.replace("_rad", "_deg"): name for name in UNITS if name.endswith("_rad")}
 """Columns of angles by the names that they may have in CSV files if they are in degrees."""
-MOST_STEPS = 10_000_000
 LARGEST_CSV_BYTES = 2**29
 """A larger table belongs into HDF5."""
-
-Columns = dict[str, NDArray[Any]]
 
 
 @contextmanager
@@ -51,48 +45,6 @@ def located(path: str | os.PathLike[str]) -> Iterator[None]:
         if error.where.startswith(str(path)):
             raise
         raise InputError(f"{path}: {error.where}", error.found, error.allowed) from error
-
-
-def check_columns(columns: Columns, anchors: int, place: Callable[[int, str], str]) -> None:
-    """Check what the rows of a measurement table must satisfy.
-
-    Parameters
-    ----------
-    columns : dict of (K,) arrays
-        Every key of `KEYS`, and any of `VALUES` and `DEVIATIONS`; NaN stands for not measured.
-    anchors : int
-        Number of anchors.
-    place : callable
-        Says where a row and column stand, for the error.
-
-    Raises
-    ------
-    InputError
-        Steps or times out of order, an anchor out of range, a value that can't be, or a row without any.
-    """
-
-    def refuse(bad: NDArray[np.bool_], name: str, allowed: str) -> None:
-        for row in np.flatnonzero(bad)[:1]:
-            raise InputError(place(int(row), name), str(columns[name][row]), allowed)
-
-    step, time = columns["step"], columns["time_s"]
-    refuse((step < 0) | (step >= MOST_STEPS), "step", f"0 to {MOST_STEPS - 1}")
-    refuse(~np.isfinite(time), "time_s", "a finite number")
-    later = np.concatenate([[False], np.diff(step) > 0])
-    same = np.concatenate([[False], np.diff(step) == 0])
-    rise = np.concatenate([[0.0], np.diff(time)])
-    refuse(~(later | same) & (np.arange(len(step)) > 0), "step", "steps in rising order")
-    refuse(later & (rise <= 0), "time_s", "times that rise strictly from step to step")
-    refuse(same & (rise != 0), "time_s", "one time for all rows of a step")
-    refuse((columns["anchor"] < 0) | (columns["anchor"] >= anchors), "anchor", f"0 to {anchors - 1}")
-    for name in (name for name in (*VALUES, *DEVIATIONS) if name in columns):
-        refuse(np.isinf(columns[name]), name, "a finite number")
-        if name in ("aod_rad", "aoa_rad"):
-            refuse(np.abs(columns[name]) > 2 * np.pi, name, "radians in (-pi, pi]")
-        else:
-            refuse(columns[name] <= 0, name, "a number above 0")
-    empty = np.all([np.isnan(columns[name]) for name in VALUES if name in columns], axis=0)
-    refuse(empty, "distance_m", f"at least one of {', '.join(VALUES)} in each row")
 
 
 def write_csv(path: str | os.PathLike[str], columns: Columns, anchors: Sequence[str]) -> None:

@@ -25,8 +25,8 @@ import numpy as np
 from gridslam.errors import InputError
 from gridslam.io.hdf5_guard import prove
 from gridslam.io.hdf5_limits import claims_too_much, counted, most_claimed, own
-from gridslam.measurements.csv_hdf5 import DEVIATIONS, KEYS, VALUES, Columns, check_columns
 from gridslam.measurements.matlab5 import Damaged, read_arrays
+from gridslam.world.columns import DEVIATIONS, KEYS, VALUES, Columns, check_columns
 
 GROUP = "measurements"
 COLUMNS = (*KEYS, *VALUES, *DEVIATIONS)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gridslam.errors import InputError
 from gridslam.importers import deepmimo, raytracers, sionna
 from gridslam.measurements import csv_hdf5, matlab, per_step_arrays
-from gridslam.measurements.csv_hdf5 import DEVIATIONS, KEYS, VALUES
+from gridslam.world.columns import DEVIATIONS, KEYS, MOST_STEPS, VALUES, Columns, check_columns
 from gridslam.world.geometry import wrap
 from gridslam.world.names import label_fault
 from gridslam.world.scan import Scan
@@ -85,7 +85,7 @@ class Measurements:
         count = np.size(self.step)
         shapes: dict[str, tuple[int, ...]] = dict.fromkeys((*KEYS, *VALUES, *DEVIATIONS), (count,))
         shapes |= {"anchor_position_m": (len(names), 2), "anchor_orientation_rad": (len(names),)}
-        arrays: csv_hdf5.Columns = {}
+        arrays: Columns = {}
         for name, shape in shapes.items():
             if name in (*KEYS, *VALUES) or getattr(self, name) is not None:
                 kind = np.intp if name in ("step", "anchor") else np.float64
@@ -95,7 +95,7 @@ class Measurements:
         for name in ("anchor_position_m", "anchor_orientation_rad"):
             if name in arrays and not np.isfinite(arrays[name]).all():
                 raise InputError(f"measurements: {name}", "NaN or infinity", "finite numbers")
-        csv_hdf5.check_columns(arrays, len(names), lambda row, name: f"measurements: {name}[{row}]")
+        check_columns(arrays, len(names), lambda row, name: f"measurements: {name}[{row}]")
         for name in ("aod_rad", "aoa_rad"):
             arrays[name] = wrap(arrays[name])
         for name, values in arrays.items():
@@ -104,8 +104,8 @@ class Measurements:
 
         heard = int(self.step[-1]) + 1 if count else 0
         steps, interval = self.steps or heard, self.interval_s or self._median_interval()
-        if not heard <= steps <= csv_hdf5.MOST_STEPS:
-            raise InputError("measurements: steps", str(steps), f"{heard} to {csv_hdf5.MOST_STEPS}")
+        if not heard <= steps <= MOST_STEPS:
+            raise InputError("measurements: steps", str(steps), f"{heard} to {MOST_STEPS}")
         if not (np.isfinite(interval) and interval > 0):
             raise InputError("measurements: interval_s", str(interval), "a number above 0")
         for name, value in (("anchors", names), ("steps", int(steps)), ("interval_s", float(interval))):
@@ -150,7 +150,7 @@ class Measurements:
         nearest = before if step > self.step[before] else after
         return float(self.time_s[nearest] + (step - self.step[nearest]) * self.interval_s)
 
-    def _columns(self) -> csv_hdf5.Columns:
+    def _columns(self) -> Columns:
         """Columns of the table that are there, in the order of the files."""
         names = (*KEYS, *VALUES, *(name for name in DEVIATIONS if getattr(self, name) is not None))
         return {name: getattr(self, name) for name in names}

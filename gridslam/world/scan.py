@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.errors import InputError
-from gridslam.measurements.csv_hdf5 import DEVIATIONS, VALUES, check_columns
+from gridslam.world.columns import DEVIATIONS, VALUES, check_columns
 
 Array = NDArray[np.float64]
 
