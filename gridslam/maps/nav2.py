@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-if TYPE_CHECKING:
-    from gridslam.maps.map import Map
+from gridslam.maps.map_cells import MapCells
+from gridslam.maps.walls import WallSegments
 
 FREE, OCCUPIED, UNKNOWN = 254, 0, 205
 NUDGE = 1e-6
@@ -22,25 +20,24 @@ PAST_ENDS_M = 0.3
 SURELY_CROSSED_NAT = -3.0
 
 
-def trinary(grid: Map, raw: bool = False) -> NDArray[np.uint8]:
+def trinary(grid: MapCells, walls: WallSegments | None) -> NDArray[np.uint8]:
     """Picture of a map for planners, (ny, nx) uint8, first row at the lowest y.
 
     Parameters
     ----------
-    grid : Map
-    raw : bool
-        The cells alone. Otherwise the walls of `Map.wall_segments` are occupied, too, whatever the cells say,
-        and free cells that no path reached but through a wall are unknown.
+    grid : MapCells
+    walls : WallSegments or None
+        Occupied, too, whatever the cells say; free cells that no path reached but through a wall are unknown
+        then. None: the cells alone.
     """
     occupied, free = grid.occupied.copy(), grid.free
-    if not raw:
-        walls = grid.wall_segments()
+    if walls is not None:
         occupied |= burnt(grid, walls.ends_m)
         free = _seen(grid, free & ~occupied, occupied, walls.ends_m)
     return np.where(occupied, OCCUPIED, np.where(free, FREE, UNKNOWN)).astype(np.uint8)
 
 
-def burnt(grid: Map, ends_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+def burnt(grid: MapCells, ends_m: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Cells of a map's grid that line segments pass through, (ny, nx).
 
     All of them, also those that a segment only cuts a corner of or passes by at a common corner: nothing gets
@@ -90,7 +87,7 @@ def _clipped(
 
 
 def _seen(
-    grid: Map, free: NDArray[np.bool_], occupied: NDArray[np.bool_], ends_m: NDArray[np.float64]
+    grid: MapCells, free: NDArray[np.bool_], occupied: NDArray[np.bool_], ends_m: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Free cells without the bands and specks behind walls, (ny, nx)."""
     if not len(ends_m):

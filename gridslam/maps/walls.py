@@ -9,15 +9,12 @@ were told to a cell next to it or one of them is more likely occupied than befor
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.maps.map_cells import MapCells
 from gridslam.world.geometry import unit
-
-if TYPE_CHECKING:
-    from gridslam.maps.map import Map
 
 Array = NDArray[np.float64]
 OPEN_NAT = -3.0
@@ -71,7 +68,7 @@ class WallSegments:
         return self.extent_m[:, 1] - self.extent_m[:, 0]
 
 
-def wall_segments(grid: Map) -> WallSegments:
+def wall_segments(grid: MapCells) -> WallSegments:
     """Stretches of a map's surfaces where there is a wall, by what its cells know.
 
     A surface whose cells know nothing (methods that map no cells) keeps its whole extent; one that was never
@@ -79,7 +76,7 @@ def wall_segments(grid: Map) -> WallSegments:
 
     Parameters
     ----------
-    grid : Map
+    grid : MapCells
     """
     rows: list[int] = []
     pieces: list[tuple[float, float]] = []
@@ -99,7 +96,9 @@ def wall_segments(grid: Map) -> WallSegments:
     return WallSegments(surface, table.identity[surface], extent, ends)
 
 
-def _stretches(grid: Map, told: NDArray, line: Array, cov: Array, extent: Array) -> list[tuple[float, float]]:
+def _stretches(
+    grid: MapCells, told: NDArray, line: Array, cov: Array, extent: Array
+) -> list[tuple[float, float]]:
     """Where along one surface there is a wall: pairs of coordinates, ascending."""
     low, high = np.sort(extent)
     edge = np.linspace(low, high, max(1, int(np.ceil((high - low) / (0.5 * grid.cell_m)))) + 1)
@@ -119,7 +118,7 @@ def _stretches(grid: Map, told: NDArray, line: Array, cov: Array, extent: Array)
 
 
 def _states(
-    grid: Map, told: NDArray, line: Array, cov: Array, along: Array
+    grid: MapCells, told: NDArray, line: Array, cov: Array, along: Array
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """OPEN, WALL or UNKNOWN at places (N,) along a line, and whether a wall there is beyond doubt."""
     normal, tangent = unit(line[0]), unit(line[0] + 0.5 * np.pi)
