@@ -13,7 +13,7 @@ from tiny import TINY
 import gridslam as gs
 from gridslam.errors import InputError
 from gridslam.runs.reservation import reserve, reserve_free
-from gridslam.runs.run import read_run
+from gridslam.runs.run_files import read_run
 from gridslam.systems.grid import GridSlam
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")

@@ -15,7 +15,10 @@ from gridslam.errors import InputError, Unwritten
 from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
 from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements
-from gridslam.runs.run import Run, check_output, read_run, read_steps, write_run, write_steps
+from gridslam.runs.reservation import check_output
+from gridslam.runs.run import Run
+from gridslam.runs.run_files import read_run, write_run
+from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.simulation.image_source import ground_truth
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory

@@ -285,7 +285,7 @@ def _finish(
     scores: list[dict[str, Any]],
 ) -> bool:
     """Write the folder and say what is in it; False if Ctrl-C ended the writing or drawing."""
-    from gridslam.runs.run import write_run
+    from gridslam.runs.run_files import write_run
     from gridslam.viewers.plots import draw_all
 
     whole = True

@@ -12,7 +12,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,14 +22,12 @@ from gridslam.io.files import cannot_write, write_bytes
 from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements
 from gridslam.runs.reservation import Place, reserve
+from gridslam.runs.run import Run
 from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.runs.stopping import held_back
 from gridslam.world.names import folder_fault
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from gridslam.runs.run import Run
 
 PACKAGES = ("gridslam", "numpy", "scipy", "taichi", "h5py")
 
