@@ -39,7 +39,8 @@ def bench(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace that file")] = False,
 ) -> None:
     """Measure speed and memory on this machine: kernels against NumPy, steps, growth, start-up."""
-    from gridslam.bench.bench import QUICK, Plan, measure
+    from gridslam.bench.bench import measure
+    from gridslam.bench.plan import QUICK, Plan
     from gridslam.io.files import refuse_taken, write_bytes
 
     if json_file is not None:
