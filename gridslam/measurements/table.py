@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gridslam.errors import InputError
-from gridslam.importers import deepmimo, raytracers, sionna
 from gridslam.measurements import csv_hdf5, matlab, per_step_arrays
 from gridslam.world.columns import DEVIATIONS, KEYS, MOST_STEPS, VALUES, Columns, check_columns
 from gridslam.world.geometry import wrap
@@ -20,7 +19,7 @@ from gridslam.world.scan import Scan
 from gridslam.world.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from gridslam.world.scene import Scene
+    pass
 
 __all__ = ["Measurements", "Scan"]
 Array = NDArray[np.float64]
@@ -277,76 +276,3 @@ class Measurements:
         tables = {name: quantity for name, quantity in given.items() if quantity is not None}
         columns = per_step_arrays.table(tables, time_s, interval_s)
         return cls(interval_s=interval_s, **{**columns, **more})
-
-    @classmethod
-    def from_sionna(
-        cls,
-        paths: Any,
-        scene: Scene,
-        heading_rad: ArrayLike,
-        *,
-        uplink: bool = False,
-        **more: Any,
-    ) -> Measurements:
-        """Take over what Sionna RT traced: exact paths, without noise (`receive` adds it).
-
-        Parameters
-        ----------
-        paths : sionna.rt.Paths, or a sequence of them
-            Its transmitters are the scene's anchors, in order; its receivers the agent, step by step.
-        scene : Scene
-            For the anchors' orientations and the radio.
-        heading_rad : float or (N,) float, rad
-            The agent's heading, the first angle of the receivers' orientation.
-        uplink : bool
-            Transmitters are the agent, receivers the anchors.
-        **more
-            ``slope_deg``, ``carrier_hz`` and ``least_snr_db`` of `gridslam.importers.raytracers.plane_table`;
-            ``time_s``, ``interval_s``, ``truth`` and other arguments of `from_arrays`.
-
-        Raises
-        ------
-        InputError
-            Not such an object, or numbers of devices that don't match.
-        """
-        return cls._traced(sionna.traced(paths, uplink), scene, heading_rad, **more)
-
-    @classmethod
-    def from_deepmimo(
-        cls,
-        datasets: Sequence[Mapping[str, Any]],
-        scene: Scene,
-        heading_rad: ArrayLike,
-        *,
-        users: ArrayLike | None = None,
-        **more: Any,
-    ) -> Measurements:
-        """Take over arrays of DeepMIMO: exact paths, without noise (`receive` adds it).
-
-        Parameters
-        ----------
-        datasets : sequence of mappings, one per anchor in the scene's order
-            See `gridslam.importers.deepmimo` for the arrays and their conventions.
-        users : (N,) int, optional
-            Users along which the agent moves; otherwise all, in order.
-        scene, heading_rad, **more
-            As in `from_sionna`.
-
-        Raises
-        ------
-        InputError
-            An array is missing, or shapes that don't match.
-        """
-        return cls._traced(deepmimo.traced(datasets, users), scene, heading_rad, **more)
-
-    @classmethod
-    def _traced(
-        cls, paths: raytracers.TracedPaths, scene: Scene, heading_rad: ArrayLike, **more: Any
-    ) -> Measurements:
-        choice = {name: more.pop(name) for name in raytracers.CHOICES if name in more}
-        tables = raytracers.plane_table(paths, scene, heading_rad, **choice)
-        known = {
-            "anchor_position_m": scene.anchor_positions,
-            "anchor_orientation_rad": scene.anchor_orientations,
-        }
-        return cls.from_arrays(**tables, **{**known, **more})
