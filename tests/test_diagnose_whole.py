@@ -7,6 +7,7 @@ import pytest
 
 import gridslam as gs
 from gridslam.checks.diagnose import describe, suspicions
+from gridslam.checks.time_units import intervals
 from gridslam.measurements.table import Measurements
 from gridslam.world.radio import SPEED_OF_LIGHT
 
@@ -125,3 +126,11 @@ def test_exit_code_tells_scripts_of_suspects(say, tmp_path):
     (tmp_path / "bad.csv").write_text("step,time_s\n")
     assert say("check", "bad.csv").code == 2
     assert "Exit code" in say("check", "--help").out
+
+
+@pytest.mark.parametrize("times", [np.inf, np.nan, [0.0, np.inf, 1.0], [-1e308, 1e308, -1e308]])
+def test_times_that_are_no_numbers_are_looked_at_without_a_warning(times):
+    columns = heard("room", 1)
+    columns["time_s"] = np.resize(np.array(times), len(columns["step"]))[columns["step"]]
+    assert intervals(columns) == [] or intervals(columns)[0].startswith("  time_s: median")
+    assert named(columns, "room") is not None

@@ -25,8 +25,7 @@ def intervals(columns: Columns) -> list[str]:
 
 def absurd_times(columns: Columns) -> list[Suspicion]:
     """Times since 1970 that can't be seconds."""
-    time = columns["time_s"]
-    latest = float(np.nanmax(np.abs(time))) if len(time) else 0.0
+    latest = _latest_s(columns)
     for least, unit, factor in UNITS:
         if latest > least:
             return [Suspicion("time_s", unit, _words(unit, factor), True, f"up to {latest:.4g}")]
@@ -36,7 +35,7 @@ def absurd_times(columns: Columns) -> list[Suspicion]:
 def slow_times(columns: Columns, sight: Sight) -> list[Suspicion]:
     """Times that would make the agent crawl, by where lines of sight put it."""
     gap = _interval_s(columns)
-    if gap < LONG_S or np.nanmax(np.abs(columns["time_s"])) > LATEST_S or len(sight.position_m) < 5:
+    if gap < LONG_S or _latest_s(columns) > LATEST_S or len(sight.position_m) < 5:
         return []
     span = float(np.ptp(columns["step"][sight.row]))
     way = float(np.linalg.norm(np.ptp(sight.position_m, axis=0)))
@@ -51,9 +50,18 @@ def _words(unit: str, factor: float) -> str:
     return f"{unit}, where seconds belong (times {factor:g})"
 
 
+def _latest_s(columns: Columns) -> float:
+    """The largest of the finite times, 0 without any."""
+    time = columns["time_s"]
+    return float(np.abs(time[np.isfinite(time)]).max(initial=0.0))
+
+
 def _interval_s(columns: Columns) -> float:
-    """Median time per step, 0 of a single one."""
+    """Median time per step, 0 of a single one; times that aren't finite are somebody else's to refuse."""
     step, first = np.unique(columns["step"], return_index=True)
+    time = columns["time_s"][first]
+    step, time = step[np.isfinite(time)], time[np.isfinite(time)]
     if len(step) < 2:
         return 0.0
-    return float(np.median(np.diff(columns["time_s"][first]) / np.diff(step)))
+    with np.errstate(over="ignore"):
+        return float(np.median(np.diff(time) / np.diff(step)))
