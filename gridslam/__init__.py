@@ -1,6 +1,8 @@
 """gridslam: radio multipath in, a map out."""
 
 from gridslam.errors import InputError
+from gridslam.importers.deepmimo import measurements_from_deepmimo as from_deepmimo
+from gridslam.importers.sionna import measurements_from_sionna as from_sionna
 from gridslam.maps.fusion import fuse
 from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements, Scan
@@ -27,6 +29,8 @@ __all__ = [
     "Truth",
     "VirtualAnchorSlam",
     "bundled_scenes",
+    "from_deepmimo",
+    "from_sionna",
     "fuse",
     "ground_truth",
     "map_scene",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 
 class InputError(ValueError):
     """Bad input, told in one line: which file, which field, what was found, what is allowed.
@@ -23,6 +25,24 @@ class InputError(ValueError):
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
         """Travel whole from a worker process: the parts, where ValueError would pass on the sentence."""
         return type(self), (self.where, self.found, self.allowed)
+
+
+class Unwritten(InputError):
+    """Some files of a run couldn't be written; the others were.
+
+    Parameters
+    ----------
+    faults : sequence of InputError
+        One per file.
+    """
+
+    def __init__(self, faults: Sequence[InputError]) -> None:
+        self.faults = tuple(faults)
+        super().__init__(faults[0].where, faults[0].found, faults[0].allowed)
+
+    def __reduce__(self) -> tuple[type[Unwritten], tuple[tuple[InputError, ...]]]:  # type: ignore[override]
+        """Travel whole from a worker process."""
+        return type(self), (self.faults,)
 
 
 def _line(text: str, longest: int = 500) -> str:

@@ -9,14 +9,13 @@ from gridslam.inference.messages.cells import CastBuffers, cast_at, update_cells
 from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import BINS, Bank
-from gridslam.inference.workspace import Workspace
-from gridslam.world.filter_model import FilterModel
+from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.scene_parts import GridSpec
 
 
 def model_of(scene="room", anchors=None, radio=None, **settings):
     """What a filter may know of a bundled scene, with other anchors (J, 3), radio or settings."""
-    model = FilterModel.of(gs.Scene.load(scene))
+    model = gs.Scene.load(scene).filter_model()
     model = replace(model, settings=model.settings.model_copy(update=settings))
     if anchors is not None:
         model = replace(

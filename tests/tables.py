@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gridslam.measurements.csv_hdf5 import DEVIATIONS, KEYS, VALUES
+from gridslam.world.columns import DEVIATIONS, KEYS, VALUES
 
 COLUMNS = (*KEYS, *VALUES, *DEVIATIONS)
 

@@ -23,7 +23,7 @@ from gridslam.inference.state.anchor_measurements import Heard
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
-from gridslam.inference.workspace import Workspace
+from gridslam.inference.workspace.workspace import Workspace
 from gridslam.runs.map_scene import METHODS
 from gridslam.world.geometry import sfv
 

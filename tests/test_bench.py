@@ -16,6 +16,7 @@ from gridslam.bench import growth as bench_growth
 from gridslam.bench import kernels as bench_kernels
 from gridslam.bench import stages as bench_stages
 from gridslam.bench import start as bench_start
+from gridslam.bench.plan import QUICK, Plan
 from gridslam.errors import InputError
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
@@ -28,7 +29,7 @@ def quick():
     told = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bench, "start_up", lambda repeats, device: bench_start.StartUp(1.0, False, 3.0, 2.0))
-        return bench.measure(bench.QUICK, tell=lambda *words: told.append(words)), told
+        return bench.measure(QUICK, tell=lambda *words: told.append(words)), told
 
 
 def numbers(value):
@@ -140,15 +141,15 @@ def test_one_size_has_no_exponent():
     assert bench_growth.fitted("things", [3, 3], [0.1, 0.2], [0.1, 0.1], [1.0, 1.0]).exponent is None
 
 
-@pytest.mark.parametrize("sides", bench.Plan().surfaces)
+@pytest.mark.parametrize("sides", Plan().surfaces)
 def test_polygons_have_as_many_surfaces_as_sides(sides):
     scene = bench_growth.polygon(sides, 64)
     assert len(set(scene.segments().surface.tolist())) == sides
-    assert len(scene.track("agent1")) >= bench.Plan().before + bench.Plan().timed
+    assert len(scene.track("agent1")) >= Plan().before + Plan().timed
 
 
 def test_bundled_scene_is_long_enough_for_the_plan():
-    plan = bench.Plan()
+    plan = Plan()
     assert len(gs.Scene.load("alcove").track("agent1")) >= max(*plan.steps, plan.kernel_before + 10)
 
 
@@ -166,7 +167,7 @@ def test_command_writes_the_json_it_shows(say, quick, monkeypatch, tmp_path):
     kept = quick[0]
 
     def measure(plan, device, threads, tell):
-        assert (plan, device, threads) == (bench.QUICK, "auto", None)
+        assert (plan, device, threads) == (QUICK, "auto", None)
         return kept
 
     monkeypatch.setattr(bench, "measure", measure)
@@ -207,4 +208,4 @@ def test_json_that_cant_be_written_is_refused_before_anything_is_measured(say, n
 def test_unknown_device_is_refused(say):
     assert say("bench", "--device", "abacus").code == 2
     with pytest.raises(InputError, match="device"):
-        bench.measure(bench.QUICK, "abacus")
+        bench.measure(QUICK, "abacus")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import gridslam as gs
-from gridslam.inference.cell_buffers import EVIDENCE_CLIP
+from gridslam.inference.workspace.cell_buffers import EVIDENCE_CLIP
 from gridslam.simulation.image_source import heard_along, true_paths
 
 BEFORE = 300

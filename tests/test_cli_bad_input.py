@@ -91,7 +91,7 @@ CSV_FAULTS = {
     "steps out of order": (HEADER + "1,1.0,A,3,0,0,9\n0,0.0,A,3,0,0,9\n", "line 3"),
     "times that stand still": (HEADER + "0,1.0,A,3,0,0,9\n1,1.0,A,3,0,0,9\n", "time_s"),
     "unknown anchor": (ROWS.replace("B", "Z"), "'Z'"),
-    "NaN": (ROWS.replace("3.2", "nan"), "line 3: distance_m"),
+    "NaN": (ROWS.replace("1.0,", "nan,"), "time_s"),
     "infinity": (ROWS.replace("3.2", "inf"), "line 3: distance_m"),
     "text": (ROWS.replace("3.2", "far"), "'far'"),
     "short row": (ROWS + "2,2.0,A\n", "line 4"),
@@ -180,7 +180,7 @@ def test_faulty_file(say, tmp_path, mapped, words, word):
 )
 def test_map_that_fits_no_cell_of_the_scene(say, tmp_path, origin, cell, shape, word):
     gs.Map.blank(origin, cell, shape, 0.01).save(tmp_path / "bad.h5")
-    refused(say("run", "room", "--map", "bad.h5"), tmp_path, ["bad.h5"], word)
+    refused(say("run", "room", "--map", "bad.h5", "--same-frame"), tmp_path, ["bad.h5"], word)
 
 
 OPTION_FAULTS = [

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gridslam as gs
-from gridslam.measurements.csv_hdf5 import KEYS, VALUES
 from gridslam.simulation import disturbances, unusual_paths
 from gridslam.simulation.image_source import true_paths
 from gridslam.world import geometry
+from gridslam.world.columns import KEYS, VALUES
 
 CASE = disturbances.undisturbed(gs.Scene.load("room"), seed=1)
 

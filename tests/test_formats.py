@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from tables import same, table
 
 from gridslam.errors import InputError
-from gridslam.measurements.csv_hdf5 import DEVIATIONS, VALUES
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.image_source import simulate
+from gridslam.world.columns import DEVIATIONS, VALUES
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
@@ -94,14 +94,18 @@ ROW = "0,0.0,A,1.0,0.5,0.5,3.0"
     [
         ("", "", "empty file"),
         (HEADER, "", "no rows"),
-        (HEADER.replace("aoa_rad", "aoa_deg") + f"\n{ROW}", ": line 1", "aoa_rad"),
+        (HEADER.replace("aoa_rad", "aoa_grad") + f"\n{ROW}", ": line 1", "aoa_rad"),
+        (HEADER + ",aoa_deg\n" + ROW + ",0", ": line 1", "'aoa_rad' twice"),
+        (HEADER.replace("aoa_rad", "aoa_deg") + "\n0,0,A,1,0,361,3", ": line 2: aoa_rad", "radians"),
+        (f"{HEADER}\n0,nan,A,1,0,0,3", ": line 2: time_s", "finite number"),
         (HEADER.replace("time_s,", "") + "\n0,A,1,0,0,3", ": line 1", "no column 'time_s'"),
         ("step,time_s,anchor,aoa_std_rad\n0,0,A,1", ": line 1", "no measured column"),
         (HEADER + ",step\n" + ROW + ",0", ": line 1", "'step' twice"),
         (f"{HEADER}\n{ROW},9", ": line 2", "8 cells"),
         (f"{HEADER}\n{ROW}\n1,1.0,A,1.0", ": line 3", "4 cells"),
         (f"{HEADER}\n{ROW}\n\n1,1.0,A,far,0,0,3", ": line 4: distance_m", "'far'"),
-        (f"{HEADER}\n0,0,A,nan,0,0,3", ": line 2: distance_m", "empty cell if not measured"),
+        (f"{HEADER}\n0,0,A,inf,0,0,3", ": line 2: distance_m", "empty cell if not measured"),
+        (f"{HEADER}\n0,0,A,nan,NaN,,nan", ": line 2: distance_m", "at least one of"),
         (f"{HEADER}\n0,0,A,1,0,-inf,3", ": line 2: aoa_rad", "finite number"),
         (f"{HEADER}\n0,,A,1,0,0,3", ": line 2: time_s", "finite number"),
         (f"{HEADER}\n0,1e999,A,1,0,0,3", ": line 2: time_s", "finite number"),
@@ -125,6 +129,28 @@ def test_csv_fault_is_told_with_its_line(tmp_path, text, where, says):
     assert caught.value.where == f"{path}{where}"
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_csv_of_spreadsheets_and_of_savetxt_reads_as_a_plain_one(tmp_path):
+    """Semicolons with decimal commas, degrees, and nan for not measured."""
+    plain = (
+        "step,time_s,anchor,distance_m,aod_rad,aoa_rad\n0,0.0,A,3.75,,0.5235987755982988\n1,0.5,B,4.5,0.25,\n"
+    )
+    ways = {
+        "plain": plain,
+        "semicolons": plain.replace(",", ";").replace(".", ","),
+        "nan": plain.replace("A,3.75,,", "A,3.75,nan,").replace("0.25,\n", "0.25,NaN\n"),
+        "degrees": plain.replace("aoa_rad", "aoa_deg").replace("0.5235987755982988", "30"),
+    }
+    read = {}
+    for way, text in ways.items():
+        (tmp_path / f"{way}.csv").write_text(text)
+        read[way] = Measurements.from_csv(tmp_path / f"{way}.csv")
+    for way, told in read.items():
+        for name in ("step", "time_s", "anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude"):
+            np.testing.assert_allclose(
+                getattr(told, name), getattr(read["plain"], name), rtol=1e-15, err_msg=way
+            )
 
 
 def test_csv_that_is_no_text_is_named(tmp_path):

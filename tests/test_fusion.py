@@ -19,9 +19,9 @@ from gridslam.maps.map import Map
 @settings(max_examples=20, deadline=None)
 def test_fusion_does_not_depend_on_the_order(seeds, order):
     maps = [random_map(seed, lines=((0.3 + 0.01 * i, 2.0), (-2.0, 1.0 + i))) for i, seed in enumerate(seeds)]
-    first = fuse(maps)
+    first = fuse(maps, same_frame=True)
     order.shuffle(maps)
-    second = fuse(maps)
+    second = fuse(maps, same_frame=True)
     assert_same(first, second)
     assert first.provenance == second.provenance
 
@@ -33,7 +33,7 @@ def test_fused_evidence_is_the_sum_where_maps_overlap(evidence):
         replace(Map.blank((x, 0), 0.5, (2, 3), 0.05), evidence=values, observed=np.ones((2, 3)))
         for x, values in zip((0.0, 0.5), evidence, strict=True)
     ]
-    fused = fuse(maps)
+    fused = fuse(maps, same_frame=True)
     assert fused.shape == (2, 4)
     np.testing.assert_allclose(fused.evidence[:, 1:3], evidence[0][:, 1:] + evidence[1][:, :2], rtol=1e-6)
     np.testing.assert_array_equal(fused.evidence[:, 0], evidence[0][:, 0])
@@ -41,7 +41,7 @@ def test_fused_evidence_is_the_sum_where_maps_overlap(evidence):
 
 def fused_surfaces(first, second):
     base = Map.blank((0, 0), 1.0, (10, 10), 0.1)
-    return fuse([replace(base, surfaces=first), replace(base, surfaces=second)]).surfaces
+    return fuse([replace(base, surfaces=first), replace(base, surfaces=second)], same_frame=True).surfaces
 
 
 def test_wall_seen_by_both_agents_is_one_sharper_wall():
@@ -87,7 +87,7 @@ def test_correlated_lines_fuse_as_gaussians_wherever_the_map_lies(lines, opposit
             line, spread = np.array([line[0] - np.pi, -line[1]]), spread * [[1, -1], [-1, 1]]
         table = SurfaceEstimate.from_lines(line[None], spread[None], one, one, one)
         maps.append(replace(Map.blank((110, 60), 1.0, (10, 10), 0.1), surfaces=table))
-    merged = fuse(maps).surfaces
+    merged = fuse(maps, same_frame=True).surfaces
     assert len(merged) == 1
     std = np.sqrt(np.diag(cov))
     np.testing.assert_allclose((merged.line[0] - mean) / std, 0, atol=0.04)
@@ -109,14 +109,64 @@ def test_map_and_its_successor_would_count_evidence_twice():
     first = random_map(1)
     second = replace(first, provenance={"agents": ["a", "b"], "seeds": [1, 2], "steps": [7, 9]})
     with pytest.raises(InputError, match="independent"):
-        fuse([second, first])
+        fuse([second, first], same_frame=True)
 
 
 def test_maps_that_do_not_belong_together_are_refused():
     grid = Map.blank((0, 0), 0.1, (4, 4), 0.01)
     with pytest.raises(InputError, match="mean free path"):
-        fuse([grid, replace(grid, prior=0.02)])
+        fuse([grid, replace(grid, prior=0.02)], same_frame=True)
     with pytest.raises(InputError, match="cells together"):
-        fuse([grid, replace(grid, origin_m=[1e6, 0])])
+        fuse([grid, replace(grid, origin_m=[1e6, 0])], same_frame=True)
     with pytest.raises(InputError, match="no map"):
         fuse([])
+
+
+def stamped_map(seed, anchors, **more):
+    places = {"A": (0.0, 0.0), "B": (5.0, 0.0), "C": (5.0, 5.0), "D": (0.0, 5.0)}
+    x, y = zip(*(places[name] for name in anchors), strict=True)
+    marks = {"anchors": list(anchors), "anchor_x_m": list(x), "anchor_y_m": list(y), **more}
+    return replace(random_map(seed), provenance=marks)
+
+
+def test_maps_of_one_frame_are_linked_by_anchors_directly_or_by_way_of_others():
+    ab, cd, bc = (stamped_map(seed, names) for seed, names in enumerate(("AB", "CD", "BC")))
+    assert fuse([ab, cd, bc]).shape == ab.shape
+    with pytest.raises(InputError, match=r"fuse: frame of cd.h5: found anchors C, D, none of those of ab.h5"):
+        fuse([ab, cd], names=["ab.h5", "cd.h5"])
+    assert fuse([ab, cd], same_frame=True).shape == ab.shape
+    named = [replace(one, provenance={**one.provenance, "frame": "east"}) for one in (ab, cd)]
+    assert fuse(named).provenance["frame"] == "east"
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "shared"),
+    [
+        (["11112222"], ["11112222"], True),
+        (["11112222"], ["1111222233334444"], True),  # some steps later
+        (["11112222"], ["99998888", "11112222"], True),  # handed over
+        (["11112222"], ["11113333"], False),
+        ([""], [""], False),  # of earlier versions: nothing known
+        (["11112222"], [""], False),
+    ],
+)
+def test_run_that_is_in_two_maps_is_refused(first, second, shared):
+    maps = [
+        stamped_map(
+            n, "AB", runs=runs, **{key: [n] * len(runs) for key in ("seeds", "steps")}, agents=["x"] * 2
+        )
+        for n, runs in enumerate((first, second))
+    ]
+    for pair in (maps, maps[::-1]):
+        if not shared:
+            assert len(fuse(pair).provenance["runs"]) == len(first + second)
+            continue
+        with pytest.raises(InputError, match="x's run 11112222") as told:
+            fuse(pair)
+        assert "\n" not in str(told.value)
+
+
+def test_equal_maps_of_earlier_versions_are_refused():
+    grid = random_map(3)
+    with pytest.raises(InputError, match="map 1 and map 2, both with the evidence of the same measurements"):
+        fuse([grid, grid], same_frame=True)

@@ -1,6 +1,7 @@
 """What a filter says of itself, what it learns of its radio, and finding the agent again."""
 
 import copy
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scipy.stats import chi2
 import gridslam as gs
 from gridslam.estimates import Health
 from gridslam.evaluation.bounds import known_map_bound
+from gridslam.evaluation.consistency import complaints
 from gridslam.inference.management import pose_recovery
 from gridslam.inference.messages.likelihood import DetectionTable
 from gridslam.inference.messages.likelihood_ratios import Evaluation, Pairs
@@ -80,6 +82,38 @@ def test_a_filter_that_never_hears_anything_says_so_and_gives_no_nan(room):
         assert np.isfinite(estimate.covariance).all()
     assert not estimate.health.ok
     assert "nothing heard for 12 steps" in estimate.health.why
+
+
+def test_complaints_keep_figures_and_names():
+    said = [
+        "anchor A1 seems turned by -4.5 degrees; nothing heard for 5 steps",
+        "anchor A1 seems turned by -6.0 degrees",
+        "anchor A1 seems turned by -3.0 degrees",
+        "anchor A2 seems turned by 2.0 degrees",
+        "",
+    ]
+    estimates = [SimpleNamespace(health=Health(not why, why)) for why in said]
+    assert list(complaints(estimates).items()) == [
+        ("anchor A1 seems turned by -4.5 degrees, median of -6.0 to -3.0", 3),
+        ("nothing heard for 5 steps", 1),
+        ("anchor A2 seems turned by 2.0 degrees", 1),
+    ]
+
+
+def test_run_tells_the_figure_and_the_anchor_by_name(say, no_figures, tmp_path):
+    scene = gs.Scene.load("room")
+    data = scene.model_dump(exclude_none=True)
+    data["agents"] = [{**data["agents"][0], "steps": 40}]
+    heard = gs.simulate(gs.Scene.checked(data, "room"), "agent1", 1)
+    heard.to_csv(tmp_path / "heard.csv")
+    data["anchors"][0]["orientation_deg"] += 6.0
+    (tmp_path / "turned.toml").write_text(gs.Scene.checked(data, "room").to_toml())
+    said = say("run", "turned.toml", "--measurements", "heard.csv")
+    assert said.code == 0, said.err
+    (note,) = [line for line in said.out.splitlines() if "seems turned" in line]
+    assert note.startswith("note: agent1: anchor A seems turned by -")
+    assert note.endswith("of 40 steps)")
+    assert "#" not in note
 
 
 def test_health_of_a_file_is_the_default():
@@ -158,7 +192,7 @@ def test_a_turned_anchor_is_noticed(room):
         estimate = slam.step(case.heard.scan(step))
     assert estimate.health.turned_rad[1] == 0
     assert -5.0 < np.degrees(estimate.health.turned_rad[0]) < -1.5
-    assert "anchor A seems turned" in estimate.health.why
+    assert "anchor A seems turned by -" in estimate.health.why
 
 
 def mapped(room, pose, std):
@@ -235,7 +269,7 @@ def test_a_result_is_good_if_the_filter_recovers_or_says_that_it_has_not(room, f
     )  # fmt: skip
     assert result.recovered_after == 0
     assert result.unwell_during == 0.6
-    assert result.why.startswith("nothing heard for #")
+    assert result.why.startswith("nothing heard for 8 steps, median of 5 to 10")
     assert result.finite
     lost = robustness.Result(**{**vars(result), "after": 9.0, "unwell_after": 0.0})
     assert not lost.good

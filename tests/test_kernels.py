@@ -14,7 +14,7 @@ from gridslam import reference, runtime
 from gridslam.inference.messages.prediction import PathQuery
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.particles import Draft, Sampling
-from gridslam.inference.workspace import Workspace
+from gridslam.inference.workspace.workspace import Workspace
 from gridslam.kernels import PATH_BLOCK
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())

@@ -227,7 +227,7 @@ def test_full_disk_leaves_the_old_file_and_no_rest(tmp_path):
 def test_nav2_reads_back_the_same_cells_and_frame(tmp_path_factory, seed, origin, cell):
     folder = tmp_path_factory.mktemp("nav2")
     grid = random_map(seed, (6, 7), cell, origin)
-    grid.to_nav2(folder)
+    grid.to_nav2(folder, raw=True)
     meta, values = nav2_load(folder, "map")
     np.testing.assert_array_equal(values == OCCUPIED, grid.occupied)
     np.testing.assert_array_equal(values == FREE, grid.free)

@@ -97,7 +97,7 @@ def test_map_says_in_which_frame_it_is(scene, run):
         gs.fuse([run.map, stamped(run.map, gs.Scene.checked(moved, "moved"))])
 
 
-def test_map_of_other_radios_is_in_the_frame_if_it_overlaps(scene, run):
+def test_map_whose_frame_cannot_be_told_needs_the_users_word(scene, run):
     named = {key: value for key, value in run.map.provenance.items() if not key.startswith("anchor")}
     blank = gs.Map.blank((-1.0, -1.0), 0.1, (5, 6), run.map.prior)
     for provenance in (
@@ -108,9 +108,33 @@ def test_map_of_other_radios_is_in_the_frame_if_it_overlaps(scene, run):
     ):
         blank.provenance.clear()
         blank.provenance.update(provenance)
-        sheet, note = fitted(blank, scene, "m.h5")
+        with pytest.raises(gs.InputError, match=r"m.h5: frame.*--same-frame"):
+            fitted(blank, scene, "m.h5")
+        sheet, note = fitted(blank, scene, "m.h5", same_frame=True)
         assert sheet.shape == scene.grid.shape
         assert note.startswith("m.h5: 6 x 5 cells of 0.1 m resampled")
+        assert fitted(sheet, scene) == (sheet, None)  # the word holds from then on
+
+
+def test_frame_that_has_a_name_is_known_by_it(scene, run):
+    def other(frame, anchors="radio {}"):
+        data = scene.model_dump(exclude_none=True)
+        data["anchors"] = [{**a, "name": anchors.format(a["name"])} for a in data["anchors"]]
+        return gs.Scene.checked({**data, "frame": frame} if frame else data, "other")
+
+    second = other("second floor")
+    found = stamped(run.map, second)
+    assert found.provenance["frame"] == "second floor"
+    assert fitted(found, other("second floor", "lamp {}"))[1] is None
+    with pytest.raises(gs.InputError, match="found frame second floor; allowed: frame first floor"):
+        fitted(found, other("first floor"))
+    with pytest.raises(gs.InputError, match="none of those of"):
+        fitted(run.map, second)
+    with pytest.raises(gs.InputError, match="frame"):
+        gs.map_scene(second, gs.Measurements.from_arrays({a: [[3.0]] for a in second.anchor_names}),
+                     prior_map=run.map)  # fmt: skip
+    assert gs.GridSlam(second, prior_map=run.map, same_frame=True).provenance["agents"] == ["agent1"]
+    assert gs.Scene.from_toml(second.to_toml(), "again").frame == "second floor"
 
 
 def test_inherited_surfaces_are_no_ghosts(scene, run):

@@ -5,8 +5,8 @@ import pytest
 from tables import same, table
 
 from gridslam.errors import InputError
-from gridslam.measurements.csv_hdf5 import VALUES
 from gridslam.measurements.table import Measurements
+from gridslam.world.columns import VALUES
 
 # ---- steps
 

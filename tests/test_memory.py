@@ -7,7 +7,7 @@ import pytest
 from filter_states import Plot
 
 import gridslam as gs
-from gridslam.inference.cell_buffers import CLEAR_ANCHOR_M
+from gridslam.inference.workspace.cell_buffers import CLEAR_ANCHOR_M
 from gridslam.world import grid_memory
 
 SHAPE, SIDE = (500, 400), 0.1

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from filter_states import Plot
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_worlds import BINS, some_rows
@@ -127,6 +128,15 @@ def test_a_cell_alone_on_a_ray_is_told_its_whole_worth(shape, worth):
     message = cast_sight((0.3, 0.4), (0.6, 0.5), shape, worth)[1]
     assert message[0, 0] == pytest.approx(-np.log(worth), rel=5e-6, abs=2e-7)
     assert np.count_nonzero(message) == 1
+
+
+@pytest.mark.parametrize(
+    ("worth", "told"), [(np.exp(11.0), -11.0), (np.exp(13.0), -12.0), (np.exp(30.0), -12.0)]
+)
+def test_no_path_tells_a_cell_more_than_twelve_nats(worth, told):
+    """However surely it was heard; alone, it would tell the logarithm of what it is worth."""
+    assert cast_sight((0.3, 0.4), (0.6, 0.5), (1, 1), worth)[1][0, 0] == pytest.approx(told, rel=1e-5)
+    assert Plot((4, 4)).cells.frame_of_messages[4] == 12.0, "as the filter asks for it"
 
 
 def test_rays_that_rise_steeply_across_an_edge_cross_the_right_cells():

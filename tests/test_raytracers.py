@@ -12,6 +12,7 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 from tables import same
 
+import gridslam as gs
 from gridslam.errors import InputError
 from gridslam.evaluation.bounds import known_map_bound
 from gridslam.evaluation.metrics import diverged, rmse, track_errors
@@ -90,7 +91,7 @@ HEADING = TRACK.heading_rad[:STEPS]
 @pytest.mark.parametrize("antennas", [1, 2])
 def test_sionna_paths_give_the_geometry_back(antennas):
     heard = exact()
-    close(Measurements.from_sionna(sionna_like(world(heard), antennas), ROOM, HEADING, **LEAST), heard)
+    close(gs.from_sionna(sionna_like(world(heard), antennas), ROOM, HEADING, **LEAST), heard)
 
 
 def test_one_paths_object_per_step_gives_the_same():
@@ -102,7 +103,7 @@ def test_one_paths_object_per_step_gives_the_same():
         )
         for k in range(STEPS)
     ]
-    together = Measurements.from_sionna(parts, ROOM, HEADING, **LEAST)
+    together = gs.from_sionna(parts, ROOM, HEADING, **LEAST)
     assert len(together) == STEPS
     assert (np.bincount(together.step) == [2 * (10 + k % 3) for k in range(STEPS)]).all()
 
@@ -118,7 +119,7 @@ def test_uplink_swaps_the_ends():
         theta_t=np.swapaxes(down.theta_r, 0, 1),
         theta_r=np.swapaxes(down.theta_t, 0, 1),
     )
-    close(Measurements.from_sionna(up, ROOM, HEADING, uplink=True, **LEAST), exact())
+    close(gs.from_sionna(up, ROOM, HEADING, uplink=True, **LEAST), exact())
 
 
 def test_paths_over_floor_and_steep_paths_are_left_out_and_slopes_projected():
@@ -127,23 +128,21 @@ def test_paths_over_floor_and_steep_paths_are_left_out_and_slopes_projected():
     slope[:, 0] = np.radians(5)  # a higher anchor: down there, up here
     table["theta_t"], table["theta_r"] = table["theta_t"] + slope, table["theta_r"] - slope
     close(
-        Measurements.from_sionna(
-            sionna_like(table | {"tau": table["tau"] / np.cos(slope)}), ROOM, HEADING, **LEAST
-        ),
+        gs.from_sionna(sionna_like(table | {"tau": table["tau"] / np.cos(slope)}), ROOM, HEADING, **LEAST),
         exact(),
     )
-    steep = Measurements.from_sionna(sionna_like(table), ROOM, HEADING, slope_deg=4.0, **LEAST)
+    steep = gs.from_sionna(sionna_like(table), ROOM, HEADING, slope_deg=4.0, **LEAST)
     assert set(steep.anchor) == {1}
     floor = table | {"theta_r": np.pi - table["theta_r"]}  # down at both ends
-    assert set(Measurements.from_sionna(sionna_like(floor), ROOM, HEADING, **LEAST).anchor) == {1}
+    assert set(gs.from_sionna(sionna_like(floor), ROOM, HEADING, **LEAST).anchor) == {1}
 
 
 def test_weak_paths_are_left_out_and_the_carrier_sets_the_gain():
     paths = sionna_like(world(exact()))
-    heard = Measurements.from_sionna(paths, ROOM, HEADING)
+    heard = gs.from_sionna(paths, ROOM, HEADING)
     assert heard.amplitude.min() > ROOM.signal_model().threshold
     assert len(heard.step) == (exact().amplitude > ROOM.signal_model().threshold).sum()
-    double = Measurements.from_sionna(paths, ROOM, HEADING, carrier_hz=2 * ROOM.radio.carrier_hz, **LEAST)
+    double = gs.from_sionna(paths, ROOM, HEADING, carrier_hz=2 * ROOM.radio.carrier_hz, **LEAST)
     np.testing.assert_allclose(double.amplitude, 2 * exact().amplitude, rtol=1e-9)
 
 
@@ -157,9 +156,9 @@ def test_deepmimo_arrays_give_the_geometry_back(users):
         arrays = {new: np.degrees(table[old][rows, anchor]) for new, old in names.items()}
         arrays |= {"delay": table["tau"][rows, anchor], "power": 20 * np.log10(table["gain"][rows, anchor])}
         sets.append(arrays)
-    close(Measurements.from_deepmimo(sets, ROOM, HEADING, users=users, **LEAST), exact())
+    close(gs.from_deepmimo(sets, ROOM, HEADING, users=users, **LEAST), exact())
     flat = [{k: v for k, v in s.items() if not k.endswith("_el")} for s in sets]
-    close(Measurements.from_deepmimo(flat, ROOM, HEADING, users=users, **LEAST), exact())
+    close(gs.from_deepmimo(flat, ROOM, HEADING, users=users, **LEAST), exact())
 
 
 @pytest.mark.parametrize(
@@ -177,19 +176,19 @@ def test_strange_paths_objects_are_refused(change, where):
     paths = sionna_like(world(exact()))
     change(paths)
     with pytest.raises(InputError) as caught:
-        Measurements.from_sionna(paths, ROOM, HEADING)
+        gs.from_sionna(paths, ROOM, HEADING)
     assert caught.value.where == where
 
 
 def test_devices_that_do_not_match_are_refused():
     paths = sionna_like(world(exact()))
     with pytest.raises(InputError, match="heading_rad"):
-        Measurements.from_sionna(paths, ROOM, HEADING[:-1])
+        gs.from_sionna(paths, ROOM, HEADING[:-1])
     with pytest.raises(InputError, match="transmitters"):
-        Measurements.from_sionna(paths, Scene.load("canyon"), 0.0, uplink=True)
+        gs.from_sionna(paths, Scene.load("canyon"), 0.0, uplink=True)
     for sets, where in (([], "datasets"), ({}, "datasets"), ([{}], r"datasets\[0\].delay")):
         with pytest.raises(InputError, match=where):
-            Measurements.from_deepmimo(sets, ROOM, 0.0)
+            gs.from_deepmimo(sets, ROOM, 0.0)
 
 
 def test_receiving_exact_paths_is_the_simulator():
@@ -234,7 +233,7 @@ def traced(tmp_path_factory):
 def test_real_sionna_traces_the_paths_of_the_image_source_simulator(traced, name, step):
     scene = Scene.load(name)
     track, truth = scene.track("agent1"), true_paths(scene, "agent1")
-    heard = Measurements.from_sionna(traced(name, step), scene, track.heading_rad[::step], **LEAST)
+    heard = gs.from_sionna(traced(name, step), scene, track.heading_rad[::step], **LEAST)
     rows = np.flatnonzero(truth.step % step == 0)
     assert len(heard.step) == len(rows)
     for number in range(len(heard)):
@@ -288,7 +287,7 @@ def test_measurements_of_real_sionna_are_mapped(traced, name, building, most):
     place = str(Path(__file__).parents[1] / name) if "/" in name else name
     scene = louder(place)
     track = scene.track("agent1")
-    clean = Measurements.from_sionna(
+    clean = gs.from_sionna(
         traced(place, 1, building), scene, track.heading_rad, truth=track, least_snr_db=-6.0
     )
     bound = known_map_bound(scene, "agent1", heard_paths(clean, scene))

@@ -6,6 +6,7 @@ import re
 import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer
 from scene_samples import shortened
@@ -80,6 +81,36 @@ def test_main_command_ends_in_a_command_that_there_is(say):
 def test_gate_runs_the_test_command_of_the_readme():
     _, test = setup_commands()
     assert test in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+
+
+def test_sample_of_own_data_fits_the_room_and_gives_no_phantom_wall(say, tmp_path):
+    """Each wall found lies on a wall of the scene, 8 x 6 m about the origin."""
+    (sample,) = [block for block in blocks("text") if block.startswith("step,time_s,anchor")]
+    path = tmp_path / "heard.csv"
+    path.write_text(sample)
+    said = say("check", path, "--scene", "room")
+    assert (said.code, said.err) == (0, "")
+    assert "suspect" not in said.out
+    assert "fit the scene" in said.out
+    share = re.search(r"in (\d+)% of \d+ scans", said.out)
+    assert int(share[1]) >= 80
+    scene = gs.Scene.load("room")
+    run = gs.map_scene(scene, gs.Measurements.from_csv(path, scene.anchor_names), seed=1)
+    for angle, offset in run.surfaces.line:
+        normal = np.abs([np.cos(angle), np.sin(angle)])
+        assert normal.max() > 0.98, "slanted"
+        assert abs(abs(offset) - (4.0, 3.0)[int(normal.argmax())]) < 0.3
+
+
+@pytest.mark.parametrize(
+    "path", sorted(ROOT.glob("*.md")) + sorted(ROOT.glob("docs/**/*.md")), ids=lambda p: p.name
+)
+def test_tables_have_as_many_cells_in_every_row(path):
+    """GitHub shows a table whose delimiter row has another number of cells as plain text."""
+    text = re.sub(r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.M | re.S)
+    for table in re.findall(r"(?:^\|.*\|[ ]*\n)+", text, re.M):
+        counts = {len(re.split(r"(?<!\\)\|", line.strip())) for line in table.splitlines()}
+        assert len(counts) == 1, table.splitlines()[0]
 
 
 def test_options_are_those_of_the_readme():

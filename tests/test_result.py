@@ -1,6 +1,7 @@
 """Runs: scores, the folder that a run writes, and what happens when it can't."""
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import fields, replace
@@ -10,11 +11,14 @@ import h5py
 import numpy as np
 import pytest
 
-from gridslam.errors import InputError
+from gridslam.errors import InputError, Unwritten
 from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
 from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements
-from gridslam.runs.run import Run, check_output, read_run, read_steps, write_run, write_steps
+from gridslam.runs.reservation import check_output
+from gridslam.runs.run import Run
+from gridslam.runs.run_files import read_run, write_run
+from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.simulation.image_source import ground_truth
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
@@ -278,24 +282,43 @@ def test_overwrite_never_deletes_what_no_run_wrote(tmp_path, scene):
     check_output(tmp_path / "deep/er")
 
 
-def test_failure_half_way_leaves_the_old_run_and_no_rest(tmp_path, scene, monkeypatch):
+def test_run_cut_off_while_it_is_written_leaves_the_old_one_and_no_rest(tmp_path, scene, monkeypatch):
     write(tmp_path / "out", scene)
     before = tree(tmp_path / "out")
-    for error, expected in (
-        (OSError(28, "No space left on device"), InputError),
-        (KeyboardInterrupt(), KeyboardInterrupt),
-    ):
 
-        def fail(*_, error=error):
-            raise error
+    def stop(*_):
+        raise KeyboardInterrupt
 
-        monkeypatch.setattr(Map, "to_nav2", fail)
-        with pytest.raises(expected):
-            write(tmp_path / "out", scene, agents=("agent1",), overwrite=True)
-        with pytest.raises(expected):
-            write(tmp_path / "new", scene)
-        assert tree(tmp_path / "out") == before
-        assert [p.name for p in tmp_path.iterdir()] == ["out"]
+    monkeypatch.setattr(Map, "to_nav2", stop)
+    with pytest.raises(KeyboardInterrupt):
+        write(tmp_path / "out", scene, agents=("agent1",), overwrite=True)
+    with pytest.raises(KeyboardInterrupt):
+        write(tmp_path / "deep/new", scene)
+    assert tree(tmp_path / "out") == before
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), ValueError("embedded NUL")])
+def test_file_that_cannot_be_written_costs_no_other_and_no_earlier_run(tmp_path, scene, monkeypatch, error):
+    def fail(*_):
+        raise error
+
+    write(tmp_path / "out", scene)
+    before = tree(tmp_path / "out")
+    monkeypatch.setattr("gridslam.runs.run_files.write_steps", fail)
+    for where, overwrite in (("new", False), ("out", True)):
+        with pytest.raises(Unwritten) as caught:
+            write(tmp_path / where, scene, overwrite=overwrite)
+        files = [fault.where for fault in caught.value.faults[:2]]
+        assert files == [str(tmp_path / where / agent / "steps.h5") for agent in ("agent1", "agent2")]
+        assert str(error.args[-1]) in caught.value.faults[0].found
+    assert tree(tmp_path / "out") == before
+    aside = tmp_path / f"out.{os.getpid()}.part"
+    assert str(aside) in caught.value.faults[2].found
+    for folder in (tmp_path / "new", aside):
+        missing = set(before) - set(tree(folder))
+        assert {os.path.basename(name) for name in missing} == {"steps.h5"}
+    assert len(list(tmp_path.iterdir())) == 3
 
 
 def test_old_run_returns_when_the_new_one_cannot_take_its_place(tmp_path, scene, monkeypatch):
@@ -312,7 +335,9 @@ def test_old_run_returns_when_the_new_one_cannot_take_its_place(tmp_path, scene,
     with pytest.raises(InputError, match="Permission denied"):
         write(tmp_path / "out", scene, agents=("agent1",), overwrite=True)
     assert tree(tmp_path / "out") == before
-    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+    aside = tmp_path / f"out.{os.getpid()}.part"
+    assert list(read_run(aside).agents) == ["agent1"]
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "out", aside]
 
 
 def test_number_that_is_none_is_null_in_json(tmp_path, scene):
@@ -324,15 +349,15 @@ def test_number_that_is_none_is_null_in_json(tmp_path, scene):
     assert summary["threads"] == 2
 
 
-def test_full_disk_is_one_line_that_names_the_folder(tmp_path):
+def test_full_disk_is_told_file_by_file_and_the_rest_kept(tmp_path):
     pytest.importorskip("resource")  # not on Windows
     code = (
-        "import resource, signal, sys, test_result as t; from gridslam.errors import InputError\n"
+        "import resource, signal, sys, test_result as t; from gridslam.errors import Unwritten\n"
         "from gridslam.world.scene import Scene; scene = Scene.from_toml(t.SCENE, 'x')\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (9000, 9000))\n"
         "try: t.write(sys.argv[1], scene)\n"
-        "except InputError as error: print(error); sys.exit(0)\n"
+        "except Unwritten as error: print(*error.faults, sep='\\n'); sys.exit(0)\n"
         "sys.exit(3)"
     )
     done = subprocess.run(
@@ -343,9 +368,11 @@ def test_full_disk_is_one_line_that_names_the_folder(tmp_path):
         cwd=Path(__file__).parent,
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.count("\n") == 1
-    assert done.stdout.startswith(f"{tmp_path / 'out'}: found File too large")
-    assert list(tmp_path.iterdir()) == []
+    missing = {line.partition(": found File too large")[0] for line in done.stdout.splitlines()}
+    assert str(tmp_path / "out/map.h5") in missing
+    assert not any(Path(name).exists() for name in missing)
+    assert {"run.json", "scene.toml", "agent1/trajectory.tum"} <= set(tree(tmp_path / "out"))
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
 def test_figure_that_fails_does_not_cost_the_results(tmp_path, scene):

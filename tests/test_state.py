@@ -16,7 +16,7 @@ from scene_samples import shortened
 
 import gridslam as gs
 from gridslam.inference.messages.association import associate, log_normaliser
-from gridslam.inference.workspace import Workspace
+from gridslam.inference.workspace.workspace import Workspace
 from gridslam.systems import adaptive, grid, virtual_anchor
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
@@ -191,7 +191,7 @@ def test_a_filter_is_handed_nothing_of_the_walls_or_the_track():
     names = {field.name for field in fields(FilterModel)}
     assert not names & {"walls", "segments", "waypoints_m", "agents", "track", "truth"}
     scene = gs.Scene.load("canyon")
-    told = FilterModel.of(scene)
+    told = scene.filter_model()
     walls = {tuple(corner) for wall in scene.walls for corner in np.round(wall.corners, 6).tolist()}
     held = {
         tuple(row)
@@ -204,7 +204,7 @@ def test_a_filter_is_handed_nothing_of_the_walls_or_the_track():
 def test_a_model_without_an_agent_is_refused():
     scene = gs.Scene.load("room").model_copy(update={"agents": ()})
     with pytest.raises(gs.InputError, match="agents"):
-        FilterModel.of(scene)
+        scene.filter_model()
 
 
 def sums(beta, missed, new):
@@ -239,7 +239,7 @@ def test_the_evidence_of_a_right_world_is_higher_than_that_of_a_wrong_one(scene,
         slam, log = GridSlam(scene, seed=1), 0.0
         there = slam.model.start_mean + np.array([0.0, off, 0.0, 0.0, 0.0])
         sure = replace(slam.model, start_mean=there, start_variance=np.full(5, 1e-3))
-        slam.state = grid.start(sure)
+        slam.now = slam.now._replace(state=grid.start(sure))
         for scan in scans[:3]:
             slam.step(scan)
             log += slam.info.log_evidence

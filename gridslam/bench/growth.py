@@ -5,17 +5,14 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import tomli_w
 
 from gridslam.bench.course import PeakMemory, changed, heard, run
+from gridslam.bench.plan import Plan
 from gridslam.runs.map_scene import METHODS
 from gridslam.world.scene import Scene
-
-if TYPE_CHECKING:
-    from gridslam.bench.bench import Plan
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
 
-from gridslam.inference.workspace import OTHER, Workspace
+from gridslam.inference.workspace.workspace import OTHER, Workspace
 
 LAUNCHES = "launches"
 KERNEL = "kernel "

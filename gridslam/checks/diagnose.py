@@ -13,11 +13,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.checks import time_units
 from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
+from gridslam.checks.rivals import FITTING, range_cure, whole_cure
 from gridslam.checks.unit_hypotheses import ADVICE, ANGLES, Suspicion, absurd, finite, padding, readings
 from gridslam.errors import InputError
-from gridslam.measurements.csv_hdf5 import DEVIATIONS, VALUES, Columns
-from gridslam.measurements.table import Measurements, csv_hdf5, matlab
+from gridslam.measurements import csv_hdf5, matlab
+from gridslam.measurements.table import Measurements
+from gridslam.world.columns import DEVIATIONS, VALUES, Columns
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
 
@@ -26,6 +29,8 @@ ENOUGH, CERTAIN = 10.0, 30.0
 """Log likelihood ratios in nats above which a reading is told, and told as certain."""
 LEVEL_DB = 2.5
 """Amplitudes whose level is nearer to the expected one aren't questioned."""
+GAINED = 0.1
+"""Share of scans that another reading must explain beyond those that the column explains as it stands."""
 EXPLAINED = 0.85
 """Share of scans with a line of sight above which a column isn't questioned further."""
 
@@ -99,6 +104,7 @@ def summary(columns: Columns, names: tuple[str, ...]) -> list[str]:
         f"  {count / heard:.1f} paths in a scan (an anchor at a step), {heard} of {steps * len(names)} "
         "scans hold any",
     ]
+    lines += time_units.intervals(columns)
     for name in VALUES:
         values = columns[name][~np.isnan(columns[name])] if name in columns else np.zeros(0)
         lines.append(f"  {name}: {_range(name, values, count)}")
@@ -132,7 +138,15 @@ def suspicions(
     found += plain
     if scene is None or not len(columns["step"]):
         return found
+    found += time_units.absurd_times(columns)
+    if not len(finite(columns, "distance_m")) and "distance" in scene.radio.measures:
+        text = "not measured, though the scene's radio.measures has it; nothing can be mapped without"
+        found.append(Suspicion("distance_m", "missing", text, True, "no row has one"))
     place = _anchors(names, scene)
+    if place is None and (place := _anchors(names, scene, folded=True)) is not None:
+        allowed = ", ".join(scene.anchor_names)
+        text = f"names that are the scene's ({allowed}) but for upper and lower case"
+        found.append(Suspicion("anchor", "case", text, True, f"found {', '.join(names)}"))
     if place is None:
         allowed = ", ".join(scene.anchor_names)
         text = f"names that aren't the scene's ({allowed})"
@@ -142,8 +156,13 @@ def suspicions(
     return found + _against_scene(table, scene, who, {item.column for item in plain})
 
 
-def _anchors(names: tuple[str, ...], scene: Scene) -> NDArray[np.intp] | None:
+def _anchors(names: tuple[str, ...], scene: Scene, folded: bool = False) -> NDArray[np.intp] | None:
+    """Which of the scene's anchors each name stands for, upper and lower case alike if `folded`."""
     known = scene.anchor_names
+    if folded:
+        names, known = tuple(name.casefold() for name in names), tuple(name.casefold() for name in known)
+        if len(set(names)) < len(names) or len(set(known)) < len(known):
+            return None
     if all(name in known for name in names):
         return np.array([known.index(name) for name in names], dtype=np.intp)
     numbered = all(name == str(number + 1) for number, name in enumerate(names))
@@ -158,6 +177,7 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
     keys = {name: table[name] for name in ("step", "anchor", *DEVIATIONS) if name in table}
     trusted: Columns = dict(keys)
     sight: Sight | None = None
+    asis = dict(table)
     for name in ("distance_m", *ANGLES):
         if not len(finite(table, name)):
             continue
@@ -174,6 +194,8 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
                 other = explain(trusted | {name: values}, scene, agent, world)
                 if world and straight and turning_rad(other.position_m) < np.radians(30):
                     continue  # relative to a heading of 0 is the same as in the world
+                if not world and other.explained < plain.explained + GAINED:
+                    continue
                 if other.evidence > max(best.evidence, plain.evidence + ENOUGH, ENOUGH):
                     best, read, kind = other, values, label
         if kind:
@@ -191,7 +213,25 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
         if kind != "world frame" or name != "aoa_rad":
             trusted[name] = read
         sight = best
-    if sight is not None and "amplitude" not in known and len(finite(table, "amplitude")):
+    if sight is not None:
+        plain = explain(asis, scene, agent)
+        if plain.explained < EXPLAINED:
+            cure = whole_cure(asis, scene, agent, sight, plain)
+            if cure is not None:  # it explains more than all readings of single columns
+                found, sight, trusted = [], cure.sight, cure.table
+                found.append(cure.suspicion)
+            elif sight.explained < FITTING:
+                found = []  # a reading that leaves much unexplained would make things worse
+        if sight.explained >= EXPLAINED and not any(
+            item.column in ("distance_m", "anchor") for item in found
+        ):
+            cure = range_cure(trusted, scene, agent, sight)
+            if cure is not None:
+                found.append(cure.suspicion)
+                sight = cure.sight
+        found += time_units.slow_times(asis, sight)
+    heard = len(finite(table, "distance_m")) and len(finite(table, "amplitude"))
+    if sight is not None and "amplitude" not in known and heard:
         found += _loudness(table["amplitude"], sight, scene)
     return found
 
@@ -240,6 +280,11 @@ def _verdict(columns: Columns, names: tuple[str, ...], scene: Scene, agent: str 
         return "nothing to compare with the scene"
     seen = explain(columns | {"anchor": place[columns["anchor"]]}, scene, who)
     told = f"line of sight to the anchors in {seen.explained:.0%} of {seen.scans} scans"
-    if seen.explained < 0.3:
-        return f"{told}: too few to tell whether units and frames are right"
-    return f"{told}: units and frames fit the scene"
+    if seen.explained >= FITTING:
+        return f"{told}: units and frames fit the scene"
+    if len(scene.anchors) > 1:
+        each = zip(scene.anchor_names, seen.shares, strict=True)
+        told += f" ({', '.join(f'{name} {share:.0%}' for name, share in each if share == share)})"
+    if seen.explained < 0.3 or seen.scans < 10:
+        return f"{told}: too few to tell whether units and frames are right; no single cure explains the rows"
+    return f"{told}: does not fit the scene, and no single cure explains the rows"

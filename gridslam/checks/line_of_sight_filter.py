@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.checks.range_errors import RangeError
+from gridslam.simulation.image_source import visible
 from gridslam.world.geometry import unit, wrap
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
@@ -23,6 +25,10 @@ HEARD = 0.9
 """Share of the scans in which a line of sight is expected."""
 ANGLE_STD = np.radians(5.0)
 LEAST_DISTANCE_STD_M = 0.1
+CROWD = 4
+"""Times as many particles where the size of an error is looked for, too."""
+LEAST_SEEN = 0.3
+"""Share of the scans that walls must leave in sight for the others not to be judged."""
 QUANTITIES = ("distance_m", "aod_rad", "aoa_rad")
 
 
@@ -37,11 +43,16 @@ class Sight:
     scans : int
         Pairs of step and anchor with something heard.
     explained : float
-        Expected share of them that hold a path in line of sight.
+        Expected share of them that hold a path in line of sight; of those alone in which the scene's walls
+        leave the anchor in sight, if they do in enough of them.
+    shares : (J,) float64
+        The same of each anchor; NaN without scans.
     row, distance_m, probability : (R,) int, float64, float64
         The likeliest row of each scan, the distance predicted for it, and how likely it is the line of sight.
     position_m : (N, 2) float64, m
         Mean position of the agent at each step.
+    size_m : float
+        Of the error in the distances, as estimated; 0 if none was supposed.
     """
 
     evidence: float
@@ -51,10 +62,16 @@ class Sight:
     distance_m: Array
     probability: Array
     position_m: Array
+    shares: Array
+    size_m: float = 0.0
 
 
 def explain(
-    columns: Mapping[str, NDArray], scene: Scene, agent: str | None, world_arrival: bool = False
+    columns: Mapping[str, NDArray],
+    scene: Scene,
+    agent: str | None,
+    world_arrival: bool = False,
+    error: RangeError | None = None,
 ) -> Sight:
     """Follow the agent by line of sight alone over the first steps.
 
@@ -69,15 +86,18 @@ def explain(
         None starts anywhere in the grid.
     world_arrival : bool
         Take ``aoa_rad`` as a direction in the world, not relative to the heading.
+    error : RangeError, optional
+        Suppose that the distances have it, and estimate its size.
     """
     draw = np.random.default_rng(0)
-    position, heading, pace = _start(scene, agent, draw)
+    position, heading, pace = _start(scene, agent, draw, 1 if error is None else CROWD)
+    size = error.start(len(position), draw) if error is not None else None
     turn = np.radians(scene.filter.heading_deg)
     step, anchor = columns["step"], columns["anchor"]
     first = int(step[0]) if len(step) else 0
     used = np.flatnonzero(step < first + STEPS)
     weight = np.full(len(position), 1 / len(position))
-    usual = {name: _density(columns[name]) for name in QUANTITIES if name in columns}
+    usual = {name: _density(_plain(name, columns[name])) for name in QUANTITIES if name in columns}
     evidence, rows, ranges, chances, track = 0.0, [], [], [], []
     bounds = np.flatnonzero(np.diff(step[used])) + 1
     before = first
@@ -90,8 +110,13 @@ def explain(
         scans = []
         for number in np.unique(anchor[group]):
             own = group[anchor[group] == number]
-            distance, ratio = _ratio(
-                columns, usual, own, scene, int(number), position, heading, world_arrival
+            away = position - scene.anchor_positions[number]
+            direction = np.arctan2(away[:, 1], away[:, 0])
+            distance = np.hypot(*away.T)
+            if error is not None and size is not None:
+                distance = error.spoilt(distance, size, int(number))
+            ratio = _ratio(
+                columns, usual, own, scene, int(number), distance, direction, heading, world_arrival
             )
             total = (1 - HEARD) + HEARD * ratio.sum(1) / len(own)
             score += np.log(total)
@@ -110,29 +135,50 @@ def explain(
         kept = np.minimum(np.searchsorted(np.cumsum(weight), places), len(weight) - 1)
         position, heading, pace = position[kept], heading[kept], pace[kept]
         weight = np.full(len(kept), 1 / len(kept))
+        if error is not None and size is not None:
+            size = error.redrawn(size[kept], draw)
+    row, chance, places = np.array(rows, dtype=np.intp), np.array(chances), np.reshape(track, (-1, 2))
+    judged = _in_sight(scene, anchor[row], places[np.unique(step[row], return_inverse=True)[1]])
+    shares = [
+        chance[judged & (anchor[row] == number)].mean()
+        if (judged & (anchor[row] == number)).any()
+        else np.nan
+        for number in range(len(scene.anchors))
+    ]
     return Sight(
         float(evidence),
         len(rows),
-        float(np.mean(chances)) if chances else 0.0,
-        np.array(rows, dtype=np.intp),
+        float(chance[judged].mean()) if len(row) else 0.0,
+        row,
         np.array(ranges),
-        np.array(chances),
-        np.reshape(track, (-1, 2)),
+        chance,
+        places,
+        np.array(shares),
+        float(size.mean()) if size is not None else 0.0,
     )
 
 
-def _start(scene: Scene, agent: str | None, draw: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Positions, headings and paces (std of a step, m) of the particles."""
+def _in_sight(scene: Scene, anchor: NDArray[np.intp], position: Array) -> NDArray[np.bool_]:
+    """Scans (R,) in which the scene's walls leave the anchor in sight; all if those are too few to judge."""
+    clear = visible(scene.anchor_positions[anchor], position, scene.segments())
+    return clear if clear.sum() >= max(LEAST_SEEN * len(clear), 1) else np.ones(len(anchor), dtype=bool)
+
+
+def _start(
+    scene: Scene, agent: str | None, draw: np.random.Generator, times: int
+) -> tuple[Array, Array, Array]:
+    """Positions, headings and paces (std of a step, m) of the particles, `times` as many as usual."""
     if agent is None:
         low, high = np.transpose([scene.grid.x_m, scene.grid.y_m])
         count = 10 * PARTICLES
         return draw.uniform(low, high, (count, 2)), draw.uniform(-np.pi, np.pi, count), np.full(count, 0.1)
     body = scene.agent(agent)
     wide = max(body.prior.position_m, 0.1)
-    position = body.start_m + draw.uniform(-wide, wide, (PARTICLES, 2))
-    facing = np.radians(body.start_heading_deg + body.prior.heading_deg * draw.uniform(-1, 1, PARTICLES))
+    count = times * PARTICLES
+    position = body.start_m + draw.uniform(-wide, wide, (count, 2))
+    facing = np.radians(body.start_heading_deg + body.prior.heading_deg * draw.uniform(-1, 1, count))
     # a quarter of them hurries, since a table of one's own needn't keep to the scene's step
-    return position, facing, body.step_m * np.where(np.arange(PARTICLES) % 4 == 0, 4.0, 0.8)
+    return position, facing, body.step_m * np.where(np.arange(count) % 4 == 0, 4.0, 0.8)
 
 
 def _ratio(
@@ -141,14 +187,13 @@ def _ratio(
     rows: NDArray[np.intp],
     scene: Scene,
     number: int,
-    position: Array,
+    distance: Array,
+    direction: Array,
     heading: Array,
     world_arrival: bool,
-) -> tuple[Array, Array]:
-    """Distance to the anchor (P,), and likelihood of each row (P, M) as its line of sight, over any path."""
-    away = position - scene.anchor_positions[number]
-    distance, direction = np.hypot(*away.T), np.arctan2(away[:, 1], away[:, 0])
-    shape = (len(position), len(rows))
+) -> Array:
+    """Likelihood of each row (P, M) as the line of sight to an anchor, over that of any path."""
+    shape = (len(distance), len(rows))
     exponent, peak = np.zeros(shape), np.ones(len(rows))
     if "distance_m" in columns:
         own = _deviation(columns, "distance_std_m", rows)
@@ -166,7 +211,12 @@ def _ratio(
             gap = values - (zero - frame)[:, None]
             exponent += _square(wrap(np.nan_to_num(gap)), sigma, values)
             peak /= np.where(np.isnan(values), 1, np.sqrt(2 * np.pi) * sigma * usual[name][rows])
-    return distance, peak * np.exp(-0.5 * exponent)
+    return peak * np.exp(-0.5 * exponent)
+
+
+def _plain(name: str, values: Array) -> Array:
+    """Angles wrapped: spread over several turns they would seem rarer than they are."""
+    return np.asarray(wrap(values)) if name.endswith("_rad") else values
 
 
 def _density(values: Array) -> Array:

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.measurements.csv_hdf5 import VALUES, Columns
+from gridslam.world.columns import VALUES, Columns
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
@@ -28,7 +28,8 @@ class Suspicion:
     ----------
     column : str
     kind : str
-        "padding", "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "round trip",
+        "padding", "missing", "case", "names", "offset", "slant", "milliseconds", "microseconds",
+        "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "round trip",
         "flipped", "world frame", "backwards", "swapped", "dB" or "power".
     text : str
         What it looks like and what to do.

@@ -36,13 +36,16 @@ def bench(
     quick: Annotated[bool, typer.Option("--quick", help="everything, but too briefly to be exact")] = False,
     device: Annotated[str, typer.Option(help="auto, cpu or gpu")] = "auto",
     threads: Annotated[int | None, typer.Option(min=1, help="of the kernels")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace that file")] = False,
 ) -> None:
     """Measure speed and memory on this machine: kernels against NumPy, steps, growth, start-up."""
-    from gridslam.bench.bench import QUICK, Plan, measure
-    from gridslam.io.files import write_bytes
+    from gridslam.bench.bench import measure
+    from gridslam.bench.plan import QUICK, Plan
+    from gridslam.io.files import refuse_taken, write_bytes
 
     if json_file is not None:
         _check_output(json_file)
+        refuse_taken([json_file], overwrite)
     with _progress() as tell:
         speed = measure(QUICK if quick else Plan(), device, threads, tell)
     if json_file is not None:

@@ -12,13 +12,15 @@ from rich.console import Console
 from rich.table import Table
 
 from gridslam.cli import bench, files, scene
+from gridslam.cli.output import ended, interruptible, reserved
 from gridslam.cli.robustness import robustness
 from gridslam.cli.study import study
-from gridslam.errors import InputError
+from gridslam.errors import InputError, Unwritten
 
 if TYPE_CHECKING:
     from gridslam.maps.map import Map
     from gridslam.measurements.table import Measurements
+    from gridslam.runs.reservation import Place
     from gridslam.runs.run import Run
     from gridslam.viewers.rerun_view import RunView
     from gridslam.world.scene import Scene
@@ -44,6 +46,12 @@ def run(
     ] = None,
     truth: Annotated[Path | None, typer.Option(help="TUM track to score --measurements by")] = None,
     map_file: Annotated[Path | None, typer.Option("--map", help="map to start from")] = None,
+    same_frame: Annotated[
+        bool, typer.Option("--same-frame", help="the map is in the scene's frame, though it shares no anchor")
+    ] = False,
+    start: Annotated[
+        str | None, typer.Option(help="told start: drawn from the prior by seed (default), or exact")
+    ] = None,
     device: Annotated[str, typer.Option(help="auto, cpu or gpu")] = "auto",
     threads: Annotated[int | None, typer.Option(min=1)] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="new folder")] = None,
@@ -58,7 +66,6 @@ def run(
     from gridslam.maps.frames import fitted
     from gridslam.maps.map import Map
     from gridslam.runs.map_scene import METHODS, check_anchors
-    from gridslam.runs.run import check_output
     from gridslam.world.scene import Scene
 
     world = Scene.load(scene)
@@ -66,29 +73,31 @@ def run(
     if method not in METHODS:
         raise InputError("--method", repr(method), ", ".join(METHODS))
     names = _agents(world, agent, measurements)
-    folder = output or _free_folder(world.name)
-    check_output(folder, overwrite)
-    recorded = _recorded(world, measurements, truth)
-    if recorded is not None:
-        check_anchors(world, recorded)
-    given, note = fitted(Map.load(map_file), world, str(map_file)) if map_file else (None, None)
-    with _view(world, names, rerun_to, overwrite) if rerun or rerun_to else nullcontext() as view:
-        runtime.start(device, threads)
-        if note:
-            err.print(f"note: {note}", highlight=False, markup=False, soft_wrap=True)
-        runs, heards = _explore(world, names, method, seed, recorded, given, view)
-        stopped = len(runs) < len(names) or runs[-1].interrupted
-        try:
-            with _busy("scoring"):
-                scores = _scores(world, runs, heards, given)
-        except KeyboardInterrupt:
-            scores, stopped = [done.score() for done in runs], True
-        stopped = not _finish(folder, world, runs, heards, scores, overwrite) or stopped
-    if stopped:
-        done = f"{len(runs[-1].estimates)} of {len(heards[-1])} steps of {runs[-1].agent}"
-        line = f"interrupted after {done}: {folder} holds what was done"
-        err.print(line, highlight=False, markup=False, soft_wrap=True)
-        sys.exit(130)
+    how = _start(start, measurements)
+    with interruptible() as termination, reserved(output, world.name, overwrite) as (folder, place):
+        recorded = _recorded(world, measurements, truth)
+        if recorded is not None:
+            check_anchors(world, recorded)
+        prior = Map.load(map_file) if map_file else None
+        given, note = fitted(prior, world, str(map_file), same_frame) if prior is not None else (None, None)
+        with _view(world, names, rerun_to, overwrite) if rerun or rerun_to else nullcontext() as view:
+            runtime.start(device, threads)
+            for line in (*place.notes, note):
+                if line:
+                    err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
+            runs, heards = _explore(world, names, method, seed, how, recorded, given, view)
+            stopped = len(runs) < len(names) or runs[-1].interrupted
+            try:
+                with _busy("scoring"):
+                    scores = _scores(world, runs, heards, given)
+            except KeyboardInterrupt:
+                scores, stopped = [done.score() for done in runs], True
+            stopped = not _finish(folder, place, world, runs, heards, scores) or stopped
+        if stopped:
+            done = f"{len(runs[-1].estimates)} of {len(heards[-1])} steps of {runs[-1].agent}"
+            line = f"{ended(termination)} after {done}: {folder} holds what was done"
+            err.print(line, highlight=False, markup=False, soft_wrap=True)
+            sys.exit(143 if termination.asked else 130)
 
 
 @app.command()
@@ -97,8 +106,10 @@ def simulate(
     output: Annotated[Path, typer.Option("-o", "--output", help="FILE.csv or FILE.h5")],
     agent: Annotated[list[str] | None, typer.Option(help="default: the first")] = None,
     seed: Annotated[int, typer.Option(min=0)] = 0,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace files of these names")] = False,
 ) -> None:
     """Write what an agent would hear; for several agents, their names go into the files' names."""
+    from gridslam.io.files import refuse_taken
     from gridslam.simulation.image_source import simulate as hear
     from gridslam.world.scene import Scene
 
@@ -106,8 +117,9 @@ def simulate(
         raise InputError("-o", repr(output.name), "a name that ends in .csv or .h5")
     world = Scene.load(scene)
     names = _agents(world, agent or [a.name for a in world.agents[:1]], None)
-    for name in names:
-        path = output if len(names) == 1 else output.with_stem(f"{output.stem}-{name}")
+    paths = [output if len(names) == 1 else output.with_stem(f"{output.stem}-{name}") for name in names]
+    refuse_taken(paths, overwrite)
+    for name, path in zip(names, paths, strict=True):
         heard = hear(world, name, seed)
         (heard.to_csv if output.suffix == ".csv" else heard.to_h5)(path)
         counts = f"{len(heard)} steps, {len(heard.step)} measurements"
@@ -123,6 +135,10 @@ def main() -> None:
     """Entry point: bad input is one line and exit code 2, Ctrl-C is 130, never a traceback for either."""
     try:
         code = app(standalone_mode=False)
+    except Unwritten as error:
+        for fault in error.faults[:-1]:
+            err.print(f"error: {fault}", highlight=False, markup=False, soft_wrap=True)
+        _refuse(str(error.faults[-1]))
     except InputError as error:
         _refuse(str(error))
     except (KeyboardInterrupt, typer.Abort):
@@ -151,14 +167,6 @@ def _busy(what: str) -> AbstractContextManager[object]:
     return err.status(what) if err.is_terminal else nullcontext()
 
 
-def _free_folder(name: str) -> Path:
-    """First unused folder runs/NAME-1, runs/NAME-2, ..."""
-    number = 1
-    while (Path("runs") / f"{name}-{number}").exists():
-        number += 1
-    return Path("runs") / f"{name}-{number}"
-
-
 def _agents(world: Scene, chosen: list[str] | None, measurements: Path | None) -> list[str]:
     """Names of the agents to run, all of which can be."""
     names = chosen or [agent.name for agent in world.agents[: 1 if measurements else None]]
@@ -175,6 +183,17 @@ def _agents(world: Scene, chosen: list[str] | None, measurements: Path | None) -
         if measurements is None:
             world.track(name)
     return names
+
+
+def _start(asked: str | None, measurements: Path | None) -> str:
+    """What agents are told of their start: of recorded measurements, the scene's own is all that is known."""
+    from gridslam.world.start import HOWS
+
+    if asked is not None and asked not in HOWS:
+        raise InputError("--start", repr(asked), " or ".join(HOWS))
+    if measurements is not None and asked == "drawn":
+        raise InputError("--start", "drawn with --measurements", "exact: the scene's own start")
+    return asked or ("drawn" if measurements is None else "exact")
 
 
 def _recorded(world: Scene, file: Path | None, truth: Path | None) -> Measurements | None:
@@ -206,6 +225,7 @@ def _explore(
     names: list[str],
     method: str,
     seed: int,
+    how: str,
     recorded: Measurements | None,
     given: Map | None,
     view: RunView | None = None,
@@ -214,6 +234,7 @@ def _explore(
     from gridslam.runs.map_scene import map_scene
     from gridslam.runs.progress import progress_bar
     from gridslam.simulation.image_source import simulate as hear
+    from gridslam.world.start import told_start
 
     runs: list[Run] = []
     heards: list[Measurements] = []
@@ -224,7 +245,8 @@ def _explore(
             watch = view.follow(name, heard.truth) if view else None
             with progress_bar(name, heard.truth, err) as tell:
                 before = runs[-1].map if runs else given
-                done = map_scene(world, heard, method, name, seed, before, tell, watch=watch)
+                start = told_start(world, name, seed, how)
+                done = map_scene(world, heard, method, name, seed, before, tell, watch=watch, start=start)
             if view:
                 view.show_map(done.map)
             heards.append(heard)
@@ -256,14 +278,14 @@ def _scores(
 
 def _finish(
     folder: Path,
+    place: Place,
     world: Scene,
     runs: list[Run],
     heards: list[Measurements],
     scores: list[dict[str, Any]],
-    overwrite: bool,
 ) -> bool:
-    """Write the folder and say what is in it; False if Ctrl-C ended the drawing."""
-    from gridslam.runs.run import write_run
+    """Write the folder and say what is in it; False if Ctrl-C ended the writing or drawing."""
+    from gridslam.runs.run_files import write_run
     from gridslam.viewers.plots import draw_all
 
     whole = True
@@ -276,12 +298,20 @@ def _finish(
         except KeyboardInterrupt:
             whole = False
 
-    write_run(folder, world, runs, heards, scores, {}, overwrite, draw)
+    fault: InputError | None = None
+    try:
+        write_run(folder, world, runs, heards, scores, {}, place.overwrite, draw, place)
+    except KeyboardInterrupt:
+        whole = False
+    except InputError as error:  # the table is worth seeing all the same
+        fault = error
     out.print(_table(runs, scores), width=max(out.width, WIDEST_TABLE), crop=False)
     for done, score in zip(runs, scores, strict=True):
         for why, steps in score["health"]["why"].items():
-            line = f"note: {done.agent} at {steps} of {len(done.estimates)} steps: {why}"
+            line = f"note: {done.agent}: {why} ({steps} of {len(done.estimates)} steps)"
             out.print(line, highlight=False, markup=False, soft_wrap=True)
+    if fault is not None:
+        raise fault
     out.print(
         f"wrote {folder}, computed on the {runs[-1].device}", highlight=False, markup=False, soft_wrap=True
     )

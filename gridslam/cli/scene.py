@@ -44,6 +44,7 @@ def import_plan(
     """Make a scene file of a floor plan, and a picture of it beside it."""
     from gridslam.importers import dxf, geojson
     from gridslam.importers.floorplans import plan_of, write_plan
+    from gridslam.world.names import label_fault
 
     if output.suffix != ".toml":
         raise InputError("-o", repr(output.name), "a name that ends in .toml")
@@ -67,7 +68,7 @@ def import_plan(
         names,
         coefficients,
         (place[0], place[1]),
-        name=output.stem[:100],
+        name=output.stem if label_fault(output.stem) is None else "plan",
         anchors=anchors,
         start=_pose(start, "--start") if start is not None else None,
         cell_m=cell,

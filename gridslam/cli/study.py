@@ -31,6 +31,7 @@ def study(
         list[str] | None, typer.Option("--set", help="values to try, e.g. filter.particles=1000,10000")
     ] = None,
     agent: Annotated[list[str] | None, typer.Option(help="agents, in order")] = None,
+    start: Annotated[str, typer.Option(help="told start: drawn from the prior by seed, or exact")] = "drawn",
     scheduler: Annotated[str | None, typer.Option(help="of a Dask cluster, e.g. tcp://host:8786")] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="processes here; default: one per core")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="begin anew")] = False,
@@ -50,6 +51,7 @@ def study(
         tuple(range(seed, seed + runs)),
         tuple(_setting(text) for text in settings or ()),
         tuple(agent or ()),
+        start,
     )
     where: Workers = ClusterWorkers(scheduler) if scheduler is not None else LocalWorkers(workers)
     outcome = _run(plan, output, where, overwrite)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,6 +19,8 @@ from gridslam.world.geometry import unit, wrap
 from gridslam.world.scene import Scene
 
 Array = NDArray[np.float64]
+FIGURE = re.compile(r"-?\d+(?:\.\d+)?")
+ABOUT_ANCHOR = re.compile(r"anchor .* seems turned by ")
 
 
 def nees(error: ArrayLike, covariance: ArrayLike) -> Array:
@@ -62,11 +64,24 @@ def nees_band(runs: int, dimension: int, share: float = 0.95) -> tuple[float, fl
 
 
 def complaints(estimates: Sequence[Estimate]) -> dict[str, int]:
-    """What filters said was amiss, and at how many steps, most frequent first; "#" stands for numbers."""
-    said = Counter(
-        re.sub(r"[\d.]+", "#", reason) for e in estimates for reason in e.health.why.split("; ") if reason
-    )
-    return dict(said.most_common())
+    """What filters said was amiss, and at how many steps, most frequent first.
+
+    Complaints that differ by their figures alone count as one: told are the median and range of the first
+    figure. Anchors are kept apart by name.
+    """
+    said: dict[str, list[tuple[float, str, str]]] = defaultdict(list)
+    for reason in (reason for e in estimates for reason in e.health.why.split("; ") if reason):
+        named = ABOUT_ANCHOR.match(reason)  # digits of a name are no figures
+        head, rest = (named[0], reason[named.end() :]) if named else ("", reason)
+        figure = FIGURE.search(rest)
+        shown = figure[0] if figure else ""
+        said[head + FIGURE.sub("#", rest)].append((float(shown or 0), shown, reason))
+    told = {}
+    for group in sorted(said.values(), key=len, reverse=True):
+        ranked = sorted(group)
+        (low, first, _), (_, _, middle), (high, last, _) = ranked[0], ranked[len(ranked) // 2], ranked[-1]
+        told[middle if low == high else f"{middle}, median of {first} to {last}"] = len(group)
+    return told
 
 
 @dataclass(frozen=True, eq=False)

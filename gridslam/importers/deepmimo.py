@@ -15,9 +15,38 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gridslam.errors import InputError
-from gridslam.importers.raytracers import TracedPaths
+from gridslam.importers.raytracers import TracedPaths, measurements_of
+from gridslam.measurements.table import Measurements
+from gridslam.world.scene import Scene
 
 ARRAYS = ("delay", "aod_az", "aoa_az", "aod_el", "aoa_el", "power")
+
+
+def measurements_from_deepmimo(
+    datasets: Sequence[Mapping[str, Any]],
+    scene: Scene,
+    heading_rad: ArrayLike,
+    *,
+    users: ArrayLike | None = None,
+    **more: Any,
+) -> Measurements:
+    """Take over arrays of DeepMIMO: exact paths, without noise (`receive` adds it).
+
+    Parameters
+    ----------
+    datasets : sequence of mappings, one per anchor in the scene's order
+        See the head of this file for the arrays and their conventions.
+    users : (N,) int, optional
+        Users along which the agent moves; otherwise all, in order.
+    scene, heading_rad, **more
+        As in `gridslam.importers.sionna.measurements_from_sionna`.
+
+    Raises
+    ------
+    InputError
+        An array is missing, or shapes that don't match.
+    """
+    return measurements_of(traced(datasets, users), scene, heading_rad, **more)
 
 
 def traced(datasets: Sequence[Mapping[str, Any]], users: ArrayLike | None = None) -> TracedPaths:

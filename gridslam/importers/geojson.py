@@ -15,6 +15,7 @@ from gridslam.errors import InputError
 from gridslam.estimates import SurfaceEstimate
 from gridslam.importers.floorplans import LARGEST_BYTES, MOST_PIECES, Line
 from gridslam.io.files import write_bytes
+from gridslam.maps.walls import WallSegments
 
 DEEPEST = 20
 EARTH_M = 6_378_137.0
@@ -175,15 +176,27 @@ def _in_metres(lines: list[Line], geographic: bool, where: str) -> list[Line]:
     ]
 
 
-def surfaces(found: SurfaceEstimate) -> dict[str, Any]:
+def surfaces(found: SurfaceEstimate, walls: WallSegments | None = None) -> dict[str, Any]:
     """Detected surfaces as a FeatureCollection, metres in the scene's frame.
 
-    Each is the stretch that was hit, a LineString (null where nothing was), with its number, existence,
-    reflection coefficient and standard deviation, surface feature vector and length.
+    Each is a LineString, or a MultiLineString where it has several stretches (null where it has none), with
+    its number, existence, reflection coefficient and standard deviation, surface feature vector and length.
+
+    Parameters
+    ----------
+    found : SurfaceEstimate
+    walls : WallSegments, optional
+        Stretches of these surfaces where there is a wall, as `Map.wall_segments` gives them; without, the
+        whole extent is one.
     """
     features = []
     for number, ends in enumerate(found.ends_m):
-        seen = bool(np.isfinite(ends).all())
+        if walls is not None:
+            own = walls.surface == number
+            stretches, reach = walls.ends_m[own], walls.extent_m[own]
+        else:
+            seen = bool(np.isfinite(ends).all())
+            stretches, reach = ends[None][:seen], found.extent_m[number][None][:seen]
         properties = {
             "id": int(found.identity[number]),
             "existence": _number(found.existence[number]),
@@ -193,11 +206,13 @@ def surfaces(found: SurfaceEstimate) -> dict[str, Any]:
             "normal_rad": _number(found.line[number, 0]),
             "offset_m": _number(found.line[number, 1]),
             "offset_std_m": _number(np.sqrt(max(found.line_cov[number, 1, 1], 0))),
-            "extent_m": [_number(x) for x in found.extent_m[number]] if seen else None,
-            "length_m": _number(np.ptp(found.extent_m[number])) if seen else None,
+            "extent_m": [float(reach.min()), float(reach.max())] if len(reach) else None,
+            "length_m": float(np.ptp(reach, axis=1).sum()) if len(reach) else None,
         }
-        geometry = {"type": "LineString", "coordinates": [[float(x), float(y)] for x, y in ends]}
-        features.append({"type": "Feature", "geometry": geometry if seen else None, "properties": properties})
+        lines = stretches.tolist()
+        geometry = {"type": "LineString", "coordinates": lines[0]} if len(lines) == 1 else None
+        geometry = {"type": "MultiLineString", "coordinates": lines} if len(lines) > 1 else geometry
+        features.append({"type": "Feature", "geometry": geometry, "properties": properties})
     return {"type": "FeatureCollection", "features": features}
 
 
@@ -205,12 +220,14 @@ def _number(value: Any) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def write_surfaces(path: str | os.PathLike[str], found: SurfaceEstimate) -> None:
-    """Write detected surfaces as GeoJSON.
+def write_surfaces(
+    path: str | os.PathLike[str], found: SurfaceEstimate, walls: WallSegments | None = None
+) -> None:
+    """Write detected surfaces as GeoJSON, see `surfaces`.
 
     Raises
     ------
     InputError
         The file can't be written.
     """
-    write_bytes(path, (json.dumps(surfaces(found), indent=1, allow_nan=False) + "\n").encode())
+    write_bytes(path, (json.dumps(surfaces(found, walls), indent=1, allow_nan=False) + "\n").encode())

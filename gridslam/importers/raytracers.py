@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gridslam.errors import InputError
+from gridslam.measurements.table import Measurements
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import SPEED_OF_LIGHT
 
@@ -160,3 +161,14 @@ def plane_table(
         name: {anchor: values[:, j] for j, anchor in enumerate(scene.anchor_names)}
         for name, values in cut.items()
     }
+
+
+def measurements_of(paths: TracedPaths, scene: Scene, heading_rad: ArrayLike, **more: Any) -> Measurements:
+    """Measurements of what was traced; see `gridslam.importers.sionna.measurements_from_sionna`."""
+    choice = {name: more.pop(name) for name in CHOICES if name in more}
+    tables = plane_table(paths, scene, heading_rad, **choice)
+    known = {
+        "anchor_position_m": scene.anchor_positions,
+        "anchor_orientation_rad": scene.anchor_orientations,
+    }
+    return Measurements.from_arrays(**tables, **{**known, **more})

@@ -12,13 +12,47 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gridslam.errors import InputError
-from gridslam.importers.raytracers import TracedPaths
+from gridslam.importers.raytracers import TracedPaths, measurements_of
+from gridslam.measurements.table import Measurements
+from gridslam.world.scene import Scene
 
 Array = NDArray[np.float64]
 ANGLES = ("phi_t", "phi_r", "theta_t", "theta_r")
+
+
+def measurements_from_sionna(
+    paths: Any,
+    scene: Scene,
+    heading_rad: ArrayLike,
+    *,
+    uplink: bool = False,
+    **more: Any,
+) -> Measurements:
+    """Take over what Sionna RT traced: exact paths, without noise (`receive` adds it).
+
+    Parameters
+    ----------
+    paths : sionna.rt.Paths, or a sequence of them
+        Its transmitters are the scene's anchors, in order; its receivers the agent, step by step.
+    scene : Scene
+        For the anchors' orientations and the radio.
+    heading_rad : float or (N,) float, rad
+        The agent's heading, the first angle of the receivers' orientation.
+    uplink : bool
+        Transmitters are the agent, receivers the anchors.
+    **more
+        ``slope_deg``, ``carrier_hz`` and ``least_snr_db`` of `gridslam.importers.raytracers.plane_table`;
+        ``time_s``, ``interval_s``, ``truth`` and other arguments of `Measurements.from_arrays`.
+
+    Raises
+    ------
+    InputError
+        Not such an object, or numbers of devices that don't match.
+    """
+    return measurements_of(traced(paths, uplink), scene, heading_rad, **more)
 
 
 def traced(paths: Any, uplink: bool = False) -> TracedPaths:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
+import contextlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -13,11 +13,7 @@ import numpy as np
 
 from gridslam.errors import InputError
 from gridslam.io.hdf5_guard import prove, seal
-
-LARGEST_BYTES = 2**31
-"""A dataset that claims to be larger is refused before memory is asked for."""
-MOST_PACKED = 1100
-"""Deflate packs at most 1032 bytes into one."""
+from gridslam.io.hdf5_limits import claims_too_much, counted, most_claimed, refuse_links
 
 
 def beside(path: Path) -> Path:
@@ -32,8 +28,45 @@ def cannot_write(path: Path, error: OSError) -> InputError:
     )
 
 
+def refuse_taken(paths: Iterable[Path], overwrite: bool = False) -> None:
+    """Refuse to replace files that a command would write, unless it was asked to.
+
+    Raises
+    ------
+    InputError
+        One is there and `overwrite` is off.
+    """
+    for path in paths:
+        if (path.exists() or path.is_symlink()) and not overwrite:
+            raise InputError(str(path), "something of this name", "a new name (or --overwrite)")
+
+
+def put_in_place(part: Path, path: Path) -> None:
+    """Give a finished file its name, replacing what had it: after a power loss it is the old one or the new.
+
+    Raises
+    ------
+    OSError
+        It can't be made durable or renamed; `part` is still there then.
+    """
+    with part.open("r+b") as file:  # Windows syncs only what may be written
+        os.fsync(file.fileno())
+    os.replace(part, path)
+    settle_folder(path.parent)
+
+
+def settle_folder(directory: Path) -> None:
+    """Make the names in a folder durable, where folders can be synced."""
+    with contextlib.suppress(OSError):
+        handle = os.open(directory, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a file under a temporary name in its folder, then rename it.
+    """Write a file under a temporary name in its folder, make it durable, then rename it.
 
     Raises
     ------
@@ -45,7 +78,7 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
     try:
         try:
             part.write_bytes(content)
-            os.replace(part, path)
+            put_in_place(part, path)
         finally:
             part.unlink(missing_ok=True)
     except OSError as error:
@@ -91,13 +124,14 @@ def reading_h5(path: str | os.PathLike[str], kind: str, version: int = 1) -> Ite
     Raises
     ------
     InputError
-        No such file, not HDF5, cut short, another format or version, or damaged inside.
+        No such file, not HDF5, cut short, another format or version, links in it, or damaged inside.
     """
     if not Path(path).is_file():
         raise InputError(str(path), "no file", f"a {kind} file")
     try:
         prove(path, most_claimed(path))
-        with h5py.File(path, "r") as file:
+        with h5py.File(path, "r") as file, counted(file):
+            refuse_links(file)
             found = _text(file.attrs.get("format", "no format attribute"))
             if found != kind:
                 raise InputError(f"{path}: format", found, kind)
@@ -133,7 +167,8 @@ def get(group: h5py.Group, name: str, shape: tuple[int | None, ...], kind: str =
     Raises
     ------
     InputError
-        The dataset is missing, has another shape or type, or claims an absurd size.
+        The dataset is missing, has another shape or type, or claims an absurd size, alone or with
+        those read before.
     """
     where = f"{group.file.filename}: {group.name.rstrip('/')}/{name}"
     data = group.get(name)
@@ -150,20 +185,6 @@ def get(group: h5py.Group, name: str, shape: tuple[int | None, ...], kind: str =
     if claims_too_much(data):
         raise InputError(where, f"{data.size} values", "as many as the file holds")
     return np.asarray(data[()])
-
-
-def claims_too_much(data: h5py.Dataset) -> bool:
-    """Whether a dataset claims more than `LARGEST_BYTES`, or than its file can hold even packed."""
-    if data.external or data.is_virtual:  # held by another file
-        return True
-    claimed = max(data.size, math.prod(data.chunks or (0,))) * data.dtype.itemsize
-    held = min(data.id.get_storage_size(), data.file.id.get_filesize())
-    return claimed > LARGEST_BYTES or claimed > 2**20 + MOST_PACKED * held
-
-
-def most_claimed(path: str | os.PathLike[str]) -> int:
-    """Bytes of the largest dataset that `claims_too_much` could let pass."""
-    return min(LARGEST_BYTES, 2**20 + MOST_PACKED * os.path.getsize(path))
 
 
 def put_attributes(group: h5py.Group, values: Mapping[str, object]) -> None:

@@ -29,6 +29,8 @@ def read(item: h5py.Group | h5py.Dataset | None, most: int) -> None:
         return
     try:
         list(item.attrs.items())
+        if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
+            return  # held by another file, which is nothing to read
         if isinstance(item, h5py.Dataset) and item.size and item.size * item.dtype.itemsize <= most:
             values = item[()]
             if h5py.check_ref_dtype(item.dtype) is h5py.Reference:
@@ -36,6 +38,18 @@ def read(item: h5py.Group | h5py.Dataset | None, most: int) -> None:
                     read(item.file[link] if link else None, most)
     except (TypeError, ValueError, KeyError, RecursionError):
         pass  # types that can't be read: whoever needs them will be told
+
+
+def inside(file: h5py.File, path: str) -> h5py.Group | h5py.Dataset | None:
+    """What lies under a path in the file itself: links, which could lead out of it, aren't followed."""
+    item = file
+    for name in path.split("/"):
+        if name:
+            link = item.get(name, getlink=True) if isinstance(item, h5py.Group) else None
+            if not isinstance(link, h5py.HardLink):
+                return None
+            item = item[name]
+    return item
 
 
 def main(path: str, most: str, memory: str, *names: str) -> None:
@@ -46,7 +60,7 @@ def main(path: str, most: str, memory: str, *names: str) -> None:
         if not names:
             file.visititems(lambda _, item: read(item, int(most)))
         for name in names:
-            read(file.get(name), int(most))
+            read(inside(file, name), int(most))
 
 
 if __name__ == "__main__":

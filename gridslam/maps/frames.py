@@ -1,16 +1,17 @@
 """Which frame a map's coordinates are in, and its fit to a scene: refused, taken over or resampled.
 
 A frame is known by its anchors: every agent needs their places, so two maps whose anchors of one name
-stand in different places can't mean the same coordinates. A map names them in its provenance as the
-parallel lists ``anchors``, ``anchor_x_m`` and ``anchor_y_m``. Where it shares no name with the scene (other
-software, other radios), overlap with the scene's region is all that can be asked for.
+stand in different places can't mean the same coordinates, and two that share an anchor do. A map names them
+in its provenance as the parallel lists ``anchors``, ``anchor_x_m`` and ``anchor_y_m``. Where no anchor is
+shared (other radios, another part of a building), the scene's key ``frame`` tells, kept as ``frame``; where
+that isn't given either (other software, earlier files), only the user can: ``same_frame``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,13 +27,31 @@ KEYS = ("anchors", "anchor_x_m", "anchor_y_m")
 
 
 def stamped(grid: Map, scene: Scene) -> Map:
-    """Return the map with the scene's anchors in its provenance."""
+    """Return the map with the scene's anchors, and its frame where it has a name, in its provenance."""
     x, y = scene.anchor_positions.T.tolist()
-    marks = dict(zip(KEYS, (list(scene.anchor_names), x, y), strict=True))
+    marks: dict[str, Any] = dict(zip(KEYS, (list(scene.anchor_names), x, y), strict=True))
+    if scene.frame is not None:
+        marks["frame"] = scene.frame
     return replace(grid, provenance={**grid.provenance, **marks})
 
 
-def fitted(grid: Map, scene: Scene, where: str = "map") -> tuple[Map, str | None]:
+def assured(grid: Map, scene: Scene) -> Map:
+    """Return the map as one of the scene's frame, on the user's word: its anchors and the scene's.
+
+    An anchor that stands elsewhere in the scene keeps its place, so that it is found out.
+    """
+    known = dict(_anchors(grid.provenance))
+    ours = dict(zip(scene.anchor_names, map(tuple, scene.anchor_positions.tolist()), strict=True))
+    both = {**ours, **known}
+    columns = list(both), [place[0] for place in both.values()], [place[1] for place in both.values()]
+    kept = {key: value for key, value in grid.provenance.items() if key != "frame"}
+    marks: dict[str, Any] = dict(zip(KEYS, columns, strict=True))
+    if scene.frame is not None:
+        marks["frame"] = scene.frame
+    return replace(grid, provenance={**kept, **marks})
+
+
+def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False) -> tuple[Map, str | None]:
     """Bring a map onto a scene's grid.
 
     Parameters
@@ -41,21 +60,30 @@ def fitted(grid: Map, scene: Scene, where: str = "map") -> tuple[Map, str | None
     scene : Scene
     where : str
         Names the map in errors and notes.
+    same_frame : bool
+        The user's word that the map is in the scene's frame, where nothing in it tells so.
 
     Returns
     -------
     Map
-        The same map if it is on the scene's grid already.
+        The same map if it is on the scene's grid already (and no word was needed).
     str or None
         What was done to it, in one line.
 
     Raises
     ------
     InputError
-        The map is of another frame, of cells whose size or lattice doesn't fit, or of another place.
+        The map is of another frame or of one that can't be told, of cells whose size or lattice doesn't fit,
+        or of another place.
     """
-    places = dict(zip(scene.anchor_names, map(tuple, scene.anchor_positions), strict=True))
-    _require_same(_anchors(grid.provenance), places, where)
+    places = dict(zip(scene.anchor_names, map(tuple, scene.anchor_positions.tolist()), strict=True))
+    found = dict(_anchors(grid.provenance))
+    _require_same(found.items(), places, where)
+    named = {scene.frame} if scene.frame is not None else set()
+    if same_frame:
+        grid = grid if _linked(found, _names(grid.provenance), places, named) else assured(grid, scene)
+    else:
+        _require_linked(found, _names(grid.provenance), places, named, f"{where}: frame", scene.name)
     try:
         sheet = grid.resample(scene.grid.origin_m, scene.grid.cell_m, scene.grid.shape)
     except InputError as error:
@@ -66,19 +94,66 @@ def fitted(grid: Map, scene: Scene, where: str = "map") -> tuple[Map, str | None
     return sheet, f"{where}: {sizes[0]} resampled to the scene's {sizes[1]}"
 
 
-def require_one_frame(maps: Sequence[Map]) -> None:
-    """Refuse maps that can't be of one frame.
+def require_one_frame(maps: Sequence[Map], names: Sequence[str], same_frame: bool = False) -> None:
+    """Refuse maps that can't be of one frame, or of which that can't be told.
+
+    Parameters
+    ----------
+    maps : sequence of Map
+    names : sequence of str
+        What errors call them.
+    same_frame : bool
+        The user's word that they are, where nothing in them tells so.
 
     Raises
     ------
     InputError
-        An anchor stands in different places.
+        An anchor stands in different places, or some maps share neither an anchor nor the name of their frame
+        with the others.
     """
+    every = [(dict(_anchors(grid.provenance)), _names(grid.provenance)) for grid in maps]
     places: dict[str, tuple[float, float]] = {}
-    for grid in maps:
-        found = list(_anchors(grid.provenance))
-        _require_same(found, places, "fuse")
-        places |= dict(found)
+    for found, _ in every:
+        _require_same(found.items(), places, "fuse")
+        places |= found
+    if same_frame:
+        return
+    places, frames, rest = dict(every[0][0]), set(every[0][1]), list(range(1, len(maps)))
+    while rest:  # a map may be linked to the first by way of others
+        near = [n for n in rest if _linked(*every[n], places, frames)]
+        if not near:
+            found, own = every[rest[0]]
+            _require_linked(found, own, places, frames, f"fuse: frame of {names[rest[0]]}", names[0])
+        for n in near:
+            places |= every[n][0]
+            frames |= every[n][1]
+        rest = [n for n in rest if n not in near]
+
+
+def _names(provenance: Mapping[str, object]) -> set[str]:
+    """Names that were given to a map's frame; several where maps were fused on the user's word."""
+    name = provenance.get("frame")
+    several = name if isinstance(name, list) else [name]
+    return {one for one in several if isinstance(one, str) and one}
+
+
+def _linked(
+    found: Mapping[str, tuple[float, float]], own: set[str], places: Mapping[str, object], frames: set[str]
+) -> bool:
+    """Whether a map tells that it is of the same frame: by name or, where one has none, by an anchor."""
+    return bool(own & frames) if own and frames else any(name in places for name in found)
+
+
+def _require_linked(
+    found: Mapping[str, tuple[float, float]], own: set[str], places: Mapping[str, object],
+    frames: set[str], where: str, whose: str,
+) -> None:  # fmt: skip
+    if _linked(found, own, places, frames):
+        return
+    told = f"anchors {', '.join(found)}, none of those of {whose}" if found else "no anchors to go by"
+    told = f"frame {', '.join(sorted(own))}" if own and frames else told
+    known = f"frame {', '.join(sorted(frames))}" if own and frames else "an anchor in common"
+    raise InputError(where, told, f"{known}, or --same-frame (same_frame=True) if you know that it fits")
 
 
 def _anchors(provenance: Mapping[str, object]) -> Iterator[tuple[str, tuple[float, float]]]:
@@ -91,7 +166,7 @@ def _anchors(provenance: Mapping[str, object]) -> Iterator[tuple[str, tuple[floa
 
 
 def _require_same(
-    found: Iterator[tuple[str, tuple[float, float]]] | Sequence[tuple[str, tuple[float, float]]],
+    found: Iterable[tuple[str, tuple[float, float]]],
     places: Mapping[str, tuple[float, float]],
     where: str,
 ) -> None:

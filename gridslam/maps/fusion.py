@@ -13,6 +13,7 @@ from gridslam.estimates import SurfaceEstimate
 from gridslam.maps.frames import require_one_frame
 from gridslam.maps.map import Map
 from gridslam.maps.map_files import LARGEST_CELLS
+from gridslam.maps.run_identity import refuse_shared_runs
 from gridslam.world.geometry import canonical, unit, wrap
 
 MERGE_MAHALANOBIS = 3.0
@@ -21,7 +22,7 @@ MERGE_SLACK = np.diag([0.01, 0.01]) ** 2
 """Added to the pooled covariance of two lines: 10 mrad and 1 cm (model.md, section 2.6b)."""
 
 
-def fuse(maps: Iterable[Map]) -> Map:
+def fuse(maps: Iterable[Map], same_frame: bool = False, names: Sequence[str] | None = None) -> Map:
     """Fuse maps of the same frame, made independently of one another.
 
     The result covers all of them, with the finest of their cells. Log-likelihoods of occupancy and
@@ -32,6 +33,10 @@ def fuse(maps: Iterable[Map]) -> Map:
     ----------
     maps : iterable of Map
         At least one.
+    same_frame : bool
+        The user's word that the maps are in one frame, where they share neither an anchor nor its name.
+    names : sequence of str, optional
+        What errors call the maps, e.g. their files; default: by their number.
 
     Returns
     -------
@@ -41,15 +46,17 @@ def fuse(maps: Iterable[Map]) -> Map:
     Raises
     ------
     InputError
-        No map, anchors of one name in different places (another frame), another mean free path, grids that
-        are not on one lattice, or a map that was handed over to the agent of another one: its evidence is
-        in both and would count twice.
+        No map, maps whose frames differ or can't be compared, another mean free path, grids that are not on
+        one lattice, or two maps that hold the evidence of the same run, be it that one was handed over to
+        the agent of the other: it would count twice.
     """
-    ordered = sorted(maps, key=_canonical_order)
-    if not ordered:
+    given = list(maps)
+    if not given:
         raise InputError("fuse", "no map", "one or more maps")
-    _refuse_predecessors(ordered)
-    require_one_frame(ordered)
+    called = [f"map {number + 1}" for number in range(len(given))] if names is None else names
+    require_one_frame(given, called, same_frame)
+    refuse_shared_runs(given, called)
+    ordered = sorted(given, key=_canonical_order)
     path = ordered[0].mean_free_path_m
     for grid in ordered:
         if abs(grid.mean_free_path_m - path) > 1e-6 * path:
@@ -190,23 +197,6 @@ def _canonical_order(grid: Map) -> tuple[str, bytes, bytes]:
     surfaces = b"" if grid.surfaces is None else grid.surfaces.line.tobytes()
     head = repr((grid.origin_m.tolist(), grid.cell_m, sorted(grid.provenance.items())))
     return head, grid.evidence.tobytes(), surfaces
-
-
-def _refuse_predecessors(maps: Sequence[Map]) -> None:
-    """Raise if one map went into another: its record of runs is the beginning of the other's."""
-    runs = [
-        list(zip(*(_items(grid, key) for key in ("agents", "seeds", "steps")), strict=False)) for grid in maps
-    ]
-    for short in runs:
-        for whole in runs:
-            if short and len(short) < len(whole) and whole[: len(short)] == short:
-                names = ", ".join(str(run[0]) for run in short)
-                raise InputError("fuse", f"a map of {names} and one that was built on it", "independent maps")
-
-
-def _items(grid: Map, key: str) -> list:
-    value = grid.provenance.get(key, [])
-    return value if isinstance(value, list) else [value]
 
 
 def _joined(records: Sequence[dict]) -> dict:

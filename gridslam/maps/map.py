@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
-
-import numpy as np
-from numpy.typing import ArrayLike
-from scipy.special import expit, logit
+from typing import Self
 
 from gridslam.errors import InputError
-from gridslam.estimates import SurfaceEstimate
 from gridslam.maps import map_files
-from gridslam.world.radio import REFLECTION_BINS
-
-ON_LATTICE = 1e-6
-"""Largest deviation, in cells, at which two grids still count as aligned."""
+from gridslam.maps.map_cells import MapCells
+from gridslam.maps.walls import WallSegments, wall_segments
 
 
 @dataclass(frozen=True, eq=False)
-class Map:
+class Map(MapCells):
     """Occupancy and reflection of the cells of a grid, and the surfaces found in it.
 
     Attributes
@@ -50,213 +44,20 @@ class Map:
         Arrays disagree in shape, or `cell_m` or `prior` is out of range.
     """
 
-    origin_m: np.ndarray
-    cell_m: float
-    evidence: np.ndarray
-    coefficient: np.ndarray
-    observed: np.ndarray
-    prior: float
-    surfaces: SurfaceEstimate | None = None
-    surface_reflection: np.ndarray | None = None
-    provenance: dict[str, str | int | float | list] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        types = {
-            "origin_m": np.float64,
-            "evidence": np.float32,
-            "coefficient": np.float32,
-            "observed": np.bool_,
-        }
-        for name, dtype in types.items():
-            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=dtype))
-        bins, surfaces = len(REFLECTION_BINS), len(self.surfaces) if self.surfaces is not None else 0
-        _require(
-            self.origin_m.shape == (2,) and bool(np.isfinite(self.origin_m).all()), "origin_m", self.origin_m
-        )
-        _require(0 < self.cell_m < np.inf, "cell_m", self.cell_m, "a length above 0 m")
-        _require(0 < self.prior < 1, "prior", self.prior, "between 0 and 1")
-        _require(
-            self.evidence.ndim == 2 and self.evidence.size > 0, "evidence", self.evidence.shape, "(ny, nx)"
-        )
-        _require(self.observed.shape == self.shape, "observed", self.observed.shape, f"{self.shape}")
-        cube = (*self.shape, bins)
-        _require(self.coefficient.shape == cube, "coefficient", self.coefficient.shape, f"{cube}")
-        if self.surface_reflection is not None:
-            table = np.ascontiguousarray(self.surface_reflection, dtype=np.float64)
-            object.__setattr__(self, "surface_reflection", table)
-            _require(
-                table.shape == (surfaces, bins), "surface_reflection", table.shape, f"{(surfaces, bins)}"
-            )
-
-    @classmethod
-    def blank(cls, origin_m: ArrayLike, cell_m: float, shape: tuple[int, int], prior: float) -> Map:
-        """Return a map of `shape` (ny, nx) in which nothing was observed yet."""
-        cube = np.zeros((*shape, len(REFLECTION_BINS)), np.float32)
-        return cls(np.asarray(origin_m), cell_m, cube[..., 0], cube, np.zeros(shape, bool), prior)
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Number of cells (ny, nx)."""
-        return self.evidence.shape[0], self.evidence.shape[1]
-
-    @property
-    def corner_m(self) -> np.ndarray:
-        """Upper-right corner of the upper-right cell: (2,) float64, m."""
-        return self.origin_m + self.cell_m * np.array(self.shape[::-1])
-
-    @property
-    def mean_free_path_m(self) -> float:
-        """Mean free path that the prior stands for, m."""
-        return float(-self.cell_m / np.log1p(-self.prior))
+    def wall_segments(self) -> WallSegments:
+        """Stretches of the surfaces where there is a wall, see `gridslam.maps.walls.wall_segments`."""
+        return self._walls
 
     @cached_property
-    def occupancy(self) -> np.ndarray:
-        """Probability that a cell is occupied: (ny, nx) float32, NaN where unobserved."""
-        posterior = expit(self.evidence.astype(float) + logit(self.prior))
-        return np.where(self.observed, posterior, np.nan).astype(np.float32)
-
-    @cached_property
-    def occupied(self) -> np.ndarray:
-        """Cells called occupied, probability above one half: (ny, nx) bool."""
-        return self.observed & (self.evidence + logit(self.prior) > 0)
-
-    @cached_property
-    def free(self) -> np.ndarray:
-        """Cells called free, observed and not occupied: (ny, nx) bool."""
-        return self.observed & ~self.occupied
-
-    @cached_property
-    def reflection(self) -> np.ndarray:
-        """Posterior mean of the amplitude reflection coefficient: (ny, nx) float32, NaN without hits."""
-        return self._moments[0]
-
-    @cached_property
-    def reflection_std(self) -> np.ndarray:
-        """Its posterior standard deviation: (ny, nx) float32, NaN without hits."""
-        return self._moments[1]
-
-    @cached_property
-    def _moments(self) -> tuple[np.ndarray, np.ndarray]:
-        hit = self.observed & self.coefficient.any(axis=-1)
-        weight = self.coefficient[hit].astype(float)
-        weight = np.exp(weight - weight.max(axis=-1, keepdims=True))
-        weight /= weight.sum(axis=-1, keepdims=True)
-        mean = weight @ REFLECTION_BINS
-        variance = (weight * (REFLECTION_BINS - mean[:, None]) ** 2).sum(axis=-1)
-        pictures = np.full((2, *self.shape), np.nan, np.float32)
-        pictures[0][hit], pictures[1][hit] = mean, np.sqrt(variance)
-        return pictures[0], pictures[1]
-
-    def index(self, points: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Find the cells of points.
-
-        Parameters
-        ----------
-        points : (..., 2) float, m
-
-        Returns
-        -------
-        cell : (..., 2) int64
-            Row and column ``[iy, ix]``; also beyond the grid's edge.
-        inside : (...) bool
-            Whether the point lies on the grid.
-        """
-        share = (np.asarray(points, float)[..., ::-1] - self.origin_m[::-1]) / self.cell_m
-        inside = ((share >= 0) & (share < self.shape)).all(axis=-1)  # False for NaN
-        bounded = np.clip(np.nan_to_num(share, nan=-1.0), -1, max(self.shape))
-        return np.floor(bounded).astype(np.int64), inside
-
-    def query(self, points: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Look up points.
-
-        Parameters
-        ----------
-        points : (..., 2) float, m
-
-        Returns
-        -------
-        occupancy, reflection : (...) float32
-            NaN off the grid, where nothing was observed, and (reflection) without hits.
-        """
-        cell, inside = self.index(points)
-        row, column = (
-            np.where(inside[..., None], cell, 0)[..., 0],
-            np.where(inside[..., None], cell, 0)[..., 1],
-        )
-        nothing = np.float32(np.nan)
-        return (
-            np.where(inside, self.occupancy[row, column], nothing),
-            np.where(inside, self.reflection[row, column], nothing),
-        )
-
-    def resample(self, origin_m: ArrayLike, cell_m: float, shape: tuple[int, int]) -> Map:
-        """Carry the map over to another grid on the same lattice, without interpolation.
-
-        A finer cell takes over the cell that it lies in; a coarser one takes over the most occupied of the
-        observed cells in it. Cells beyond the old edge are unobserved. The prior follows the cell size.
-
-        Parameters
-        ----------
-        origin_m : (2,) float, m
-            Lower-left corner of the new grid.
-        cell_m : float, m
-            New cell side: the old one times or divided by an integer.
-        shape : (int, int)
-            New number of cells (ny, nx).
-
-        Raises
-        ------
-        InputError
-            Cell sizes are no integer ratio, the lattices are shifted, or the grids don't overlap.
-        """
-        origin = np.asarray(origin_m, float)
-        same = np.allclose(origin, self.origin_m, rtol=0, atol=1e-12) and tuple(shape) == self.shape
-        if same and cell_m == self.cell_m:
-            return self
-        finer, coarser = (max(1, round(r)) for r in (self.cell_m / cell_m, cell_m / self.cell_m))
-        if abs(cell_m * finer - self.cell_m * coarser) > ON_LATTICE * self.cell_m:
-            allowed = f"{self.cell_m} m times or divided by an integer"
-            raise InputError("map: cell_m", f"{cell_m} m for a map of {self.cell_m} m", allowed)
-        shift = (origin - self.origin_m) / cell_m * coarser  # in the smaller of the two cells
-        offset = np.rint(shift).astype(int)
-        if np.abs(shift - offset).max() > ON_LATTICE * max(1.0, *np.abs(shift)):
-            allowed = f"{self.origin_m.tolist()} m plus whole cells"
-            raise InputError("map: origin_m", f"{origin.tolist()} m", allowed)
-        corner = origin + cell_m * np.array(shape[::-1])
-        slack = ON_LATTICE * min(cell_m, self.cell_m)
-        if (np.minimum(corner, self.corner_m) - np.maximum(origin, self.origin_m) < slack).any():
-            allowed = f"a grid that overlaps {self.origin_m.tolist()} to {self.corner_m.tolist()} m"
-            raise InputError("map: extent", f"{origin.tolist()} to {corner.tolist()} m", allowed)
-
-        # candidates[ry, rx, k]: the k-th small cell inside each new cell, as an index into the old grid
-        rows, columns = (
-            (offset[axis] + np.arange(n)[:, None] * coarser + np.arange(coarser)) // finer
-            for axis, n in ((1, shape[0]), (0, shape[1]))
-        )
-        row, column = np.broadcast_arrays(rows[:, None, :, None], columns[None, :, None, :])
-        row, column = (np.reshape(a, (*shape, -1)) for a in (row, column))
-        inside = (row >= 0) & (row < self.shape[0]) & (column >= 0) & (column < self.shape[1])
-        row, column = np.where(inside, row, 0), np.where(inside, column, 0)
-        seen = inside & self.observed[row, column]
-        chosen = np.where(seen, self.evidence[row, column], -np.inf).argmax(axis=-1)[..., None]
-        row, column = (np.take_along_axis(a, chosen, axis=-1)[..., 0] for a in (row, column))
-        observed = seen.any(axis=-1)
-        return replace(
-            self,
-            origin_m=origin,
-            cell_m=float(cell_m),
-            evidence=np.where(observed, self.evidence[row, column], 0),
-            coefficient=np.where(observed[..., None], self.coefficient[row, column], 0),
-            observed=observed,
-            prior=self.prior if coarser == finer else float(-np.expm1(-cell_m / self.mean_free_path_m)),
-        )
+    def _walls(self) -> WallSegments:
+        return wall_segments(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the map as HDF5, see `gridslam.maps.map_files.write_map`."""
         map_files.write_map(self, path)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Map:
+    def load(cls, path: str | os.PathLike[str]) -> Self:
         """Read a map written by `save`.
 
         Raises
@@ -270,15 +71,13 @@ class Map:
         except InputError as error:
             raise InputError(f"{path}: {error.where}", error.found, error.allowed) from error
 
-    def to_nav2(self, directory: str | os.PathLike[str]) -> None:
-        """Write ``map.yaml`` and ``map.pgm`` for ROS nav2, ``reflection.*`` likewise (`mapfiles`)."""
-        map_files.write_nav2(self, directory)
+    def to_nav2(self, directory: str | os.PathLike[str], raw: bool = False) -> None:
+        """Write ``map.yaml`` and ``map.pgm`` for ROS nav2, ``reflection.*`` likewise (`map_files`).
+
+        Walls that were found are drawn in and nothing is free behind them, unless `raw`: the cells alone.
+        """
+        map_files.write_nav2(self, directory, None if raw else self._walls)
 
     def to_csv(self, directory: str | os.PathLike[str]) -> None:
         """Write ``cells.csv`` (observed cells) and ``surfaces.csv``, see `map_files.write_csv`."""
-        map_files.write_csv(self, directory)
-
-
-def _require(good: bool, name: str, found: object, allowed: str = "two finite numbers") -> None:
-    if not good:
-        raise InputError(f"map: {name}", f"{found}", allowed)
+        map_files.write_csv(self, directory, self._walls)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
@@ -24,14 +24,13 @@ from gridslam.io.files import (
     write_bytes,
     writing_h5,
 )
+from gridslam.maps.map_cells import MapCells
+from gridslam.maps.nav2 import trinary
+from gridslam.maps.walls import WallSegments
 from gridslam.world.geometry import line_of_sfv
 from gridslam.world.radio import REFLECTION_BINS
 
-if TYPE_CHECKING:
-    from gridslam.maps.map import Map
-
 FORMAT = "gridslam-map"
-FREE, OCCUPIED, UNKNOWN = 254, 0, 205
 LARGEST_CELLS = 10_000_000
 """Refused above: the reflection beliefs alone would take a gigabyte."""
 SURFACE_UNITS = {
@@ -48,7 +47,7 @@ SURFACE_UNITS = {
 }
 
 
-def write_map(grid: Map, path: str | os.PathLike[str]) -> None:
+def write_map(grid: MapCells, path: str | os.PathLike[str]) -> None:
     """Write a map as HDF5, complete or not at all.
 
     ``/grid/{occupancy,observed,reflection,reflection_std}`` (ny, nx) with the attributes ``origin_m``,
@@ -173,12 +172,13 @@ def read_owner(group: h5py.Group, count: int) -> np.ndarray:
     return get(group, "owner", (count,), "i") if "owner" in group else np.full(count, -1, np.int64)
 
 
-def write_nav2(grid: Map, directory: str | os.PathLike[str]) -> None:
+def write_nav2(grid: MapCells, directory: str | os.PathLike[str], walls: WallSegments | None) -> None:
     """Write the map for the ROS nav2 map server.
 
     ``map.yaml`` and ``map.pgm``: trinary, 254 free, 0 occupied, 205 never observed; first image row at the
     highest y. ``reflection.yaml`` and ``reflection.pgm``: the same frame in nav2's raw mode, in which a cell
-    is the reflection coefficient in percent (0 to 100) and 255 unknown.
+    is the reflection coefficient in percent (0 to 100) and 255 unknown. Walls are occupied whatever their
+    cells say, and what lies behind them is unknown; None writes the cells alone.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def write_nav2(grid: Map, directory: str | os.PathLike[str]) -> None:
     ``free_thresh`` is 0.196 as in ROS 1 and in nav2 since 2025: the 0.25 of older nav2 savers turns the
     unknown 205, (255 - 205) / 255 = 0.1961, into free space on reading.
     """
-    picture = np.where(grid.occupied, OCCUPIED, np.where(grid.free, FREE, UNKNOWN))
+    picture = trinary(grid, walls)
     percent = np.where(np.isnan(grid.reflection), 255, np.rint(100 * np.nan_to_num(grid.reflection)))
     folder = _folder(directory)
     for name, mode, pixels in (("map", "trinary", picture), ("reflection", "raw", percent)):
@@ -206,8 +206,11 @@ def write_nav2(grid: Map, directory: str | os.PathLike[str]) -> None:
         write_bytes(folder / f"{name}.yaml", text.encode("utf-8"))
 
 
-def write_csv(grid: Map, directory: str | os.PathLike[str]) -> None:
+def write_csv(grid: MapCells, directory: str | os.PathLike[str], walls: WallSegments) -> None:
     """Write ``cells.csv``, one row per observed cell (centre, m), and ``surfaces.csv``.
+
+    The latter has one row per stretch of a surface where there is a wall, and one without ends for a surface
+    that has none.
 
     Raises
     ------
@@ -224,7 +227,12 @@ def write_csv(grid: Map, directory: str | os.PathLike[str]) -> None:
     names = "identity,normal_rad,offset_m,sfv_x_m,sfv_y_m,reflection,reflection_var,existence"
     names += ",start_x_m,start_y_m,end_x_m,end_y_m"
     columns = [surfaces.identity, surfaces.line, surfaces.sfv_m, surfaces.reflection, surfaces.reflection_var]
-    rows = np.column_stack([*columns, surfaces.existence, surfaces.ends_m.reshape(-1, 4)])
+    table = np.column_stack([*columns, surfaces.existence])
+    without = np.setdiff1d(np.arange(len(surfaces)), walls.surface)
+    row = np.concatenate([walls.surface, without])
+    ends = np.concatenate([walls.ends_m.reshape(-1, 4), np.full((len(without), 4), np.nan)])
+    order = np.argsort(row, kind="stable")
+    rows = np.column_stack([table[row], ends])[order]
     _csv(folder / "surfaces.csv", names, rows)
 
 

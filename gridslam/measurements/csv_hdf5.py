@@ -1,4 +1,4 @@
-"""The columns of a measurement table, their checks, and their CSV and HDF5 files."""
+"""CSV and HDF5 files of measurement tables."""
 
 from __future__ import annotations
 
@@ -6,24 +6,21 @@ import csv
 import io
 import os
 from array import array
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam.errors import InputError
 from gridslam.io.files import get, put, reading_h5, subgroup, write_bytes, writing_h5
+from gridslam.world.columns import DEVIATIONS, KEYS, MOST_STEPS, VALUES, Columns, check_columns
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.validation import nearest
 
 KIND = "gridslam-measurements"
-KEYS = ("step", "time_s", "anchor")
-VALUES = ("distance_m", "aod_rad", "aoa_rad", "amplitude")
-DEVIATIONS = ("distance_std_m", "aod_std_rad", "aoa_std_rad")
 UNITS = {
     "step": "1",
     "time_s": "s",
@@ -33,11 +30,10 @@ UNITS = {
     "distance_std_m": "m",
 }
 UNITS |= dict.fromkeys(("aod_rad", "aoa_rad", "aod_std_rad", "aoa_std_rad"), "rad")
-MOST_STEPS = 10_000_000
+IN_DEGREES = {name.replace("_rad", "_deg"): name for name in UNITS if name.endswith("_rad")}
+"""Columns of angles by the names that they may have in CSV files if they are in degrees."""
 LARGEST_CSV_BYTES = 2**29
 """A larger table belongs into HDF5."""
-
-Columns = dict[str, NDArray[Any]]
 
 
 @contextmanager
@@ -49,48 +45,6 @@ def located(path: str | os.PathLike[str]) -> Iterator[None]:
         if error.where.startswith(str(path)):
             raise
         raise InputError(f"{path}: {error.where}", error.found, error.allowed) from error
-
-
-def check_columns(columns: Columns, anchors: int, place: Callable[[int, str], str]) -> None:
-    """Check what the rows of a measurement table must satisfy.
-
-    Parameters
-    ----------
-    columns : dict of (K,) arrays
-        Every key of `KEYS`, and any of `VALUES` and `DEVIATIONS`; NaN stands for not measured.
-    anchors : int
-        Number of anchors.
-    place : callable
-        Says where a row and column stand, for the error.
-
-    Raises
-    ------
-    InputError
-        Steps or times out of order, an anchor out of range, a value that can't be, or a row without any.
-    """
-
-    def refuse(bad: NDArray[np.bool_], name: str, allowed: str) -> None:
-        for row in np.flatnonzero(bad)[:1]:
-            raise InputError(place(int(row), name), str(columns[name][row]), allowed)
-
-    step, time = columns["step"], columns["time_s"]
-    refuse((step < 0) | (step >= MOST_STEPS), "step", f"0 to {MOST_STEPS - 1}")
-    refuse(~np.isfinite(time), "time_s", "a finite number")
-    later = np.concatenate([[False], np.diff(step) > 0])
-    same = np.concatenate([[False], np.diff(step) == 0])
-    rise = np.concatenate([[0.0], np.diff(time)])
-    refuse(~(later | same) & (np.arange(len(step)) > 0), "step", "steps in rising order")
-    refuse(later & (rise <= 0), "time_s", "times that rise strictly from step to step")
-    refuse(same & (rise != 0), "time_s", "one time for all rows of a step")
-    refuse((columns["anchor"] < 0) | (columns["anchor"] >= anchors), "anchor", f"0 to {anchors - 1}")
-    for name in (name for name in (*VALUES, *DEVIATIONS) if name in columns):
-        refuse(np.isinf(columns[name]), name, "a finite number")
-        if name in ("aod_rad", "aoa_rad"):
-            refuse(np.abs(columns[name]) > 2 * np.pi, name, "radians in (-pi, pi]")
-        else:
-            refuse(columns[name] <= 0, name, "a number above 0")
-    empty = np.all([np.isnan(columns[name]) for name in VALUES if name in columns], axis=0)
-    refuse(empty, "distance_m", f"at least one of {', '.join(VALUES)} in each row")
 
 
 def write_csv(path: str | os.PathLike[str], columns: Columns, anchors: Sequence[str]) -> None:
@@ -121,6 +75,9 @@ def read_csv(
 ) -> tuple[Columns, tuple[str, ...]]:
     """Read and check a CSV table.
 
+    Cells may be set apart by semicolons, with decimal commas, as spreadsheets of some countries write them;
+    ``nan`` is an empty cell; angles may be in columns that end in ``_deg``.
+
     Parameters
     ----------
     path : path
@@ -143,7 +100,9 @@ def read_csv(
     number = {name: index for index, name in enumerate(anchors or ())}
     lines, table = array("q"), array("d")  # a list of lists takes ten times the memory
     with _rows(Path(path)) as reader:
-        header = [name.strip() for name in next(reader, [])]
+        written = [name.strip() for name in next(reader, [])]
+        comma = reader.dialect.delimiter == ";"
+        header = [IN_DEGREES.get(name, name) for name in written]
         _check_header(header, str(path))
         for cells in reader:
             where = f"{path}: line {reader.line_num}"
@@ -152,13 +111,18 @@ def read_csv(
             if cells:
                 lines.append(reader.line_num)
                 table.extend(
-                    _number(cell.strip(), name, number, anchors is None, where)
+                    _number(
+                        _point(cell, name) if comma else cell.strip(), name, number, anchors is None, where
+                    )
                     for cell, name in zip(cells, header, strict=True)
                 )
     if not table:
         raise InputError(str(path), "no rows", "at least one measurement")
     columns = dict(zip(header, np.array(table).reshape(-1, len(header)).T, strict=True))
     columns |= {name: columns[name].astype(np.intp) for name in ("step", "anchor")}
+    columns |= {
+        IN_DEGREES[name]: np.radians(columns[IN_DEGREES[name]]) for name in written if name in IN_DEGREES
+    }
     names = tuple(number)
     if checked:
         check_columns(columns, len(names), lambda row, name: f"{path}: line {lines[row]}: {name}")
@@ -174,7 +138,11 @@ def _rows(path: Path) -> Iterator[Any]:
             size = f"{path.stat().st_size} bytes"
             raise InputError(str(path), size, f"at most {LARGEST_CSV_BYTES} bytes of CSV (or HDF5)")
         with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file, strict=True)
+            first = file.readline()
+            file.seek(0)
+            reader = csv.reader(
+                file, strict=True, delimiter=";" if ";" in first and "," not in first else ","
+            )
             yield reader
     except csv.Error as error:
         line = reader.line_num if reader is not None else 1
@@ -182,6 +150,11 @@ def _rows(path: Path) -> Iterator[Any]:
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "bytes that aren't text"
         raise InputError(str(path), reason, "a CSV file of measurements") from error
+
+
+def _point(cell: str, name: str) -> str:
+    """A cell of a table with decimal commas, with a point instead."""
+    return cell.strip() if name == "anchor" else cell.strip().replace(",", ".")
 
 
 def _check_header(header: list[str], where: str) -> None:
@@ -212,7 +185,7 @@ def _number(cell: str, name: str, anchors: dict[str, int], growing: bool, where:
         if not (cell.isascii() and cell.isdecimal() and len(cell) <= 12):
             raise InputError(f"{where}: step", repr(cell), f"a whole number from 0 to {MOST_STEPS - 1}")
         return int(cell)
-    if not cell and name != "time_s":
+    if name != "time_s" and cell.lower() in ("", "nan"):
         return np.nan
     try:
         value = float(cell)

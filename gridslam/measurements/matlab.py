@@ -23,10 +23,10 @@ import h5py
 import numpy as np
 
 from gridslam.errors import InputError
-from gridslam.io.files import claims_too_much, most_claimed
 from gridslam.io.hdf5_guard import prove
-from gridslam.measurements.csv_hdf5 import DEVIATIONS, KEYS, VALUES, Columns, check_columns
+from gridslam.io.hdf5_limits import claims_too_much, counted, most_claimed, own
 from gridslam.measurements.matlab5 import Damaged, read_arrays
+from gridslam.world.columns import DEVIATIONS, KEYS, VALUES, Columns, check_columns
 
 GROUP = "measurements"
 COLUMNS = (*KEYS, *VALUES, *DEVIATIONS)
@@ -156,13 +156,13 @@ def _read_h5(path: Path) -> dict[str, Any]:
     try:
         places = [f"{folder}{name}" for folder in ("", f"{GROUP}/") for name in (*COLUMNS, "anchors")]
         prove(path, most_claimed(path), places)
-        with h5py.File(path, "r") as file:
-            group = file.get(GROUP)
+        with h5py.File(path, "r") as file, counted(file):
+            group = own(file, GROUP)
             tables: list[h5py.Group] = [group, file] if isinstance(group, h5py.Group) else [file]
             raw: dict[str, Any] = {}
             for table in tables:
                 for name in (*COLUMNS, "anchors"):
-                    data = table.get(name)
+                    data = own(table, name)
                     if isinstance(data, h5py.Dataset):
                         raw[name] = _dataset(data, file, f"{path}: {name}")
             return raw

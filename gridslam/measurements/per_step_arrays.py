@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gridslam.errors import InputError
-from gridslam.measurements.csv_hdf5 import VALUES
+from gridslam.world.columns import VALUES
 
 Quantity = Mapping[str, Sequence[ArrayLike]]
 """Name of an anchor to N sequences, or an (N, M) array."""

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gridslam.errors import InputError
-from gridslam.importers import deepmimo, raytracers, sionna
 from gridslam.measurements import csv_hdf5, matlab, per_step_arrays
-from gridslam.measurements.csv_hdf5 import DEVIATIONS, KEYS, VALUES
+from gridslam.world.columns import DEVIATIONS, KEYS, MOST_STEPS, VALUES, Columns, check_columns
 from gridslam.world.geometry import wrap
+from gridslam.world.names import label_fault
 from gridslam.world.scan import Scan
 from gridslam.world.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from gridslam.world.scene import Scene
+    pass
 
 __all__ = ["Measurements", "Scan"]
 Array = NDArray[np.float64]
@@ -77,10 +77,14 @@ class Measurements:
         names = tuple(self.anchors)
         if not names or len(set(names)) < len(names):
             raise InputError("measurements: anchors", ", ".join(names) or "none", "names, each once")
+        for name in names:
+            allowed = label_fault(name) if isinstance(name, str) else "text"
+            if allowed is not None:
+                raise InputError("measurements: anchors", repr(name), allowed)
         count = np.size(self.step)
         shapes: dict[str, tuple[int, ...]] = dict.fromkeys((*KEYS, *VALUES, *DEVIATIONS), (count,))
         shapes |= {"anchor_position_m": (len(names), 2), "anchor_orientation_rad": (len(names),)}
-        arrays: csv_hdf5.Columns = {}
+        arrays: Columns = {}
         for name, shape in shapes.items():
             if name in (*KEYS, *VALUES) or getattr(self, name) is not None:
                 kind = np.intp if name in ("step", "anchor") else np.float64
@@ -90,7 +94,7 @@ class Measurements:
         for name in ("anchor_position_m", "anchor_orientation_rad"):
             if name in arrays and not np.isfinite(arrays[name]).all():
                 raise InputError(f"measurements: {name}", "NaN or infinity", "finite numbers")
-        csv_hdf5.check_columns(arrays, len(names), lambda row, name: f"measurements: {name}[{row}]")
+        check_columns(arrays, len(names), lambda row, name: f"measurements: {name}[{row}]")
         for name in ("aod_rad", "aoa_rad"):
             arrays[name] = wrap(arrays[name])
         for name, values in arrays.items():
@@ -99,8 +103,8 @@ class Measurements:
 
         heard = int(self.step[-1]) + 1 if count else 0
         steps, interval = self.steps or heard, self.interval_s or self._median_interval()
-        if not heard <= steps <= csv_hdf5.MOST_STEPS:
-            raise InputError("measurements: steps", str(steps), f"{heard} to {csv_hdf5.MOST_STEPS}")
+        if not heard <= steps <= MOST_STEPS:
+            raise InputError("measurements: steps", str(steps), f"{heard} to {MOST_STEPS}")
         if not (np.isfinite(interval) and interval > 0):
             raise InputError("measurements: interval_s", str(interval), "a number above 0")
         for name, value in (("anchors", names), ("steps", int(steps)), ("interval_s", float(interval))):
@@ -145,7 +149,7 @@ class Measurements:
         nearest = before if step > self.step[before] else after
         return float(self.time_s[nearest] + (step - self.step[nearest]) * self.interval_s)
 
-    def _columns(self) -> csv_hdf5.Columns:
+    def _columns(self) -> Columns:
         """Columns of the table that are there, in the order of the files."""
         names = (*KEYS, *VALUES, *(name for name in DEVIATIONS if getattr(self, name) is not None))
         return {name: getattr(self, name) for name in names}
@@ -272,76 +276,3 @@ class Measurements:
         tables = {name: quantity for name, quantity in given.items() if quantity is not None}
         columns = per_step_arrays.table(tables, time_s, interval_s)
         return cls(interval_s=interval_s, **{**columns, **more})
-
-    @classmethod
-    def from_sionna(
-        cls,
-        paths: Any,
-        scene: Scene,
-        heading_rad: ArrayLike,
-        *,
-        uplink: bool = False,
-        **more: Any,
-    ) -> Measurements:
-        """Take over what Sionna RT traced: exact paths, without noise (`receive` adds it).
-
-        Parameters
-        ----------
-        paths : sionna.rt.Paths, or a sequence of them
-            Its transmitters are the scene's anchors, in order; its receivers the agent, step by step.
-        scene : Scene
-            For the anchors' orientations and the radio.
-        heading_rad : float or (N,) float, rad
-            The agent's heading, the first angle of the receivers' orientation.
-        uplink : bool
-            Transmitters are the agent, receivers the anchors.
-        **more
-            ``slope_deg``, ``carrier_hz`` and ``least_snr_db`` of `gridslam.importers.raytracers.plane_table`;
-            ``time_s``, ``interval_s``, ``truth`` and other arguments of `from_arrays`.
-
-        Raises
-        ------
-        InputError
-            Not such an object, or numbers of devices that don't match.
-        """
-        return cls._traced(sionna.traced(paths, uplink), scene, heading_rad, **more)
-
-    @classmethod
-    def from_deepmimo(
-        cls,
-        datasets: Sequence[Mapping[str, Any]],
-        scene: Scene,
-        heading_rad: ArrayLike,
-        *,
-        users: ArrayLike | None = None,
-        **more: Any,
-    ) -> Measurements:
-        """Take over arrays of DeepMIMO: exact paths, without noise (`receive` adds it).
-
-        Parameters
-        ----------
-        datasets : sequence of mappings, one per anchor in the scene's order
-            See `gridslam.importers.deepmimo` for the arrays and their conventions.
-        users : (N,) int, optional
-            Users along which the agent moves; otherwise all, in order.
-        scene, heading_rad, **more
-            As in `from_sionna`.
-
-        Raises
-        ------
-        InputError
-            An array is missing, or shapes that don't match.
-        """
-        return cls._traced(deepmimo.traced(datasets, users), scene, heading_rad, **more)
-
-    @classmethod
-    def _traced(
-        cls, paths: raytracers.TracedPaths, scene: Scene, heading_rad: ArrayLike, **more: Any
-    ) -> Measurements:
-        choice = {name: more.pop(name) for name in raytracers.CHOICES if name in more}
-        tables = raytracers.plane_table(paths, scene, heading_rad, **choice)
-        known = {
-            "anchor_position_m": scene.anchor_positions,
-            "anchor_orientation_rad": scene.anchor_orientations,
-        }
-        return cls.from_arrays(**tables, **{**known, **more})

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
 import psutil
@@ -14,15 +12,17 @@ import psutil
 from gridslam import runtime
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
-from gridslam.maps.frames import SAME_PLACE_M
-from gridslam.world.geometry import wrap
+from gridslam.maps.frames import SAME_PLACE_M, assured
 from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements
 from gridslam.runs.run import Run
-from gridslam.world.scene import Scene
+from gridslam.runs.stopping import asked_to_stop
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
+from gridslam.world.geometry import wrap
+from gridslam.world.scene import Scene
+from gridslam.world.start import Start
 from gridslam.world.trajectory import Trajectory
 
 METHODS = {"grid": GridSlam, "adaptive": AdaptiveSlam, "va": VirtualAnchorSlam}
@@ -39,6 +39,8 @@ def map_scene(
     progress: bool | Callable[[Estimate, int, int], None] = False,
     particles: int | None = None,
     watch: Callable[[Estimate, Callable[[], Map]], None] | None = None,
+    same_frame: bool = False,
+    start: Start | None = None,
 ) -> Run:
     """Run a method over all measurements of one agent.
 
@@ -60,6 +62,11 @@ def map_scene(
         Instead of ``scene.filter.particles``.
     watch : callable, optional
         Gets, after every step, the estimate and a function that returns the map as it stands.
+    same_frame : bool
+        The user's word that `prior_map` is in the scene's frame, where it shares no anchor with it.
+    start : Start, optional
+        Told instead of the scene's own start, e.g. `gridslam.world.start.told_start(scene, agent, seed)`:
+        drawn from the agent's prior, as `gridslam run` and `study` do where they simulate.
 
     Returns
     -------
@@ -80,11 +87,15 @@ def map_scene(
     if agent is None and not scene.agents:
         raise InputError(f"{scene.name}: agents", "none", "at least one, to say where it starts")
     check_anchors(scene, measurements)
+    if prior_map is not None and same_frame:
+        prior_map = assured(prior_map, scene)
     device = runtime.start()
     slam = METHODS[method](scene, prior_map=prior_map, agent=agent, seed=seed)
+    if start is not None:
+        slam.start_at(start.position_m, start.heading_rad)
     estimates: list[Estimate] = []
     peak, began = 0.0, time.perf_counter()
-    with _watcher(progress, slam.agent, measurements) as tell, _stop() as stopped:
+    with _watcher(progress, slam.agent, measurements) as tell, asked_to_stop() as stopped:
         for scan in measurements:
             estimates.append(slam.step(scan))
             peak = max(peak, psutil.Process().memory_info().rss / 2**20)
@@ -120,6 +131,7 @@ def map_scene(
         seconds_per_step=(time.perf_counter() - began) / len(estimates),
         peak_memory_mb=peak,
         interrupted=len(estimates) < len(measurements),
+        start=start.how if start is not None else "exact",
     )
 
 
@@ -155,23 +167,3 @@ def _watcher(
 
         return progress_bar(name, measurements.truth)
     return nullcontext(progress if callable(progress) else None)
-
-
-@contextmanager
-def _stop() -> Iterator[threading.Event]:
-    """Set the event at the first Ctrl-C, so that no step is cut in half; let the second one through."""
-    stopped = threading.Event()
-    ours = threading.current_thread() is threading.main_thread()
-    if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield stopped  # somebody else decides what Ctrl-C means
-        return
-
-    def ask(*_: object) -> None:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        stopped.set()
-
-    signal.signal(signal.SIGINT, ask)
-    try:
-        yield stopped
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -4,35 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gridslam.evaluation.consistency import complaints
-from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
+from gridslam.estimates import Estimate, SurfaceEstimate
 from gridslam.maps.map import Map
-from gridslam.evaluation.metrics import diverged, map_scores, p95, reflection_mae, rmse, track_errors
-from gridslam.runs.run_files import AgentFiles, RunFiles, check_output, read_run, write_run
 from gridslam.world.scene import Scene
-from gridslam.evaluation.ground_truth import known_bound
-from gridslam.simulation.image_source import Truth
-from gridslam.runs.step_files import read_steps, write_steps
-from gridslam.evaluation.surface_truth import surface_scores
 from gridslam.world.trajectory import Trajectory
 
-__all__ = [
-    "AgentFiles",
-    "Estimate",
-    "PathEstimate",
-    "Run",
-    "RunFiles",
-    "SurfaceEstimate",
-    "check_output",
-    "read_run",
-    "read_steps",
-    "write_run",
-    "write_steps",
-]
+if TYPE_CHECKING:
+    from gridslam.simulation.image_source import Truth
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +43,8 @@ class Run:
         What the run cost.
     interrupted : bool
         Whether it was stopped before the last measurement.
+    start : str
+        What the filter was told of the start: "exact", the scene's own, or "drawn" from the prior.
     """
 
     scene: Scene
@@ -76,6 +60,7 @@ class Run:
     seconds_per_step: float
     peak_memory_mb: float
     interrupted: bool = False
+    start: str = "exact"
 
     def score(self, truth: Truth | Trajectory | None = None, earlier: Sequence[Truth] = ()) -> dict[str, Any]:
         """Score the run; the keys are those of one agent in ``run.json``.
@@ -98,6 +83,19 @@ class Run:
         InputError
             The true track doesn't cover the run.
         """
+        from gridslam.evaluation.consistency import complaints
+        from gridslam.evaluation.ground_truth import known_bound
+        from gridslam.evaluation.metrics import (
+            diverged,
+            map_scores,
+            p95,
+            reflection_mae,
+            rmse,
+            track_errors,
+        )
+        from gridslam.evaluation.surface_truth import surface_scores
+        from gridslam.simulation.image_source import Truth
+
         found = self.surfaces.take(self.surfaces.existence > self.scene.filter.detect_above)
         scores: dict[str, Any] = dict.fromkeys(AGENT_KEYS) | {
             "steps": len(self.trajectory),

@@ -6,41 +6,29 @@ import json
 import math
 import os
 import platform
-import re
 import shutil
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from gridslam.errors import InputError
+from gridslam.errors import InputError, Unwritten
 from gridslam.estimates import Estimate
-from gridslam.io.files import beside, cannot_write, write_bytes
+from gridslam.io.files import cannot_write, write_bytes
 from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements
-from gridslam.world.scene import Scene
+from gridslam.runs.reservation import Place, reserve
+from gridslam.runs.run import Run
 from gridslam.runs.step_files import read_steps, write_steps
+from gridslam.runs.stopping import held_back
+from gridslam.world.names import folder_fault
+from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
-if TYPE_CHECKING:
-    from gridslam.runs.run import Run
-
-RESERVED = frozenset(
-    (
-        "figures",
-        "run.json",
-        "scene.toml",
-        "map.h5",
-        "map.yaml",
-        "map.pgm",
-        "reflection.yaml",
-        "reflection.pgm",
-    )
-)
 PACKAGES = ("gridslam", "numpy", "scipy", "taichi", "h5py")
 
 
@@ -87,31 +75,6 @@ class RunFiles:
     agents: dict[str, AgentFiles]
 
 
-def check_output(directory: str | os.PathLike[str], overwrite: bool = False) -> None:
-    """Refuse an output folder before a long run rather than after it.
-
-    Raises
-    ------
-    InputError
-        It exists and `overwrite` is off, it exists and isn't a run's folder, or it can't be made.
-    """
-    target = Path(directory)
-    if target.exists() or target.is_symlink():
-        if not overwrite:
-            raise InputError(str(target), "something of this name", "a new folder (or --overwrite)")
-        if not target.is_dir() or (any(target.iterdir()) and not (target / "run.json").is_file()):
-            raise InputError(
-                str(target), "something that no run wrote", "a new folder, or a run's to overwrite"
-            )
-    above = next(parent for parent in target.absolute().parents if parent.exists())
-    try:  # to ask for rights isn't enough: the superuser has them all, read-only disks or not
-        os.rmdir(tempfile.mkdtemp(prefix=".gridslam-", dir=above))
-    except OSError as error:
-        raise InputError(
-            str(target), f"{error.strerror or error} in {above}", "a folder that can be written to"
-        ) from error
-
-
 def write_run(
     directory: str | os.PathLike[str],
     scene: Scene,
@@ -121,8 +84,11 @@ def write_run(
     settings: Mapping[str, Any],
     overwrite: bool = False,
     draw: Callable[[Path], None] | None = None,
+    place: Place | None = None,
 ) -> None:
     """Write a run's folder under a temporary name and rename it when it is complete.
+
+    A file that can't be written doesn't cost the others. Ctrl-C waits until the files are written.
 
     Parameters
     ----------
@@ -139,44 +105,45 @@ def write_run(
     draw : callable, optional
         Draws ``figures/`` in the folder it is given. If it fails (or Ctrl-C ends it), the folder is kept
         without them and the error passed on.
+    place : Place, optional
+        The folder, if `reserve` has it already.
 
     Raises
     ------
+    Unwritten
+        Some files couldn't be written. The rest is in the folder or, if a run stands there, beside it.
     InputError
-        The folder exists, can't be written to, or the disk is full: nothing half-written is left behind.
+        The folder exists or another run is at work on it, or nothing at all can be written: nothing
+        half-written is left behind. Or something stands there by the end: the run is kept beside it.
     """
     names = [run.agent for run in runs]
     for name in names:
-        if not re.fullmatch(r"\w[\w .+-]*", name) or name in RESERVED:
-            raise InputError(
-                "agent name", repr(name), "letters, digits, space, _ . + -, and no file of the run's"
-            )
+        allowed = folder_fault(name)
+        if allowed is not None:
+            raise InputError("agent name", repr(name), allowed)
     if not names or len(set(names)) < len(names):
         raise InputError("agents", f"{names}", "one or more, each once")
-    check_output(directory, overwrite)
-    target = Path(directory).resolve()
-    part = beside(target)
-    trouble: BaseException | None = None
-    try:
-        shutil.rmtree(part, ignore_errors=True)
-        part.mkdir(parents=True)
-        _fill(part, scene, runs, measurements, scores, settings)
-        if draw is not None:
+    with reserve(directory, overwrite) if place is None else nullcontext(place) as here:
+        with held_back() as asked:
+            faults = _fill(here, scene, runs, measurements, scores, settings)
+        if not any(path.is_file() for path in here.part.rglob("*")):
+            raise InputError(str(directory), faults[0].found, faults[0].allowed)
+        trouble: BaseException | None = KeyboardInterrupt() if asked.is_set() else None
+        if draw is not None and trouble is None and not faults:
             try:
-                draw(part)
+                draw(here.part)
             except (Exception, KeyboardInterrupt) as error:  # hours of filtering outweigh a figure
                 trouble = error
-                shutil.rmtree(part / "figures", ignore_errors=True)
-        _swap(part, target)
-    except OSError as error:
-        raise cannot_write(target, error) from error
-    except InputError as error:
-        raise InputError(str(target), error.found, error.allowed) from error
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
+                shutil.rmtree(here.part / "figures", ignore_errors=True)
+        if faults and here.target.exists():  # a whole run isn't replaced by parts of one
+            found = f"an earlier, whole run; what could be written is kept in {here.keep()}"
+            raise Unwritten([*faults, InputError(str(directory), found, "a run without faults instead")])
+        here.finish()
+    if faults:
+        raise Unwritten(faults)
     if isinstance(trouble, InputError | OSError):
         reason = trouble.found if isinstance(trouble, InputError) else trouble.strerror or str(trouble)
-        raise InputError(f"{target / 'figures'}", reason, "room for figures (the rest is written)")
+        raise InputError(f"{here.target / 'figures'}", reason, "room for figures (the rest is written)")
     if trouble is not None:
         raise trouble
 
@@ -192,15 +159,18 @@ def read_run(directory: str | os.PathLike[str]) -> RunFiles:
     folder = Path(directory)
     try:
         summary = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-        names = list(summary["agents"])
-        if not names:
+        scores = summary["agents"]
+        if not scores or not all(isinstance(table, dict) for table in (summary, scores, *scores.values())):
             raise ValueError("no agent")
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
             f"{folder / 'run.json'}", "none that can be read", "a folder that a run wrote"
         ) from error
     agents = {}
-    for name in names:
+    for name in scores:
+        allowed = folder_fault(name)
+        if allowed is not None:  # a path out of the folder, above all
+            raise InputError(f"{folder / 'run.json'}: agents", repr(name), allowed)
         own = folder / name
         truth = own / "truth.tum"
         agents[name] = AgentFiles(
@@ -214,56 +184,67 @@ def read_run(directory: str | os.PathLike[str]) -> RunFiles:
 
 
 def _fill(
-    folder: Path,
+    place: Place,
     scene: Scene,
     runs: Sequence[Run],
     measurements: Sequence[Measurements],
     scores: Sequence[Mapping[str, Any] | None],
     settings: Mapping[str, Any],
-) -> None:
+) -> list[InputError]:
+    """Write all files, each by itself; returns a fault for each that couldn't be."""
+    faults: list[InputError] = []
+
+    def attempt(name: str, write: Callable[[Path], None]) -> None:
+        try:
+            write(place.part / name)
+        except Exception as error:  # whatever it is: the other files are worth having
+            faults.append(_fault(place.target / name, error))
+
     agents = {}
     for run, heard, score in zip(runs, measurements, scores, strict=True):
-        own = folder / run.agent
-        own.mkdir()
-        heard.to_h5(own / "measurements.h5")
-        run.trajectory.to_tum(own / "trajectory.tum")
+        own = run.agent
+        (place.part / own).mkdir()
+        attempt(f"{own}/measurements.h5", heard.to_h5)
+        attempt(f"{own}/trajectory.tum", run.trajectory.to_tum)
         if heard.truth is not None:
-            heard.truth.to_tum(own / "truth.tum")
-        write_steps(own / "steps.h5", run.estimates)
-        run.map.save(own / "map.h5")
-        agents[run.agent] = dict(score if score is not None else run.score(None))
+            attempt(f"{own}/truth.tum", heard.truth.to_tum)
+        attempt(f"{own}/steps.h5", lambda path, run=run: write_steps(path, run.estimates))  # type: ignore[misc]
+        attempt(f"{own}/map.h5", run.map.save)
+        agents[own] = dict(score if score is not None else run.score(None))
     last = runs[-1]
-    shutil.copyfile(folder / last.agent / "map.h5", folder / "map.h5")
-    last.map.to_nav2(folder)
-    write_bytes(folder / "scene.toml", scene.to_toml().encode("utf-8"))
+    twin = place.part / last.agent / "map.h5"
+    attempt("map.h5", lambda p: write_bytes(p, twin.read_bytes()) if twin.exists() else last.map.save(p))
+    attempt("map.yaml", lambda path: last.map.to_nav2(path.parent))
+    attempt("scene.toml", lambda path: write_bytes(path, scene.to_toml().encode("utf-8")))
     summary = {
         "scene": scene.name,
         "method": last.method,
         "seed": last.seed,
+        "start": last.start,
         "particles": last.scene.filter.particles,
         "device": last.device,
         "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
         **settings,
         "agents": agents,
     }
+    attempt(
+        "run.json", lambda path: write_bytes(path, _json(summary))
+    )  # last: it says that the rest is there
+    return faults
+
+
+def _fault(path: Path, error: Exception) -> InputError:
+    """Say in one line why a file of a run is missing."""
+    if isinstance(error, InputError):
+        return InputError(str(path), error.found, error.allowed)
+    if isinstance(error, OSError):
+        return cannot_write(path, error)
+    return InputError(str(path), f"{type(error).__name__}: {error}", "what the file's format can hold")
+
+
+def _json(summary: Mapping[str, Any]) -> bytes:
     text = json.dumps(_strict(summary), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    write_bytes(folder / "run.json", text.encode("utf-8"))
-
-
-def _swap(part: Path, target: Path) -> None:
-    """Put the finished folder in its place; the one that stood there goes last."""
-    if not target.exists():
-        part.rename(target)
-        return
-    old = part.with_name(f"{part.stem}.old.part")
-    shutil.rmtree(old, ignore_errors=True)
-    target.rename(old)
-    try:
-        part.rename(target)
-    except OSError:
-        old.rename(target)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
+    return text.encode("utf-8")
 
 
 def _strict(value: Any) -> Any:

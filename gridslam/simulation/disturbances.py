@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.errors import InputError
-from gridslam.measurements.csv_hdf5 import DEVIATIONS, KEYS, VALUES
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.image_source import TruePaths, heard_along, true_paths
 from gridslam.simulation.unusual_paths import diffuse_points, grazing, joined, triple_bounces
+from gridslam.world.columns import DEVIATIONS, KEYS, VALUES
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.waypoints import TightCorner, smooth_track

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from gridslam.errors import InputError
-from gridslam.measurements.csv_hdf5 import DEVIATIONS, VALUES
 from gridslam.measurements.table import Measurements
+from gridslam.world.columns import DEVIATIONS, VALUES
 from gridslam.world.geometry import Segments, crossing, mirror, trace, wrap
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory

@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any, BinaryIO
 
 from gridslam.errors import InputError
-from gridslam.io.files import cannot_write, write_bytes
+from gridslam.io.files import cannot_write, settle_folder, write_bytes
 
 fcntl: ModuleType | None
 try:
@@ -20,7 +20,7 @@ try:
 except ImportError:  # Windows: two studies in one folder aren't kept apart there
     fcntl = None
 
-FORMAT, VERSION = "gridslam-study", 2
+FORMAT, VERSION = "gridslam-study", 3
 FILE = "study.jsonl"
 
 
@@ -60,7 +60,7 @@ class Results:
                 file.seek(whole)
                 file.truncate()
                 _settle(file)
-                _settle_folder(directory)
+                settle_folder(directory)
                 yield cls(path, file, found)
         except OSError as error:
             raise cannot_write(path, error) from error
@@ -146,13 +146,3 @@ def _lock(path: Path, file: BinaryIO) -> None:
 def _settle(file: BinaryIO) -> None:
     file.flush()
     os.fsync(file.fileno())
-
-
-def _settle_folder(directory: Path) -> None:
-    """Make a new file's name durable too, where folders can be synced."""
-    with contextlib.suppress(OSError):
-        handle = os.open(directory, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)

@@ -25,6 +25,7 @@ from gridslam.simulation.image_source import Truth, ground_truth, simulate
 from gridslam.studies.files import FORMAT, VERSION, Results
 from gridslam.studies.workers import LocalWorkers, Workers
 from gridslam.world.scene import Scene
+from gridslam.world.start import HOWS, told_start
 
 COST = ("seconds_per_step", "peak_memory_mb")
 """Scores that differ from one repetition of a run to the next."""
@@ -67,12 +68,15 @@ class Job:
     seed : int
         Of the measurements and of the filter, as in ``gridslam run --seed``.
     agents : tuple of str
+    start : str
+        "drawn" from the prior by seed, or "exact".
     """
 
     variant: Variant
     method: str
     seed: int
     agents: tuple[str, ...]
+    start: str = "drawn"
 
     @property
     def key(self) -> dict[str, Any]:
@@ -84,6 +88,7 @@ class Job:
             "method": self.method,
             "seed": self.seed,
             "agents": list(self.agents),
+            "start": self.start,
             "gridslam": gridslam.__version__,
         }
 
@@ -101,6 +106,8 @@ class Study:
         Values to try for keys of the scene file, e.g. ``("filter.particles", (1000, 10000))``.
     agents : tuple of str
         Default: all of a scene, in order.
+    start : str
+        What filters are told of the agents' start: "drawn" from the prior by seed, or "exact".
 
     Raises
     ------
@@ -114,8 +121,11 @@ class Study:
     seeds: tuple[int, ...] = (0,)
     settings: tuple[tuple[str, tuple[Any, ...]], ...] = ()
     agents: tuple[str, ...] = ()
+    start: str = "drawn"
 
     def __post_init__(self) -> None:
+        if self.start not in HOWS:
+            raise InputError("study: start", repr(self.start), " or ".join(HOWS))
         names = [scene.name for scene in self.scenes]
         if not names or len(set(names)) < len(names):
             raise InputError("study: scenes", ", ".join(names) or "none", "scenes of different names")
@@ -154,7 +164,7 @@ class Study:
         """All runs, in the order of the tables."""
         agents = {scene.name: self._agents(scene) for scene in self.scenes}
         return [
-            Job(variant, method, seed, agents[variant.name])
+            Job(variant, method, seed, agents[variant.name], self.start)
             for variant in self.variants()
             for method in self.methods
             for seed in self.seeds
@@ -170,6 +180,7 @@ class Study:
             "scenes": [scene.to_toml() for scene in self.scenes],
             "settings": [[key, list(values)] for key, values in self.settings],
             "agents": list(self.agents),
+            "start": self.start,
         }
 
 
@@ -266,7 +277,8 @@ def run_job(job: Job) -> dict[str, Any]:
         found = {}
         for name in job.agents:
             heard = simulate(scene, name, job.seed)
-            done = map_scene(scene, heard, job.method, name, job.seed, carried)
+            start = told_start(scene, name, job.seed, job.start)
+            done = map_scene(scene, heard, job.method, name, job.seed, carried, start=start)
             if done.interrupted:
                 raise KeyboardInterrupt
             truth = ground_truth(scene, name)

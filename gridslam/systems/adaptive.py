@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.management.pose_recovery import recover_pose
+from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.births import add_births
 from gridslam.inference.messages.clutter import learn_clutter
@@ -30,8 +31,7 @@ from gridslam.inference.state.belief import separated
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
-from gridslam.inference.step_info import StepInfo, conclude
-from gridslam.inference.workspace import Workspace
+from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.map import Map
 from gridslam.systems.front import SurfaceFilter, inherit_surfaces
 from gridslam.world.filter_model import FilterModel
@@ -91,6 +91,8 @@ class AdaptiveSlam(SurfaceFilter):
     agent : str, optional
         Which of the scene's agents (default: the first): start, prior and array.
     seed : int
+    same_frame : bool
+        The user's word that `prior_map` is in the scene's frame, where it shares no anchor with it.
 
     Raises
     ------

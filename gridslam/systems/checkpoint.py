@@ -9,8 +9,9 @@ from __future__ import annotations
 import json
 import math
 import os
-from dataclasses import fields
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
@@ -24,33 +25,57 @@ from gridslam.inference.state.rings import BEARINGS, MOVING, Rings
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import Bank
 from gridslam.io.files import get, get_attributes, put, put_attributes, reading_h5, subgroup, writing_h5
+from gridslam.maps.run_identity import Identity
+from gridslam.world.filter_model import FilterModel
 from gridslam.world.scene import Scene
-
-if TYPE_CHECKING:
-    from gridslam.systems.front import SurfaceFilter
 
 FORMAT, VERSION = "gridslam-checkpoint", 2
 Part = TypeVar("Part")
-Slam = TypeVar("Slam", bound="SurfaceFilter")
 Shape = tuple[int | None, ...]
 
 
-def save(slam: SurfaceFilter, path: str | os.PathLike[str]) -> None:
-    """Write the whole state of a filter as HDF5.
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """Who is running, and how far it has got.
+
+    Attributes
+    ----------
+    method, agent : str
+    scene : Scene
+    seed : int
+    provenance : dict of str to list
+        Who made the map that the filter started from, as parallel lists.
+    identity : Identity
+        Of the measurements that were taken in.
+    state : State
+    """
+
+    method: str
+    scene: Scene
+    agent: str
+    seed: int
+    provenance: dict[str, list[Any]]
+    identity: Identity
+    state: State
+
+
+def write_checkpoint(kept: Checkpoint, path: str | os.PathLike[str]) -> None:
+    """Write a checkpoint as HDF5.
 
     Raises
     ------
     InputError
         The file can't be written.
     """
-    state = slam.state
+    state = kept.state
     with writing_h5(path, FORMAT, VERSION) as file:
         attributes = {
-            "method": slam.method,
-            "scene": slam.scene.to_toml(),
-            "agent": slam.agent,
-            "seed": slam.seed,
-            "provenance": json.dumps(slam.provenance),
+            "method": kept.method,
+            "scene": kept.scene.to_toml(),
+            "agent": kept.agent,
+            "seed": kept.seed,
+            "provenance": json.dumps(kept.provenance),
+            "identity": str(kept.identity),
             "step": state.step,
             "next_identity": state.next_identity,
             "time_s": math.nan if state.time_s is None else state.time_s,
@@ -67,8 +92,17 @@ def save(slam: SurfaceFilter, path: str | os.PathLike[str]) -> None:
                 put(group, name, array, "m" if name == "length" else "1")
 
 
-def resume(system: type[Slam], path: str | os.PathLike[str]) -> Slam:
-    """Read a checkpoint and return the filter, ready for its next step.
+def read_checkpoint(
+    path: str | os.PathLike[str], method: str, start: Callable[[FilterModel], State]
+) -> Checkpoint:
+    """Read a checkpoint.
+
+    Parameters
+    ----------
+    method : str
+        The system that is to go on from it.
+    start : callable
+        The system's state before the first step, from which types and shapes are taken.
 
     Raises
     ------
@@ -78,13 +112,14 @@ def resume(system: type[Slam], path: str | os.PathLike[str]) -> Slam:
     with reading_h5(path, FORMAT, VERSION) as file:
         group = subgroup(file, "state")
         known = get_attributes(group)
-        if known.get("method") != system.method:
-            raise InputError(f"{path}: method", repr(known.get("method")), repr(system.method))
-        scene = Scene.from_toml(str(known["scene"]), f"{path}: scene")
-        slam = system(scene, agent=str(known["agent"]), seed=int(str(known["seed"])))
-        slam.provenance = json.loads(str(known["provenance"]))
-        slam.state = _read_state(file, group, known, slam.state, len(scene.anchors), str(path))
-    return slam
+        if known.get("method") != method:
+            raise InputError(f"{path}: method", repr(known.get("method")), repr(method))
+        scene, agent = Scene.from_toml(str(known["scene"]), f"{path}: scene"), str(known["agent"])
+        model = scene.filter_model(agent)
+        state = _read_state(file, group, known, start(model), len(model.anchors), str(path))
+        provenance = json.loads(str(known["provenance"]))
+        identity = Identity.parse(str(known["identity"]))
+        return Checkpoint(method, scene, agent, int(str(known["seed"])), provenance, identity, state)
 
 
 def _read_state(

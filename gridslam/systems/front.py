@@ -6,21 +6,23 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.errors import InputError
 from gridslam.estimates import Estimate, SurfaceEstimate
 from gridslam.inference.management.readout import estimates, surface_estimate
+from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.state.belief import AGENT, append
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import FRESH_SINGLE, SETTLED
-from gridslam.inference.step_info import StepInfo
-from gridslam.inference.workspace import Workspace
-from gridslam.maps.frames import fitted, stamped
+from gridslam.inference.workspace.workspace import Workspace
+from gridslam.maps.frames import assured, fitted, stamped
 from gridslam.maps.map import Map
+from gridslam.maps.run_identity import Identity
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import REFLECTION_BINS
@@ -30,15 +32,20 @@ from gridslam.world.scene import Scene
 Array = NDArray[np.float64]
 
 
+class Moment(NamedTuple):
+    """Where a filter has got to: its state, which measurements led there, and the latest step."""
+
+    state: State
+    identity: Identity
+    info: StepInfo | None = None
+
+
 class SurfaceFilter:
     """A state, what the filter knows of the scene, and a workspace; a system adds its `start` and `advance`.
 
     Attributes
     ----------
-    state : State
-        What is believed after the latest step.
-    info : StepInfo or None
-        What happened at it.
+    now : Moment
     model : FilterModel
     agent : str
     """
@@ -49,16 +56,51 @@ class SurfaceFilter:
     """Whether it maps cells."""
 
     def __init__(
-        self, scene: Scene, prior_map: Map | None = None, agent: str | None = None, seed: int = 0
+        self,
+        scene: Scene,
+        prior_map: Map | None = None,
+        agent: str | None = None,
+        seed: int = 0,
+        same_frame: bool = False,
     ) -> None:
         self.scene, self.seed = scene, seed
-        self.model = self._model(FilterModel.of(scene, agent))
+        self.model = self._model(scene.filter_model(agent))
         self.agent = self.model.agent
         self.work = Workspace(self.model, seed, self.keeps_grid)
-        prior = None if prior_map is None else fitted(prior_map, scene)[0]
+        prior = None
+        if prior_map is not None:
+            prior, _ = fitted(assured(prior_map, scene) if same_frame else prior_map, scene)
         self.provenance = _provenance(prior)
-        self.state = self.start(self.model, prior)
-        self.info: StepInfo | None = None
+        identity = Identity.of(self.model.anchor_positions)
+        self.now = Moment(self.start(self.model, prior), identity)
+
+    @property
+    def state(self) -> State:
+        """What is believed after the latest step."""
+        return self.now.state
+
+    @property
+    def info(self) -> StepInfo | None:
+        """What happened at it; None before the first."""
+        return self.now.info
+
+    def start_at(self, position_m: Array, heading_rad: float) -> None:
+        """Believe in another start (m, rad) than the scene's, as surely as its prior says.
+
+        Raises
+        ------
+        InputError
+            Something was heard already, or the start isn't finite.
+        """
+        if self.state.step or self.state.time_s is not None:
+            raise InputError("start", f"told after {self.state.step} steps", "before the first")
+        pose = np.array([*np.reshape(position_m, 2), heading_rad], dtype=np.float64)
+        if not np.isfinite(pose).all():
+            raise InputError("start", str(pose.tolist()), "finite numbers")
+        mean = self.state.belief.mean.copy()
+        mean[[0, 1, 4]] = pose
+        belief = replace(self.state.belief, mean=mean)
+        self.now = self.now._replace(state=replace(self.state, belief=belief))
 
     @staticmethod
     def _model(model: FilterModel) -> FilterModel:
@@ -76,18 +118,27 @@ class SurfaceFilter:
         raise NotImplementedError
 
     def step(self, scan: Scan) -> Estimate:
-        """Take in what was heard at one step and return what is believed now."""
+        """Take in what was heard at one step and return what is believed now.
+
+        Raises
+        ------
+        InputError
+            The scan makes no sense, see `Scan.checked`; the filter stays as it was.
+        """
         began = time.perf_counter()
+        scan = scan.checked(len(self.model.anchors), self.state.time_s)
         state, info = self.advance(self.state, scan, self.model, self.work)
         estimate = self._estimate(state, scan, info, began)
-        self.state, self.info = state, info  # last: whatever interrupts a step leaves the one before
+        # last and at once: whatever interrupts a step leaves the moment before
+        self.now = Moment(state, self.now.identity.after(scan), info)
         return estimate
 
     def map(self) -> Map:
         """The map as it stands: detected surfaces, and a grid of which nothing was observed."""
         table, grid = surface_estimate(self.state, work=self.work), self.model.grid
         found, bins = table.existence > self.model.settings.detect_above, len(REFLECTION_BINS)
-        latest = {"agents": self.agent, "seeds": self.seed, "steps": self.state.step}
+        latest: dict[str, Any] = {"agents": self.agent, "seeds": self.seed, "steps": self.state.step}
+        latest["runs"] = self.now.identity.text
         provenance: dict[str, Any] = {key: [*self.provenance[key], value] for key, value in latest.items()}
         sheet = Map(
             np.array(grid.origin_m), grid.cell_m, np.zeros(grid.shape, np.float32),
@@ -105,9 +156,12 @@ class SurfaceFilter:
         InputError
             The file can't be written.
         """
-        from gridslam.systems.checkpoint import save
+        from gridslam.systems.checkpoint import Checkpoint, write_checkpoint
 
-        save(self, path)
+        kept = Checkpoint(
+            self.method, self.scene, self.agent, self.seed, self.provenance, self.now.identity, self.state
+        )
+        write_checkpoint(kept, path)
 
     @classmethod
     def resume(cls, path: str | os.PathLike[str]) -> Self:
@@ -118,9 +172,12 @@ class SurfaceFilter:
         InputError
             No such file, or not a checkpoint of this version and system.
         """
-        from gridslam.systems.checkpoint import resume
+        from gridslam.systems.checkpoint import read_checkpoint
 
-        return resume(cls, path)
+        kept = read_checkpoint(path, cls.method, cls.start)
+        slam = cls(kept.scene, agent=kept.agent, seed=kept.seed)
+        slam.provenance, slam.now = kept.provenance, Moment(kept.state, kept.identity)
+        return slam
 
     def _strength(self, state: State) -> Callable[[Rays, Array], Array] | None:
         """Amplitudes (L,) of rays of given distances (L,); None where they follow from coefficients."""
@@ -165,5 +222,7 @@ def inherit_surfaces(state: State, prior: Map) -> State:
 def _provenance(prior: Map | None) -> dict[str, list[Any]]:
     """Who made the map that a filter starts from, as parallel lists."""
     earlier = {} if prior is None else prior.provenance
-    lists = {key: earlier.get(key) for key in ("agents", "seeds", "steps")}
-    return {key: list(value) if isinstance(value, list) else [] for key, value in lists.items()}
+    lists = {key: earlier.get(key) for key in ("agents", "seeds", "steps", "runs")}
+    known = {key: list(value) if isinstance(value, list) else [] for key, value in lists.items()}
+    unknown = len(known["agents"]) - len(known["runs"])  # maps of earlier versions don't name their runs
+    return known | {"runs": [""] * unknown + known["runs"]}

@@ -19,7 +19,7 @@ from matplotlib.patches import Ellipse
 
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
-from gridslam.io.files import cannot_write
+from gridslam.io.files import cannot_write, put_in_place
 from gridslam.runs.run_files import AgentFiles
 from gridslam.viewers.plots import STRENGTH
 from gridslam.world.geometry import unit
@@ -78,7 +78,7 @@ def animate(
                 figure.set_layout_engine("none")  # the frames after the first keep its layout
                 if progress is not None:
                     progress(number, len(steps))
-        os.replace(part, path)
+        put_in_place(part, path)
     except OSError as error:
         raise cannot_write(path, error) from error
     except subprocess.CalledProcessError as error:

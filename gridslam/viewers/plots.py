@@ -21,7 +21,6 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from gridslam.estimates import SurfaceEstimate
 from gridslam.evaluation.ground_truth import inherited_truth, known_bound, truth_of
 from gridslam.evaluation.metrics import track_errors
 from gridslam.io.files import cannot_write, write_bytes
@@ -46,8 +45,7 @@ def draw_map(scene: Scene, found: AgentFiles) -> Figure:
     figure, axes = _region(found.map, scene)
     _occupancy(axes, found.map)
     _walls(axes, scene, GREEN, 1.6)
-    last = found.estimates[-1]
-    _surfaces(axes, last.surfaces.take(last.detected))
+    _surfaces(axes, found.map)
     axes.plot(*found.trajectory.position_m.T, color=BLUE, lw=1.8, label="estimated track")
     if found.truth is not None:
         axes.plot(*found.truth.position_m.T, color="k", lw=0.7, ls=(0, (4, 2)), label="true track")
@@ -194,7 +192,7 @@ def draw_export(grid: Map, directory: str | os.PathLike[str]) -> list[Path]:
     """
     first, axes = _region(grid)
     _occupancy(axes, grid)
-    _surfaces(axes, grid.surfaces if grid.surfaces is not None else SurfaceEstimate.empty())
+    _surfaces(axes, grid)
     _legend(first, axes)
     second, axes = _region(grid)
     _coefficients(second, axes, grid)
@@ -312,9 +310,8 @@ def _walls(axes: Axes, scene: Scene, color: str, width: float) -> None:
         axes.add_collection(pieces)
 
 
-def _surfaces(axes: Axes, surfaces: SurfaceEstimate) -> None:
-    ends = surfaces.ends_m
-    ends = ends[np.isfinite(ends).all((1, 2))]
+def _surfaces(axes: Axes, grid: Map) -> None:
+    ends = grid.wall_segments().ends_m
     pieces = LineCollection(list(ends), colors=ORANGE, linewidths=1.0, label="surfaces found", zorder=3)
     pieces.set_linestyle((0, (4, 2)))
     axes.add_collection(pieces)

@@ -163,20 +163,19 @@ def _data(path: Path) -> str:
 
 
 def _surfaces(found: AgentFiles) -> str:
-    last = found.estimates[-1]
-    table = last.surfaces.take(last.detected)
-    if not len(table):
+    table = found.map.surfaces
+    if table is None or not len(table):
         return "<p>No surface was found.</p>"
-    rows = []
-    for number, (ends, reach) in enumerate(zip(table.ends_m, table.extent_m, strict=True)):
-        seen = bool(np.isfinite(ends).all())
-        (ax, ay), (bx, by) = ends
+    rows, walls = [], found.map.wall_segments()
+    for number in range(len(table)):
+        own = walls.surface == number
+        stretches = walls.ends_m[own]
         rows.append(
             [
                 str(int(table.identity[number])),
-                f"{ax:.2f}, {ay:.2f}" if seen else "never hit",
-                f"{bx:.2f}, {by:.2f}" if seen else "-",
-                f"{np.ptp(reach):.2f} m" if seen else "-",
+                "; ".join(f"{x:.2f}, {y:.2f}" for x, y in stretches[:, 0]) or "never hit",
+                "; ".join(f"{x:.2f}, {y:.2f}" for x, y in stretches[:, 1]) or "-",
+                f"{walls.length_m[own].sum():.2f} m" if len(stretches) else "-",
                 f"{table.reflection[number]:.2f} ± {np.sqrt(max(table.reflection_var[number], 0)):.2f}",
                 f"{table.existence[number]:.3f}",
             ]

@@ -14,7 +14,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from gridslam.errors import InputError
-from gridslam.io.files import beside, cannot_write
+from gridslam.io.files import beside, cannot_write, put_in_place
 
 HERE, PORT = "127.0.0.1", 9876
 """Where a viewer listens unless told otherwise."""
@@ -93,7 +93,7 @@ def open_stream(where: str | None = None, overwrite: bool = False) -> Iterator[A
         yield stream
         stream.disconnect()  # writes what is left
         try:
-            os.replace(part, path)
+            put_in_place(part, path)
         except OSError as error:
             raise cannot_write(path, error) from error
     finally:

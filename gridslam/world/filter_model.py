@@ -9,20 +9,18 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.errors import InputError
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import SignalModel
-from gridslam.world.scene import Scene
 from gridslam.world.scene_parts import FilterSettings, GridSpec
 
 Array = NDArray[np.float64]
-LEAST_PRIOR = 1e-4
-"""Half width of a start prior that is taken at least (m, m/s, rad)."""
 
 
 @dataclass(frozen=True, eq=False)
 class FilterModel:
     """Radio, anchors, region, priors and settings of one agent: all that inference is handed of a scene.
+
+    `Scene.filter_model` makes one.
 
     Attributes
     ----------
@@ -53,39 +51,10 @@ class FilterModel:
     start_mean: Array
     start_variance: Array
 
-    @classmethod
-    def of(cls, scene: Scene, agent: str | None = None) -> Self:
-        """Take from a scene what a filter may know.
-
-        Parameters
-        ----------
-        agent : str, optional
-            Which of the scene's agents; default: the first.
-
-        Raises
-        ------
-        InputError
-            The scene has no such agent, or none.
-        """
-        if agent is None and not scene.agents:
-            raise InputError(f"{scene.name}: agents", "none", "at least one, to say where it starts")
-        body = scene.agent(agent) if agent else scene.agents[0]
-        prior = body.prior
-        half = np.array([prior.position_m] * 2 + [prior.velocity_mps] * 2 + [np.radians(prior.heading_deg)])
-        variance = np.maximum(half, LEAST_PRIOR) ** 2 / 3
-        # the agent moves at an unknown speed from the first step on
-        variance[2:4] += (body.step_m / body.interval_s) ** 2
-        return cls(
-            scene.name, body.name, scene.signal_model(body.name), scene.anchor_names,
-            _fixed(np.column_stack([scene.anchor_positions, scene.anchor_orientations])),
-            scene.radio.max_bounces, scene.grid, scene.filter,
-            _fixed(np.array([*body.start_m, 0.0, 0.0, np.radians(body.start_heading_deg)])), _fixed(variance),
-        )  # fmt: skip
-
     @cached_property
     def anchor_positions(self) -> Array:
         """Where the anchors stand, (J, 2) m."""
-        return _fixed(np.ascontiguousarray(self.anchors[:, :2]))
+        return fixed(np.ascontiguousarray(self.anchors[:, :2]))
 
     @property
     def anchor_orientations(self) -> Array:
@@ -111,9 +80,10 @@ class FilterModel:
     def turned(self, turns: Array) -> Self:
         """The same with its anchors turned by (J,) rad."""
         orientation = wrap(self.anchor_orientations + turns)
-        return replace(self, anchors=_fixed(np.column_stack([self.anchor_positions, orientation])))
+        return replace(self, anchors=fixed(np.column_stack([self.anchor_positions, orientation])))
 
 
-def _fixed(array: Array) -> Array:
+def fixed(array: Array) -> Array:
+    """The array, read-only from now on."""
     array.setflags(write=False)
     return array

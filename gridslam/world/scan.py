@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.errors import InputError
+from gridslam.world.columns import DEVIATIONS, VALUES, check_columns
+
 Array = NDArray[np.float64]
 
 
@@ -42,3 +45,58 @@ class Scan:
 
     def __len__(self) -> int:
         return len(self.anchor)
+
+    def checked(self, anchors: int, after: float | None = None) -> Scan:
+        """The scan as arrays, if a filter can make sense of it.
+
+        Parameters
+        ----------
+        anchors : int
+            How many there are.
+        after : float, optional
+            Time of the scan before, s.
+
+        Raises
+        ------
+        InputError
+            Columns of other lengths or none of numbers, an anchor that there isn't, an infinite value, a
+            length, amplitude or deviation that isn't above 0, a row without any value, or a time that is NaN
+            or goes back.
+        """
+        given = {name: getattr(self, name) for name in (*VALUES, *DEVIATIONS)}
+        try:
+            time = float(self.time_s)
+            anchor = np.asarray(self.anchor)
+            if anchor.size and anchor.dtype.kind not in "iu":
+                raise ValueError("anchors are indices")
+            anchor = anchor.astype(np.intp, copy=False)
+            columns = {n: np.asarray(v, np.float64) for n, v in given.items() if v is not None}
+        except (TypeError, ValueError, OverflowError) as error:
+            raise InputError("scan", str(error), "columns of numbers") from None
+        for name, column in columns.items():
+            if column.shape != anchor.shape or anchor.ndim != 1:
+                raise InputError(
+                    f"scan: {name}", f"shape {column.shape}", f"({anchor.size},), one per anchor's row"
+                )
+        if not np.isfinite(time):
+            raise InputError("scan: time_s", str(time), "a finite number")
+        if after is not None and time < after:
+            raise InputError("scan: time_s", str(time), f"{after} or later: time doesn't go back")
+        if len(anchor) and _doubtful(columns, anchor, anchors):
+            still = {"step": np.zeros(len(anchor), np.intp), "time_s": np.full(len(anchor), time)}
+            whole = still | {"anchor": anchor} | columns
+            check_columns(whole, anchors, lambda row, name: f"scan: {name}[{row}]")
+        return Scan(self.step, time, anchor, **columns)
+
+
+def _doubtful(columns: dict[str, Array], anchor: NDArray[np.intp], anchors: int) -> bool:
+    """Whether `check_columns` could find anything amiss: a quick look, since every step takes it."""
+    angles = np.array([columns["aod_rad"], columns["aoa_rad"]])
+    others = np.array([column for name, column in columns.items() if name not in ("aod_rad", "aoa_rad")])
+    return bool(
+        anchor.min() < 0
+        or anchor.max() >= anchors
+        or np.isnan(others[0]).any()
+        or ((others <= 0) | (others == np.inf)).any()
+        or (np.abs(angles) > 2 * np.pi).any()
+    )

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from gridslam.errors import InputError
+from gridslam.world.filter_model import FilterModel, fixed
 from gridslam.world.geometry import Segments, crossing, distance_to_segments, line_through, wrap
+from gridslam.world.names import Label, label_fault, same_folder
 from gridslam.world.radio import SignalModel
 from gridslam.world.scene_parts import Agent, Anchor, FilterSettings, GridSpec, Name, Radio, Share, Wall
 from gridslam.world.trajectory import Trajectory
@@ -26,6 +28,8 @@ Array = NDArray[np.float64]
 BUNDLED = Path(__file__).parents[1] / "scenes"
 COLLINEAR_M, CLEARANCE_M = 1e-6, 0.01
 """Offset below which pieces share one surface; distance that devices keep from walls."""
+LEAST_PRIOR = 1e-4
+"""Half width of a start prior that a filter is told at least (m, m/s, rad)."""
 
 
 class Scene(Strict):
@@ -38,8 +42,9 @@ class Scene(Strict):
     ('A', 'B')
     """
 
-    name: Name = "scene"
+    name: Label = "scene"
     description: str = ""
+    frame: Label | None = None
     radio: Radio = Radio()
     grid: GridSpec
     materials: dict[Name, Share] = Field(default_factory=lambda: {"concrete": 0.7, "glass": 0.3})
@@ -86,7 +91,8 @@ class Scene(Strict):
             data = tomllib.loads(text)
         except (ValueError, RecursionError) as error:  # no TOML, or a number of thousands of digits
             raise InputError(where, f"broken TOML ({error})", "TOML") from error
-        return cls.checked({"name": Path(where).stem or "scene", **data}, where)
+        stem = Path(where).stem
+        return cls.checked({"name": stem if label_fault(stem) is None else "scene", **data}, where)
 
     def to_toml(self) -> str:
         """Write all settings, defaults included; reads back as an equal scene."""
@@ -157,6 +163,34 @@ class Scene(Strict):
             given_distance_std=radio.distance_std_m,
         )
 
+    def filter_model(self, agent: str | None = None) -> FilterModel:
+        """What a filter may know: neither walls nor waypoints.
+
+        Parameters
+        ----------
+        agent : str, optional
+            Whose start, prior and array; default: the first.
+
+        Raises
+        ------
+        InputError
+            There is no such agent, or none.
+        """
+        if agent is None and not self.agents:
+            raise InputError(f"{self.name}: agents", "none", "at least one, to say where it starts")
+        body = self.agent(agent) if agent else self.agents[0]
+        prior = body.prior
+        half = np.array([prior.position_m] * 2 + [prior.velocity_mps] * 2 + [np.radians(prior.heading_deg)])
+        variance = np.maximum(half, LEAST_PRIOR) ** 2 / 3
+        # the agent moves at an unknown speed from the first step on
+        variance[2:4] += (body.step_m / body.interval_s) ** 2
+        mean = np.array([*body.start_m, 0.0, 0.0, np.radians(body.start_heading_deg)])
+        anchors = np.column_stack([self.anchor_positions, self.anchor_orientations])
+        return FilterModel(
+            self.name, body.name, self.signal_model(body.name), self.anchor_names, fixed(anchors),
+            self.radio.max_bounces, self.grid, self.filter, fixed(mean), fixed(variance),
+        )  # fmt: skip
+
     def segments(self) -> Segments:
         """Straight pieces of all walls, arcs as facets; collinear pieces share a surface."""
         corners = [wall.corners for wall in self.walls]
@@ -187,6 +221,11 @@ class Scene(Strict):
             for index, name in enumerate(names):
                 if name in names[:index]:
                     raise fault(f"{key}[{index}].name", repr(name), "a name that isn't taken")
+        folders = [same_folder(agent.name) for agent in self.agents]
+        for index, folder in enumerate(folders):
+            if folder in folders[:index]:
+                found = f"{self.agents[index].name!r} beside {self.agents[folders.index(folder)].name!r}"
+                raise fault(f"agents[{index}].name", found, "names that differ by more than case")
         for index, wall in enumerate(self.walls):
             if wall.material not in self.materials:
                 field = f"walls[{index}].material"

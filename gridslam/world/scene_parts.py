@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import Annotated, Literal, Self, get_args
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from gridslam.world.grid_memory import CELL_BYTES, MOST_BYTES, WAY_OUT, in_gb
+from gridslam.world.names import FolderName, Label
 from gridslam.world.radio import aperture
 from gridslam.world.validation import Strict, fault
 
@@ -116,7 +116,7 @@ class GridSpec(Strict):
 class Anchor(Strict):
     """A radio at a known place."""
 
-    name: Name
+    name: Label
     position_m: Point
     orientation_deg: Degree = 0.0
     array: ArraySpec | None = None
@@ -180,7 +180,7 @@ class Agent(Strict):
     ``filter.acceleration_mps2`` makes of it.
     """
 
-    name: Name
+    name: FolderName
     start_m: Point
     start_heading_deg: Degree = 0.0
     waypoints_m: tuple[Point, ...] | None = None
@@ -193,8 +193,6 @@ class Agent(Strict):
 
     @model_validator(mode="after")
     def _leads_somewhere(self) -> Self:
-        if not re.fullmatch(r"\w[\w .+-]*", self.name):
-            raise fault("name", repr(self.name), "letters, digits, space, _ . + - (it names a folder)")
         gaps = np.linalg.norm(np.diff(self.way, axis=0), axis=1)
         if self.waypoints_m is not None and (len(gaps) < 1 or (gaps < SAME_PLACE_M).any()):
             raise fault("waypoints_m", "no way to go", "waypoints that differ from the one before")

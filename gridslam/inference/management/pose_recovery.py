@@ -21,10 +21,10 @@ from gridslam.inference.messages.likelihood import DetectionTable, detection_tab
 from gridslam.inference.messages.prediction import paths_now
 from gridslam.inference.state.anchor_measurements import Heard
 from gridslam.inference.state.belief import AGENT, Belief
-from gridslam.inference.state.health import ENOUGH
+from gridslam.inference.state.health import ENOUGH, MOST_LOUD
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
-from gridslam.inference.workspace import Workspace, timed
+from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import direction, mirror, unit, wrap
 from gridslam.world.radio import REFLECTION_BINS, SignalModel
@@ -42,6 +42,8 @@ MAP_M, MAP_RAD = 0.03, 0.02
 """What the map's own errors add to a measurement's."""
 CLEAR, WORTH = 5.0, 8.0
 """Log-likelihood by which a mode must beat the next one, and the pose that was believed."""
+BLOCK = 200_000
+"""Poses x images x measurements that are scored at a time."""
 LOUDEST = 25.0
 VAGUE_M, VAGUE_RAD = 0.6, 0.4
 """Standard deviations of position and heading from which on a pose is searched for."""
@@ -144,6 +146,7 @@ def recover_pose(
     if lost:
         elapsed = 0.0 if earlier_s is None or now_s is None else now_s - earlier_s
         belief = freed(belief, elapsed, model.settings.acceleration_mps2)
+    state = replace(state, monitor=replace(state.monitor, crowd=crowd(scans)))
     with runtime.one_blas_thread():
         fix = find_pose(
             belief, state.belief, images, scans, detection_table(model.radio),
@@ -220,6 +223,12 @@ def moved(belief: Belief, fix: Fix, velocity: float) -> Belief:
     return Belief(mean, 0.5 * (covariance + covariance.T))
 
 
+def crowd(scan: Sequence[Heard]) -> int:
+    """Loud measurements of the anchor that heard most, if too many for all to propose poses; else 0."""
+    most = max((int(np.count_nonzero(heard.loud)) for heard in scan), default=0)
+    return most if most > MOST_LOUD else 0
+
+
 def find_pose(
     belief: Belief, expected: Belief, images: Sequence[Sources], scan: Sequence[Heard],
     table: DetectionTable, signal: SignalModel, stream: list[int],
@@ -242,7 +251,13 @@ def find_pose(
     known = draw.multivariate_normal(mean, narrow, KEPT, method="eigh")
     bound = np.linalg.inv(wide + np.diag([0.1, 0.1, 0.1]))
 
-    def score(poses: Array) -> Array:
+    largest = max(len(own.image) * max(len(heard), 1) for own, heard in zip(images, scan, strict=True))
+    block = max(BLOCK // max(largest, 1), 1)
+
+    def score(every: Array) -> Array:
+        return np.concatenate([one(every[at : at + block]) for at in range(0, len(every), block)])
+
+    def one(poses: Array) -> Array:
         gap = poses - mean
         gap[:, 2] = wrap(gap[:, 2])
         far = np.einsum("ni,ij,nj->n", gap, bound, gap)
@@ -279,6 +294,9 @@ def _proposals(
         rows = np.flatnonzero(~np.isnan(heard.value).any(1) & heard.loud)
         if not len(rows):
             continue
+        if len(rows) > MOST_LOUD:  # or poses x measurements would grow with their square
+            rank = np.argsort(-np.nan_to_num(heard.amplitude[rows], nan=signal.threshold), kind="stable")
+            rows = np.sort(rows[rank[:MOST_LOUD]])
         strength = np.nan_to_num(heard.amplitude[rows], nan=signal.threshold)
         std = deviations(heard, rows, strength, heard.value[rows, 1:], signal)
         for copy in range(COPIES):

@@ -11,7 +11,7 @@ from gridslam import runtime
 from gridslam.estimates import PathEstimate, SurfaceEstimate
 from gridslam.inference.state.rays import Rays, listed_at_most
 from gridslam.inference.state.state import State
-from gridslam.inference.workspace import Workspace
+from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from gridslam.inference.state.belief import AGENT, Belief
 from gridslam.inference.state.particles import Cloud
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import Bank
-from gridslam.inference.workspace import Workspace, timed
+from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import SignalModel
 

@@ -15,7 +15,7 @@ from gridslam.inference.state.anchor_measurements import Heard
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.ray_amplitudes import Key
 from gridslam.inference.state.state import State
-from gridslam.inference.workspace import Workspace, timed
+from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import unit
 from gridslam.world.radio import REFLECTION_BINS, SignalModel

@@ -16,7 +16,7 @@ from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.particles import Draft, Sampling
 from gridslam.inference.state.polylines import Polylines
 from gridslam.inference.state.state import State
-from gridslam.inference.workspace import Workspace, timed
+from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels import ALREADY_LISTED
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import REFLECTION_BINS

@@ -13,7 +13,7 @@ from gridslam.inference.messages.likelihood import AmplitudeBelief, detection_ta
 from gridslam.inference.messages.prediction import PredictedPaths
 from gridslam.inference.state.anchor_measurements import Heard
 from gridslam.inference.state.particles import Cloud
-from gridslam.inference.workspace import Workspace, timed
+from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels import PATH_BLOCK
 from gridslam.kernels.primitives import tables
 from gridslam.world.filter_model import FilterModel

@@ -16,7 +16,7 @@ from gridslam import runtime
 from gridslam.inference.state.particles import Draft, Recipe, Sampling
 from gridslam.inference.state.rays import P_APPEAR, P_STAY, Rays, listed_at_most
 from gridslam.inference.state.state import State
-from gridslam.inference.workspace import Workspace, timed
+from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.world.filter_model import FilterModel
 
 Array = NDArray[np.float64]

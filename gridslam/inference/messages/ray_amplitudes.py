@@ -21,7 +21,7 @@ from gridslam.inference.state.anchor_measurements import Heard
 from gridslam.inference.state.ray_amplitudes import Key, RayAmplitudes
 from gridslam.inference.state.rays import P_APPEAR, P_STAY, Rays
 from gridslam.inference.state.state import State
-from gridslam.inference.workspace import Workspace, timed
+from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.world.radio import SignalModel
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from gridslam.inference.messages.detections import latest_hits
 from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.state.polylines import Polylines
 from gridslam.inference.state.state import State
-from gridslam.inference.workspace import Workspace, timed
+from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import REFLECTION_BINS, SignalModel
 

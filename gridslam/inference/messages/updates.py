@@ -16,7 +16,7 @@ from gridslam.inference.state.anchor_measurements import Heard
 from gridslam.inference.state.health import NO_FIT
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
-from gridslam.inference.workspace import Workspace, timed
+from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels.primitives import tables
 from gridslam.world.filter_model import FilterModel
 

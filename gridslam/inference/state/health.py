@@ -20,6 +20,8 @@ SLOW = 0.03
 SILENT, LOST, MISFIT, LOUD_CLUTTER, FEW, VAGUE_M = 5, 0.5, 1.7, 3.0, 3.0, 1.0
 """When something is amiss: steps of silence; share of the usual explained; ratio of innovations to what is
 expected; of clutter; effective particles; position's standard deviation."""
+MOST_LOUD = 30
+"""The loudest of an anchor, which propose poses where the agent is looked for."""
 AFRESH, ENOUGH = 5, 4
 """Steps for which a new start is reported; loud measurements that are needed to call it for."""
 NO_FIT = np.append(np.zeros(SUMS - 1), np.inf)
@@ -42,6 +44,8 @@ class HealthMonitor:
         in the long run.
     silent, since : int
         Steps of silence so far; steps since the agent was found again.
+    crowd : int
+        Loud measurements of one anchor at this step, if too many for all to propose poses; else 0.
     """
 
     misfit: float = 0.0
@@ -52,6 +56,7 @@ class HealthMonitor:
     near: float = 0.0
     silent: int = 0
     since: int = 1_000_000
+    crowd: int = 0
 
     def begun(self, scan_size: int) -> Self:
         """A new step, at which `scan_size` measurements were heard."""
@@ -63,6 +68,7 @@ class HealthMonitor:
             loud=KEEP * self.loud,
             silent=0 if scan_size else self.silent + 1,
             since=self.since + 1,
+            crowd=0,
         )
 
     def fitted(self, fits: Array) -> Self:
@@ -131,6 +137,8 @@ class HealthMonitor:
             reasons.append(f"anchor {model.anchor_names[worst]} seems turned by {turn:.1f} degrees")
         if effective < FEW:
             reasons.append(f"{effective:.0f} particles carry the weight")
+        if self.crowd:
+            reasons.append(f"{self.crowd} loud paths of one anchor: {MOST_LOUD} of them propose poses")
         health = Health(
             not reasons, "; ".join(reasons), effective, ratio, (low, high), share, np.array(heard),
             calibration.gain, calibration.turned, self.silent,

@@ -13,7 +13,7 @@ from gridslam.estimates import Health
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.calibration import Calibration
 from gridslam.inference.state.state import State
-from gridslam.inference.workspace import Workspace
+from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
 
 Array = NDArray[np.float64]

@@ -10,9 +10,9 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.cell_buffers import CellBuffers
 from gridslam.inference.state.particles import Particles
 from gridslam.inference.state.path_messages import PathMessages
+from gridslam.inference.workspace.cell_buffers import CellBuffers
 from gridslam.world.filter_model import FilterModel
 
 Array = NDArray[np.float64]

@@ -1,0 +1,60 @@
+"""How much is measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much is measured; the defaults take a few minutes.
+
+    Attributes
+    ----------
+    particles : tuple of int
+        Of the whole steps on `alcove`.
+    canyon : int
+        Particles on `canyon`.
+    before, timed, watched : int
+        Steps before anything is timed, steps of which the median is taken, steps that are split by stage.
+    later : int
+        Steps before `canyon` is timed once more, when most of its surfaces are known.
+    kernel_particles, kernel_before : int
+        Particles and steps at which the kernels' cases are taken.
+    kernel_s : float
+        Seconds of repeats for each kernel, and each twin.
+    growth_particles : int
+        At which the growth in everything else is measured.
+    surfaces : tuple of int
+        Sides of the polygons.
+    false_alarms, cell_m : tuple of float
+        Per anchor and step; m.
+    steps : tuple of int
+        Lengths of a run.
+    repeats : int
+        Of the start-ups.
+    """
+
+    particles: tuple[int, ...] = (1_000, 3_000, 10_000, 30_000, 60_000)
+    canyon: int = 10_000
+    before: int = 12
+    timed: int = 20
+    later: int = 150
+    watched: int = 20
+    kernel_particles: int = 10_000
+    kernel_before: int = 60
+    kernel_s: float = 1.0
+    growth_particles: int = 3_000
+    surfaces: tuple[int, ...] = (3, 4, 6, 8, 12)
+    false_alarms: tuple[float, ...] = (2.0, 8.0, 32.0, 64.0)
+    cell_m: tuple[float, ...] = (0.2, 0.1, 0.05, 0.025)
+    steps: tuple[int, ...] = (24, 48, 120, 240)
+    repeats: int = 3
+
+
+QUICK = Plan(
+    particles=(256, 1_024), canyon=256, before=1, timed=2, later=3, watched=1, kernel_particles=256,
+    kernel_before=2, kernel_s=0.01, growth_particles=256, surfaces=(3, 4), false_alarms=(2.0, 8.0),
+    cell_m=(0.2, 0.1), steps=(2, 4), repeats=1,
+)  # fmt: skip
+"""Everything once, in seconds: to see that it works, not to believe its numbers."""

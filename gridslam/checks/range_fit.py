@@ -1,0 +1,164 @@
+"""Which error in the distances explains lines of sight best: least squares at every step, no motion model.
+
+Each step has a pose of its own, so only what several anchors say of the same pose tells of an error. Rivals
+are compared by their misfit with the scale unknown, hence by its ratio.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.checks.line_of_sight_filter import Sight
+from gridslam.checks.range_errors import MOST_HEIGHT_M, MOST_OFFSET_M, RangeError
+from gridslam.world.geometry import wrap
+from gridslam.world.scene import Scene
+
+Array = NDArray[np.float64]
+DISTANCE_STD_M, ANGLE_STD_RAD = 0.05, 0.03
+OUTLIER = 5.0
+"""Standard deviations beyond which a residual counts no further."""
+SURE = 0.7
+"""Probability from which on a row is taken for a line of sight."""
+ROUNDS, COARSE_M = 6, 0.5
+"""Of Gauss-Newton; first steps in which sizes are tried."""
+
+
+@dataclass(frozen=True)
+class RangeFit:
+    """How well an error in the distances explains the lines of sight.
+
+    Attributes
+    ----------
+    error : RangeError or None
+        None for no error at all.
+    size_m : float
+    misfit : float
+        Sum of squared, normalised residuals, each of at most `OUTLIER` standard deviations.
+    count : int
+        Residuals more than unknowns.
+    """
+
+    error: RangeError | None
+    size_m: float
+    misfit: float
+    count: int
+
+    def gain(self, other: RangeFit) -> float:
+        """Log likelihood ratio of this one over another one, nats."""
+        return 0.5 * self.count * float(np.log(max(other.misfit, 1e-9) / max(self.misfit, 1e-9)))
+
+
+def fits(
+    columns: Mapping[str, NDArray], sight: Sight, scene: Scene, errors: list[RangeError]
+) -> list[RangeFit]:
+    """Fit no error and each of `errors` to the lines of sight of a table.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        As of `gridslam.checks.line_of_sight_filter.explain`.
+    sight : Sight
+        Which of the rows are lines of sight.
+    scene : Scene
+        For its anchors.
+    errors : list of RangeError
+
+    Returns
+    -------
+    list of RangeFit
+        The first without an error; empty if the anchors don't say more than the poses take.
+    """
+    heard = _heard(columns, sight, scene)
+    if heard is None:
+        return []
+    places = scene.anchor_positions
+    count = int(np.isfinite(heard).sum() - 3 * len(heard))
+    found = [RangeFit(None, 0.0, _misfit(heard, places, None, 0.0), count)]
+    for error in errors:
+        least, most = (0.0, MOST_HEIGHT_M) if error.kind == "slant" else (-MOST_OFFSET_M, MOST_OFFSET_M)
+        sizes = np.arange(least, most + COARSE_M, COARSE_M)
+        for spread in (COARSE_M, 0.2 * COARSE_M, 0.04 * COARSE_M):  # finer and finer about the best so far
+            costs = [_misfit(heard, places, error, size) for size in sizes]
+            size, cost = float(sizes[np.argmin(costs)]), min(costs)
+            sizes = np.clip(size + spread * np.linspace(-1, 1, 11), least, most)
+        found.append(RangeFit(error, size, cost, count))
+    return found
+
+
+def _heard(columns: Mapping[str, NDArray], sight: Sight, scene: Scene) -> Array | None:
+    """Distance, direction from the anchor in the world, AoA (N, J, 3), where several anchors tell."""
+    rows = sight.row[sight.probability > SURE]
+    if not len(rows) or "distance_m" not in columns:
+        return None
+    step, anchor = columns["step"][rows], columns["anchor"][rows]
+    place = np.unique(step, return_inverse=True)[1]
+    heard = np.full((place.max() + 1, len(scene.anchors), 3), np.nan)
+    heard[place, anchor, 0] = columns["distance_m"][rows]
+    if "aod_rad" in columns:
+        heard[place, anchor, 1] = columns["aod_rad"][rows] + scene.anchor_orientations[anchor]
+    if "aoa_rad" in columns:
+        heard[place, anchor, 2] = columns["aoa_rad"][rows]
+    told = np.isfinite(heard)
+    enough = (told.sum((1, 2)) > 3) & (told[:, :, 0].sum(1) > 1) & told[:, :, 1:].any((1, 2))
+    return heard[enough] if enough.sum() >= 5 else None
+
+
+def _misfit(heard: Array, places: Array, error: RangeError | None, size: float) -> float:
+    """Sum of squared residuals with the poses (N, 3) that make them least, by Gauss-Newton with weights."""
+    pose = _first(heard, places)
+    told = np.isfinite(heard)
+    values = np.nan_to_num(heard)
+    deviation = np.array([DISTANCE_STD_M, ANGLE_STD_RAD, ANGLE_STD_RAD])
+    for last in range(ROUNDS + 1):
+        away = pose[:, None, :2] - places
+        flat = np.maximum(np.hypot(away[..., 0], away[..., 1]), 1e-3)
+        direction = np.arctan2(away[..., 1], away[..., 0])
+        slope, predicted = np.ones_like(flat), flat.copy()
+        for number in error.anchors if error is not None else ():
+            predicted[:, number] = error.spoilt(flat[:, number], np.array(size), number)  # type: ignore[union-attr]
+            if error is not None and error.kind == "slant":
+                slope[:, number] = flat[:, number] / predicted[:, number]
+        expected = np.stack([predicted, direction, direction + np.pi - pose[:, None, 2]], -1)
+        gap = values - expected
+        gap[..., 1:] = wrap(gap[..., 1:])
+        gap = np.where(told, gap / deviation, 0.0)
+        if last == ROUNDS:
+            break
+        towards, across = (
+            away / flat[..., None],
+            np.stack([-away[..., 1], away[..., 0]], -1) / flat[..., None] ** 2,
+        )
+        jacobian = np.zeros((*heard.shape, 3))
+        jacobian[..., 0, :2] = slope[..., None] * towards
+        jacobian[..., 1, :2] = jacobian[..., 2, :2] = across
+        jacobian[..., 2, 2] = -1
+        jacobian = np.where(told[..., None], jacobian / deviation[:, None], 0.0).reshape(len(pose), -1, 3)
+        flatgap = gap.reshape(len(pose), -1)
+        weight = 1 / (1 + (flatgap / OUTLIER) ** 2)
+        normal = np.einsum("nki,nk,nkj->nij", jacobian, weight, jacobian) + 0.1 * np.eye(3)
+        change = np.linalg.solve(normal, np.einsum("nki,nk,nk->ni", jacobian, weight, flatgap)[..., None])[
+            ..., 0
+        ]
+        pose = pose + np.clip(change, -1, 1)
+    return float(np.minimum(gap**2, OUTLIER**2).sum())
+
+
+def _first(heard: Array, places: Array) -> Array:
+    """Poses (N, 3) to begin with: the middle of where each anchor alone would put the agent."""
+    toward = heard[..., 1]
+    spots = places + heard[..., :1] * np.stack([np.cos(toward), np.sin(toward)], -1)
+    spot = np.where(np.isfinite(spots).all(-1).any(1)[:, None], _mean(spots), places.mean(0))
+    away = spot[:, None] - places
+    facing = np.arctan2(away[..., 1], away[..., 0]) + np.pi - heard[..., 2]
+    turned = _mean(np.stack([np.cos(facing), np.sin(facing)], -1))
+    return np.column_stack([spot, np.arctan2(turned[:, 1], turned[:, 0])])
+
+
+def _mean(values: Array) -> Array:
+    """Means (N, 2) over the anchors of (N, J, 2), those without a number left out; 0 of none."""
+    told = np.isfinite(values).all(-1, keepdims=True)
+    return np.where(told, values, 0).sum(1) / np.maximum(told.sum(1), 1)

@@ -1,0 +1,165 @@
+"""Cures that concern several columns or anchors (names exchanged, offsets, heights), and which one wins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations, permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.checks.line_of_sight_filter import Sight, explain
+from gridslam.checks.range_errors import RangeError
+from gridslam.checks.range_fit import fits
+from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite
+from gridslam.world.columns import Columns
+from gridslam.world.radio import SPEED_OF_LIGHT
+from gridslam.world.scene import Scene
+
+FITTING = 0.8
+"""Share of scans that a line of sight must explain for a table, or a cure of it, to be called fitting."""
+CERTAIN, CLEAR = 30.0, 5.0
+"""Log likelihood ratios in nats, over the table as it stands and over a rival, that a cure must reach."""
+MOST_MISFIT = 4.0
+"""Misfit per degree of freedom above which even the best error in the distances explains nothing."""
+MOST_PERMUTED = 4
+"""Anchors up to which all orders of their names are tried, not only exchanges of two."""
+
+
+@dataclass(frozen=True)
+class Cure:
+    """A way to read the table that fits.
+
+    Attributes
+    ----------
+    suspicion : Suspicion
+    table : dict of (K,) arrays
+        As it should have been.
+    sight : Sight
+        What the line of sight explains then.
+    """
+
+    suspicion: Suspicion
+    table: Columns
+    sight: Sight
+
+
+def range_errors(scene: Scene) -> list[RangeError]:
+    """Offsets and heights of all anchors at once and of each of them."""
+    every = tuple(range(len(scene.anchors)))
+    groups = [every, *((number,) for number in every if len(every) > 1)]
+    return [RangeError(kind, group) for group in groups for kind in ("offset", "slant")]
+
+
+def whole_cure(table: Columns, scene: Scene, agent: str | None, sofar: Sight, plain: Sight) -> Cure | None:
+    """The best cure by names or distances of a table whose lines of sight don't fit.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.line_of_sight_filter.explain`, in the order of steps.
+    sofar, plain : Sight
+        What is explained with the columns read in the best other way, and as they stand.
+
+    Returns
+    -------
+    Cure or None
+        None if none of them makes the table fit, clearly better than reading its columns otherwise does.
+    """
+    needed = max(sofar.evidence + CLEAR, plain.evidence + CERTAIN, CERTAIN)
+    best: Cure | None = None
+    for order in _orders(len(scene.anchors)):
+        renamed = table | {"anchor": np.array(order)[table["anchor"]]}
+        sight = explain(renamed, scene, agent)
+        if sight.explained >= FITTING and sight.evidence > needed:
+            needed = sight.evidence + CLEAR
+            best = Cure(_names(order, scene, sight, plain), renamed, sight)
+    if not _has_both(table):
+        return best
+    # finds the lines of sight alone: the particles may miss the right error, least squares name it afterwards
+    seen = [explain(table, scene, agent, error=error) for error in range_errors(scene)]
+    top = max(seen, key=lambda sight: sight.evidence)
+    if top.explained < FITTING or top.evidence <= needed:
+        return best
+    return range_cure(table, scene, agent, top) or best
+
+
+def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) -> Cure | None:
+    """The error in the distances that the lines of sight found so far ask for, if one does clearly.
+
+    Lines of sight may fit in spite of it: the agent is then thought to be elsewhere.
+    """
+    if not _has_both(table):
+        return None
+    found = fits(table, sight, scene, range_errors(scene))
+    if not found:
+        return None
+    plain, ranked = found[0], sorted(found[1:], key=lambda fit: fit.misfit)
+    best, error = ranked[0], ranked[0].error
+    if error is None or abs(best.size_m) < error.least_m or best.gain(plain) < CERTAIN:
+        return None
+    if best.misfit > MOST_MISFIT * best.count or (len(ranked) > 1 and best.gain(ranked[1]) < CLEAR):
+        return None
+    spoilt = np.isin(table["anchor"], error.anchors)
+    distance = table["distance_m"]
+    with np.errstate(invalid="ignore"):
+        if error.kind == "slant":
+            cured = np.sqrt(np.maximum(distance**2 - best.size_m**2, 1e-4))
+        else:
+            cured = distance - best.size_m
+    whole = table | {"distance_m": np.where(spoilt, cured, distance)}
+    after = explain(whole, scene, agent)
+    if after.explained < FITTING:
+        return None
+    before = explain(table, scene, agent)
+    reason = (
+        f"line of sight in {after.explained:.0%} of {after.scans} scans, {before.explained:.0%} as it "
+        f"stands; misfit of these {plain.misfit / max(best.misfit, 1e-9):.1f} times as large without it; "
+        f"log likelihood ratio {best.gain(plain):.0f}"
+    )
+    told = Suspicion("distance_m", error.kind, _words(error, best.size_m, scene), True, reason)
+    return Cure(told, whole, after)
+
+
+def _has_both(table: Columns) -> bool:
+    """Whether there are distances, and angles to tell their errors from another place of the agent."""
+    return bool(len(finite(table, "distance_m"))) and any(len(finite(table, name)) for name in ANGLES)
+
+
+def _words(error: RangeError, size: float, scene: Scene) -> str:
+    every = len(error.anchors) == len(scene.anchors)
+    names = ", ".join(scene.anchor_names[number] for number in error.anchors)
+    whose = "of all anchors" if every else f"of anchor {names}"
+    if error.kind == "slant":
+        return (
+            f"slant ranges {whose}, about {size:.2f} m above or below the agent, where horizontal distances "
+            f"d belong (d = sqrt(distance_m^2 - {size:.2f}^2))"
+        )
+    time = abs(size) / SPEED_OF_LIGHT * 1e9
+    long, cure = ("long", "subtract it") if size > 0 else ("short", "add it")
+    much = f"{abs(size):.2f} m ({time:.1f} ns)"
+    return f"distances {whose} are {much} too {long}, as by clocks that differ; {cure}"
+
+
+def _orders(count: int) -> Iterator[tuple[int, ...]]:
+    """Orders of the anchors other than their own; of many anchors, those with two exchanged."""
+    own = tuple(range(count))
+    if count <= MOST_PERMUTED:
+        yield from (order for order in permutations(own) if order != own)
+        return
+    for one, other in combinations(own, 2):
+        order = list(own)
+        order[one], order[other] = other, one
+        yield tuple(order)
+
+
+def _names(order: tuple[int, ...], scene: Scene, sight: Sight, plain: Sight) -> Suspicion:
+    names: NDArray = np.array(scene.anchor_names)
+    moved = [f"{names[i]} is the scene's {names[n]}" for i, n in enumerate(order) if i != n]
+    reason = (
+        f"line of sight in {sight.explained:.0%} of {sight.scans} scans, {plain.explained:.0%} as it stands; "
+        f"log likelihood ratio {sight.evidence - plain.evidence:.0f}"
+    )
+    gain = sight.evidence - plain.evidence
+    return Suspicion("anchor", "names", f"names exchanged: {', '.join(moved)}", gain > CERTAIN, reason)

@@ -1,0 +1,67 @@
+"""Whether the times of a table of measurements are seconds."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.checks.line_of_sight_filter import Sight
+from gridslam.checks.unit_hypotheses import Suspicion
+from gridslam.world.columns import Columns
+
+Array = NDArray[np.float64]
+LATEST_S = 1e11
+"""Seconds since 1970 stay below this for 1200 years; milliseconds have been above since 1973."""
+UNITS = ((1e17, "nanoseconds", 1e-9), (1e14, "microseconds", 1e-6), (LATEST_S, "milliseconds", 1e-3))
+LONG_S, LEAST_MPS, LEAST_WAY_M = 10.0, 0.01, 1.0
+"""Interval and speed that make one doubt of seconds, and how far the agent must get to tell a speed."""
+
+
+def intervals(columns: Columns) -> list[str]:
+    """The median interval between steps, as a line; nothing of a single step."""
+    gap = _interval_s(columns)
+    return [f"  time_s: median interval between steps {gap:.4g} s"] if gap > 0 else []
+
+
+def absurd_times(columns: Columns) -> list[Suspicion]:
+    """Times since 1970 that can't be seconds."""
+    latest = _latest_s(columns)
+    for least, unit, factor in UNITS:
+        if latest > least:
+            return [Suspicion("time_s", unit, _words(unit, factor), True, f"up to {latest:.4g}")]
+    return []
+
+
+def slow_times(columns: Columns, sight: Sight) -> list[Suspicion]:
+    """Times that would make the agent crawl, by where lines of sight put it."""
+    gap = _interval_s(columns)
+    if gap < LONG_S or _latest_s(columns) > LATEST_S or len(sight.position_m) < 5:
+        return []
+    span = float(np.ptp(columns["step"][sight.row]))
+    way = float(np.linalg.norm(np.ptp(sight.position_m, axis=0)))
+    speed = way / (gap * max(span, 1))
+    if way < LEAST_WAY_M or speed > LEAST_MPS:
+        return []
+    reason = f"{gap:.4g} s between steps, so that the agent would move at {1000 * speed:.2g} mm/s"
+    return [Suspicion("time_s", "milliseconds", _words("milliseconds", 1e-3), False, reason)]
+
+
+def _words(unit: str, factor: float) -> str:
+    return f"{unit}, where seconds belong (times {factor:g})"
+
+
+def _latest_s(columns: Columns) -> float:
+    """The largest of the finite times, 0 without any."""
+    time = columns["time_s"]
+    return float(np.abs(time[np.isfinite(time)]).max(initial=0.0))
+
+
+def _interval_s(columns: Columns) -> float:
+    """Median time per step, 0 of a single one; times that aren't finite are somebody else's to refuse."""
+    step, first = np.unique(columns["step"], return_index=True)
+    time = columns["time_s"][first]
+    step, time = step[np.isfinite(time)], time[np.isfinite(time)]
+    if len(step) < 2:
+        return 0.0
+    with np.errstate(over="ignore"):
+        return float(np.median(np.diff(time) / np.diff(step)))

@@ -1,0 +1,1 @@
+"""What a filter writes to and may forget: buffers, particles and the clock of its steps."""

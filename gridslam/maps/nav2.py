@@ -1,0 +1,110 @@
+"""The picture a planner gets: cells with the walls found drawn in, and nothing free behind them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from gridslam.maps.map_cells import MapCells
+from gridslam.maps.walls import WallSegments
+
+FREE, OCCUPIED, UNKNOWN = 254, 0, 205
+NUDGE = 1e-6
+"""Cells: so near to a corner of cells a wall belongs to all four of them."""
+SMALLEST_SEEN_M2 = 1.0
+"""Free cells that walls part from the most of them count as seen if there are so many together, or an anchor
+stands among them: doubt about where a wall is leaves bands and specks behind it."""
+PAST_ENDS_M = 0.3
+"""Walls part free cells a bit beyond their ends, too: the corner of a room is seldom hit."""
+SURELY_CROSSED_NAT = -3.0
+
+
+def trinary(grid: MapCells, walls: WallSegments | None) -> NDArray[np.uint8]:
+    """Picture of a map for planners, (ny, nx) uint8, first row at the lowest y.
+
+    Parameters
+    ----------
+    grid : MapCells
+    walls : WallSegments or None
+        Occupied, too, whatever the cells say; free cells that no path reached but through a wall are unknown
+        then. None: the cells alone.
+    """
+    occupied, free = grid.occupied.copy(), grid.free
+    if walls is not None:
+        occupied |= burnt(grid, walls.ends_m)
+        free = _seen(grid, free & ~occupied, occupied, walls.ends_m)
+    return np.where(occupied, OCCUPIED, np.where(free, FREE, UNKNOWN)).astype(np.uint8)
+
+
+def burnt(grid: MapCells, ends_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Cells of a map's grid that line segments pass through, (ny, nx).
+
+    All of them, also those that a segment only cuts a corner of or passes by at a common corner: nothing gets
+    from one side to the other without entering one, by diagonal moves neither.
+
+    Parameters
+    ----------
+    ends_m : (W, 2, 2) float64, m
+        [segment, end, xy]; parts beyond the grid are left out.
+    """
+    marked = np.zeros(grid.shape, dtype=bool)
+    size = np.array(grid.shape[::-1], float)
+    for start, end in (ends_m - grid.origin_m) / grid.cell_m:
+        inside = _clipped(start, end, size)
+        if inside is None:
+            continue
+        start, end = inside
+        crossed = [np.array([0.0, 1.0])]
+        for a, b in zip(start, end, strict=True):  # where the lines between columns and rows are crossed
+            if a != b:
+                crossed.append((np.arange(np.ceil(min(a, b)), np.floor(max(a, b)) + 1) - a) / (b - a))
+        share = np.unique(np.clip(np.concatenate(crossed), 0, 1))
+        between = 0.5 * (share[1:] + share[:-1])
+        nudges = NUDGE * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
+        corner = (start + share[:, None] * (end - start))[:, None] + nudges
+        point = np.concatenate([start + between[:, None] * (end - start), corner.reshape(-1, 2)])
+        cell = np.floor(point).astype(int)
+        cell = cell[((cell >= 0) & (cell < size)).all(axis=1)]
+        marked[cell[:, 1], cell[:, 0]] = True
+    return marked
+
+
+def _clipped(
+    start: NDArray[np.float64], end: NDArray[np.float64], size: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """The part of a segment on the grid and its rim of one cell, in cells; None if there is none."""
+    way, first, last = end - start, 0.0, 1.0
+    for axis in range(2):
+        low, high = -1 - start[axis], size[axis] + 1 - start[axis]
+        if way[axis] == 0:
+            if not low <= 0 <= high:
+                return None
+            continue
+        near, far = sorted((low / way[axis], high / way[axis]))
+        first, last = max(first, near), min(last, far)
+    return (start + first * way, start + last * way) if first <= last else None
+
+
+def _seen(
+    grid: MapCells, free: NDArray[np.bool_], occupied: NDArray[np.bool_], ends_m: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Free cells without the bands and specks behind walls, (ny, nx)."""
+    if not len(ends_m):
+        return free
+    way = ends_m[:, 1] - ends_m[:, 0]
+    more = way * (PAST_ENDS_M / np.maximum(np.linalg.norm(way, axis=1), 1e-9))[:, None]
+    longer = burnt(grid, np.stack([ends_m[:, 0] - more, ends_m[:, 1] + more], axis=1))
+    part, count = ndimage.label(free & ~longer)
+    sure = np.bincount(part[grid.evidence < SURELY_CROSSED_NAT], minlength=count + 1)
+    kept = sure * grid.cell_m**2 >= SMALLEST_SEEN_M2
+    x, y = (grid.provenance.get(key) for key in ("anchor_x_m", "anchor_y_m"))
+    if isinstance(x, list) and isinstance(y, list):
+        cell, inside = grid.index(np.column_stack([x, y]).astype(float))
+        kept[part[cell[inside, 0], cell[inside, 1]]] = True
+    sure[0] = 0
+    kept[np.argmax(sure)] = True
+    kept[0] = False
+    seen = kept[part]
+    # what lies in a wall's prolongation is as seen as what is next to it
+    return seen | (free & longer & ndimage.binary_dilation(seen))

@@ -1,0 +1,130 @@
+"""Which run a map's evidence comes from: a name that follows from what was heard, and tells repeats apart."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gridslam.errors import InputError
+
+if TYPE_CHECKING:
+    from gridslam.maps.map import Map
+    from gridslam.world.scan import Scan
+
+FIELDS = (
+    "anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude", "distance_std_m", "aod_std_rad", "aoa_std_rad",
+)  # fmt: skip
+DIGITS = 8
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Identity of a run, which grows while it goes on.
+
+    Evidence is that of measurements: whatever filter, seed or device took them in, they must not count
+    twice. So the identity is a chain of checksums of all that was heard, noted after 1, 2, 4, 8, ... steps at
+    which anything was. The same measurements have the same identity, and that of a run's first steps begins
+    that of the whole run.
+
+    Attributes
+    ----------
+    chain : str
+        Checksum of all that was heard.
+    heard : int
+        Steps at which anything was.
+    text : str
+        What was noted.
+    """
+
+    chain: str
+    heard: int = 0
+    text: str = ""
+
+    @classmethod
+    def of(cls, places: np.ndarray) -> Identity:
+        """Before anything is heard of anchors at `places` (J, 2), m."""
+        return cls(hashlib.sha256(np.ascontiguousarray(places, "<f8").tobytes()).hexdigest())
+
+    def after(self, scan: Scan) -> Identity:
+        """The identity once a scan was taken in."""
+        if not len(scan):
+            return self
+        link = hashlib.sha256(self.chain.encode())
+        link.update(np.array([scan.step, scan.time_s], "<f8").tobytes())
+        for name in FIELDS:
+            column = getattr(scan, name)
+            link.update(b"-" if column is None else np.ascontiguousarray(column, "<f8").tobytes())
+        chain, heard = link.hexdigest(), self.heard + 1
+        return Identity(chain, heard, self.text + (chain[:DIGITS] if heard & (heard - 1) == 0 else ""))
+
+    def __str__(self) -> str:
+        """All of it as text, for checkpoints."""
+        return f"{self.chain} {self.heard} {self.text}"
+
+    @classmethod
+    def parse(cls, text: str) -> Identity:
+        """From the text of a checkpoint."""
+        chain, heard, *rest = text.split()
+        return cls(chain, int(heard), "".join(rest))
+
+
+def same_run(one: str, other: str) -> bool:
+    """Whether two identities are of one run, or of a run and its beginning; unknown ones ("") never are."""
+    return bool(one and other) and (one.startswith(other) or other.startswith(one))
+
+
+def refuse_shared_runs(maps: Sequence[Map], names: Sequence[str]) -> None:
+    """Refuse maps that hold the evidence of the same run, which would count twice.
+
+    Maps of earlier versions don't say which runs they are made of: of those, equal ones are refused, and one
+    that begins another's list of agents, seeds and steps.
+
+    Parameters
+    ----------
+    maps : sequence of Map
+    names : sequence of str
+        What errors call them.
+
+    Raises
+    ------
+    InputError
+        Two maps share a run.
+    """
+    for second in range(len(maps)):
+        for first in range(second):
+            shared = _shared(maps[first], maps[second])
+            if shared:
+                found = f"{names[first]} and {names[second]}, both with the evidence of {shared}"
+                raise InputError("fuse", found, "independent maps, none made of a run that another holds")
+
+
+def _shared(one: Map, other: Map) -> str | None:
+    """What two maps share, in words."""
+    records = [_record(grid) for grid in (one, other)]
+    for run, agent, seed, steps in records[0]:
+        if any(same_run(run, there[0]) for there in records[1]):
+            return f"{agent}'s run {run[:DIGITS]} (seed {seed}, {steps} steps)"
+    if all(run for record in records for run, *_ in record) and all(records):
+        return None
+    short, whole = sorted(([row[1:] for row in record] for record in records), key=len)
+    if short and len(short) < len(whole) and whole[: len(short)] == short:
+        return f"{', '.join(str(row[0]) for row in short)}, of which one was built on the other"
+    same = one.evidence.any() and np.array_equal(one.evidence, other.evidence)
+    return "the same measurements" if same else None
+
+
+def _record(grid: Map) -> list[tuple[str, object, object, object]]:
+    """Identity, agent, seed and steps of the runs that a map is made of."""
+    agents, seeds, steps, runs = (_items(grid, key) for key in ("agents", "seeds", "steps", "runs"))
+    count = max(min(len(agents), len(seeds), len(steps)), len(runs))
+    agents, seeds, steps, runs = ((column + [""] * count)[:count] for column in (agents, seeds, steps, runs))
+    return [(str(run), *rest) for run, *rest in zip(runs, agents, seeds, steps, strict=True)]
+
+
+def _items(grid: Map, key: str) -> list:
+    value = grid.provenance.get(key, [])
+    return value if isinstance(value, list) else [value]

@@ -1,0 +1,145 @@
+"""Where a surface is a wall: the stretches of its line that the cells bear out.
+
+A surface is an endless line, and the extent that goes with it runs from its first hit to its last: across
+doors, streets and whatever lies between two walls in one line. The cells know better. Along the line, a place
+is open where rays went through all cells next to it, as sure as a cell can be; it is wall where reflections
+were told to a cell next to it or one of them is more likely occupied than before; and it is unknown else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.maps.map_cells import MapCells
+from gridslam.world.geometry import unit
+
+Array = NDArray[np.float64]
+OPEN_NAT = -3.0
+"""Evidence below which a cell is surely crossed. Cells of a wall that was hit seldom stay near 0, with an
+occupancy as low as the prior: that alone opens nothing."""
+WALL_NAT = 1.0
+"""Evidence above which a cell speaks for a wall."""
+HIT_NAT = 0.3
+"""What hits must have told of a cell's reflection coefficient, best to worst, to count as hits."""
+SURE_HIT_NAT = 1.0
+"""A stretch needs a cell that was told so much, or one that speaks for a wall: faint hits alone are doubt
+about where a wall ends."""
+STRONG_HIT_NAT = 50.0
+"""From here on hits outweigh rays that seem to have crossed: the line was elsewhere when they were cast."""
+SHORTEST_OPENING_M = 0.5
+"""Openings between two stretches are longer than this; shorter ones are gaps of the evidence."""
+LONGEST_UNKNOWN_M = 1.0
+"""Between two stretches of one line, so much of which nothing is known counts as wall."""
+REACH_CELLS, MOST_REACH_CELLS = 1.0, 3.0
+"""How far beside the line cells are asked: two standard deviations of the line, between these."""
+OPEN, UNKNOWN, WALL = -1, 0, 1
+
+
+@dataclass(frozen=True, eq=False)
+class WallSegments:
+    """Stretches of surfaces where there is a wall.
+
+    Attributes
+    ----------
+    surface : (W,) int64
+        Row of the surface in the map's table; one may have several stretches or none. Ascending.
+    identity : (W,) int64
+        The surface's number.
+    extent_m : (W, 2) float64, m
+        From where to where along the surface, as `SurfaceEstimate.extent_m` counts; ascending.
+    ends_m : (W, 2, 2) float64, m
+        Ends of the stretch, indexed [stretch, end, xy].
+    """
+
+    surface: NDArray[np.int64]
+    identity: NDArray[np.int64]
+    extent_m: Array
+    ends_m: Array
+
+    def __len__(self) -> int:
+        return len(self.surface)
+
+    @property
+    def length_m(self) -> Array:
+        """Lengths, (W,) float64, m."""
+        return self.extent_m[:, 1] - self.extent_m[:, 0]
+
+
+def wall_segments(grid: MapCells) -> WallSegments:
+    """Stretches of a map's surfaces where there is a wall, by what its cells know.
+
+    A surface whose cells know nothing (methods that map no cells) keeps its whole extent; one that was never
+    hit has no stretch.
+
+    Parameters
+    ----------
+    grid : MapCells
+    """
+    rows: list[int] = []
+    pieces: list[tuple[float, float]] = []
+    table = grid.surfaces
+    if table is not None:
+        told = np.ptp(grid.coefficient, axis=-1)
+        for row in np.flatnonzero(np.isfinite(table.extent_m).all(axis=1)):
+            own = _stretches(grid, told, table.line[row], table.line_cov[row], table.extent_m[row])
+            rows += [int(row)] * len(own)
+            pieces += own
+    surface, extent = np.array(rows, np.int64), np.array(pieces, float).reshape(-1, 2)
+    if table is None:
+        return WallSegments(surface, surface, extent, np.zeros((0, 2, 2)))
+    angle, offset = table.line[surface].T
+    foot = offset[:, None] * unit(angle)
+    ends = foot[:, None] + extent[:, :, None] * unit(angle + 0.5 * np.pi)[:, None]
+    return WallSegments(surface, table.identity[surface], extent, ends)
+
+
+def _stretches(
+    grid: MapCells, told: NDArray, line: Array, cov: Array, extent: Array
+) -> list[tuple[float, float]]:
+    """Where along one surface there is a wall: pairs of coordinates, ascending."""
+    low, high = np.sort(extent)
+    edge = np.linspace(low, high, max(1, int(np.ceil((high - low) / (0.5 * grid.cell_m)))) + 1)
+    state, sure = _states(grid, told, line, cov, 0.5 * (edge[1:] + edge[:-1]))
+    if not (state == WALL).any():  # nothing to go by but what is open
+        state, sure = np.where(state == UNKNOWN, WALL, state), state == UNKNOWN
+    first, last = _runs(state)
+    length = edge[last] - edge[first]
+    kind = state[first]
+    inner = (first > 0) & (last < len(state))
+    longest = np.where(kind == OPEN, SHORTEST_OPENING_M, LONGEST_UNKNOWN_M)
+    wall = (kind == WALL) | (inner & (length <= longest))
+    first, last = _runs(np.repeat(wall, last - first))  # neighbours that are both wall now are one
+    wall = np.logical_xor(wall[0], np.arange(len(first)) % 2)
+    pieces = zip(first[wall], last[wall], strict=True)
+    return [(float(edge[a]), float(edge[b])) for a, b in pieces if sure[a:b].any()]
+
+
+def _states(
+    grid: MapCells, told: NDArray, line: Array, cov: Array, along: Array
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """OPEN, WALL or UNKNOWN at places (N,) along a line, and whether a wall there is beyond doubt."""
+    normal, tangent = unit(line[0]), unit(line[0] + 0.5 * np.pi)
+    jacobian = np.stack([-along, np.ones_like(along)], axis=-1)  # of the place across the line
+    spread = 2 * np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", jacobian, cov, jacobian), 0))
+    reach = np.clip(spread, REACH_CELLS * grid.cell_m, MOST_REACH_CELLS * grid.cell_m)
+    aside = reach[:, None] * np.linspace(-1, 1, int(4 * MOST_REACH_CELLS) + 1)
+    point = (line[1] + aside)[..., None] * normal + along[:, None, None] * tangent
+    cell, inside = grid.index(point)
+    cell = np.where(inside[..., None], cell, 0)
+    at = cell[..., 0], cell[..., 1]
+    seen = inside & grid.observed[at]
+    evidence = np.where(seen, grid.evidence[at], 0.0)
+    hit = np.where(inside, told[at], 0.0).max(axis=1)
+    is_open = (evidence < OPEN_NAT).all(axis=1) & (hit < STRONG_HIT_NAT)
+    solid = (evidence > WALL_NAT).any(axis=1)
+    is_wall = (hit > HIT_NAT) | solid
+    return np.where(is_open, OPEN, np.where(is_wall, WALL, UNKNOWN)), (hit > SURE_HIT_NAT) | solid
+
+
+def _runs(values: NDArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Beginnings and ends (exclusive) of runs of equal values; at least one."""
+    change = np.flatnonzero(values[1:] != values[:-1]) + 1
+    return np.concatenate([[0], change]), np.concatenate([change, [len(values)]])

@@ -1,0 +1,1 @@
+"""One mapping run, its record and its folder."""

@@ -1,0 +1,322 @@
+"""Where a run writes: a folder that it alone may fill, from before its first step to its end.
+
+While a run is at work on the folder NAME, beside it lie ``.NAME.run-lock``, which the system unlocks when the
+process ends in whatever way, and ``.NAME.PID.part``, which becomes the folder. What dead processes left of
+these is swept by the next run beside it; finished work is kept, as ``NAME.PID.part``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import psutil
+
+from gridslam.errors import InputError
+from gridslam.io.files import beside, cannot_write, settle_folder
+
+fcntl: ModuleType | None
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
+SIGN = b"gridslam "
+"""What a lock file begins with; the number of the process follows."""
+PART = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})(?P<old>\.old)?\.part(\.\w{1,4})?")
+LOCK = re.compile(r"\.(?P<name>.+)\.run-lock")
+
+
+class Taken(InputError):
+    """The folder is another run's, which is there or at work on it."""
+
+
+@dataclass
+class Place:
+    """A folder that is reserved.
+
+    Attributes
+    ----------
+    target : Path
+        The folder, absolute.
+    overwrite : bool
+        Whether an earlier run's folder may be replaced.
+    notes : list of str
+        What was found of runs that ended before their time, in words.
+    """
+
+    target: Path
+    overwrite: bool
+    notes: list[str] = field(default_factory=list)
+    _done: bool = False
+
+    @property
+    def part(self) -> Path:
+        """The folder to fill, which is there."""
+        return beside(self.target)
+
+    def finish(self) -> None:
+        """Make the filled folder the reserved one; an earlier run's goes last.
+
+        Raises
+        ------
+        InputError
+            Something stands there by now that may not be replaced, or it can't be renamed: what was filled
+            stays, under a name that the error says.
+        """
+        try:
+            check_output(self.target, self.overwrite)
+            if self.target.exists():
+                self._swap()
+            else:
+                self.part.rename(self.target)  # fails where there is a file, or a folder with something in it
+            settle_folder(self.target.parent)
+        except InputError as error:
+            found = f"{error.found} by now; this run is kept in {self.keep()}"
+            raise InputError(str(self.target), found, error.allowed) from error
+        except OSError as error:
+            found = f"{error.strerror or error}; this run is kept in {self.keep()}"
+            raise InputError(str(self.target), found, "a folder that can be renamed") from error
+
+    def keep(self) -> Path:
+        """Put the filled folder where nothing sweeps it, and say where."""
+        self._done = True
+        return _kept(self.part, self.target.name, str(os.getpid()))
+
+    def clear(self) -> None:
+        """Remove what was filled, unless it was kept."""
+        if not self._done:
+            shutil.rmtree(self.part, ignore_errors=True)
+
+    def _swap(self) -> None:
+        old = self.part.with_name(f"{self.part.stem}.old.part")
+        shutil.rmtree(old, ignore_errors=True)
+        self.target.rename(old)
+        try:
+            self.part.rename(self.target)
+        except OSError:
+            old.rename(self.target)
+            raise
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def check_output(directory: str | os.PathLike[str], overwrite: bool = False) -> None:
+    """Refuse an output folder before a long run rather than after it.
+
+    Raises
+    ------
+    InputError
+        It exists and `overwrite` is off, it exists and isn't a run's folder, or it can't be made.
+    """
+    target = Path(directory)
+    if target.exists() or target.is_symlink():
+        if not overwrite:
+            raise Taken(str(target), "something of this name", "a new folder (or --overwrite)")
+        if not target.is_dir() or (any(target.iterdir()) and not (target / "run.json").is_file()):
+            raise InputError(
+                str(target), "something that no run wrote", "a new folder, or a run's to overwrite"
+            )
+    above = next(parent for parent in target.absolute().parents if parent.exists())
+    try:  # to ask for rights isn't enough: the superuser has them all, read-only disks or not
+        os.rmdir(tempfile.mkdtemp(prefix=".gridslam-", dir=above))
+    except OSError as error:
+        raise InputError(
+            str(target), f"{error.strerror or error} in {above}", "a folder that can be written to"
+        ) from error
+
+
+@contextlib.contextmanager
+def reserve(directory: str | os.PathLike[str], overwrite: bool = False) -> Iterator[Place]:
+    """Keep a folder for one run, and sweep what dead processes left beside it.
+
+    Raises
+    ------
+    Taken
+        It exists and `overwrite` is off, or another run is at work on it.
+    InputError
+        It exists and isn't a run's folder, or it can't be made.
+    """
+    check_output(directory, overwrite)
+    target = Path(directory).resolve()
+    place = Place(target, overwrite)
+    with contextlib.ExitStack() as left:
+        try:
+            for folder in reversed([parent for parent in target.parents if not parent.exists()]):
+                folder.mkdir(exist_ok=True)
+                left.callback(_remove_empty, folder)
+            before = left.enter_context(_locked(_lock_of(target)))
+            if before:
+                place.notes.append(f"process {before}, which is gone, left a run into {directory} unfinished")
+            place.notes += _sweep(target)
+            check_output(directory, overwrite)  # what was swept may have been the folder, on its way
+            place.part.mkdir()
+        except BlockingIOError as error:
+            who = f"process {error.strerror}" if error.strerror else "another process"
+            raise Taken(
+                str(directory), f"a run at work on it ({who})", "another folder, or to wait"
+            ) from error
+        except OSError as error:
+            raise cannot_write(Path(directory), error) from error
+        left.callback(place.clear)
+        yield place
+
+
+@contextlib.contextmanager
+def reserve_free(folder: Path, name: str) -> Iterator[Place]:
+    """Keep the first folder of FOLDER/NAME-1, FOLDER/NAME-2, ... that no run has or is at work on.
+
+    Raises
+    ------
+    InputError
+        It can't be made.
+    """
+    stem, number = re.sub(r"[^\w .+-]", "_", name), 1
+    with contextlib.ExitStack() as stack:
+        while True:
+            try:
+                place = stack.enter_context(reserve(folder / f"{stem}-{number}"))
+                break
+            except Taken:
+                number += 1
+        yield place
+
+
+def _lock_of(target: Path) -> Path:
+    return target.with_name(f".{target.name}.run-lock")
+
+
+@contextlib.contextmanager
+def _locked(path: Path) -> Iterator[str]:
+    """Hold a lock; yields the number of the process that held it last and didn't give it back, or nothing.
+
+    Raises
+    ------
+    BlockingIOError
+        Another holds it; its text is the number of that process.
+    """
+    handle = _open_locked(path)
+    try:
+        before = _holder(handle)
+        os.lseek(handle, 0, os.SEEK_SET)
+        os.ftruncate(handle, 0)
+        os.write(handle, SIGN + b"%d\n" % os.getpid())
+        yield before
+    finally:
+        if fcntl is not None:  # the name first: whoever opens it afterwards makes a new one
+            path.unlink(missing_ok=True)
+        os.close(handle)
+        if fcntl is None:
+            with contextlib.suppress(OSError):
+                path.unlink()
+
+
+def _open_locked(path: Path) -> int:
+    while True:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            _grab(handle)
+            if os.path.samestat(os.fstat(handle), os.stat(path)):
+                return handle
+        except FileNotFoundError:
+            pass  # given back between opening and locking: once more
+        except BaseException:
+            os.close(handle)
+            raise
+        os.close(handle)
+
+
+def _grab(handle: int) -> None:
+    """Lock an open file without waiting; where a disk knows no locks, the last rename alone protects."""
+    try:
+        if fcntl is not None:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)  # type: ignore[attr-defined,unused-ignore]
+        else:
+            import msvcrt
+
+            windows: Any = msvcrt
+            os.lseek(handle, 1000, os.SEEK_SET)
+            windows.locking(handle, windows.LK_NBLCK, 1)
+            os.lseek(handle, 0, os.SEEK_SET)
+    except (BlockingIOError, PermissionError) as error:
+        raise BlockingIOError(error.errno, _holder(handle)) from error
+    except OSError:
+        pass
+
+
+def _holder(handle: int) -> str:
+    """Number of the process that a lock file tells."""
+    os.lseek(handle, 0, os.SEEK_SET)
+    content = os.read(handle, 30)
+    number = content.removeprefix(SIGN).strip()
+    return number.decode() if content.startswith(SIGN) and number.isdigit() else ""
+
+
+def _sweep(target: Path) -> list[str]:
+    """Remove what dead processes left beside a folder whose lock is held; say what was kept."""
+    notes = []
+    for path in sorted(target.parent.iterdir()):
+        part, lock = PART.fullmatch(path.name), LOCK.fullmatch(path.name)
+        with contextlib.suppress(OSError):
+            if part and not path.is_symlink() and _stale(path, part["name"], int(part["process"]), target):
+                notes += _clear(path, part)
+            elif lock and path != _lock_of(target) and path.is_file() and path.read_bytes()[:9] == SIGN:
+                with _locked(path):
+                    pass
+    return notes
+
+
+def _stale(path: Path, name: str, process: int, target: Path) -> bool:
+    """Whether nobody is at work on something any more."""
+    if name == target.name:
+        return process == os.getpid() or not psutil.pid_exists(process)
+    if process == os.getpid() or psutil.pid_exists(process):
+        return False
+    lock = _lock_of(path.with_name(name))  # held by a process of another machine, maybe
+    if lock.exists():
+        with _locked(lock):
+            pass
+    return True
+
+
+def _clear(path: Path, part: re.Match[str]) -> list[str]:
+    """Remove a rest, or keep it if it is a whole run; say so."""
+    folder = path.with_name(part["name"])
+    if not path.is_dir():
+        path.unlink()
+    elif part["old"] and not folder.exists():  # ended between the two renames
+        path.rename(folder)
+        return [f"{folder} is back: the run that was to replace it ended too early"]
+    elif not part["old"] and (path / "run.json").is_file():
+        kept = _kept(path, part["name"], part["process"])
+        return [f"{kept} is a run that process {part['process']}, which is gone, had finished"]
+    else:
+        shutil.rmtree(path)
+    return []
+
+
+def _kept(part: Path, name: str, process: str) -> Path:
+    """Give a finished folder a name that nothing sweeps."""
+    number = 1
+    while True:
+        kept = part.with_name(f"{name}.{process}.part" if number == 1 else f"{name}.{process}-{number}.part")
+        if not kept.exists():
+            break
+        number += 1
+    try:
+        part.rename(kept)
+    except OSError:
+        return part
+    return kept
+
+
+def _remove_empty(folder: Path) -> None:
+    with contextlib.suppress(OSError):
+        folder.rmdir()

@@ -1,0 +1,98 @@
+"""Ctrl-C and SIGTERM: asked to stop once, a run ends after the step in hand; asked twice, at once."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+Handler = Callable[[int, FrameType | None], Any]
+
+
+class Termination:
+    """Handler of SIGTERM that interrupts like Ctrl-C, and keeps in mind that it was asked to."""
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Interrupt."""
+        self.asked = True
+        raise KeyboardInterrupt
+
+
+def _handlers() -> dict[int, Handler]:
+    """Those that would interrupt this thread; whoever set others decides what the signals mean."""
+    if threading.current_thread() is not threading.main_thread():
+        return {}
+    found = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    return {
+        number: handler
+        for number, handler in found.items()
+        if callable(handler) and (handler is signal.default_int_handler or isinstance(handler, Termination))
+    }
+
+
+@contextmanager
+def terminable() -> Iterator[Termination]:
+    """Let SIGTERM interrupt like Ctrl-C within the block, unless somebody else has taken it over."""
+    termination = Termination()
+    ours = threading.current_thread() is threading.main_thread()
+    if not ours or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield termination
+        return
+    signal.signal(signal.SIGTERM, termination)
+    try:
+        yield termination
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+@contextmanager
+def asked_to_stop() -> Iterator[threading.Event]:
+    """Set the event at the first signal, so that no step is cut in half; let the second one through."""
+    stopped = threading.Event()
+    before = _handlers()
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        _restore(before)
+        _note(before[number])
+        stopped.set()
+
+    for number in before:
+        signal.signal(number, ask)
+    try:
+        yield stopped
+    finally:
+        _restore(before)
+
+
+@contextmanager
+def held_back() -> Iterator[threading.Event]:
+    """Set the event at a signal and let the block end: for what takes seconds and mustn't be cut in half."""
+    stopped = threading.Event()
+    before = _handlers()
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        _note(before[number])
+        stopped.set()
+
+    for number in before:
+        signal.signal(number, ask)
+    try:
+        yield stopped
+    finally:
+        _restore(before)
+
+
+def _note(handler: Handler) -> None:
+    if isinstance(handler, Termination):
+        handler.asked = True
+
+
+def _restore(handlers: dict[int, Handler]) -> None:
+    for number, handler in handlers.items():
+        signal.signal(number, handler)

@@ -1,0 +1,60 @@
+"""The columns of what is heard, and what their rows must satisfy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.errors import InputError
+
+KEYS = ("step", "time_s", "anchor")
+VALUES = ("distance_m", "aod_rad", "aoa_rad", "amplitude")
+DEVIATIONS = ("distance_std_m", "aod_std_rad", "aoa_std_rad")
+MOST_STEPS = 10_000_000
+
+Columns = dict[str, NDArray[Any]]
+
+
+def check_columns(columns: Columns, anchors: int, place: Callable[[int, str], str]) -> None:
+    """Check what the rows of a measurement table must satisfy.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        Every key of `KEYS`, and any of `VALUES` and `DEVIATIONS`; NaN stands for not measured.
+    anchors : int
+        Number of anchors.
+    place : callable
+        Says where a row and column stand, for the error.
+
+    Raises
+    ------
+    InputError
+        Steps or times out of order, an anchor out of range, a value that can't be, or a row without any.
+    """
+
+    def refuse(bad: NDArray[np.bool_], name: str, allowed: str) -> None:
+        for row in np.flatnonzero(bad)[:1]:
+            raise InputError(place(int(row), name), str(columns[name][row]), allowed)
+
+    step, time = columns["step"], columns["time_s"]
+    refuse((step < 0) | (step >= MOST_STEPS), "step", f"0 to {MOST_STEPS - 1}")
+    refuse(~np.isfinite(time), "time_s", "a finite number")
+    later = np.concatenate([[False], np.diff(step) > 0])
+    same = np.concatenate([[False], np.diff(step) == 0])
+    rise = np.concatenate([[0.0], np.diff(time)])
+    refuse(~(later | same) & (np.arange(len(step)) > 0), "step", "steps in rising order")
+    refuse(later & (rise <= 0), "time_s", "times that rise strictly from step to step")
+    refuse(same & (rise != 0), "time_s", "one time for all rows of a step")
+    refuse((columns["anchor"] < 0) | (columns["anchor"] >= anchors), "anchor", f"0 to {anchors - 1}")
+    for name in (name for name in (*VALUES, *DEVIATIONS) if name in columns):
+        refuse(np.isinf(columns[name]), name, "a finite number")
+        if name in ("aod_rad", "aoa_rad"):
+            refuse(np.abs(columns[name]) > 2 * np.pi, name, "radians in (-pi, pi]")
+        else:
+            refuse(columns[name] <= 0, name, "a number above 0")
+    empty = np.all([np.isnan(columns[name]) for name in VALUES if name in columns], axis=0)
+    refuse(empty, "distance_m", f"at least one of {', '.join(VALUES)} in each row")

@@ -1,0 +1,65 @@
+"""Where an agent is told to start: exactly where it does, or as well as its prior says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.errors import InputError
+from gridslam.world.geometry import wrap
+from gridslam.world.scene import Scene
+
+Array = NDArray[np.float64]
+How = Literal["drawn", "exact"]
+HOWS: tuple[How, ...] = get_args(How)
+STREAM = 0x57
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """What a filter is told of its agent's start.
+
+    Attributes
+    ----------
+    position_m : (2,) float64, m
+    heading_rad : float
+    how : "drawn" or "exact"
+    """
+
+    position_m: Array
+    heading_rad: float
+    how: How
+
+
+def told_start(scene: Scene, agent: str, seed: int, how: str = "drawn") -> Start:
+    """The start that a filter is told, for an agent of the scene.
+
+    Parameters
+    ----------
+    how : str
+        "drawn": uniform about the first pose of the agent's track (of an agent without waypoints, about
+        its `start_m`), within the half widths of its prior and the region; the same for the same seed,
+        whatever is heard. "exact": the scene's own `start_m` and `start_heading_deg`.
+
+    Raises
+    ------
+    InputError
+        There is no such agent, or `how` is neither.
+    """
+    if how not in HOWS:
+        raise InputError("start", repr(how), " or ".join(HOWS))
+    body = scene.agent(agent)
+    place, heading = np.array(body.start_m, dtype=np.float64), float(np.radians(body.start_heading_deg))
+    if how == "exact":
+        return Start(place, heading, "exact")
+    if body.waypoints_m is not None:
+        track = scene.track(agent)
+        place, heading = track.position_m[0], float(track.heading_rad[0])
+    draw = np.random.default_rng([seed, scene.agents.index(body), STREAM])
+    low, high = np.transpose([scene.grid.x_m, scene.grid.y_m])
+    off = body.prior.position_m * draw.uniform(-1, 1, 2)
+    turn = np.radians(body.prior.heading_deg) * draw.uniform(-1, 1)
+    return Start(np.clip(place + off, low, high), float(wrap(heading + turn)), "drawn")

@@ -1,0 +1,161 @@
+"""Imports run down the floors of docs/architecture.md, and no files import each other in a circle."""
+
+import ast
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import gridslam
+
+PACKAGE = Path(gridslam.__file__).parent
+FLOORS = (
+    "cli",
+    "studies viewers bench importers checks reference",
+    "runs",
+    "systems evaluation",
+    "inference/management",
+    "inference/messages",
+    "inference/workspace",
+    "inference/state simulation",
+    "maps measurements",
+    "estimates",
+    "world",
+    "io",
+    "kernels/management kernels/messages",
+    "kernels/propagation",
+    "kernels/primitives",
+    "runtime errors",
+)
+"""The highest first; rooms may import from lower floors and from their own."""
+FLOOR = {room: number for number, floor in enumerate(FLOORS) for room in floor.split()}
+FILE_FORMATS = (
+    "h5py", "matplotlib", "tomli_w", "tomllib", "gridslam.io", "gridslam.importers",
+    "gridslam.maps.map_files", "gridslam.measurements.csv_hdf5", "gridslam.measurements.matlab",
+    "gridslam.systems.checkpoint",
+)  # fmt: skip
+MOST_FILES = 12
+UPWARDS: set[tuple[str, str]] = set()
+"""Imports that still run up: (importing file, imported file)."""
+CIRCLES: set[tuple[str, str]] = set()
+"""Imports without which there is no circle."""
+FORMATS: set[tuple[str, str]] = set()
+"""Imports without which inference knows of no file format."""
+
+
+@cache
+def modules() -> dict[str, Path]:
+    """All files of the package, by the names they are imported by."""
+    files = [*PACKAGE.rglob("*.py"), *(PACKAGE / "kernels").rglob("*.py")]  # rglob follows no links
+    named = {}
+    for file in files:
+        parts = file.relative_to(PACKAGE).with_suffix("").parts
+        named[".".join(("gridslam", *(part for part in parts if part != "__init__")))] = file
+    return named
+
+
+@cache
+def imports(module: str) -> frozenset[str]:
+    """What a file imports, within functions and for type checkers alone, too."""
+    found = set()
+    for node in ast.walk(ast.parse(modules()[module].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{module}: a relative import"
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                found.add(whole if whole in modules() else str(node.module))
+    return frozenset(found - {module})
+
+
+def inner(module: str) -> set[str]:
+    """Files of the package that a file imports. The package's own name stands above all rooms."""
+    return {name for name in imports(module) if name in modules()}
+
+
+def room(module: str) -> str:
+    parts = module.split(".")[1:] or [""]
+    return "/".join(parts[: 2 if parts[0] in ("inference", "kernels") else 1])
+
+
+def circle(allowed: set[tuple[str, str]]) -> list[str]:
+    """Files that import each other in a circle; empty if there are none."""
+    done: set[str] = set()
+
+    def visit(module: str, way: list[str]) -> list[str]:
+        if module in way:
+            return [*way[way.index(module) :], module]
+        if module in done:
+            return []
+        for name in sorted(inner(module)):
+            found = [] if (module, name) in allowed else visit(name, [*way, module])
+            if found:
+                return found
+        done.add(module)
+        return []
+
+    for module in modules():
+        found = visit(module, [])
+        if found:
+            return found
+    return []
+
+
+def formats(allowed: set[tuple[str, str]]) -> set[tuple[str, str]]:
+    """Imports of file formats by inference or by what it imports."""
+    todo = [name for name in modules() if name.startswith("gridslam.inference")]
+    seen, found = set(todo), set()
+    while todo:
+        module = todo.pop()
+        for name in imports(module):
+            if (module, name) in allowed:
+                continue
+            if any(name == known or name.startswith(f"{known}.") for known in FILE_FORMATS):
+                found.add((module, name))
+            if name in modules() and name not in seen:
+                seen.add(name)
+                todo.append(name)
+    return found
+
+
+def test_every_file_is_in_a_room_that_has_a_floor():
+    rooms = {room(name) for name in modules() if name != "gridslam"}
+    assert rooms - {"inference", "kernels"} == set(FLOOR), "the floors of this test are those of the package"
+
+
+def test_no_import_runs_up():
+    up = set()
+    for module in modules():
+        for name in inner(module) - {"gridslam", "gridslam.kernels"} if module != "gridslam" else set():
+            if FLOOR.get(room(name), 0) < FLOOR.get(room(module), 0):
+                up.add((module, name))
+    assert up == UPWARDS
+
+
+def test_kernels_know_nothing_of_what_is_above_them():
+    for module in modules():
+        if module.startswith("gridslam.kernels"):
+            assert all(name.startswith("gridslam.kernels") for name in inner(module)), module
+
+
+def test_no_files_import_each_other_in_a_circle():
+    assert circle(CIRCLES) == []
+    for edge in CIRCLES:
+        assert circle(CIRCLES - {edge}), f"{edge} is no exception any longer"
+
+
+def test_inference_knows_of_no_file_format():
+    assert formats(FORMATS) == set()
+    for edge in FORMATS:
+        assert formats(FORMATS - {edge}), f"{edge} is no exception any longer"
+
+
+def test_the_package_shows_rooms_rather_than_files():
+    assert len([*PACKAGE.glob("*.py")]) <= MOST_FILES
+
+
+@pytest.mark.parametrize("name", ["ezdxf", "rerun", "joblib", "distributed"])
+def test_optional_packages_stay_in_one_room(name):
+    users = {room(module) for module in modules() if name in {i.split(".")[0] for i in imports(module)}}
+    assert len(users) <= 1

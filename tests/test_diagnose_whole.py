@@ -1,0 +1,136 @@
+"""`check` on errors of whole tables: clocks, heights, names, times; and tables that nothing explains."""
+
+import re
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.checks.diagnose import describe, suspicions
+from gridslam.checks.time_units import intervals
+from gridslam.measurements.table import Measurements
+from gridslam.world.radio import SPEED_OF_LIGHT
+
+SCENES = {name: gs.Scene.load(name) for name in ("room", "alcove", "canyon", "hall", "seminar")}
+OFFSET_M = 5e-9 * SPEED_OF_LIGHT
+NAMES = ("step", "time_s", "anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
+
+
+def heard(name, seed, agent="agent1"):
+    table = gs.simulate(SCENES[name], agent, seed)
+    return {key: np.array(getattr(table, key)) for key in NAMES}
+
+
+def named(columns, name):
+    return suspicions(columns, SCENES[name].anchor_names, SCENES[name], "agent1")
+
+
+def size(text, unit="m"):
+    return float(re.search(rf"([\d.]+) {unit}\b", text)[1])
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("name", ["room", "alcove"])
+class TestErrorsOfDistancesAreNamed:
+    def test_clock_offset_of_all_anchors(self, name, seed):
+        columns = heard(name, seed)
+        (found,) = named(columns | {"distance_m": columns["distance_m"] + OFFSET_M}, name)
+        assert (found.column, found.kind, found.certain) == ("distance_m", "offset", True)
+        assert "of all anchors" in found.text
+        assert size(found.text) == pytest.approx(OFFSET_M, abs=0.1)
+        assert size(found.text, "ns") == pytest.approx(5, abs=0.4)
+
+    def test_clock_offset_of_one_anchor(self, name, seed):
+        columns = heard(name, seed)
+        late = columns["distance_m"] + np.where(columns["anchor"] == 1, OFFSET_M, 0)
+        (found,) = named(columns | {"distance_m": late}, name)
+        assert (found.column, found.kind) == ("distance_m", "offset")
+        assert "of anchor B " in found.text
+        assert size(found.text) == pytest.approx(OFFSET_M, abs=0.1)
+
+    def test_anchors_above_the_agent(self, name, seed):
+        columns = heard(name, seed)
+        (found,) = named(columns | {"distance_m": np.hypot(columns["distance_m"], 1.5)}, name)
+        assert (found.column, found.kind) == ("distance_m", "slant")
+        assert "of all anchors" in found.text
+        assert size(found.text) == pytest.approx(1.5, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("name", "agent"), [(name, body.name) for name, scene in SCENES.items() for body in scene.agents]
+)
+def test_clean_tables_of_every_bundled_scene_raise_no_alarm(name, agent):
+    scene = SCENES[name]
+    assert suspicions(heard(name, 1, agent), scene.anchor_names, scene, agent) == []
+
+
+@pytest.mark.parametrize("name", ["room", "canyon"])
+def test_exchanged_anchors_are_named(name):
+    columns, count = heard(name, 2), len(SCENES[name].anchors)
+    order = np.roll(np.arange(count), 1)
+    (found,) = named(columns | {"anchor": order[columns["anchor"]]}, name)
+    assert (found.column, found.kind) == ("anchor", "names")
+    for index, letter in enumerate(
+        "ABC"[:count]
+    ):  # what is called by another's name is that other's back again
+        assert f"{letter} is the scene's {'ABC'[order.tolist().index(index)]}" in found.text
+
+
+def test_names_that_differ_in_case_are_named_and_the_rest_still_judged():
+    columns, scene = heard("room", 1), SCENES["room"]
+    found = suspicions(columns | {"aoa_rad": -columns["aoa_rad"]}, ("a", "b"), scene)
+    assert [(item.column, item.kind) for item in found] == [("anchor", "case"), ("aoa_rad", "flipped")]
+
+
+@pytest.mark.parametrize(
+    ("epoch", "kind"), [(0.0, "milliseconds"), (1.7e12, "milliseconds"), (1.7e18, "nanoseconds")]
+)
+def test_times_that_are_no_seconds_are_named(epoch, kind):
+    columns = heard("room", 1)
+    factor = 1e9 if kind == "nanoseconds" else 1e3
+    (found,) = named(columns | {"time_s": epoch + factor * columns["time_s"]}, "room")
+    assert (found.column, found.kind) == ("time_s", kind)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 5])
+def test_missing_distances_are_named(seed):
+    columns = heard("room", seed)
+    del columns["distance_m"]
+    (found,) = named(columns, "room")
+    assert (found.column, found.kind) == ("distance_m", "missing")
+
+
+def test_half_a_fit_is_no_fit_and_no_cure_is_made_up(tmp_path):
+    """Every second reading of each anchor's angles is another's: no cure explains that."""
+    columns, draw = heard("room", 1), np.random.default_rng(1)
+    lost = np.isin(columns["step"], draw.choice(150, 75, replace=False))
+    for key in ("aod_rad", "aoa_rad"):
+        columns[key] = np.where(lost, draw.uniform(-3, 3, len(lost)), columns[key])
+    assert named(columns, "room") == []
+    path = tmp_path / "half.csv"
+    Measurements(**columns, anchors=("A", "B")).to_csv(path)
+    last = describe(path, SCENES["room"])[-1]
+    assert "does not fit the scene" in last
+    assert 30 <= int(re.search(r"in (\d+)% of", last)[1]) < 80
+
+
+def test_exit_code_tells_scripts_of_suspects(say, tmp_path):
+    columns = heard("room", 1)
+    for name, spoilt in (("good", {}), ("late", {"distance_m": columns["distance_m"] + OFFSET_M})):
+        Measurements(**columns | spoilt, anchors=("A", "B")).to_csv(tmp_path / f"{name}.csv")
+    good, late = say("check", "good.csv", "--scene", "room"), say("check", "late.csv", "--scene", "room")
+    assert (good.code, good.err) == (0, "")
+    assert "median interval between steps 1 s" in good.out
+    assert (late.code, late.err) == (1, "")
+    assert "1.50 m (5.0 ns) too long" in late.out
+    (tmp_path / "bad.csv").write_text("step,time_s\n")
+    assert say("check", "bad.csv").code == 2
+    assert "Exit code" in say("check", "--help").out
+
+
+@pytest.mark.parametrize("times", [np.inf, np.nan, [0.0, np.inf, 1.0], [-1e308, 1e308, -1e308]])
+def test_times_that_are_no_numbers_are_looked_at_without_a_warning(times):
+    columns = heard("room", 1)
+    columns["time_s"] = np.resize(np.array(times), len(columns["step"]))[columns["step"]]
+    assert intervals(columns) == [] or intervals(columns)[0].startswith("  time_s: median")
+    assert named(columns, "room") is not None

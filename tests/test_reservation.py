@@ -1,0 +1,257 @@
+"""Two runs and one folder, runs that died, and files that stand there already: nothing is lost."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from tiny import TINY
+
+import gridslam as gs
+from gridslam.errors import InputError
+from gridslam.runs.reservation import reserve, reserve_free
+from gridslam.runs.run_files import read_run
+from gridslam.systems.grid import GridSlam
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+RUN = ("run", "tiny.toml", "--particles", "100", "-o", "out")
+
+
+@pytest.fixture
+def tiny(say):
+    """The command line in a folder that holds a small scene alone."""
+    Path("tiny.toml").write_text(TINY)
+    return say
+
+
+@pytest.fixture(scope="module")
+def dead():
+    """Number of a process that has ended."""
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return process.pid
+
+
+def here():
+    return sorted(os.listdir())
+
+
+# ---- two runs, one folder ---------------------------------------------------------------------------
+
+
+def test_of_two_runs_at_once_the_second_is_refused_and_the_first_is_whole(tmp_path):
+    """Each stops where it would draw, until the other is as far or has ended."""
+    (tmp_path / "tiny.toml").write_text(TINY)
+    code = (
+        "import sys, gridslam.viewers.plots as p, gridslam.cli.main as c\n"
+        "p.draw_all = lambda folder: (print('drawing', flush=True), sys.stdin.read(), [])[2]\n"
+        "c.main()"
+    )
+    runs = []
+    for seed in (5, 6):
+        command = [sys.executable, "-c", code, *RUN, "--seed", str(seed)]
+        pipe = subprocess.PIPE
+        run = subprocess.Popen(command, cwd=tmp_path, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
+        runs.append(run)
+        while run.stdout.readline() not in ("drawing\n", ""):
+            pass
+    said = [run.communicate()[1] for run in runs]
+    assert [run.returncode for run in runs] == [0, 2], said
+    assert json.loads((tmp_path / "out/run.json").read_text())["seed"] == 5
+    assert len(said[1].strip().splitlines()) == 1
+    assert sorted(os.listdir(tmp_path)) == ["out", "tiny.toml"]
+
+
+@pytest.mark.parametrize("option", [(), ("--overwrite",)])
+def test_folder_in_use_is_refused_before_any_work(tiny, monkeypatch, option):
+    monkeypatch.setattr(GridSlam, "step", None)  # it would be a TypeError, not one line
+    with reserve("out"):
+        before = here()
+        said = tiny(*RUN, *option)
+        assert (said.code, len(said.complaints)) == (2, 1)
+        assert f"out: found a run at work on it (process {os.getpid()})" in said.err
+        assert here() == before
+    assert here() == ["tiny.toml"]
+
+
+@pytest.mark.parametrize("option", [(), ("--overwrite",)])
+@pytest.mark.parametrize("kind", ["folder", "file"])
+def test_what_appears_meanwhile_stays_and_so_does_the_run(tiny, monkeypatch, kind, option):
+    def meanwhile(folder):
+        if kind == "file":
+            Path("out").write_text("x")
+        else:
+            Path("out").mkdir()
+            Path("out/thesis.tex").write_text("x")
+
+    monkeypatch.setattr("gridslam.viewers.plots.draw_all", meanwhile)
+    said = tiny(*RUN, *option)
+    kept = f"out.{os.getpid()}.part"
+    assert (said.code, len(said.complaints)) == (2, 1)
+    assert str(Path(kept).resolve()) in said.err
+    assert (Path("out") if kind == "file" else Path("out/thesis.tex")).read_text() == "x"
+    assert here() == ["out", kept, "tiny.toml"]
+    assert list(read_run(kept).agents) == ["agent1", "agent2"]
+
+
+def test_runs_without_a_folder_of_their_own_take_different_ones(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with reserve_free(Path("runs"), "a/../b") as one, reserve_free(Path("runs"), "a/../b") as two:
+        assert [one.target.name, two.target.name] == ["a_.._b-1", "a_.._b-2"]
+        one.part.joinpath("run.json").touch()
+        one.finish()
+        assert {one.target.parent, two.target.parent} == {tmp_path / "runs"}
+    assert os.listdir("runs") == ["a_.._b-1"]
+
+
+# ---- runs that died ---------------------------------------------------------------------------------
+
+
+def test_killed_run_blocks_nobody_and_is_told(tiny, no_figures):
+    code = (
+        "import os, signal; from gridslam.runs.reservation import reserve\n"
+        "with reserve('out') as place:\n"
+        "    place.part.joinpath('x').touch(); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    killed = subprocess.Popen([sys.executable, "-c", code])
+    assert killed.wait() == -signal.SIGKILL
+    assert here() == [f".out.{killed.pid}.part", ".out.run-lock", "tiny.toml"]
+    said = tiny(*RUN)
+    assert said.code == 0
+    assert len(said.complaints) == 1
+    assert f"note: process {killed.pid}, which is gone" in said.err
+    assert here() == ["out", "tiny.toml"]
+
+
+def test_rests_of_the_dead_are_swept_and_nothing_else(tmp_path, monkeypatch, dead):
+    monkeypatch.chdir(tmp_path)
+    ours = (f".out.{dead}.part", f".other.{dead}.part", f".map.h5.{dead}.part", f".a-run.{dead}.part.gif")
+    others = (
+        *(f".live.{os.getppid()}.part", f".mine.{os.getpid()}.part", ".out.part", ".out.12x.part"),
+        *(
+            f"out.{dead}.part",
+            f".out.{dead}.partial",
+            f".{dead}.part",
+            "out.part",
+            ".x.run-lock",
+        ),
+    )
+    for name in (*ours, *others):
+        Path(name).mkdir() if "other" in name else Path(name).write_text("x")
+    Path(f".other.{dead}.part/deep").mkdir()
+    Path(f".link.{dead}.part").symlink_to(tmp_path / "out.part")
+    Path(".gone.run-lock").write_bytes(b"gridslam %d\n" % dead)
+    before = set(here())
+    with reserve("held"):
+        Path(f".held.{dead}.part").mkdir()  # of another machine, maybe: somebody holds the lock
+        with reserve("out"):
+            pass
+        assert before - set(here()) == {*ours, ".gone.run-lock"}
+        assert Path(f".held.{dead}.part").exists()
+
+
+def test_run_that_was_whole_but_not_yet_named_is_kept(tmp_path, monkeypatch, dead):
+    monkeypatch.chdir(tmp_path)
+    Path(f".out.{dead}.part").mkdir()
+    Path(f".out.{dead}.part/run.json").write_text("new")
+    Path(f".out.{dead}.old.part").mkdir()
+    Path(f".out.{dead}.old.part/run.json").write_text("old")
+    with pytest.raises(InputError, match="something of this name"), reserve("out"):
+        pass
+    assert Path("out/run.json").read_text() == "old"
+    assert Path(f"out.{dead}.part/run.json").read_text() == "new"
+    assert here() == ["out", f"out.{dead}.part"]
+
+
+# ---- asked to stop ----------------------------------------------------------------------------------
+
+
+def stop_at(monkeypatch, number, step=1):
+    whole = GridSlam.step
+
+    def cut(slam, scan):
+        if (slam.agent, scan.step) == ("agent1", step):
+            signal.raise_signal(number)
+        return whole(slam, scan)
+
+    monkeypatch.setattr(GridSlam, "step", cut)
+
+
+def test_sigterm_is_ctrl_c_with_an_exit_code_of_its_own(tiny, no_figures, ctrl_c, monkeypatch):
+    stop_at(monkeypatch, signal.SIGTERM)
+    said = tiny(*RUN)
+    assert said.code == 143
+    assert said.complaints == ["terminated after 2 of 3 steps of agent1: out holds what was done"]
+    assert json.loads(Path("out/run.json").read_text())["agents"]["agent1"]["steps"] == 2
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_sigterm_while_nothing_is_done_leaves_nothing(tiny, monkeypatch):
+    def stop(*_, **__):
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr("gridslam.runs.map_scene.map_scene", stop)
+    said = tiny(*RUN)
+    assert (said.code, said.complaints) == (143, ["terminated"])
+    assert here() == ["tiny.toml"]
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_signal_while_files_are_written_lets_them_be(tiny, no_figures, ctrl_c, monkeypatch, number, code):
+    whole = gs.Trajectory.to_tum
+
+    def cut(track, path):
+        signal.raise_signal(number)
+        whole(track, path)
+
+    monkeypatch.setattr(gs.Trajectory, "to_tum", cut)
+    assert tiny(*RUN).code == code
+    assert list(read_run("out").agents) == ["agent1", "agent2"]
+
+
+# ---- files ------------------------------------------------------------------------------------------
+
+
+def test_file_that_cannot_be_written_costs_no_other_and_is_one_line(tiny, no_figures, monkeypatch):
+    def fail(*_):
+        raise ValueError("no\nsuch text")
+
+    monkeypatch.setattr("gridslam.runs.run_files.write_steps", fail)
+    said = tiny(*RUN)
+    assert said.code == 2
+    assert [line.split(": found")[0].rpartition("/out/")[2] for line in said.complaints] == [
+        "agent1/steps.h5",
+        "agent2/steps.h5",
+    ]
+    assert "surfaces" in said.out  # the table
+    assert gs.Map.load("out/map.h5").observed.any()
+    assert set(os.listdir("out/agent2")) == {"measurements.h5", "trajectory.tum", "truth.tum", "map.h5"}
+    assert here() == ["out", "tiny.toml"]
+
+
+def test_no_command_replaces_a_file_unasked(tiny, no_figures):
+    assert tiny(*RUN).code == 0
+    assert tiny("simulate", "tiny.toml", "-o", "a.csv").code == 0
+    assert tiny("export", "out/map.h5", "-o", "robot").code == 0
+    two = ("--agent", "agent1", "--agent", "agent2")
+    Path("b-agent2.h5").write_text("x")
+    files = [path for path in Path().rglob("*") if path.is_file()]
+    before = {path: path.read_bytes() for path in files}
+    commands = (
+        ("simulate", "tiny.toml", "-o", "a.csv", "--seed", "1"),
+        ("simulate", "tiny.toml", "-o", "b.h5", *two),
+        ("export", "out/map.h5", "-o", "robot"),
+        ("export", "out/map.h5", "-o", "out"),
+        ("bench", "--json", "a.csv"),
+    )
+    for words in commands:
+        said = tiny(*words)
+        assert (said.code, len(said.complaints)) == (2, 1), words
+        assert "something of this name" in said.err
+    assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
+    for words in commands[:3]:
+        assert tiny(*words, "--overwrite").code == 0
+    assert Path("a.csv").read_bytes() != before[Path("a.csv")]

@@ -1,0 +1,129 @@
+"""Maps say which runs they are made of: no evidence counts twice, whatever way it came."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scene_samples import shortened
+
+import gridslam as gs
+from gridslam.maps.run_identity import same_run
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return shortened(gs.Scene.load("room"), 6, agents=2)
+
+
+@pytest.fixture(scope="module")
+def heard(scene):
+    return {seed: gs.simulate(scene, "agent1", seed=seed) for seed in (1, 2)}
+
+
+def mapped(scene, heard, **more):
+    return gs.map_scene(scene, heard, particles=300, **more).map
+
+
+@pytest.fixture(scope="module")
+def maps(scene, heard):
+    """Two runs apart from each other."""
+    return [mapped(scene, heard[seed]) for seed in (1, 2)]
+
+
+def test_identity_follows_from_what_was_heard(scene, heard, maps):
+    (one,), (other,) = (grid.provenance["runs"] for grid in maps)
+    assert mapped(scene, heard[1]).provenance["runs"] == [one]
+    assert mapped(scene, heard[1], seed=5).provenance["runs"] == [one]  # the same evidence, filtered again
+    assert mapped(scene, heard[1], method="adaptive").provenance["runs"] == [one]
+    assert not same_run(one, other)
+    slam, at = gs.GridSlam(scene.with_filter(particles=300)), []
+    for scan in heard[1]:
+        slam.step(scan)
+        at += slam.map().provenance["runs"]
+    assert at[-1] == one
+    assert all(same_run(early, one) and not same_run(early, other) for early in at)
+
+
+def test_identity_outlives_a_checkpoint(scene, heard, maps, tmp_path):
+    slam = gs.GridSlam(scene.with_filter(particles=300))
+    for number, scan in enumerate(heard[1]):
+        if number == 3:
+            slam.save(tmp_path / "half.h5")
+            slam = gs.GridSlam.resume(tmp_path / "half.h5")
+        slam.step(scan)
+    assert slam.map().provenance["runs"] == maps[0].provenance["runs"]
+
+
+def test_evidence_never_counts_twice(scene, heard, maps):
+    one, other = maps
+    whole = gs.fuse([one, other])
+    seen = one.observed & other.observed
+    np.testing.assert_allclose(whole.evidence[seen], (one.evidence + other.evidence)[seen], rtol=1e-5)
+    later = mapped(scene, heard[2], agent="agent2", prior_map=one)
+    assert later.provenance["runs"] == one.provenance["runs"] + other.provenance["runs"]
+    for pair in (
+        [one, one],
+        [one, later],
+        [later, other],
+        [whole, one],
+        [one, mapped(scene, heard[1], seed=3)],
+    ):
+        with pytest.raises(gs.InputError, match=r"agent[12]'s run"):
+            gs.fuse(pair)
+
+
+def test_map_of_an_earlier_version_can_be_handed_over(scene, heard, maps):
+    kept = {key: value for key, value in maps[0].provenance.items() if key != "runs"}
+    old = replace(maps[0], provenance=kept)
+    runs = mapped(scene, heard[2], agent="agent2", prior_map=old).provenance["runs"]
+    assert runs == ["", *maps[1].provenance["runs"]]
+
+
+def test_fuse_on_the_command_line(say, maps, tmp_path):
+    for name, grid in zip(("a.h5", "b.h5"), maps, strict=True):
+        grid.save(tmp_path / name)
+    said = say("fuse", "a.h5", "b.h5", "-o", "both.h5")
+    assert (said.code, said.err) == (0, "")
+    assert "wrote both.h5: map by agent1, agent1: 96 x 76 cells" in said.out
+    both = gs.Map.load("both.h5")
+    assert sorted(both.provenance["runs"]) == sorted(run for g in maps for run in g.provenance["runs"])
+    before = Path("both.h5").read_bytes()
+    for words, why in {
+        ("a.h5", "b.h5", "-o", "both.h5"): "both.h5: found something of this name",
+        ("a.h5", "a.h5", "-o", "c.h5"): "a.h5 and a.h5, both with the evidence of agent1's run",
+        ("both.h5", "b.h5", "-o", "c.h5"): "both.h5 and b.h5, both with the evidence",
+        ("a.h5", "-o", "c.h5"): "two or more maps",
+        ("a.h5", "none.h5", "-o", "c.h5"): "none.h5",
+        ("a.h5", "b.h5", "-o", "c.txt"): "ends in .h5",
+    }.items():
+        said = say("fuse", *words)
+        assert said.code == 2
+        assert len(said.complaints) == 1
+        assert why in said.err
+    assert Path("both.h5").read_bytes() == before
+    assert not Path("c.h5").exists()
+    assert say("fuse", "b.h5", "a.h5", "-o", "both.h5", "--overwrite").code == 0
+
+
+def test_map_of_another_building_is_refused(say, scene, maps, no_figures, tmp_path):
+    data = scene.model_dump(exclude_none=True)
+    data["anchors"] = [{**anchor, "name": f"flat {anchor['name']}"} for anchor in data["anchors"]]
+    flat = gs.Scene.checked(data, "flat")
+    (tmp_path / "flat.toml").write_text(flat.to_toml())
+    maps[0].save(tmp_path / "room.h5")
+    other = mapped(flat, gs.simulate(flat, "agent1", seed=9))
+    other.save(tmp_path / "flat.h5")
+    asked = "run", "flat.toml", "--agent", "agent1", "--particles", 300, "--map", "room.h5", "-o", "out"
+    said = say(*asked)
+    assert said.code == 2
+    assert "room.h5: frame: found anchors A, B, none of those of room" in said.err
+    assert "--same-frame" in said.err
+    assert len(said.complaints) == 1
+    assert not Path("out").exists()
+    assert say(*asked, "--same-frame").code == 0
+    fused = "fuse", "room.h5", "flat.h5", "-o", "both.h5"
+    said = say(*fused)
+    assert (said.code, len(said.complaints)) == (2, 1)
+    assert "frame of flat.h5" in said.err
+    assert say(*fused, "--same-frame").code == 0

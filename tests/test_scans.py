@@ -1,0 +1,125 @@
+"""Scans at a filter's door: what makes no sense is refused in one line, and the filter stays as it was."""
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.estimates import SurfaceEstimate
+from gridslam.inference.management import pose_recovery
+from gridslam.runs.map_scene import METHODS
+
+SCENE = gs.Scene.load("room").with_filter(particles=128)
+HEARD = list(gs.simulate(SCENE, "agent1", 1))
+
+
+def changed(name, row, value):
+    def change(scan):
+        column = getattr(scan, name)
+        column = np.full(len(scan), 0.1) if column is None else column.copy()
+        column[row] = value
+        return replace(scan, **{name: column})
+
+    return change
+
+
+BAD = {
+    "time goes back": (lambda scan: replace(scan, time_s=1.0), r"time_s: found 1\.0; allowed: 2\.0 or later"),
+    "no time": (lambda scan: replace(scan, time_s=np.nan), "scan: time_s: found nan; allowed: a finite"),
+    "time is text": (lambda scan: replace(scan, time_s="soon"), "scan: found could not convert"),
+    "short column": (lambda scan: replace(scan, aod_rad=scan.aod_rad[:-1]), r"scan: aod_rad: found shape \("),
+    "table for a column": (lambda scan: replace(scan, amplitude=np.ones((2, 2))), "amplitude: found shape"),
+    "anchors by name": (lambda scan: replace(scan, anchor=["A"] * len(scan)), "anchors are indices"),
+    "unknown anchor": (changed("anchor", 1, 7), r"scan: anchor\[1\]: found 7; allowed: 0 to 1"),
+    "anchor below 0": (changed("anchor", 0, -1), r"scan: anchor\[0\]: found -1"),
+    "infinite distance": (changed("distance_m", 2, np.inf), r"scan: distance_m\[2\]: found inf"),
+    "negative distance": (changed("distance_m", 0, -1.0), r"distance_m\[0\]: found -1\.0; allowed: a number"),
+    "infinite angle": (changed("aoa_rad", 0, -np.inf), r"scan: aoa_rad\[0\]"),
+    "degrees": (changed("aoa_rad", 0, 90.0), r"scan: aoa_rad\[0\]: found 90\.0; allowed: radians"),
+    "no amplitude": (changed("amplitude", 0, 0.0), r"scan: amplitude\[0\]"),
+    "deviation of 0": (changed("distance_std_m", 0, 0.0), r"scan: distance_std_m\[0\]: found 0\.0"),
+    "negative deviation": (changed("aod_std_rad", 1, -1.0), r"scan: aod_std_rad\[1\]: found -1\.0"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_scan_that_makes_no_sense_is_refused_and_changes_nothing(case):
+    spoil, says = BAD[case]
+    method = METHODS[sorted(METHODS)[len(case) % len(METHODS)]]
+    one, two = method(SCENE, seed=1), method(SCENE, seed=1)
+    for scan in HEARD[:3]:
+        one.step(scan)
+        two.step(scan)
+    with pytest.raises(gs.InputError, match=says) as told:
+        one.step(spoil(HEARD[3]))
+    assert "\n" not in str(told.value)
+    for scan in HEARD[3:5]:
+        here, there = one.step(scan), two.step(scan)
+        np.testing.assert_array_equal(here.position_m, there.position_m)
+        np.testing.assert_array_equal(here.covariance, there.covariance)
+
+
+def test_lists_will_do_and_a_second_scan_of_one_moment():
+    one, two = gs.GridSlam(SCENE, seed=1), gs.GridSlam(SCENE, seed=1)
+    names = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
+    listed = replace(HEARD[0], **{name: getattr(HEARD[0], name).tolist() for name in names})
+    np.testing.assert_array_equal(one.step(HEARD[0]).position_m, two.step(listed).position_m)
+    assert np.isfinite(one.step(replace(HEARD[1], time_s=HEARD[0].time_s)).covariance).all()
+    one.step(gs.Scan(2, 2.0, [], [], [], [], []))
+
+
+@pytest.mark.parametrize("method", sorted(METHODS))
+def test_a_scene_without_agents_is_refused(method):
+    data = SCENE.model_dump(exclude_none=True)
+    with pytest.raises(gs.InputError, match="room: agents: found none; allowed: at least one"):
+        METHODS[method](gs.Scene.checked({**data, "agents": []}, "room"))
+
+
+def loud_scan(count):
+    """What one anchor's line of sight and `count` other loud paths from anywhere would be heard as."""
+    draw, first = np.random.default_rng(1), HEARD[0]
+    more = (
+        np.zeros(count, np.intp), draw.uniform(1, 20, count), *draw.uniform(-3, 3, (2, count)),
+        draw.uniform(5, 20, count),
+    )  # fmt: skip
+    names = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
+    return replace(
+        first, **{n: np.append(getattr(first, n), m) for n, m in zip(names, more, strict=True)}
+    )  # fmt: skip
+
+
+def test_too_many_loud_paths_cost_little_memory_and_are_told():
+    data = SCENE.model_dump(exclude_none=True)
+    data["agents"] = [data["agents"][0] | {"prior": {"position_m": 3.0, "heading_deg": 90.0}}]
+    vague, blank, walls = gs.Scene.checked(data, "room"), gs.GridSlam(SCENE).map(), SCENE.segments()
+    surfaces = SurfaceEstimate.from_lines(
+        walls.line, np.tile(1e-8 * np.eye(2), (4, 1, 1)), np.full(4, 0.7), np.full(4, 0.01), np.ones(4),
+        np.full((4, 2), np.nan), np.arange(4),
+    )  # fmt: skip
+    known = replace(blank, surfaces=surfaces, surface_reflection=None)
+    gs.GridSlam(vague, known, seed=1).step(HEARD[0])  # whatever is made once
+    slam, scan = gs.GridSlam(vague, known, seed=1), loud_scan(400)
+    tracemalloc.start()
+    try:
+        estimate = slam.step(scan)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 1e8  # before: 1.3 GB
+    assert np.linalg.norm(estimate.position_m - SCENE.track("agent1").position_m[0]) < 0.2
+    assert "loud paths of one anchor: 30 of them propose poses" in estimate.health.why
+    assert not estimate.health.ok
+    assert np.isfinite(estimate.covariance).all()
+    assert "propose" not in gs.GridSlam(vague, seed=1).step(HEARD[0]).health.why
+
+
+def test_poses_score_alike_in_blocks_of_any_size(monkeypatch):
+    data = SCENE.model_dump(exclude_none=True)
+    data["agents"] = [data["agents"][0] | {"prior": {"position_m": 3.0, "heading_deg": 90.0}}]
+    vague, found = gs.Scene.checked(data, "room"), []
+    for block in (50, 10**9):
+        monkeypatch.setattr(pose_recovery, "BLOCK", block)
+        found.append(gs.GridSlam(vague, seed=1).step(HEARD[0]).position_m)
+    np.testing.assert_allclose(*found, atol=1e-9)

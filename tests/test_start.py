@@ -1,0 +1,137 @@
+"""What a filter is told of the start: drawn from its prior where data are simulated, and recorded."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+from tiny import TINY
+
+import gridslam as gs
+from gridslam.cli.main import main
+from gridslam.studies.study import Study, run_study
+from gridslam.world.geometry import wrap
+from gridslam.world.start import told_start
+
+
+def call(monkeypatch, words):
+    """Exit code of the command line."""
+    monkeypatch.setattr(sys, "argv", ["gridslam", *map(str, words)])
+    try:
+        main()
+    except SystemExit as end:
+        return end.code or 0
+    return 0
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return gs.Scene.from_toml(TINY, "tiny")
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "tiny.toml"
+    path.write_text(TINY)
+    return path
+
+
+def test_starts_are_drawn_uniformly_about_the_true_one_within_the_prior(scene):
+    drawn = [told_start(scene, "agent1", seed) for seed in range(2000)]
+    track, prior = scene.track("agent1"), scene.agent("agent1").prior
+    gap = np.array([start.position_m for start in drawn]) - track.position_m[0]
+    turn = np.degrees(wrap(np.array([start.heading_rad for start in drawn]) - track.heading_rad[0]))
+    for values, half in (
+        (gap[:, 0], prior.position_m),
+        (gap[:, 1], prior.position_m),
+        (turn, prior.heading_deg),
+    ):
+        assert np.abs(values).max() <= half
+        # uniform: standard deviation half / sqrt(3), mean 0 within 4 standard errors, and close to the ends
+        assert values.std() == pytest.approx(half / np.sqrt(3), rel=0.05)
+        assert abs(values.mean()) < 4 * half / np.sqrt(3 * len(values))
+        assert np.abs(values).max() > 0.99 * half
+    assert np.abs(np.corrcoef(np.column_stack([gap, turn]).T) - np.eye(3)).max() < 0.1
+
+
+def test_a_start_repeats_by_seed_and_differs_by_seed_and_agent(scene):
+    one, two = told_start(scene, "agent1", 3), told_start(scene, "agent1", 3)
+    assert one.position_m.tolist() == two.position_m.tolist()
+    assert one.heading_rad == two.heading_rad
+    off = [
+        told_start(scene, name, 3).position_m - scene.track(name).position_m[0]
+        for name in ("agent1", "agent2")
+    ]
+    assert (off[0] != off[1]).all()
+    assert (one.position_m != told_start(scene, "agent1", 4).position_m).all()
+
+
+def test_a_drawn_start_stays_in_the_region_and_an_exact_one_is_the_scenes(scene):
+    data = scene.model_dump(exclude_none=True)
+    data["agents"] = [{"name": "agent1", "start_m": [-4.79, 0.0], "prior": {"position_m": 2.0}}]
+    edge = gs.Scene.checked({**data, "walls": []}, "edge")
+    assert min(told_start(edge, "agent1", seed).position_m[0] for seed in range(20)) == -4.8
+    exact = told_start(edge, "agent1", 5, "exact")
+    assert (exact.how, exact.position_m.tolist(), exact.heading_rad) == ("exact", [-4.79, 0.0], 0.0)
+    with pytest.raises(gs.InputError, match="start: found 'vague'; allowed: drawn or exact"):
+        told_start(edge, "agent1", 5, "vague")
+
+
+def test_the_filter_begins_where_it_is_told(scene):
+    heard, start = gs.simulate(scene, "agent1", 1), told_start(scene, "agent1", 1)
+    slam = gs.GridSlam(scene, seed=1)
+    slam.start_at(start.position_m, start.heading_rad)
+    np.testing.assert_array_equal(slam.state.belief.mean, [*start.position_m, 0, 0, start.heading_rad])
+    told = gs.map_scene(scene, heard, seed=1, start=start)
+    own = gs.map_scene(scene, heard, seed=1)
+    assert (told.start, own.start) == ("drawn", "exact")
+    np.testing.assert_array_equal(told.trajectory.position_m, [slam.step(scan).position_m for scan in heard])
+    assert (told.trajectory.position_m != own.trajectory.position_m).any()
+    with pytest.raises(gs.InputError, match="start: found told after 3 steps; allowed: before the first"):
+        slam.start_at(start.position_m, 0.0)
+    with pytest.raises(gs.InputError, match=r"start: .*nan.*finite"):
+        gs.GridSlam(scene).start_at([np.nan, 0.0], 0.0)
+
+
+def test_a_run_says_which_start_was_told(file, tmp_path, monkeypatch, capsys):
+    heard = tmp_path / "heard.csv"
+    assert call(monkeypatch, ["simulate", file, "-o", heard]) == 0
+    told = {}
+    for name, more in {
+        "default": [], "drawn": ["--start", "drawn"], "exact": ["--start", "exact"],
+        "recorded": ["--measurements", heard],
+    }.items():  # fmt: skip
+        assert call(monkeypatch, ["run", file, "--agent", "agent1", "-o", tmp_path / name, *more]) == 0
+        told[name] = json.loads((tmp_path / name / "run.json").read_text())
+    assert [told[n]["start"] for n in ("default", "drawn", "exact", "recorded")] == [
+        "drawn",
+        "drawn",
+        "exact",
+        "exact",
+    ]
+    rmse = {name: summary["agents"]["agent1"]["position_rmse_m"] for name, summary in told.items()}
+    assert rmse["default"] == rmse["drawn"] != rmse["exact"]
+    capsys.readouterr()
+    for words in (["--start", "vague"], ["--measurements", heard, "--start", "drawn"]):
+        assert call(monkeypatch, ["run", file, "--agent", "agent1", "-o", tmp_path / "none", *words]) == 2
+        assert capsys.readouterr().err.startswith("error: --start")
+
+
+def test_a_study_tells_drawn_starts_and_records_it(scene, tmp_path):
+    class Here:
+        def run(self, work, tasks):
+            yield from ((index, work(task)) for index, task in enumerate(tasks))
+
+    found = {}
+    for start in ("drawn", "exact"):
+        plan = Study((scene,), seeds=(1,), agents=("agent1",), start=start)
+        record = run_study(plan, tmp_path / start, Here()).records[0]
+        assert record["key"]["start"] == start
+        assert json.loads((tmp_path / start / "study.jsonl").read_text().splitlines()[0])["start"] == start
+        found[start] = record["agents"]["agent1"]["steps"]["position_error_m"]
+    assert found["drawn"] != found["exact"]
+    assert Study((scene,)).start == "drawn"
+    with pytest.raises(gs.InputError, match="results of other start"):
+        run_study(Study((scene,), seeds=(1,), agents=("agent1",), start="drawn"), tmp_path / "exact", Here())
+    with pytest.raises(gs.InputError, match="study: start: found 'vague'"):
+        Study((scene,), start="vague")
