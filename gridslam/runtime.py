@@ -5,12 +5,11 @@ from __future__ import annotations
 import contextlib
 import io
 import os
-import threading
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -21,9 +20,7 @@ from gridslam.errors import InputError
 Resident = Any
 """An array where the device has it: NumPy's on the CPU, Taichi's on a GPU."""
 
-Made = TypeVar("Made")
 _started: str | None = None
-_spare = threading.local()
 SPARE_THREADS = 1
 """More threads than cores: a system may wake several on one core and leave them there for half a millisecond,
 which is longer than most launches take. One more finds the idle core; two more compete with the others."""
@@ -96,24 +93,6 @@ def room(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> Resident:
     from taichi.lang.util import to_taichi_type
 
     return ti.ndarray(to_taichi_type(np.dtype(dtype)), shape)
-
-
-def lasting(site: str, key: Any, make: Callable[[], Made]) -> Made:
-    """What this thread made for the site the last time, if the key is the same, else made anew."""
-    kept = _spare.__dict__
-    known = kept.get(site)
-    if known is None or known[0] != key or known[1] != _started:
-        known = kept[site] = key, _started, make()
-    made: Made = known[2]
-    return made
-
-
-def scratch(site: str, shape: tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray[Any]:
-    """An array with anything in it: this thread's last one of the site, if it has the shape.
-
-    What it held is lost at the next call for the site. Kernels that get the same array again start sooner.
-    """
-    return lasting(site, (shape, dtype), lambda: np.empty(shape, dtype))
 
 
 def on_host(held: Resident) -> NDArray[Any]:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.management.pose_recovery import recover_pose
@@ -20,7 +18,6 @@ from gridslam.inference.messages.motion import predict
 from gridslam.inference.messages.prediction import predict_paths
 from gridslam.inference.messages.ray_amplitudes import (
     forget_amplitudes,
-    mean_amplitudes,
     predict_amplitudes,
     start_amplitudes,
     update_amplitudes,
@@ -29,15 +26,12 @@ from gridslam.inference.messages.updates import Exchange, update_surfaces_and_ag
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.belief import separated
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
-from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.map import Map
 from gridslam.systems.front import SurfaceFilter, inherit_surfaces
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.scan import Scan
-
-Array = NDArray[np.float64]
 
 
 def start(model: FilterModel, prior: Map | None = None) -> State:
@@ -103,8 +97,3 @@ class AdaptiveSlam(SurfaceFilter):
     method = "adaptive"
     start = staticmethod(start)
     advance = staticmethod(step)
-
-    def _strength(self, state: State) -> Callable[[Rays, Array], Array]:
-        """Amplitudes of the rays' own states, eq. (18)."""
-        radio, work = self.model.radio, self.work
-        return lambda rays, distance: mean_amplitudes(state, rays, distance, radio, work=work)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, ClassVar, NamedTuple, Self
@@ -15,6 +16,7 @@ from gridslam.errors import InputError
 from gridslam.estimates import Estimate, SurfaceEstimate
 from gridslam.inference.management.readout import estimates, surface_estimate
 from gridslam.inference.management.step_info import StepInfo
+from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
 from gridslam.inference.state.belief import AGENT, append
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
@@ -40,7 +42,7 @@ class Moment(NamedTuple):
     info: StepInfo | None = None
 
 
-class SurfaceFilter:
+class SurfaceFilter(ABC):
     """A state, what the filter knows of the scene, and a workspace; a system adds its `start` and `advance`.
 
     Attributes
@@ -108,14 +110,14 @@ class SurfaceFilter:
         return model
 
     @staticmethod
+    @abstractmethod
     def start(model: FilterModel, prior: Map | None = None) -> State:
         """The state before the first step."""
-        raise NotImplementedError
 
     @staticmethod
+    @abstractmethod
     def advance(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:
         """One step: the state after it, and what happened. The state before stays as it is."""
-        raise NotImplementedError
 
     def step(self, scan: Scan) -> Estimate:
         """Take in what was heard at one step and return what is believed now.
@@ -181,7 +183,10 @@ class SurfaceFilter:
 
     def _strength(self, state: State) -> Callable[[Rays, Array], Array] | None:
         """Amplitudes (L,) of rays of given distances (L,); None where they follow from coefficients."""
-        return None
+        if state.amplitudes is None:
+            return None
+        radio, work = self.model.radio, self.work
+        return lambda rays, distance: mean_amplitudes(state, rays, distance, radio, work=work)
 
     def _estimate(self, state: State, scan: Scan, info: StepInfo, began: float) -> Estimate:
         """MMSE estimates of agent and surfaces, and the paths believed in."""

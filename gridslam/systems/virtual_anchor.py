@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.management.pose_recovery import recover_pose
@@ -21,7 +19,6 @@ from gridslam.inference.messages.motion import predict
 from gridslam.inference.messages.prediction import predict_paths
 from gridslam.inference.messages.ray_amplitudes import (
     forget_amplitudes,
-    mean_amplitudes,
     predict_amplitudes,
     start_amplitudes,
     update_amplitudes,
@@ -30,7 +27,6 @@ from gridslam.inference.messages.updates import Exchange, update_surfaces_and_ag
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.belief import separated
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
-from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.rings import Rings
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -38,8 +34,6 @@ from gridslam.maps.map import Map
 from gridslam.systems.front import SurfaceFilter
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.scan import Scan
-
-Array = NDArray[np.float64]
 
 
 def start(model: FilterModel, prior: Map | None = None) -> State:
@@ -119,8 +113,3 @@ class VirtualAnchorSlam(SurfaceFilter):
     def _model(model: FilterModel) -> FilterModel:
         """Single bounces alone."""
         return replace(model, max_bounces=min(model.max_bounces, 1))
-
-    def _strength(self, state: State) -> Callable[[Rays, Array], Array]:
-        """Amplitudes of the rays' own states."""
-        radio, work = self.model.radio, self.work
-        return lambda rays, distance: mean_amplitudes(state, rays, distance, radio, work=work)
