@@ -18,6 +18,7 @@ from gridslam.measurements.table import Measurements
 from gridslam.runs.run import Run
 from gridslam.runs.stopping import asked_to_stop
 from gridslam.systems.adaptive import AdaptiveSlam
+from gridslam.systems.front import SurfaceFilter
 from gridslam.systems.grid import GridSlam
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
 from gridslam.world.geometry import wrap
@@ -25,7 +26,11 @@ from gridslam.world.scene import Scene
 from gridslam.world.start import Start
 from gridslam.world.trajectory import Trajectory
 
-METHODS = {"grid": GridSlam, "adaptive": AdaptiveSlam, "va": VirtualAnchorSlam}
+METHODS: dict[str, Callable[..., SurfaceFilter]] = {
+    "grid": GridSlam,
+    "adaptive": AdaptiveSlam,
+    "va": VirtualAnchorSlam,
+}
 SAME_FACING_RAD = 1e-3
 
 
