@@ -9,7 +9,8 @@ from gridslam.errors import InputError
 SLAB_BYTES = 25
 """Of a cell in each slab of paths that are cast together: sums (12), lists (8), marks (1), messages (4)."""
 COEFFICIENT_BYTES, BELIEF_BYTES = 80, 26
-"""Of a cell: 20 bins in single precision; evidence before and after a step, occupancy twice, flags."""
+"""Of a cell: 20 bins in single precision, of which a map holds all and a filter those of hit cells; evidence
+before and after a step, occupancy twice, flags."""
 CELL_BYTES = COEFFICIENT_BYTES + BELIEF_BYTES + 4 * SLAB_BYTES
 """Of a cell in grid SLAM on a CPU, with its four slabs."""
 MOST_BYTES = 2_000_000_000
