@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from scene_samples import shortened
 
 import gridslam as gs
-from gridslam.inference.messages.association import associate, log_normaliser
+from gridslam.inference.messages.association import Association, associate, log_normaliser
 from gridslam.inference.workspace.workspace import Workspace
+from gridslam.kernels.primitives import tables
 from gridslam.systems import adaptive, grid, virtual_anchor
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
@@ -160,6 +161,14 @@ def test_every_system_goes_on_from_its_checkpoint_bit_for_bit(system, scene, sca
         ("surfaces/existence", lambda data: np.full(data.shape, np.inf)),
         ("los", lambda data: np.full(data.shape, np.nan)),
         ("grid/row", lambda data: data + 10_000),
+        ("grid/row", lambda data: np.where(data >= 0, 0, -1)),
+        ("grid/row", lambda data: data.astype(float)),
+        ("surfaces/existence", lambda data: data + 7),
+        ("surfaces/identity", lambda data: 0 * data),
+        ("surfaces/identity", lambda data: data + 10_000),
+        ("surfaces/reflection", lambda data: -data),
+        ("surfaces/owner", lambda data: data + 99),
+        ("calibration/turn_weight", lambda data: -data),
         ("grid/evidence", lambda data: np.full(data.shape, np.nan)),
     ],
 )
@@ -181,6 +190,45 @@ def test_a_checkpoint_whose_numbers_cannot_be_is_refused(name, spoil, scene, sca
         assert file.attrs["version"] == checkpoint.VERSION
     with pytest.raises(gs.InputError, match=name.rpartition("/")[2]):
         GridSlam.resume(tmp_path / "here.h5")
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_what_a_user_does_to_an_estimate_does_nothing_to_the_state(system, scene, scans):
+    slam, plain = system(scene, seed=3), system(scene, seed=3)
+    for scan in scans:
+        estimate = slam.step(scan)
+        plain.step(scan)
+        for array in arrays(estimate):
+            if array.flags.writeable:
+                array[...] = 1
+    same(slam.state, plain.state)
+
+
+def test_virtual_anchors_claim_no_evidence_of_a_map_that_they_dont_use(scene, scans):
+    first = GridSlam(scene, seed=1)
+    for scan in scans[:4]:
+        first.step(scan)
+    slam = VirtualAnchorSlam(scene, prior_map=first.map(), seed=1)
+    assert slam.map().provenance["runs"] == [""]
+    assert len(slam.map().provenance["agents"]) == 1
+
+
+def test_evidence_with_rings_is_that_of_all_causes():
+    """Distances alone: rings and what may begin them take part in the association, so in its normaliser."""
+    scene = shortened(gs.Scene.load("seminar"), 6).with_filter(particles=256)
+    slam = VirtualAnchorSlam(scene, seed=1)
+    for scan in gs.simulate(scene, scene.agents[0].name, seed=1):
+        slam.step(scan)
+    assert len(slam.state.rings)
+    whole = alone = 0.0
+    for exchange in slam.info.exchanges:
+        given = exchange.given
+        np.testing.assert_array_equal(exchange.measured[tables.NEW], given.new)
+        assert (given.new > 1).any(), "rings may begin"
+        whole += exchange.log_evidence
+        paths = Association.alone(given.nu, given.claimed, given.new)
+        alone += replace(exchange, given=paths).log_evidence
+    assert whole > alone + 3, "rings that are heard again are worth something"
 
 
 def test_a_filter_is_handed_nothing_of_the_walls_or_the_track():

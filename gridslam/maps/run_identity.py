@@ -73,8 +73,11 @@ class Identity:
 
 
 def same_run(one: str, other: str) -> bool:
-    """Whether two identities are of one run, or of a run and its beginning; unknown ones ("") never are."""
-    return bool(one and other) and (one.startswith(other) or other.startswith(one))
+    """Whether two identities begin with the same measurements; unknown ones ("") never do.
+
+    So does a run with its own beginning, and with another that went on from the same checkpoint.
+    """
+    return bool(one and other) and one[:DIGITS] == other[:DIGITS]
 
 
 def refuse_shared_runs(maps: Sequence[Map], names: Sequence[str]) -> None:

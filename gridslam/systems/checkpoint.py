@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, TypeVar
@@ -19,13 +20,14 @@ from numpy.typing import NDArray
 
 from gridslam.errors import InputError
 from gridslam.inference.state.belief import AGENT, Belief
-from gridslam.inference.state.grid import BINS, NEVER_HIT, Grid
+from gridslam.inference.state.grid import BINS, Grid
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rings import BEARINGS, MOVING, Rings
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import Bank
 from gridslam.io.files import get, get_attributes, put, put_attributes, reading_h5, subgroup, writing_h5
 from gridslam.maps.run_identity import Identity
+from gridslam.systems.soundness import require_sound
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.scene import Scene
 
@@ -117,9 +119,20 @@ def read_checkpoint(
         scene, agent = Scene.from_toml(str(known["scene"]), f"{path}: scene"), str(known["agent"])
         model = scene.filter_model(agent)
         state = _read_state(file, group, known, start(model), len(model.anchors), str(path))
-        provenance = json.loads(str(known["provenance"]))
-        identity = Identity.parse(str(known["identity"]))
+        require_sound(state, model, str(path))
+        provenance, identity = _read_origin(known, str(path))
         return Checkpoint(method, scene, agent, int(str(known["seed"])), provenance, identity, state)
+
+
+def _read_origin(known: dict[str, Any], path: str) -> tuple[dict[str, list[Any]], Identity]:
+    """Who made the map that a filter started from, and which measurements it has taken in."""
+    provenance = json.loads(str(known.get("provenance")))
+    if not isinstance(provenance, dict) or not all(isinstance(v, list) for v in provenance.values()):
+        raise InputError(f"{path}: /state/provenance", str(provenance)[:60], "lists by name")
+    text = str(known.get("identity"))
+    if not re.fullmatch(r"[0-9a-f]{64} \d+ [0-9a-f]*", text):
+        raise InputError(f"{path}: /state/identity", repr(text[:60]), "a checksum and a count")
+    return provenance, Identity.parse(text)
 
 
 def _read_state(
@@ -130,6 +143,8 @@ def _read_state(
     if size < AGENT or (size - AGENT) % 2:
         raise InputError(f"{path}: mean", f"{size} entries", f"{AGENT}, and 2 for each surface")
     count, time_s = (size - AGENT) // 2, float(known["time_s"])
+    if math.isinf(time_s):
+        raise InputError(f"{path}: /state/time_s", str(time_s), "a time, or NaN before the first step")
     belief = _get_part(file, "belief", fresh.belief, {"mean": (size,), "covariance": (size, size)})
     _require_proper(belief, path)
     per_surface: dict[str, Shape] = {f.name: (count,) for f in fields(Bank)}
@@ -146,20 +161,17 @@ def _read_state(
         _get_part(file, "calibration", fresh.calibration, calibration),
         _get_part(file, "monitor", fresh.monitor, {}),
         int(known["step"]), int(known["next_identity"]), None if math.isnan(time_s) else time_s,
-        None if fresh.grid is None else _read_grid(file, fresh.grid, path),
+        None if fresh.grid is None else _read_grid(file, fresh.grid),
         None if fresh.amplitudes is None else _read_amplitudes(file),
         None if fresh.rings is None else _read_rings(file, fresh.rings),
     )  # fmt: skip
 
 
-def _read_grid(file: h5py.File, fresh: Grid, path: str) -> Grid:
+def _read_grid(file: h5py.File, fresh: Grid) -> Grid:
     shapes: dict[str, Shape] = {
         "evidence": fresh.shape, "observed": fresh.shape, "row": fresh.shape, "hit": (None, BINS)
     }  # fmt: skip
-    grid = _get_part(file, "grid", fresh, shapes)
-    if grid.row.size and not (NEVER_HIT <= grid.row.min() and grid.row.max() < len(grid.hit)):
-        raise InputError(f"{path}: grid/row", "rows beyond the table", "rows of the table")
-    return grid
+    return _get_part(file, "grid", fresh, shapes)
 
 
 def _read_rings(file: h5py.File, fresh: Rings) -> Rings:
@@ -216,7 +228,8 @@ def _finite(
     group: h5py.Group, name: str, shape: Shape, dtype: np.dtype[Any], blank: bool = False
 ) -> NDArray[Any]:
     """A dataset in the type that kernels take."""
-    value = np.ascontiguousarray(get(group, name, shape), dtype=dtype)
+    whole = dtype.kind in "iub"
+    value = np.ascontiguousarray(get(group, name, shape, "iub" if whole else "fiub"), dtype=dtype)
     if not blank and not np.isfinite(value).all():
         raise InputError(f"{group.file.filename}: {group.name}/{name}", "NaN or infinity", "finite numbers")
     return value

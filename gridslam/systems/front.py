@@ -54,6 +54,8 @@ class SurfaceFilter(ABC):
 
     method: ClassVar[str]
     """Name by which the system is entered."""
+    uses_maps: ClassVar[bool] = True
+    """Whether what an earlier agent left enters its belief."""
     keeps_grid: ClassVar[bool] = False
     """Whether it maps cells."""
 
@@ -72,7 +74,7 @@ class SurfaceFilter(ABC):
         prior = None
         if prior_map is not None:
             prior, _ = fitted(assured(prior_map, scene) if same_frame else prior_map, scene)
-        self.provenance = _provenance(prior)
+        self.provenance = _provenance(prior if self.uses_maps else None)
         identity = Identity.of(self.model.anchor_positions)
         self.now = Moment(self.start(self.model, prior), identity)
 

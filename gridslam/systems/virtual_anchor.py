@@ -106,6 +106,7 @@ class VirtualAnchorSlam(SurfaceFilter):
     """
 
     method = "va"
+    uses_maps = False
     start = staticmethod(start)
     advance = staticmethod(step)
 

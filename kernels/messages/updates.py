@@ -24,7 +24,7 @@ def update(
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
     predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 12] value (3) and spread (9) of every path
     heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
-    blocks: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L + K, P / BLOCK] as `paths.evaluate` leaves them
+    blocks: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L + K, P / BLOCK] as `evaluation.evaluate` leaves them
     radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `radio`
     anchor: ti.i32,
     turned: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J] rad, by which anchors are taken to be turned
@@ -39,7 +39,7 @@ def update(
     share: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K or more] out: probability of each association
     sums: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 9] in/out: see `kernels.SUMS`
     count: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] in/out: paths and pairs noted of other anchors, all
-    noted: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [0; or room, 4] in/out: notes, see `inference.notes`
+    noted: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [0; or room, 4] in/out: see `PathMessages`
     factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room, 2] in/out
     told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, room] in/out: see `notes`
     begin: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [room + 1] in/out

@@ -237,7 +237,7 @@ def _hand_over(context, handed, place, value, kind):
     number = place[0]
     handed[number] = NOTHING  # if an interrupt comes between, nothing is taken for handed over
     if type(value) is ndarray and type(kind) is tuple:
-        if value.dtype is not kind[0] or value.ndim != kind[1] or not value.flags.c_contiguous:
+        if value.dtype != kind[0] or value.ndim != kind[1] or not value.flags.c_contiguous:
             return False
         context.set_arg_external_array_with_shape(place, value.ctypes.data, value.nbytes, value.shape, 0)
         handed[number] = value  # which keeps it where it is

@@ -146,7 +146,7 @@ def learn(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room R, 14] as cast
     seen: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room, 6] likewise
-    count: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] L and K: these six are notes, see `inference.notes`
+    count: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] L and K: these six: see `PathMessages`
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [room, 4] bounces, last, first, anchor
     factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room, 2] unused; whether a path tells of cells
     told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, room] see `notes`

@@ -62,9 +62,9 @@ def _described(
     )  # fmt: skip
     several = int(found[0])
     surfaces = SurfaceEstimate(
-        bank.identity, table[:, 6:8], table[:, 8:12].reshape(-1, 2, 2), table[:, :2],
-        table[:, 2:6].reshape(-1, 2, 2), table[:, 12], table[:, 13], bank.existence, table[:, 14:],
-        bank.owner,
+        bank.identity.copy(), table[:, 6:8], table[:, 8:12].reshape(-1, 2, 2), table[:, :2],
+        table[:, 2:6].reshape(-1, 2, 2), table[:, 12], table[:, 13], bank.existence.copy(), table[:, 14:],
+        bank.owner.copy(),
     )  # fmt: skip
     number, told = number[:several].copy(), told[:several].copy()
     amplitude = told[:, 3]

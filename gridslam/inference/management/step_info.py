@@ -31,7 +31,7 @@ class StepInfo:
     seconds : mapping of str to float
         Where the time went, by stage.
     found_again : bool
-        Whether the agent was found by other means than following it.
+        Whether the agent was lost, and found by other means than following it.
     turned : (J,) rad
         By which the anchors were taken to be turned.
     gain : float

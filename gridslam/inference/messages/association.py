@@ -5,6 +5,9 @@ Owner of that kernel.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Self
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +19,34 @@ Array = NDArray[np.float64]
 
 ROUNDS = 100
 """At most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Association:
+    """Messages out of a data association that was done elsewhere than in the updates' kernel.
+
+    Attributes
+    ----------
+    nu, claimed : (L, M), (M,)
+        To the L paths, and what all causes send to each measurement; as of `associate`.
+    new : (M,)
+        xi_m, as it was reckoned with.
+    other_beta, other_missed, other_nu : (R, M), (R,), (R, M)
+        Messages of and to causes beside the paths.
+    """
+
+    nu: Array
+    claimed: Array
+    new: Array
+    other_beta: Array
+    other_missed: Array
+    other_nu: Array
+
+    @classmethod
+    def alone(cls, nu: Array, claimed: Array, new: Array) -> Self:
+        """Of paths alone."""
+        none = np.zeros((0, len(new)))
+        return cls(nu, claimed, new, none, np.zeros(0), none)
 
 
 def associate(beta: Array, missed: Array, new: Array, rounds: int = ROUNDS) -> tuple[Array, Array]:

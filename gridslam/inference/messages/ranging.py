@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.inference.messages.association import Association
 from gridslam.inference.messages.exact_association import associate_exactly
 from gridslam.inference.messages.likelihood import DetectionTable, detection_table, deviations
 from gridslam.inference.messages.likelihood_ratios import Evaluation
@@ -68,14 +69,8 @@ def move_rings(state: State, time_s: float, model: FilterModel) -> State:
 
 def associate_with_rings(
     state: State, heard: Heard, ratios: Evaluation, signal: SignalModel, model: FilterModel
-) -> tuple[tuple[Array, Array], Tentative]:
-    """Data association of virtual anchors and rings alike.
-
-    Returns
-    -------
-    (given, tentative)
-        given: messages (nu, claimed) of the virtual anchors, as of `association.associate`.
-    """
+) -> tuple[Association, Tentative]:
+    """Data association of virtual anchors and rings alike."""
     rings = require(state)
     worth = judge(rings, heard, detection_table(model.radio), signal)
     tentative, silent = claims(rings, worth)
@@ -85,9 +80,9 @@ def associate_with_rings(
     nu, claimed = associate_exactly(
         np.concatenate([ratios.beta, tentative]), np.concatenate([ratios.missed, silent]), ratios.new + born
     )
-    paths = len(ratios.beta)
-    chance = born / (ratios.new + born + claimed)
-    return (nu[:paths], claimed), Tentative(nu[paths:], chance, bearings)
+    paths, new = len(ratios.beta), ratios.new + born
+    given = Association(nu[:paths], claimed, new, tentative, silent, nu[paths:])
+    return given, Tentative(nu[paths:], born / (new + claimed), bearings)
 
 
 def update_rings(

@@ -81,7 +81,7 @@ def update_coefficients(state: State, drawn: Polylines, model: FilterModel, *, w
         work.require_cells().frame_of_messages, usual, reflection, row, hit, used, latest, foot, extent, seen,
     )  # fmt: skip
     bank = replace(bank, reflection=reflection, foot=foot, extent=extent, seen=seen)
-    return replace(state, surfaces=bank, grid=replace(grid, row=row, hit=hit[: int(used[0])]))
+    return replace(state, surfaces=bank, grid=replace(grid, row=row, hit=hit[: int(used[0])].copy()))
 
 
 def _usual(surfaces: int) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.inference.messages.association import ROUNDS, associate, log_normaliser
+from gridslam.inference.messages.association import ROUNDS, Association, associate, log_normaliser
 from gridslam.inference.messages.likelihood_ratios import Evaluation
 from gridslam.inference.messages.prediction import PredictedPaths
 from gridslam.inference.state.anchor_measurements import Heard
@@ -41,6 +41,8 @@ class Exchange:
         How many the paths were evaluated at.
     born : (B, 2)
         Measurement and existence of every new surface.
+    given : Association, optional
+        If it was done otherwise than by the updates' kernel.
     """
 
     anchor: int
@@ -51,6 +53,7 @@ class Exchange:
     fit: Array
     particles: int
     born: Array
+    given: Association | None = None
 
     @property
     def responsible(self) -> Array:
@@ -70,16 +73,21 @@ class Exchange:
     @cached_property
     def log_evidence(self) -> float:
         """Log of the anchor's normaliser, in ratio to clutter; see `association.log_normaliser`."""
-        return log_normaliser(
-            self.message[tables.BETA], self.odds[tables.MISSED], self.measured[tables.NEW],
-            self.message[tables.NU], self.odds[tables.TOTAL],
+        beta, missed, nu, total = (
+            self.message[tables.BETA], self.odds[tables.MISSED], self.message[tables.NU],
+            self.odds[tables.TOTAL],
         )  # fmt: skip
+        if self.given is not None:
+            others = self.given.other_beta, self.given.other_missed, self.given.other_nu
+            beta, missed, nu = (np.concatenate(pair) for pair in zip((beta, missed, nu), others, strict=True))
+            total = np.append(total, others[1] + (others[0] * others[2]).sum(1))
+        return log_normaliser(beta, missed, self.measured[tables.NEW], nu, total)
 
 
 @timed("updates")
 def update_surfaces_and_agent(
     state: State, heard: Heard, paths: PredictedPaths, ratios: Evaluation, turned: Array,
-    model: FilterModel, given: tuple[Array, Array] | None = None, *, work: Workspace,
+    model: FilterModel, given: Association | None = None, *, work: Workspace,
 ) -> tuple[State, Exchange]:  # fmt: skip
     """Associate; correct agent and surfaces, and update what exists.
 
@@ -92,13 +100,11 @@ def update_surfaces_and_agent(
         With its `new` filled in; its messages are filled in here.
     turned : (J,) rad
         By which the anchors are taken to be turned.
-    given : (nu, claimed), optional
-        Messages out of an association done otherwise, as of `association.associate`.
+    given : Association, optional
+        Done otherwise.
     """
     if runtime.start() == "gpu" and given is None:
-        given = associate(
-            ratios.beta, ratios.missed, ratios.new
-        )  # a device may bound how long one launch loops
+        given = Association.alone(*associate(ratios.beta, ratios.missed, ratios.new), ratios.new)
     from gridslam.kernels.messages.updates import update as launch
 
     rays, bank, anchor, messages = paths.rays, state.surfaces, heard.anchor, work.messages
@@ -111,7 +117,8 @@ def update_surfaces_and_agent(
     share, scratch = work.buffers(_shares, anchor, len(pairs.index)), np.empty((len(belief.mean), 6))
     fits = np.tile(NO_FIT, (len(turned), 1))
     if given is not None:
-        (ratios.message[tables.NU], ratios.measured[tables.CLAIMED]), rounds = given, 0
+        ratios.message[tables.NU], ratios.measured[tables.CLAIMED] = given.nu, given.claimed
+        ratios.measured[tables.NEW], rounds = given.new, 0
     messages.reserve(len(rays), len(pairs), (surfaces, anchors))
     launch(
         belief.mean, belief.covariance, rays.table, pairs.start, pairs.index, pairs.pair, ratios.odds, rounds,
@@ -123,7 +130,7 @@ def update_surfaces_and_agent(
     listed = Rays(rays.table.copy(), rays.existence.copy(), rays.surfaces.copy(), rays.among)
     exchange = Exchange(
         anchor, listed, ratios.odds, ratios.message, ratios.measured, fits[anchor], paths.recipe.count,
-        np.zeros((0, 2)),
+        np.zeros((0, 2)), given,
     )  # fmt: skip
     return replace(state, belief=belief, surfaces=bank, los=los), exchange
 

@@ -141,7 +141,7 @@ class HealthMonitor:
             reasons.append(f"{self.crowd} loud paths of one anchor: {MOST_LOUD} of them propose poses")
         health = Health(
             not reasons, "; ".join(reasons), effective, ratio, (low, high), share, np.array(heard),
-            calibration.gain, calibration.turned, self.silent,
+            calibration.gain, calibration.turned.copy(), self.silent,
         )  # fmt: skip
         if self.silent:
             return health, self

@@ -1,0 +1,86 @@
+"""Whether a state that was read from a file can be one: numbers that kernels and steps rely on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.errors import InputError
+from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
+from gridslam.inference.state.state import State
+from gridslam.world.filter_model import FilterModel
+
+Array = NDArray[np.float64]
+SLACK = 1e-6
+"""By which sums of probabilities may be off."""
+
+
+def require_sound(state: State, model: FilterModel, where: str) -> None:
+    """Refuse a state whose numbers can't be.
+
+    Parameters
+    ----------
+    where : str
+        Names the file in errors.
+
+    Raises
+    ------
+    InputError
+        With the part, and what is allowed.
+    """
+    anchors, bank, calibration = len(model.anchors), state.surfaces, state.calibration
+    claims = [
+        ("state/step", state.step >= 0, "0 or more"),
+        ("surfaces/identity", len(set(bank.identity.tolist())) == len(bank), "a number for each surface"),
+        ("state/next_identity", state.next_identity > bank.identity.max(initial=-1), "above all identities"),
+        ("surfaces/owner", _within(bank.owner, -1, anchors - 1), "an anchor's number, or -1"),
+        ("surfaces/age", _within(bank.age, 0, np.inf), "0 or more"),
+        ("surfaces/seen", _within(bank.seen, 0, np.inf), "0 or more"),
+        ("surfaces/reflection", _sums_to_one(bank.reflection), "probabilities"),
+        ("calibration/weight", calibration.weight > 0, "a positive number"),
+        ("calibration/turn_weight", bool((calibration.turn_weight > 0).all()), "positive numbers"),
+        ("calibration/clutter", _within(calibration.clutter, 0, np.inf), "0 or more"),
+        ("calibration/listened", _within(calibration.listened, 0, np.inf), "0 or more"),
+        *((f"surfaces/{name}", _within(getattr(bank, name), 0, 1), "probabilities")
+          for name in ("existence", "single", "double")),
+        ("state/los", _within(state.los, 0, 1), "probabilities"),
+        *_claims_of_parts(state, model),
+    ]  # fmt: skip
+    for part, holds, allowed in claims:
+        if not holds:
+            raise InputError(f"{where}: /{part}", "numbers that can't be", allowed)
+
+
+def _claims_of_parts(state: State, model: FilterModel) -> list[tuple[str, bool, str]]:
+    """What must hold of the parts that not every system keeps."""
+    claims: list[tuple[str, bool, str]] = []
+    anchors, grid, rings = len(model.anchors), state.grid, state.rings
+    if grid is not None:
+        rows = np.sort(grid.row[grid.row >= 0])
+        each = np.array_equal(rows, np.arange(len(grid.hit))) and _within(grid.row, -1, np.inf)
+        claims.append(("grid/row", each, "each row of the table once, or -1"))
+    if state.amplitudes is not None:
+        nodes = len(AmplitudeModel.of(model.radio).nodes)
+        fits = all(
+            len(row) == nodes and _sums_to_one(row[None]) for row, _ in state.amplitudes.known.values()
+        )
+        claims.append(("amplitudes/probability", fits, f"probabilities over {nodes} nodes"))
+        whose = np.array([key[0] for key in state.amplitudes.known], np.int64)
+        claims.append(("amplitudes/key", _within(whose, 0, anchors - 1), "anchors' numbers"))
+    if rings is not None:
+        claims += [
+            ("rings/anchor", _within(rings.anchor, 0, anchors - 1), "anchors' numbers"),
+            ("rings/existence", _within(rings.existence, 0, 1), "probabilities"),
+            ("rings/weight", _sums_to_one(rings.weight), "probabilities"),
+        ]
+    return claims
+
+
+def _within(values: NDArray[Any], low: float, high: float) -> bool:
+    return bool(((values >= low) & (values <= high)).all())
+
+
+def _sums_to_one(rows: Array) -> bool:
+    return bool((rows >= 0).all() and (np.abs(rows.sum(-1) - 1) < SLACK).all())
