@@ -151,6 +151,14 @@ def test_inference_knows_of_no_file_format():
         assert formats(FORMATS - {edge}), f"{edge} is no exception any longer"
 
 
+def test_folders_of_tests_are_rooms_of_the_package():
+    tests = Path(__file__).parent
+    rooms = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()}
+    folders = {path.name for path in tests.iterdir() if any(path.glob("*.py"))}
+    assert folders - {"helpers"} <= rooms
+    assert not [*(tests / "helpers").glob("test_*.py")]
+
+
 def test_the_package_shows_rooms_rather_than_files():
     assert len([*PACKAGE.glob("*.py")]) <= MOST_FILES
 

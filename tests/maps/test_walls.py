@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from map_samples import surfaces
+from nav2_maps import FREE, OCCUPIED, UNKNOWN, nav2_load
 from scene_samples import shortened
-from test_map import FREE, OCCUPIED, UNKNOWN, nav2_load
 
 import gridslam as gs
 from gridslam.importers.geojson import read_walls, write_surfaces

@@ -1,6 +1,5 @@
 """Maps: beliefs, files, other grids."""
 
-import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -8,31 +7,14 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from map_samples import BINS, assert_same, random_map
+from nav2_maps import FREE, OCCUPIED, UNKNOWN, nav2_load
 
 from gridslam.errors import InputError
 from gridslam.maps.map import Map
 from gridslam.world.radio import REFLECTION_BINS
-
-FREE, OCCUPIED, UNKNOWN = 0, 100, -1  # values of a ROS occupancy grid
-
-
-def nav2_load(folder, name):
-    """Read a map by the rules of nav2's map server (map_io.cpp): grid [iy, ix], row 0 at the lowest y."""
-    meta = yaml.safe_load((folder / f"{name}.yaml").read_text())
-    content = (folder / meta["image"]).read_bytes()
-    header = re.match(rb"P5\s(\d+)\s(\d+)\s255\s", content)  # one whitespace: the next byte is a pixel
-    width, height, pixels = *header.groups(), content[header.end() :]
-    shade = np.frombuffer(pixels, np.uint8).reshape(int(height), int(width))[::-1] / 255.0
-    if meta["mode"] == "raw":
-        percent = np.round(shade * 255)
-        return meta, np.where(percent <= 100, percent, UNKNOWN)
-    occupancy = shade if meta["negate"] else 1.0 - shade
-    known = np.where(occupancy < meta["free_thresh"], FREE, UNKNOWN)
-    return meta, np.where(meta["occupied_thresh"] < occupancy, OCCUPIED, known)
 
 
 def test_unobserved_cells_are_not_reported_as_free():

@@ -212,7 +212,7 @@ def traced(tmp_path_factory):
 
     def run(scene, step, building="plane"):
         file = tmp_path_factory.mktemp("sionna") / "paths.npz"
-        script = Path(__file__).with_name("sionna_world.py")
+        script = Path(__file__).parents[1] / "helpers" / "sionna_world.py"
         done = subprocess.run(
             [sys.executable, str(script), scene, str(step), str(file), building],
             capture_output=True,
@@ -278,13 +278,13 @@ def heard_paths(clean, scene):
     [
         ("room", "plane", 1.2),
         ("alcove", "plane", 1.3),
-        ("tests/sionna_scenes/warehouse.toml", "warehouse", 1.5),
-        ("tests/sionna_scenes/office.toml", "office", 1.5),
+        ("sionna_scenes/warehouse.toml", "warehouse", 1.5),
+        ("sionna_scenes/office.toml", "office", 1.5),
     ],
 )
 def test_measurements_of_real_sionna_are_mapped(traced, name, building, most):
     """Its materials, 6 GHz, 40 dB at 1 m: reflection varies with the angle, which the filter doesn't know."""
-    place = str(Path(__file__).parents[1] / name) if "/" in name else name
+    place = str(Path(__file__).parent / name) if "/" in name else name
     scene = louder(place)
     track = scene.track("agent1")
     clean = gs.from_sionna(
