@@ -1,4 +1,4 @@
-"""How well a new surface would explain a measurement, as a mean over samples (paper 002, section V-B)."""
+"""How well a new surface would explain a measurement, as a mean over samples; docs/model.md, (M32)."""
 
 import taichi as ti
 
@@ -276,7 +276,7 @@ def glance(
     told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [B or more, 3] in/out: likewise
     measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: see `tables`; `NEW` is told
 ):
-    """Weigh births by V of their paths at the mean of the belief, eq. (1) of paper 003.
+    """Weigh births by V of their paths at the mean of the belief, [Li2026grid], eq. (1).
 
     One ray at a time: there are few, and waking other threads takes longer than this.
     """

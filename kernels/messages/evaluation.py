@@ -1,4 +1,4 @@
-"""Measurement evaluation: what an anchor's measurements say of every path (paper 002, section IV)."""
+"""Measurement evaluation: an anchor's measurements under every path; docs/model.md, (M23)."""
 
 import taichi as ti
 

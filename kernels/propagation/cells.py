@@ -1,4 +1,4 @@
-"""Ray casting through grid cells and the messages to cells (paper 003, eqs. (1), (2), (43)-(45)).
+"""Ray casting through grid cells and the messages to cells ([Li2026grid], eqs. (1), (2), (43)-(45)).
 
 A ray is the polyline anchor, interaction points, agent. It traverses cells T and meets cells H_b at
 bounce b. The rays of one path run side by side, so they are walked together (`bundles`). Every slab

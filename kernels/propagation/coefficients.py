@@ -55,7 +55,7 @@ def recall(
     drawn: ti.template(), path: ti.template(), where: ti.template(), held: ti.template(),
     surface: ti.template(), frame: ti.template(), row, rays, belief: ti.template(),
 ):  # fmt: skip
-    """Belief over the product of the coefficients along a path (paper 003, eq. (2)).
+    """Belief over the product of the coefficients along a path ([Li2026grid], eq. (2)).
 
     Node n stands for (n + 1) / 2 BINS. Arguments as of `cells.cast`.
     """
@@ -89,7 +89,7 @@ def say(
     """Log-likelihood over one coefficient of a path, `other` the product of the rest, softly by association.
 
     Rician for detections, ``1 - p_d`` for misses: detections alone are biased by the threshold
-    (model.md, section 2.5).
+    (docs/model.md, (M42)).
     """
     missed = ti.max(1 - told[SHARE, row], 0.0)
     for n in range(BINS):
@@ -169,7 +169,7 @@ def learn(
     """Learn coefficients: of surfaces by single bounces, of cells by both ends of double bounces, too; and
     where surfaces were hit.
 
-    A window isn't the wall around it (model.md, section 2.5). A double bounce that can't be heard says
+    A window isn't the wall around it (docs/model.md, (M41)). A double bounce that can't be heard says
     nothing of either.
     """
     ti.loop_config(serialize=True)

@@ -1,4 +1,4 @@
-"""Beliefs of cells: messages folded in, and occupancy in both roles of a cell (paper 003, eqs. (1), (46))."""
+"""Beliefs of cells: fold messages in; occupancy in both roles of a cell; docs/model.md, (M35), (M40)."""
 
 import taichi as ti
 

@@ -1,4 +1,4 @@
-"""Evaluation of measurements under every path at every particle (model.md, section 2.2).
+"""Evaluation of measurements under every path at every particle (docs/model.md, (M23)).
 
 Particles are handled in blocks whose intermediate values stay on the stack, so that the inner loops
 vectorise; angles are worked out only in blocks where a gated measurement's distance is met.

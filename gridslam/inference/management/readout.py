@@ -34,7 +34,7 @@ def estimates(
     Parameters
     ----------
     at_1m : float
-        Amplitude of a line of sight 1 m long: others follow from coefficients (paper 003, eq. (2)).
+        Amplitude of a line of sight 1 m long: others follow from coefficients, [Li2026grid], eq. (2).
     strength : callable, optional
         Amplitudes (L,) of rays of given distances (L,), if they are known otherwise.
     """

@@ -1,5 +1,7 @@
-"""Births: the new surfaces that measurements need, and how they join the belief (paper 002, section V-B);
-owner of that kernel."""
+"""Births: new surfaces that measurements call for, and how they join the belief; owner of that kernel.
+
+[Li2025adaptive], section V-B; docs/model.md, (M33), (M34).
+"""
 
 from __future__ import annotations
 

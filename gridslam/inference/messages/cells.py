@@ -1,5 +1,7 @@
-"""Occupancy of the grid: visibility of paths and messages to cells (paper 003, eqs. (1), (43)-(46)); owner of
-their kernels."""
+"""Occupancy of the grid: visibility of paths and messages to cells; owner of their kernels.
+
+Equations without a key are those of [Li2026grid]; docs/model.md, (M35)-(M40).
+"""
 
 from __future__ import annotations
 

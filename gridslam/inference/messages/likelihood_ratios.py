@@ -1,4 +1,4 @@
-"""Likelihood ratios of measurements under paths (paper 002, section IV); owner of that kernel."""
+"""Likelihood ratios of measurements under paths ([Li2025adaptive], section IV); owner of that kernel."""
 
 from __future__ import annotations
 

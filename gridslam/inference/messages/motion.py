@@ -15,7 +15,7 @@ JITTER = 0.2
 
 
 def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> State:
-    """The state at the time of a scan, before any of it is taken in (paper 003, section III-C).
+    """The state at the time of a scan, before any of it is taken in ([Li2026grid], section III-C).
 
     At the first step nothing has moved yet. What was learned of the radio fades.
 

@@ -1,4 +1,6 @@
-"""Amplitude states of rays: a belief over every path's amplitude (paper 002, section III, eqs. (13), (26)).
+"""Amplitude states of rays: a belief over every path's amplitude; docs/model.md, (M43), (M44).
+
+Equations without a key are those of [Li2025adaptive].
 
 Where the paper keeps particles, a histogram is kept, so that a ray that fades and one that is silent are
 both told. Nodes stand densely enough for the amplitude's noise at any strength. Owner of their kernels.
@@ -26,7 +28,7 @@ from gridslam.world.radio import SignalModel
 
 Array = NDArray[np.float64]
 WALK = 0.02
-"""Random walk of an amplitude per step, as a share of it (paper 002, section VI-A)."""
+"""Random walk of an amplitude per step, as a share of it ([Li2025adaptive], section VI-A)."""
 SURPRISE = 1e-9
 """Weight of any amplitude at all, should the one that was measured be out of all expectation."""
 FINE, RATIO = 11.7, 0.03

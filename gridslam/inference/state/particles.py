@@ -167,8 +167,7 @@ class Sampling:
 def needed(belief: Belief) -> float:
     """Number of particles by which a sampled pose comes within `DIVERGENCE` of its belief (KLD sampling).
 
-    As in Fox, "Adapting the sample size in particle filters through KLD-sampling" (2003), eq. (7), over the
-    bins within three deviations of the pose that is believed in.
+    As in [Fox2003kld], eq. (7), over the bins within three deviations of the pose that is believed in.
     """
     spread = np.linalg.eigvalsh(belief.covariance[:2, :2])
     spans = 6 * np.sqrt(np.maximum(np.append(spread / BIN_M**2, belief.covariance[4, 4] / BIN_RAD**2), 0))
