@@ -61,7 +61,7 @@ def log_normaliser(beta: Array, missed: Array, new: Array, nu: Array, total: Arr
     Parameters
     ----------
     beta, missed, new : (L, M), (L,), (M,)
-        As of `associate`.
+        The arguments of `associate`.
     nu : (L, M)
         What `associate` returns.
     total : (L,)

@@ -104,7 +104,7 @@ def add_births(
     signal : SignalModel
         As the radio seems to be.
     shared : bool
-        Whether a surface serves all anchors, or the one alone that heard it.
+        Whether a surface serves all anchors, or only the one whose measurement it came from.
 
     Returns
     -------

@@ -36,7 +36,7 @@ FINE, RATIO = 11.7, 0.03
 NEAREST_M = 0.2
 """Distance of free space whose amplitude is the last node; anything louder counts as that."""
 WORTH_KEEPING = 0.01
-"""Existence below which a ray's amplitude isn't kept."""
+"""Existence below which a ray's amplitude is dropped."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class AmplitudeModel:
     gap : (K,)
         Share of every node's cell; they sum to 1.
     table : (6, K)
-        Nodes, gap, and the walk's three diagonals; then what silence is worth. See
+        Nodes, gap, and the walk's three diagonals; then the likelihood of a miss. See
         `gridslam.kernels.messages.histograms`.
     number : (6,)
         FINE, RATIO, amplitude at 1 m, P_STAY, P_APPEAR, SURPRISE.
@@ -122,7 +122,7 @@ def update_amplitudes(
     state: State, paths: PredictedPaths, belief: Histogram, heard: Heard, ratios: Evaluation,
     signal: SignalModel, *, work: Workspace,
 ) -> State:  # fmt: skip
-    """Multiply in what was heard, softly by association, eq. (26).
+    """Update by the measurements, softly by association, eq. (26).
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def update_amplitudes(
     responsible, shape = ratios.responsible, belief.probability.shape
     if responsible.shape != (len(rays), len(heard)) or shape != (len(rays), len(model.nodes)):
         raise ValueError("beliefs don't belong to these rays and measurements")
-    after = np.empty(shape)  # whose rows are kept
+    after = np.empty(shape)  # the state keeps its rows
     scratch = work.buffers(_densities, 0, -(-len(heard) // PORTION) * PORTION, shape[1])
     listen(
         belief.probability, heard.table, np.ascontiguousarray(responsible), model.table, model.number,
