@@ -80,7 +80,7 @@ def walk(
 @quick
 @ti.kernel
 def listen(
-    ahead: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] histograms before anything was heard
+    ahead: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] histograms before the update
     heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
     responsible: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, M] probability that path caused measurement
     table: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [6, K] see `NODES`
@@ -89,7 +89,7 @@ def listen(
     density: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, K] scratch
     after: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] out
 ):
-    """Multiply in what was heard, softly by association, [Li2025adaptive], eq. (26)."""
+    """Update by the measurements, softly by association, [Li2025adaptive], eq. (26)."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         paths, last = ahead.shape[0], ahead.shape[1] - 1

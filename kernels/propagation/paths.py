@@ -31,7 +31,7 @@ def densities(
 ):  # fmt: skip
     """Sum, over a block of particles, the density of every gated pair where the path is possible.
 
-    Arguments as of `evaluation.evaluate`; `pair` is its `table`, `out` its `blocks`.
+    Arguments are those of `evaluation.evaluate`; `pair` is its `table`, `out` its `blocks`.
     """
     at, paths = block * BLOCK, path.shape[0]
     for row in range(paths):
