@@ -38,7 +38,7 @@ app.command()(robustness)
 def run(
     scene: Annotated[str, typer.Argument(help="bundled name or path")] = MAIN_SCENE,
     agent: Annotated[list[str] | None, typer.Option(help="agents, in order")] = None,
-    method: Annotated[str, typer.Option(help="grid or adaptive")] = "grid",
+    method: Annotated[str, typer.Option(help="grid, adaptive or va (virtual anchors)")] = "grid",
     particles: Annotated[int | None, typer.Option(help="instead of the scene's filter.particles")] = None,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     measurements: Annotated[

@@ -1,12 +1,12 @@
-"""Posterior Cramer-Rao bounds: what no filter can beat on average (Tichavsky's recursion).
+"""Posterior Cramer-Rao bounds: what no filter can beat on average, [Tichavsky1998pcrb].
 
 The joint state is [x, y, vx, vy, heading, angle_1, offset_1, ...]: the agent, then the lines of the true
 surfaces. The recursion runs in information form, in which a surface that nothing has told of yet is a zero.
 Paths are those that are truly visible, each weighted by its detection probability; which measurement is which
-path counts as known. So the bounds are those of paper 002 (section VI-B, refs. [37]-[39]), taken at the true
-track. The amplitude's own information about geometry is left out: it is below a thousandth of that of the
-distance. The motion and the jitter of the surfaces are those that the filter assumes: of walls that stand
-still, a filter may know a little more.
+path counts as known. So the bounds are those of [Li2025adaptive], section VI-B, taken at the true track;
+docs/model.md, (M47). The amplitude's own information about geometry is left out: it is below a thousandth
+of that of the distance. The motion and the jitter of the surfaces are those that the filter assumes: of
+walls that stand still, a filter may know a little more.
 """
 
 from __future__ import annotations

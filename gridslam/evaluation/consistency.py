@@ -100,8 +100,8 @@ class Steps:
         path hit up to that step (`gridslam.evaluation.surface_truth.HeardSurfaces.ospa`).
     image_ospa_m : (N,) m
         Of the virtual anchors of the paths held for existing, single and double bounces, against those of the
-        visible ones (5 m, order 1), anchor by anchor and averaged over those that have either. As in paper
-        002, Fig. 4b, it compares methods whether a surface of theirs serves one anchor or all.
+        visible ones (5 m, order 1), anchor by anchor and averaged over those that have either. As in
+        [Li2025adaptive], Fig. 4b, it compares methods whether a surface of theirs serves one anchor or all.
     surfaces : (N,)
         How many are detected; a line that serves one anchor alone counts as a J-th.
     surface_error_m : (S, N) m

@@ -131,7 +131,7 @@ def plane_table(
 
     Notes
     -----
-    The amplitude is the root of the SNR (paper 003, eq. (2)): line of sight at 1 m has ``snr_at_1m_db``, and
+    Amplitudes are roots of SNRs ([Li2026grid], eq. (2)): line of sight at 1 m has ``snr_at_1m_db``, and
     a ray tracer gives it the gain ``lambda / (4 pi)``; so ``u = u_1m |a| 4 pi / lambda``.
     """
     steps, count, _ = paths.delay_s.shape

@@ -19,7 +19,7 @@ from gridslam.world.geometry import canonical, unit, wrap
 MERGE_MAHALANOBIS = 3.0
 MERGE_DISTANCE_M = 0.5
 MERGE_SLACK = np.diag([0.01, 0.01]) ** 2
-"""Added to the pooled covariance of two lines: 10 mrad and 1 cm (model.md, section 2.6b)."""
+"""Added to the pooled covariance of two lines: 10 mrad and 1 cm."""
 
 
 def fuse(maps: Iterable[Map], same_frame: bool = False, names: Sequence[str] | None = None) -> Map:

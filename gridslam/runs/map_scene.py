@@ -55,7 +55,7 @@ def map_scene(
     measurements : Measurements
         Its truth, if it has one, is never read by the filter.
     method : str
-        "grid" (paper 003), "adaptive" or "va" (paper 002 and its reference).
+        "grid" [Li2026grid], "adaptive" [Li2025adaptive] or "va", virtual anchors after [Leitinger2019bp].
     agent : str, optional
         Default: the scene's first.
     seed : int

@@ -208,7 +208,9 @@ def ground_truth(scene: Scene, agent: str, track: Trajectory | None = None) -> T
 
 
 def simulate(scene: Scene, agent: str, seed: int = 0) -> Measurements:
-    """Measurements of an agent on its track: detected paths with noise, and clutter (model.md, section 1).
+    """Measurements of an agent on its track: detected paths with noise, and clutter.
+
+    Paths by image sources [Borish1984image], the rest by docs/model.md, (M9)-(M13).
 
     Examples
     --------

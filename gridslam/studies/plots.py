@@ -1,4 +1,4 @@
-"""Figures of a study, after paper 002, Figs. 4 to 6: all methods and settings side by side."""
+"""Figures of a study, after [Li2025adaptive], Figs. 4 to 6: all methods and settings side by side."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def draw_study(directory: Path, found: Sequence[Batch]) -> list[Path]:
 
 
 def draw_errors(own: Sequence[Batch]) -> Figure:
-    """Position and heading RMSE over time, 80 % of the runs, and the bounds (paper 002, Figs. 6b and 6c)."""
+    """Position and heading RMSE over time, 80 % of runs, bounds ([Li2025adaptive], Figs. 6b, 6c)."""
     figure = _figure(8, 6.5)
     position, heading = figure.subplots(2, 1, sharex=True)
     for number, batch in enumerate(own):
@@ -99,7 +99,7 @@ def draw_cdf(own: Sequence[Batch]) -> Figure:
 
 
 def draw_mospa(own: Sequence[Batch]) -> Figure:
-    """MOSPA of surfaces and virtual anchors, and how many surfaces there are (paper 002, Figs. 6a, 4b)."""
+    """MOSPA of surfaces and virtual anchors, number of surfaces ([Li2025adaptive], Figs. 6a, 4b)."""
     figure = _figure(8, 8.5)
     distance, image, count = figure.subplots(3, 1, sharex=True)
     for number, batch in enumerate(own):
@@ -121,7 +121,7 @@ def draw_mospa(own: Sequence[Batch]) -> Figure:
 
 
 def draw_surfaces(own: Sequence[Batch]) -> Figure | None:
-    """RMSE of each surface with its bound, and the share of runs that have it (paper 002, Fig. 5)."""
+    """RMSE of each surface with its bound, and the share of runs that have it ([Li2025adaptive], Fig. 5)."""
     mark = own[0].benchmark
     chosen = np.sort(np.argsort(mark.surface_since, kind="stable")[:MOST_SURFACES])
     if not len(chosen):
@@ -159,7 +159,7 @@ def draw_surfaces(own: Sequence[Batch]) -> Figure | None:
 
 
 def draw_rays(own: Sequence[Batch]) -> Figure:
-    """Paths of each anchor: detected, sum of their beliefs, and true ones (paper 002, Fig. 4a)."""
+    """Paths of each anchor: detected, sum of their beliefs, and true ones ([Li2025adaptive], Fig. 4a)."""
     anchors = own[0].benchmark.anchors
     figure = _figure(8, 2.4 * len(anchors) + 0.8)
     panels = figure.subplots(len(anchors), 1, sharex=True, squeeze=False)[:, 0]

@@ -24,7 +24,7 @@ from gridslam.world.scene import Scene
 
 Array = NDArray[np.float64]
 QUANTILES = (0.1, 0.9)
-"""Ends of the 80 % sample-quantile interval of paper 002."""
+"""Ends of the 80 % sample-quantile interval of [Li2025adaptive]."""
 SETTLED = 50
 """Step after which the issue's, and the paper's, steady numbers are taken; halfway if a track is short."""
 
@@ -66,9 +66,9 @@ class Benchmark:
     def mospa_m(self) -> Array:
         """Bound on the MOSPA, (N,) m: the mapping error bounds averaged over the surfaces there.
 
-        As in paper 002, Fig. 6a. It is a root mean square and the MOSPA a mean, so that for Gaussian errors
-        the latter may lie up to a fifth below; unknowable surfaces count as the cutoff, 5 m. A curved wall
-        counts once, by its best facet.
+        As in [Li2025adaptive], Fig. 6a. It is a root mean square and the MOSPA a mean, so that for Gaussian
+        errors the latter may lie up to a fifth below; unknowable surfaces count as the cutoff, 5 m. A curved
+        wall counts once, by its best facet.
         """
         best, there = self._best, np.isfinite(self._best)
         return np.asarray(np.where(there, best, 0.0).sum(1) / np.maximum(there.sum(1), 1))

@@ -1,4 +1,7 @@
-"""Adaptive SLAM (paper 002): agent, surfaces and one state per ray, "soft" ray tracing without a grid."""
+"""Adaptive SLAM: agent, surfaces and one state per ray, "soft" ray tracing without a grid.
+
+Equations without a key are those of [Li2025adaptive]; all formulas stand in docs/model.md.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,7 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
 
 
 def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:
-    """One step, as the list of its messages (paper 002, section V)."""
+    """One step, as the list of its messages ([Li2025adaptive], section V)."""
     work.begin()
     exchanges, earlier_s = list[Exchange](), state.time_s
     state = predict(state, scan.time_s, len(scan), model)

@@ -1,4 +1,7 @@
-"""Grid SLAM (paper 003): agent, surfaces with coefficients and occupancy grid in one filter."""
+"""Grid SLAM: agent, surfaces with coefficients and occupancy grid in one filter.
+
+Equations without a key are those of [Li2026grid]; all formulas stand in docs/model.md.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ from gridslam.world.scan import Scan
 
 
 def start(model: FilterModel, prior: Map | None = None) -> State:
-    """The state before the first step: the agent's prior, and what an earlier agent's map holds (IV-C).
+    """The state before the first step: the agent's prior, and an earlier agent's map (section IV-C).
 
     Parameters
     ----------
@@ -44,7 +47,7 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
 
 
 def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:
-    """One step, as the list of its messages (paper 003, section IV)."""
+    """One step, as the list of its messages ([Li2026grid], section IV)."""
     work.begin()
     exchanges, earlier_s = list[Exchange](), state.time_s
     state = predict(state, scan.time_s, len(scan), model)  # section III-C

@@ -1,4 +1,7 @@
-"""The reference of paper 002 (REFA, section VI): potential virtual anchors, independent for every anchor."""
+"""SLAM by virtual anchors, independent for every anchor: the reference of [Li2025adaptive], section VI.
+
+After [Leitinger2019bp]; docs/model.md, (M45).
+"""
 
 from __future__ import annotations
 
@@ -42,7 +45,7 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
 
 
 def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:
-    """One step, as the list of its messages (paper 002, section VI), with rings beside virtual anchors."""
+    """One step, as the list of its messages, with rings beside virtual anchors."""
     work.begin()
     exchanges, earlier_s = list[Exchange](), state.time_s
     state = ranging.move_rings(state, scan.time_s, model)

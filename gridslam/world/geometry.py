@@ -1,4 +1,4 @@
-"""Mirrors, surfaces and virtual anchors, paths and their derivatives (paper 002, section II).
+"""Mirrors, surfaces and virtual anchors, paths and their derivatives ([Li2025adaptive], section II).
 
 A surface is an infinite line. Inside the package it is written by the angle of its normal and its
 offset, ``{q : q . (cos a, sin a) = r}``; users see the surface feature vector (SFV), the mirror image
@@ -37,7 +37,7 @@ def unit(angle: Array | float) -> Array:
 
 
 def mirror(line: Array, point: Array) -> Array:
-    """Mirror image of `point` at `line` = (normal angle, offset): h_va of paper 002."""
+    """Mirror image of `point` at `line` = (normal angle, offset): h_va of [Li2025adaptive]."""
     line, point = np.asarray(line, dtype=np.float64), np.asarray(point, dtype=np.float64)
     normal = unit(line[..., 0])
     return point + 2 * (line[..., 1] - (normal * point).sum(-1))[..., None] * normal
@@ -54,7 +54,7 @@ def mirror_derivative(line: Array, point: Array) -> Array:
 
 
 def line_between(point: Array, image: Array) -> Array:
-    """The line at which `point` is mirrored into `image`: h_sfv of paper 002 in line form."""
+    """The line at which `point` is mirrored into `image`: h_sfv of [Li2025adaptive] in line form."""
     angle = direction(point, image)
     middle = 0.5 * (np.asarray(point) + np.asarray(image))
     return np.stack([angle, (middle * unit(angle)).sum(-1)], axis=-1)
@@ -144,7 +144,7 @@ def distance_to_segments(points: Array, start: Array, end: Array) -> Array:
 
 @dataclass(frozen=True)
 class Course:
-    """Paths from anchors over up to two lines to an agent (paper 002, section II).
+    """Paths from anchors over up to two lines to an agent ([Li2025adaptive], section II).
 
     Attributes
     ----------

@@ -1,4 +1,6 @@
-"""What a path's strength says: amplitude, detection probability, Fisher variances (paper 002, eqs. (2)-(5)).
+"""A path's amplitude, and what follows from it: detection probability and Fisher variances.
+
+[Li2025adaptive], eqs. (2)-(5); docs/model.md, (M9)-(M14).
 
 The normalised amplitude u is the square root of a path's SNR. Everything that a measurement's accuracy
 depends on follows from it: a strong path is seen surely and measured sharply.
@@ -84,7 +86,7 @@ class SignalModel:
         return {}
 
     def amplitude(self, distance: Array | float, reflection: Array | float = 1.0) -> Array:
-        """Predicted normalised amplitude, paper 003 eq. (2)."""
+        """Predicted normalised amplitude, [Li2026grid], eq. (2)."""
         return self.amplitude_at_1m / np.maximum(distance, 1e-3) * reflection
 
     def distance_std(self, amplitude: Array) -> Array:

@@ -45,7 +45,7 @@ class ArraySpec(Strict):
 
 
 class Radio(Strict):
-    """The radio link; defaults as in papers 002 and 003.
+    """The radio link; defaults as in [Li2025adaptive] and [Li2026grid].
 
     `detection_probability` and `distance_std_m`, where given, replace what would follow from the amplitude.
     """

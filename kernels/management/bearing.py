@@ -1,4 +1,4 @@
-"""How a new surface joins the belief: correlated with its maker, and corrected by the AoD."""
+"""Initialise a new surface in the belief: correlated with the state it follows from, corrected by the AoD."""
 
 import taichi as ti
 
@@ -25,7 +25,7 @@ REACH, TRIALS = 4.0, 41
 IMPOSSIBLE = 1e3
 """Misfit of a direction from which no path leads to the anchor."""
 UNTOLD = 1e6
-"""Deviation from which on an AoD tells nothing, as that of an array without extent."""
+"""Deviation from which on an AoD is ignored, as that of an array without extent."""
 VAGUE = 1e-6
 """Share of a density that every coefficient has at least."""
 

@@ -1,4 +1,4 @@
-"""How well a new surface would explain a measurement, as a mean over samples (paper 002, section V-B)."""
+"""How well a new surface would explain a measurement, as a mean over samples; docs/model.md, (M32)."""
 
 import taichi as ti
 
@@ -162,7 +162,7 @@ def alone(
 
 @ti.func
 def sum_up(born: ti.template(), told: ti.template(), measured: ti.template()):
-    """Tell the association of all births of every measurement."""
+    """Sum up each measurement's births for the association."""
     for m in range(measured.shape[1]):
         measured[NEW, m] = 0.0
     for b in range(born[0, 0]):
@@ -186,7 +186,7 @@ def propose(
     radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `radio`
     rate: ti.f64,  # births per anchor, step and unit of lines (rad m)
     ratio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, H] scratch
-    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: see `tables`; `NEW` is told
+    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: see `tables`; `NEW` is out
     born: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + M H, 3] out: how many there are; of each its
     # measurement, and its row of `known`
     told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M H, 3] out: the line at the mean; mean number of births
@@ -273,10 +273,10 @@ def glance(
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1, 4] scratch
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [1, 14] scratch
     born: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + B or more, 3] as `propose` leaves them
-    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [B or more, 3] in/out: likewise
-    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: see `tables`; `NEW` is told
+    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [B or more, 3] in/out: as `propose` leaves them
+    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: see `tables`; `NEW` is out
 ):
-    """Weigh births by V of their paths at the mean of the belief, eq. (1) of paper 003.
+    """Weigh births by V of their paths at the mean of the belief, [Li2026grid], eq. (1).
 
     One ray at a time: there are few, and waking other threads takes longer than this.
     """

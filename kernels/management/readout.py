@@ -1,4 +1,4 @@
-"""What users are told of a belief: surfaces with their feature vectors, and the paths believed in."""
+"""Estimates for users: surfaces with their feature vectors, and the paths that exist."""
 
 import taichi as ti
 
@@ -11,9 +11,9 @@ from gridslam.kernels.propagation.paths import draw_path, stand_at
 from gridslam.kernels.propagation.rays import enter_path, listed
 
 BELIEVED = 0.5
-"""Existence from which on a path is told of."""
+"""Existence from which on a path is listed."""
 NAN = 0x7FF8, 48
-"""Upper bits of what is no number, and by how much to shift them: it can't be worked out in fast math."""
+"""High word of NaN, and its shift: fast math can't compute a NaN."""
 PI_HIGH, PI_LOW = 3.1415927410125732, 8.742277657347586e-08
 """Pi is their difference: constants alone have single precision."""
 
@@ -100,7 +100,7 @@ def describe(
     number: ti.types.ndarray(dtype=ti.i64, ndim=2),  # [J (1 + S S), 3] out: anchor, identities of last, first
     told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J (1 + S S), 13] out: distance, AoD, AoA; amplitude by
     # coefficients; existence of ray and surfaces; corners (8), NaN for bounces that it doesn't have
-    found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: how many paths are told of
+    found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: number of paths
 ):
     """Describe all surfaces, and the believed paths that are possible, at the mean of the belief."""
     ti.loop_config(serialize=True)

@@ -1,4 +1,4 @@
-"""Surfaces that are one with another, and ghosts of double bounces."""
+"""Duplicates among surfaces, and ghosts of double bounces."""
 
 import taichi as ti
 
@@ -124,7 +124,7 @@ def explains(
         for other in range(places.shape[0]):
             if other != anchor:
                 elsewhere = ti.max(elsewhere, single[other, g])
-        # heard loosely, it lies between what AoA and AoD of the double bounce would have it
+        # if measured vaguely, it lies between the lines that AoA and AoD of the double bounce give
         if far < AROUND_M and corner and most < HEARD_ELSEWHERE:
             yes = True
         elif far < NEAR_M and elsewhere < HEARD_ELSEWHERE:

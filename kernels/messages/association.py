@@ -1,4 +1,4 @@
-"""Messages of the data association graph (Williams and Lau 2014)."""
+"""Messages of the data association graph [Williams2014bp]; docs/model.md, (M25), (M26)."""
 
 import taichi as ti
 
@@ -36,7 +36,7 @@ def enter(
 ):  # fmt: skip
     """Means over the particles, and the messages from them into the association.
 
-    Arguments as of `evaluation.evaluate`, whose blocks of particles are summed up.
+    Arguments are those of `evaluation.evaluate`, whose blocks of particles are summed up.
     """
     paths, count = odds.shape[1], blocks.shape[1]
     particles = ti.cast(count * PATH_BLOCK, ti.f64)
@@ -68,7 +68,7 @@ def enter(
 def exchange(odds: ti.template(), message: ti.template(), measured: ti.template(), rounds):
     """Exchange messages between paths and measurements until they stay as they are.
 
-    Arguments as of `associate`.
+    Arguments are those of `associate`.
     """
     paths, heard = message.shape[1], message.shape[2]
     for row in range(paths):
@@ -105,8 +105,8 @@ def exchange(odds: ti.template(), message: ti.template(), measured: ti.template(
 @ti.kernel
 def associate(
     odds: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [12, L] of which `MISSED` is given: see `tables`
-    message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [5, L, M] in/out: `BETA` is given, `CLAIM`, `NU` told
-    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: `NEW` is given, `CLAIMED` told
+    message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [5, L, M] in/out: `BETA` in; `CLAIM`, `NU` out
+    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: `NEW` in; `CLAIMED` out
     rounds: ti.i32,  # at most
 ):
     """Data association by itself; a filter has it done with its updates."""

@@ -1,4 +1,4 @@
-"""Measurement evaluation: what an anchor's measurements say of every path (paper 002, section IV)."""
+"""Measurement evaluation: an anchor's measurements under every path; docs/model.md, (M23)."""
 
 import taichi as ti
 
@@ -22,7 +22,7 @@ def evaluate(
     chance: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [T] p_d over ``0, step, ...``
     step: ti.f64,
     radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `radio`
-    kept: ti.f64,  # share of the belief's covariance that each particle keeps
+    kept: ti.f64,  # bandwidth: share of the belief's covariance
     root: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, N] of the covariance, lower triangular
     base: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, 3] mean, and its cosine and sine
     points: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N or more, P or more] standard normal

@@ -1,4 +1,4 @@
-"""Existence of rays and surfaces, by what their measurements said (model.md, sections 2.2 and 2.6 (a))."""
+"""Existence of rays and surfaces after an anchor's measurements; docs/model.md, (M30), (M31)."""
 
 import taichi as ti
 

@@ -1,4 +1,4 @@
-"""Histograms of rays' amplitudes: how they change, and what is heard of them (paper 002, section III)."""
+"""Histograms of rays' amplitudes: prediction and update, [Li2025adaptive]; docs/model.md, (M43), (M44)."""
 
 import taichi as ti
 
@@ -45,8 +45,8 @@ def walk(
     table: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [6, K] see `NODES`
     number: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [6] see `FINE`
     scratch: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K]
-    ahead: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] out: histograms one step ahead, eq. (13)
-    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] out: mean amplitude before that step, eq. (18)
+    ahead: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] out: histograms one step ahead, (M43)
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] out: mean amplitude before that step
 ):
     """Let amplitudes walk, about what free space makes of a path's new length; rays may appear."""
     ti.loop_config(serialize=True)
@@ -80,7 +80,7 @@ def walk(
 @quick
 @ti.kernel
 def listen(
-    ahead: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] histograms before anything was heard
+    ahead: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] histograms before the update
     heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
     responsible: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, M] probability that path caused measurement
     table: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [6, K] see `NODES`
@@ -89,7 +89,7 @@ def listen(
     density: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, K] scratch
     after: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] out
 ):
-    """Multiply in what was heard, softly by association, eq. (26)."""
+    """Update by the measurements, softly by association, [Li2025adaptive], eq. (26)."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         paths, last = ahead.shape[0], ahead.shape[1] - 1

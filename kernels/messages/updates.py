@@ -1,4 +1,4 @@
-"""Data association of what an anchor heard, and the updates of agent, surfaces and rays by it."""
+"""Data association of an anchor's measurements, and the updates of agent, surfaces and rays by it."""
 
 import taichi as ti
 
@@ -31,21 +31,21 @@ def update(
     scratch: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, 6] scratch
     message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [5, L, M] in/out: see `tables`; the first two
     # are given, and `NU` if association was done elsewhere
-    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: `NEW` is given, and `CLAIMED` likewise
+    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: `NEW` is given, and `CLAIMED`
     surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] in/out: existence
     sight: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J] in/out: existence of lines of sight
     single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] in/out: of rays over one surface
     double: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [J, S, S] in/out: over (last, first)
     share: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K or more] out: probability of each association
     sums: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 9] in/out: see `kernels.SUMS`
-    count: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] in/out: paths and pairs noted of other anchors, all
-    noted: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [0; or room, 4] in/out: see `PathMessages`
+    count: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] in/out: paths and pairs of earlier anchors, of all
+    noted: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [0; or room, 4] in/out: see `path_messages`
     factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room, 2] in/out
     told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, room] in/out: see `notes`
     begin: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [room + 1] in/out
     said: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, room] in/out
 ):
-    """Associate, correct agent and surfaces, update what exists; note how well it fits, and what was said."""
+    """Associate; correct agent and surfaces; update existence; sum up the fit; append messages to cells."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         if rounds > 0:

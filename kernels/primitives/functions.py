@@ -58,25 +58,25 @@ def cos_of(x):
 
 @ti.func
 def sin_of(x):
-    """Sine, likewise."""
+    """Sine; see `cos_of`."""
     return ti.sin(x) if ti.static(WIDE) else ti.cast(ti.sin(ti.cast(x, ti.f32)), ti.f64)
 
 
 @ti.func
 def decay_of(x):
-    """exp(x), likewise."""
+    """exp(x); see `cos_of`."""
     return ti.exp(x) if ti.static(WIDE) else ti.cast(ti.exp(ti.cast(x, ti.f32)), ti.f64)
 
 
 @ti.func
 def logarithm_of(x):
-    """log(x), likewise."""
+    """log(x); see `cos_of`."""
     return ti.log(x) if ti.static(WIDE) else ti.cast(ti.log(ti.cast(x, ti.f32)), ti.f64)
 
 
 @ti.func
 def bearing_of(x, y):
-    """atan2(y, x), likewise."""
+    """atan2(y, x); see `cos_of`."""
     narrow = ti.cast(ti.atan2(ti.cast(y, ti.f32), ti.cast(x, ti.f32)), ti.f64)
     return ti.atan2(y, x) if ti.static(WIDE) else narrow
 

@@ -32,7 +32,7 @@ def deviations_of(radio: ti.template(), amplitude, departure, arrival):
 
 @ti.func
 def scaled_bessel(x):
-    """I_0(x) e^-x for x >= 0, relative error below 5e-7 (Abramowitz and Stegun, 9.8.1 and 9.8.2)."""
+    """I_0(x) e^-x for x >= 0, relative error below 5e-7 [Abramowitz1964handbook], 9.8.1, 9.8.2."""
     t = (x / 3.75) ** 2
     near = 1 + t * (
         3.5156229 + t * (3.0899424 + t * (1.2067492 + t * (0.2659732 + t * (0.0360768 + t * 0.0045813))))
@@ -50,7 +50,7 @@ def scaled_bessel(x):
 
 @ti.func
 def rician(measured, amplitude, samples):
-    """p_d(u) times the density, truncated at the threshold, of a measured amplitude (paper 002, eq. (4))."""
+    """p_d(u) times the density, truncated at the threshold, of a measured amplitude; docs/model.md, (M12)."""
     variance = 0.5 + amplitude * amplitude / (4 * samples)
     gap = measured - amplitude
     bessel = scaled_bessel(measured * amplitude / variance)

@@ -1,4 +1,4 @@
-"""What measured amplitudes say of paths: Rician densities over a belief about each path's amplitude."""
+"""Likelihoods of measured amplitudes: Rician densities over a belief about each path's amplitude."""
 
 import taichi as ti
 
@@ -8,7 +8,7 @@ from gridslam.kernels.primitives.tables import DETECTED, EXISTENCE, OPEN, SURFAC
 NEGLIGIBLE = 1e-6
 """Probability of being there below which a path is left out."""
 NEVER = 1e-30
-"""Likelihood below which an amplitude says nothing of which amplitudes a path may have."""
+"""Likelihood below which a measured amplitude leaves the belief as it is."""
 
 
 @ti.func
@@ -21,7 +21,7 @@ def detection_of(amplitude, table: ti.template(), step):
 
 @ti.func
 def worth_of(odds: ti.template(), row):
-    """Probability that a path is there, before anything was heard."""
+    """Prior probability that a path is there."""
     return odds[EXISTENCE, row] * odds[SURFACES, row] * odds[OPEN, row]
 
 
@@ -33,8 +33,8 @@ def weigh(
 ):  # fmt: skip
     """Mean likelihood of every amplitude under every path, and the path's mean amplitude given it.
 
-    A path whose length is measured has that length; what has no amplitude was heard with p_d alone.
-    Arguments as of `evaluation.evaluate`.
+    A path whose length is measured has that length; a measurement without amplitude has the likelihood p_d.
+    Arguments are those of `evaluation.evaluate`.
     """
     count, one = nodes.shape[0], ti.cast(1.0, ti.f64)
     for m in range(heard.shape[0]):

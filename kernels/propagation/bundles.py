@@ -62,7 +62,7 @@ def lay_leg(
         u1, w1 = ti.select(flat, bx[i], by[i]), ti.select(flat, by[i], bx[i])
         u0, w0 = (u0 - ou) * per_metre, (w0 - ow) * per_metre
         u1, w1 = (u1 - ou) * per_metre, (w1 - ow) * per_metre
-        # through a corner of cells, Amanatides and Woo's walk steps along y first
+        # through a corner of cells, the walk of [Amanatides1987voxel] steps along y first
         up = ti.select(flat, w1 - w0, w0 - w1) >= 0
         back = u1 < u0
         low, high = ti.select(back, u1, u0), ti.select(back, u0, u1)

@@ -1,4 +1,4 @@
-"""Ray casting through grid cells and the messages to cells (paper 003, eqs. (1), (2), (43)-(45)).
+"""Ray casting through grid cells and the messages to cells ([Li2026grid], eqs. (1), (2), (43)-(45)).
 
 A ray is the polyline anchor, interaction points, agent. It traverses cells T and meets cells H_b at
 bounce b. The rays of one path run side by side, so they are walked together (`bundles`). Every slab
@@ -45,7 +45,7 @@ def crossed(slab, cell, add, sums: ti.template(), touched: ti.template(), count)
 
 @ti.func
 def lifted(slab, cell, low, high, sums: ti.template(), touched: ti.template(), count):
-    """Add the lifts of a ray that meets a cell, likewise; lifts may cancel, so a cell is listed once more."""
+    """Add the lifts of a ray that meets a cell, as `crossed`; lifts may cancel, so it is listed again."""
     n, row, one, two = count, 3 * slab, ti.cast(low, ti.f32), ti.cast(high, ti.f32)
     before1, before2 = sums[row + 1, cell], sums[row + 2, cell]
     fresh = (before1 == 0.0) & (before2 == 0.0) & ((one != 0.0) | (two != 0.0))
@@ -58,7 +58,7 @@ def lifted(slab, cell, low, high, sums: ti.template(), touched: ti.template(), c
 
 @ti.func
 def ratio_of(total, a, occupied, through, low, high):
-    """Log ratio that a path tells a cell, by what its rays are worth in all and the cell's own three sums."""
+    """Log ratio of a path's message to a cell, by the sum over its rays and the cell's own three sums."""
     lift, free = (a - 1) * through, 1 - occupied
     # both times 1 - o, since divisions take long
     if_free = ti.max((total + low) * free + lift * occupied, 1e-12)
@@ -76,7 +76,7 @@ def settle(
     slab, known, hits, total, a, clip, occupied: ti.template(), sums: ti.template(), touched: ti.template(),
     message: ti.template(), news: ti.template(),
 ):  # fmt: skip
-    """Tell the cells that a path touches, and clear their sums: those that it meets, then the others."""
+    """Send messages to the cells that a path touches, and clear their sums: met cells, then the others."""
     row, most = 3 * slab, ti.cast(clip, ti.f32)
     for n in range(hits + known):
         cell = touched[2 * slab + 1, n] if n < hits else touched[2 * slab, n - hits]
@@ -85,7 +85,7 @@ def settle(
             low, high = sums[row + 1, cell], sums[row + 2, cell]
             sums[row + 1, cell], sums[row + 2, cell] = 0.0, 0.0
         ratio = ratio_of(total, a, o, sums[row, cell], low, high)
-        sums[row, cell] = 0.0  # nothing is left to tell if the cell is listed again
+        sums[row, cell] = 0.0  # the message is 0 if the cell is listed again
         before = message[slab, cell]  # a slab has one thread, so nothing need be atomic
         message[slab, cell] = before + ti.max(-most, ti.min(ratio, most))
         news[slab, cell >> CELL_BITS] = ti.cast(1, ti.u8)
@@ -94,7 +94,7 @@ def settle(
 @quick
 @ti.kernel
 def cast(
-    only: ti.i32,  # these 26 as of `rays.foresee`
+    only: ti.i32,  # these 26: see `rays.foresee`
     bounces: ti.i32,
     stay: ti.f64,
     appear: ti.f64,
@@ -145,7 +145,7 @@ def cast(
 
     Nothing is cast if no root of the covariance was found.
     A path sends only if it is possible at more than the least share of its states; an impossible ray has V 0.
-    Where rays meet walls, cells and surfaces tell of coefficients, if there is room for that.
+    Beliefs about coefficients where rays meet walls are written if `belief` has rows.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
@@ -171,7 +171,7 @@ def cast(
                     possible += ti.cast(drawn[row * rays + ray, 12], ti.i32)
                     for n in ti.static(range(4)):
                         middle[n] += drawn[row * rays + ray, 2 + n] / rays
-                # a path that is worth the same whether blocked or not says nothing
+                # a path that is worth the same whether blocked or not sends nothing
                 send = factor[row, 1] > 0.5 and a != 1.0 and possible > frame[5] * rays
                 for group in range((rays + LANES - 1) // LANES if possible > 0 else 0):
                     first, live = row * rays + group * LANES, ti.min(LANES, rays - group * LANES)

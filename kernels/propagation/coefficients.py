@@ -17,7 +17,7 @@ of another material where it is hit next."""
 FAINT = 1e-3
 """Probability of an association below which it says nothing about coefficients."""
 AUDIBLE = 0.05
-"""Probability of having been heard below which a path says nothing about coefficients by itself."""
+"""Probability of detection below which a path alone doesn't update coefficients."""
 
 
 @ti.func
@@ -55,9 +55,9 @@ def recall(
     drawn: ti.template(), path: ti.template(), where: ti.template(), held: ti.template(),
     surface: ti.template(), frame: ti.template(), row, rays, belief: ti.template(),
 ):  # fmt: skip
-    """Belief over the product of the coefficients along a path (paper 003, eq. (2)).
+    """Belief over the product of the coefficients along a path ([Li2026grid], eq. (2)).
 
-    Node n stands for (n + 1) / 2 BINS. Arguments as of `cells.cast`.
+    Node n stands for (n + 1) / 2 BINS. Arguments are those of `cells.cast`.
     """
     bounces, nodes = path[row, 0], 2 * BINS
     for n in range(nodes):
@@ -89,7 +89,7 @@ def say(
     """Log-likelihood over one coefficient of a path, `other` the product of the rest, softly by association.
 
     Rician for detections, ``1 - p_d`` for misses: detections alone are biased by the threshold
-    (model.md, section 2.5).
+    (docs/model.md, (M42)).
     """
     missed = ti.max(1 - told[SHARE, row], 0.0)
     for n in range(BINS):
@@ -145,8 +145,8 @@ def absorb_at(
 def learn(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room R, 14] as cast
-    seen: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room, 6] likewise
-    count: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] L and K: these six: see `PathMessages`
+    seen: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room, 6] as `cast` leaves them
+    count: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] L and K: these six: see `path_messages`
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [room, 4] bounces, last, first, anchor
     factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room, 2] unused; whether a path tells of cells
     told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, room] see `notes`
@@ -155,13 +155,13 @@ def learn(
     table: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [T] p_d over ``0, step, ...``
     step: ti.f64,
     radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `radio`
-    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] as of `cells.cast`
+    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] see `cells.cast`
     usual: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] scratch: mean coefficient of every surface
     surface: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] in/out: beliefs of surfaces
     where: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [ny, nx] in/out: a cell's row of `held`, -1 for none
     held: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [H or more, BINS] in/out: log-likelihoods of hit cells
     used: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] in/out: H
-    latest: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [S] scratch: these four as of `sightings.mark`
+    latest: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [S] scratch: these four: see `sightings.mark`
     foot: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] in/out
     extent: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 2] in/out
     times: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] in/out
@@ -169,8 +169,8 @@ def learn(
     """Learn coefficients: of surfaces by single bounces, of cells by both ends of double bounces, too; and
     where surfaces were hit.
 
-    A window isn't the wall around it (model.md, section 2.5). A double bounce that can't be heard says
-    nothing of either.
+    A window isn't the wall around it (docs/model.md, (M41)). A double bounce that can't be detected
+    updates neither.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):

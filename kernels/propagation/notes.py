@@ -1,4 +1,4 @@
-"""Notes of what an anchor's measurements said of its paths, for coefficients and cells."""
+"""Messages of an anchor's paths to coefficients and cells, appended to those of other anchors."""
 
 import taichi as ti
 
@@ -9,7 +9,7 @@ THERE, CHANCE, SHARE, LENGTH = range(4)
 """Rows of `told`: existence of a path's surfaces; chance that it is there, if they are; probability that it
 caused a measurement; its length."""
 LIKELY = 0.1
-"""Probability of its ray and surfaces from which on a path tells of cells."""
+"""Probability of its ray and surfaces from which on a path sends to cells."""
 
 
 @ti.func
@@ -21,11 +21,11 @@ def note(
 ):  # fmt: skip
     """Append an anchor's paths and pairs to those of the anchors before.
 
-    Arguments as of `updates.update`; those after
-    `count` as of `inference.state.path_messages`.
+    Arguments are those of `updates.update`; those after `count` are the arrays of
+    `inference.state.path_messages`.
     """
     n, k = count[0], count[1]
-    fresh = n >= 0  # always, but a GPU gets what was noted before only if it seems to be needed
+    fresh = n >= 0  # always, but a GPU copies the earlier rows only if they seem to be needed
     for row in range(path.shape[0]):
         for e in ti.static(range(4)):
             noted[n, e] = ti.select(fresh, path[row, e], noted[n, e])

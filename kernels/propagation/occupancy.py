@@ -1,4 +1,4 @@
-"""Beliefs of cells: messages folded in, and occupancy in both roles of a cell (paper 003, eqs. (1), (46))."""
+"""Beliefs of cells: fold messages in; occupancy in both roles of a cell; docs/model.md, (M35), (M40)."""
 
 import taichi as ti
 
@@ -12,7 +12,7 @@ FREE = 1e-6
 """Occupancy next to an anchor."""
 CELL_BITS = 6
 CELLS = 1 << CELL_BITS
-"""Cells that are taken at a time; where nothing is told to any of them, they stay as they are."""
+"""Cells that are taken at a time; without a message to any of them, they stay as they are."""
 TOUCHED = 0.01
 """Message from which on a cell counts as observed; what leaks through a wall's last doubt is fainter."""
 
@@ -31,7 +31,7 @@ def absorb(
     news: ti.types.ndarray(dtype=ti.u8, ndim=2),  # [SLABS, groups of CELLS] whether there are any; 0 after
     before: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] evidence: log odds without the prior
     clear: ti.types.ndarray(dtype=ti.u8, ndim=1),  # [N] whether the cell is next to an anchor
-    every: ti.i32,  # whether occupancy is worked out where nothing is told, too
+    every: ti.i32,  # whether occupancy is worked out without messages, too
     prior: ti.f64,  # log odds of a cell in the role of being crossed
     clip: ti.f64,
     evidence: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] out

@@ -1,4 +1,4 @@
-"""Evaluation of measurements under every path at every particle (model.md, section 2.2).
+"""Evaluation of measurements under every path at every particle (docs/model.md, (M23)).
 
 Particles are handled in blocks whose intermediate values stay on the stack, so that the inner loops
 vectorise; angles are worked out only in blocks where a gated measurement's distance is met.
@@ -31,7 +31,7 @@ def densities(
 ):  # fmt: skip
     """Sum, over a block of particles, the density of every gated pair where the path is possible.
 
-    Arguments as of `evaluation.evaluate`; `pair` is its `table`, `out` its `blocks`.
+    Arguments are those of `evaluation.evaluate`; `pair` is its `table`, `out` its `blocks`.
     """
     at, paths = block * BLOCK, path.shape[0]
     for row in range(paths):

@@ -50,7 +50,7 @@ def look_ahead(
 ):  # fmt: skip
     """Make ready to draw particles and samples; list paths and predict them, unless these are given.
 
-    Arguments as of `foresee`.
+    Arguments are those of `foresee`.
     """
     ready(mean, covariance, share, points, offset, rooted, whole, root, base, state, failed)
     count, n, known = surface.shape[0], 0, only == ALREADY_LISTED

@@ -25,7 +25,7 @@ def spot(
 ):  # fmt: skip
     """Remember where a path hit its surfaces, and that its anchor saw them, once each.
 
-    Arguments as of `mark`; `latest` is the anchor that saw each surface last in this launch.
+    Arguments are those of `mark`; `latest` is the anchor that detected each surface last in this launch.
     """
     bounces, anchor = path[row, 0], path[row, 3]
     for corner in range(bounces):  # of a double bounce, the surface that is hit first comes first

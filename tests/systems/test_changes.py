@@ -75,6 +75,6 @@ def test_a_wall_of_another_material_is_learned_within_twenty_hits(seed):
 
 
 def test_a_window_is_read_as_what_it_is():
-    """Misses count as much as detections (model.md, section 2.5), or a faint wall would seem a strong one."""
+    """Misses count as much as detections (docs/model.md, (M42)), or a faint wall would seem a strong one."""
     found = [at(grid.reflection, grid) for seed in (1, 2, 3) for grid in mapped("glass", "glass", 1, seed)]
     assert np.mean(found) == pytest.approx(0.3, abs=0.03)

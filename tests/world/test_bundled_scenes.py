@@ -13,7 +13,7 @@ def test_bundled_scenes_cite_their_source_and_say_what_is_hard():
     assert bundled_scenes() == ["alcove", "canyon", "hall", "room", "seminar"]
     for name in bundled_scenes():
         head = re.split(r"^(?!#)", (BUNDLED / f"{name}.toml").read_text(), maxsplit=1, flags=re.M)[0]
-        assert "paper 00" in head
+        assert re.search(r"\[[A-Z]\w+\d{4}\w+\]", head)
         assert "hard about it" in head
         scene = Scene.load(name)
         assert scene.name == name

@@ -195,7 +195,7 @@ def freed(belief: Belief, elapsed: float, acceleration: float) -> Belief:
 
 
 def moved(belief: Belief, fix: Fix, velocity: float) -> Belief:
-    """The belief with the agent at the fix; its own accuracy is left for the scan to tell once more.
+    """The belief with the agent at the fix; widened, since the scan is used once more in the step.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def moved(belief: Belief, fix: Fix, velocity: float) -> Belief:
 
 
 def crowd(scan: Sequence[Heard]) -> int:
-    """Loud measurements of the anchor that heard most, if too many for all to propose poses; else 0."""
+    """Loud measurements of the anchor with most of them, if too many for all to propose poses; else 0."""
     most = max((int(np.count_nonzero(heard.loud)) for heard in scan), default=0)
     return most if most > MOST_LOUD else 0
 
@@ -238,9 +238,9 @@ def find_pose(
     Parameters
     ----------
     belief : Belief
-        By which the search is bounded, softly.
+        Soft bound of the search.
     expected : Belief
-        What is believed unless something better is found.
+        The belief unless a better pose is found.
     """
     draw = np.random.default_rng(stream)
     asked = _proposals(images, scan, signal, draw)

@@ -1,4 +1,4 @@
-"""What users see of a belief: surfaces and paths as tables of their own; owner of their kernel."""
+"""Estimates for users: tables of surfaces and paths of a belief; owner of their kernel."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def estimates(
     Parameters
     ----------
     at_1m : float
-        Amplitude of a line of sight 1 m long: others follow from coefficients (paper 003, eq. (2)).
+        Amplitude of a line of sight 1 m long: others follow from coefficients, [Li2026grid], eq. (2).
     strength : callable, optional
         Amplitudes (L,) of rays of given distances (L,), if they are known otherwise.
     """
@@ -78,7 +78,7 @@ def _described(
 
 
 def _buffers(most: int, surfaces: int) -> tuple[Array, Whole, Array, Long, Array, Whole]:
-    """What `describe` fills in of so many paths, after scratch, and their number."""
+    """Scratch and outputs of `describe` for so many paths, and their number."""
     return (
         np.empty((3 + 3 * surfaces, 1)), np.empty((most, 4), np.int32), np.empty((most, 13)),
         np.empty((most, 3), np.int64), np.empty((most, 13)), np.empty(1, np.int32),

@@ -35,7 +35,7 @@ class StepInfo:
     turned : (J,) rad
         By which the anchors were taken to be turned.
     gain : float
-        Ratio of true to stated amplitude that was reckoned with.
+        Ratio of true to stated amplitude that was used.
     """
 
     exchanges: Sequence[Exchange]
@@ -54,12 +54,12 @@ class StepInfo:
 def conclude(
     state: State, exchanges: Sequence[Exchange], reckoned: Calibration, model: FilterModel, work: Workspace
 ) -> tuple[State, StepInfo]:
-    """Learn how everything fitted, count the step, say how things are, and put together what happened.
+    """Update calibration and health, count the step, and assemble what it reports.
 
     Parameters
     ----------
     reckoned : Calibration
-        What the step took the radio to be like.
+        The calibration that the step used.
     """
     fits = np.stack([exchange.fit for exchange in exchanges])
     monitor, calibration = state.monitor.fitted(fits), state.calibration.fitted(fits)

@@ -1,6 +1,6 @@
-"""Loopy belief propagation for data association (Williams and Lau 2014, with the new-feature column).
+"""Loopy belief propagation for data association by [Williams2014bp]; owner of that kernel.
 
-Owner of that kernel.
+With a column of new features, as in [Meyer2018mtt]; docs/model.md, (M26).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Association:
 
 
 def associate(beta: Array, missed: Array, new: Array, rounds: int = ROUNDS) -> tuple[Array, Array]:
-    """Messages of the association graph (paper 002, supporting document).
+    """Messages of the association graph, [Li2025adaptive], supporting document, eqs. (26)-(31).
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def log_normaliser(beta: Array, missed: Array, new: Array, nu: Array, total: Arr
     Parameters
     ----------
     beta, missed, new : (L, M), (L,), (M,)
-        As of `associate`.
+        The arguments of `associate`.
     nu : (L, M)
         What `associate` returns.
     total : (L,)

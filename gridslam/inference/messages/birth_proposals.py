@@ -44,7 +44,7 @@ def _known(sure: bytes, most_bounces: int) -> NDArray[np.int32]:
 
 
 class ProposalBuffers(NamedTuple):
-    """What the kernel fills in: births and their number, what they are, and scratch."""
+    """Reusable buffers: number and kind of the births, their lines and ratios; scratch."""
 
     born: NDArray[np.int32]
     told: Array
@@ -64,17 +64,17 @@ def propose_births(
     state: State, heard: Heard, cloud: Cloud, ratios: Evaluation, signal: SignalModel, model: FilterModel,
     *, work: Workspace,
 ) -> Births:  # fmt: skip
-    """All birth hypotheses worth a look, of the measurements that carry distance and AoA.
+    """All birth hypotheses above a least ratio, of the measurements that carry distance and AoA.
 
     Surfaces are born uniformly over all lines that cross the region (angle and offset): a measure that
-    doesn't depend on the frame. The sums over each measurement's are filled in to `ratios.new`. Of a system
-    that keeps a grid they are weighed by V of their paths; without one every path is open. What is found
-    lasts until the next call.
+    doesn't depend on the frame. The sums over each measurement's births are written to `ratios.new`. With a
+    grid, births are weighed by V of their paths; without one every path is open. The next call reuses the
+    arrays.
 
     Parameters
     ----------
     signal : SignalModel
-        As the radio seems to be.
+        The calibrated radio.
     """
     runtime.start()
     from gridslam.kernels.management.births import propose as launch

@@ -1,5 +1,7 @@
-"""Births: the new surfaces that measurements need, and how they join the belief (paper 002, section V-B);
-owner of that kernel."""
+"""Births: new surfaces that measurements call for, and how they join the belief; owner of that kernel.
+
+[Li2025adaptive], section V-B; docs/model.md, (M33), (M34).
+"""
 
 from __future__ import annotations
 
@@ -102,7 +104,7 @@ def add_births(
     signal : SignalModel
         As the radio seems to be.
     shared : bool
-        Whether a surface serves all anchors, or the one alone that heard it.
+        Whether a surface serves all anchors, or only the one whose measurement it came from.
 
     Returns
     -------

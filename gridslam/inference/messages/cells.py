@@ -1,5 +1,7 @@
-"""Occupancy of the grid: visibility of paths and messages to cells (paper 003, eqs. (1), (43)-(46)); owner of
-their kernels."""
+"""Occupancy of the grid: visibility of paths and messages to cells; owner of their kernels.
+
+Equations without a key are those of [Li2026grid]; docs/model.md, (M35)-(M40).
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,7 @@ NO_PATHS = np.empty(0), np.empty(0), np.empty((0, 12))
 
 @dataclass(frozen=True, eq=False)
 class Visibility:
-    """What rays cast through the grid tell of an anchor's paths.
+    """Visibility of an anchor's paths, and beliefs about their coefficients, by rays cast through the grid.
 
     Attributes
     ----------
@@ -40,8 +42,8 @@ class Visibility:
         V of every path, eq. (1): probability that it is open.
     products : (L, 2 BINS)
         Belief over the product of the coefficients along every path, eq. (2), by nodes
-        ``(n + 1) / (2 BINS)``. A hit's own is made up of what surface and cells there believe, and of room
-        for a surprise.
+        ``(n + 1) / (2 BINS)``. A hit's own combines the beliefs of surface and cells there, and a share for
+        another material.
     """
 
     validity: Array
@@ -49,7 +51,7 @@ class Visibility:
 
 
 class CastBuffers(NamedTuple):
-    """What casting fills in: means of each path, beliefs about their coefficients, rays, and no factors."""
+    """Reusable outputs of casting: means of each path, beliefs about coefficients, rays; factors are 0."""
 
     seen: Array
     belief: Array
@@ -69,7 +71,7 @@ def cast_paths(
 ) -> tuple[PredictedPaths, Visibility]:
     """List and predict an anchor's paths, and cast them at sampled states: V, eq. (1), and coefficients.
 
-    What is found lasts until the same anchor's paths are cast again.
+    The arrays are reused when the same anchor's paths are cast again.
     """
     query = PathQuery.of(state, anchor, model, RAYS, _number(state, anchor, model), work)
     most = len(query.buffers.table)
@@ -83,7 +85,7 @@ def cast_paths(
 def cast_messages(state: State, model: FilterModel, *, work: Workspace) -> Polylines:
     """Cast all paths of a step, and add their messages to the cells', eqs. (43)-(45), in the workspace.
 
-    What is drawn lasts until the next call.
+    The next call reuses the arrays.
     """
     messages, anchors = work.messages, len(model.anchors)
     if messages.among[0] > len(state.surfaces) or messages.among[1] > anchors:
@@ -96,7 +98,7 @@ def cast_messages(state: State, model: FilterModel, *, work: Workspace) -> Polyl
 
 
 def cast_at(samples: Sampling, grid: Grid, cast: CastBuffers, anchors: Array, work: Workspace) -> None:
-    """Cast the paths that messages are of at sampled states, and add their messages to the cells'."""
+    """Cast the paths of the workspace's messages at sampled states, and add their messages to the cells'."""
     messages = work.messages
     before = (
         ALREADY_LISTED, 0, 0.0, 0.0, samples.belief.mean, samples.belief.covariance, anchors, *NO_BANK, 1.0,

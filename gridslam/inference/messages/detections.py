@@ -1,4 +1,4 @@
-"""Which surfaces were seen, and where they were hit; owner of that kernel."""
+"""Detections of surfaces, and where they were hit; owner of that kernel."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @timed("cells")
 def mark_detections(state: State, rays: Rays, share: Array, model: FilterModel, *, work: Workspace) -> State:
-    """Remember which surfaces were seen by an anchor, and where its rays hit them at the belief's mean.
+    """Count an anchor's detections of surfaces, and where its rays hit them at the belief's mean.
 
     Parameters
     ----------
@@ -42,5 +42,5 @@ def mark_detections(state: State, rays: Rays, share: Array, model: FilterModel, 
 
 
 def latest_hits(surfaces: int) -> NDArray[np.int32]:
-    """Scratch of the kernels that remember hits: of every surface its latest path."""
+    """Scratch of the kernels that record hits: each surface's latest path."""
     return np.empty(surfaces, np.int32)

@@ -1,4 +1,4 @@
-"""What a measurement's amplitude says of a path, and how accurate its distance and angles are.
+"""Beliefs about amplitudes, detection probability, and the accuracy of distance and angles.
 
 A belief about a path's amplitude is a distribution over nodes: products of reflection coefficients in grid
 SLAM, amplitudes in adaptive SLAM. Both meet the measurements in the same kernel.

@@ -1,4 +1,4 @@
-"""Likelihood ratios of measurements under paths (paper 002, section IV); owner of that kernel."""
+"""Likelihood ratios of measurements under paths ([Li2025adaptive], section IV); owner of that kernel."""
 
 from __future__ import annotations
 
@@ -53,20 +53,20 @@ class Pairs:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What the measurements say of every path.
+    """Likelihood ratios of an anchor's measurements under its paths, and the messages from them.
 
     Attributes
     ----------
     pairs : Pairs
     blocks : (L + K or more, P / PATH_BLOCK) float32
-        Over blocks of particles: at how many the path is possible; sums of each pair's weights; where the
-        device has them.
+        Over blocks of particles: number at which the path is possible; sum of each pair's weights. On the
+        device.
     odds : (12, L)
         By path, rows as in `gridslam.kernels.primitives.tables`; the last four are left to the updates.
     message : (5, L, M)
-        By path and measurement, likewise; the last three are left to the association.
+        By path and measurement, rows as in `tables`; the last three are left to the association.
     measured : (4, M)
-        By measurement, likewise; the last two are left to the association.
+        By measurement, rows as in `tables`; the last two are left to the association.
     """
 
     pairs: Pairs
@@ -97,7 +97,7 @@ class Evaluation:
 
     @property
     def clutter(self) -> float:
-        """How much quiet clutter was heard that no path can have caused."""
+        """Amount of quiet clutter: measurements that no path can have caused."""
         return float(self.measured[tables.UNEXPLAINED].sum())
 
     @property
@@ -121,7 +121,7 @@ class Evaluation:
 
 
 class RatioBuffers(NamedTuple):
-    """Arrays that an evaluation fills in, in the order of the kernel's arguments: scratch, then outputs."""
+    """Reusable buffers of an evaluation, in the order of the kernel's arguments: scratch, then outputs."""
 
     scratch: tuple[runtime.Resident, ...]
     told: tuple[runtime.Resident, ...]

@@ -15,14 +15,14 @@ JITTER = 0.2
 
 
 def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> State:
-    """The state at the time of a scan, before any of it is taken in (paper 003, section III-C).
+    """The state at the time of a scan, before its measurements are used ([Li2026grid], section III-C).
 
-    At the first step nothing has moved yet. What was learned of the radio fades.
+    At the first step nothing has moved yet. The calibration fades.
 
     Parameters
     ----------
     scan_size : int
-        How many measurements were heard.
+        Number of measurements in the scan.
     """
     settings, joint, surfaces = model.settings, state.belief, state.surfaces
     if state.time_s is not None:

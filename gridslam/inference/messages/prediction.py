@@ -22,7 +22,7 @@ from gridslam.world.filter_model import FilterModel
 Array = NDArray[np.float64]
 EVERY_ANCHOR = -1
 AS_THEY_ARE = 1.0, 0.0
-"""Probabilities that a ray stays, and that one appears, where none has had time to change."""
+"""Probabilities that a ray stays, and that one appears, within no time."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Prediction:
 
 
 class PathBuffers(NamedTuple):
-    """Where a kernel leaves the paths that it lists.
+    """Reusable buffers for the paths that a kernel lists.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class PathBuffers(NamedTuple):
 
 @dataclass(frozen=True)
 class PathQuery:
-    """What a kernel is asked for that lists and predicts paths, and draws samples along with them.
+    """Arguments of a kernel that lists and predicts paths and draws samples.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class PathQuery:
     among : (int, int)
         How many surfaces and anchors there are.
     recipe : Recipe
-        How to draw the particles, true once a kernel was asked.
+        How to draw the particles; filled in by the kernel.
     """
 
     before: tuple[Any, ...]
@@ -99,7 +99,7 @@ class PathQuery:
         cls, state: State, anchor: int, model: FilterModel, samples: int, number: int, work: Workspace,
         change: tuple[float, float] = (P_STAY, P_APPEAR),
     ) -> Self:  # fmt: skip
-        """Ask for all paths worth a look from `anchor`; what is found lasts until the next question of it.
+        """Arguments for all listed paths of `anchor`; the next query of that anchor reuses the buffers.
 
         Parameters
         ----------
@@ -132,7 +132,7 @@ class PathQuery:
             yield (*self.before, *way, *self.buffers)
 
     def paths(self) -> PredictedPaths:
-        """What was listed and predicted."""
+        """The listed and predicted paths."""
         count = int(self.buffers.found[0])
         found = self.buffers
         rays = Rays(found.table[:count], found.existence[:count], found.surfaces[:count], self.among)
@@ -162,12 +162,12 @@ class PredictedPaths:
 
 @timed("evaluation")
 def predict_paths(state: State, anchor: int, model: FilterModel, *, work: Workspace) -> PredictedPaths:
-    """All paths worth a look from `anchor`, one step ahead: what is found lasts until the next question."""
+    """All listed paths of `anchor`, one step ahead; the next query of that anchor reuses the arrays."""
     return _listed(PathQuery.of(state, anchor, model, 0, 0, work))
 
 
 def paths_now(state: State, model: FilterModel, *, work: Workspace) -> Rays:
-    """All paths worth a look from any anchor, anchor by anchor, with their existence as it is now."""
+    """All listed paths of all anchors, anchor by anchor, with their present existence."""
     return _listed(PathQuery.of(state, EVERY_ANCHOR, model, 0, 0, work, AS_THEY_ARE)).rays
 
 

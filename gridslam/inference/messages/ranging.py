@@ -1,4 +1,4 @@
-"""What distances alone say of tentative images: messages between measurements and rings."""
+"""Messages between rings (tentative virtual anchors) and measurements of distance alone."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ class Tentative:
     nu : (R, M)
         Messages to the rings of the anchor.
     chance : (M,)
-        Probability that a measurement tells of a new image.
+        Probability that a measurement comes from a new image.
     bearings : (M, K)
-        How likely that makes every bearing.
+        Likelihood of every bearing, if so.
     """
 
     nu: Array
@@ -88,7 +88,7 @@ def associate_with_rings(
 def update_rings(
     before: State, state: State, heard: Heard, tentative: Tentative, signal: SignalModel, model: FilterModel
 ) -> State:
-    """Rings follow what an anchor's measurements did to the belief, learn of them, and begin."""
+    """Rings follow the belief's update by an anchor's measurements, are updated themselves, and begin."""
     state = follow_belief(before, state)
     rings = require(state)
     worth = judge(rings, heard, detection_table(model.radio), signal)
@@ -98,7 +98,7 @@ def update_rings(
 
 
 def follow_belief(before: State, state: State) -> State:
-    """The rings follow what was done to the belief."""
+    """The rings follow the belief's changes."""
     return replace(state, rings=follow(require(state), before.belief, state.belief))
 
 
@@ -146,7 +146,7 @@ def require(state: State) -> Rings:
 
 @dataclass(frozen=True)
 class Worth:
-    """What measurements are worth to the rings of one anchor.
+    """Likelihoods of an anchor's measurements under its rings.
 
     Attributes
     ----------
@@ -246,7 +246,7 @@ def learn(rings: Rings, worth: Worth, nu: Array) -> Rings:
 def expected(
     belief: Belief, heard: Heard, signal: SignalModel, births: float, middle: Array, radius_m: float
 ) -> tuple[Array, Array]:
-    """How many new images each measurement tells of, over clutter, and how likely it makes every bearing.
+    """Expected number of new images per measurement, over clutter, and likelihood of every bearing.
 
     As for births with angles, surfaces are born uniformly over all lines that cross the region, `births` per
     anchor and step: uniform in angle and offset, so that an image at distance s from its anchor has density
@@ -263,7 +263,7 @@ def expected(
     line = line_between(heard.place, image)
     span = np.linalg.norm(image - heard.place, axis=-1)
     crosses = np.abs((unit(line[..., 0]) @ middle) - line[..., 1]) < radius_m
-    # no image is nearer than its anchor, and one that is hardly farther can't be told from it
+    # no image is nearer than its anchor, and one that is hardly farther looks the same
     doubt = np.where(usable, deviation, 0.0) ** 2 + np.trace(belief.covariance[:2, :2])
     nearer = np.linalg.norm(belief.mean[:2] - heard.place) + APART * np.sqrt(doubt) < distance
     density = crosses * nearer[:, None] / np.maximum(span, 0.1)
@@ -280,7 +280,7 @@ def begin(
     Parameters
     ----------
     chance : (M,)
-        Probability that the measurement tells of a new image.
+        Probability that the measurement comes from a new image.
     weight : (M, K)
         Of the bearings.
     """

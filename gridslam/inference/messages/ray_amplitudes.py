@@ -1,4 +1,6 @@
-"""Amplitude states of rays: a belief over every path's amplitude (paper 002, section III, eqs. (13), (26)).
+"""Amplitude states of rays: a belief over every path's amplitude; docs/model.md, (M43), (M44).
+
+Equations without a key are those of [Li2025adaptive].
 
 Where the paper keeps particles, a histogram is kept, so that a ray that fades and one that is silent are
 both told. Nodes stand densely enough for the amplitude's noise at any strength. Owner of their kernels.
@@ -26,7 +28,7 @@ from gridslam.world.radio import SignalModel
 
 Array = NDArray[np.float64]
 WALK = 0.02
-"""Random walk of an amplitude per step, as a share of it (paper 002, section VI-A)."""
+"""Random walk of an amplitude per step, as a share of it ([Li2025adaptive], section VI-A)."""
 SURPRISE = 1e-9
 """Weight of any amplitude at all, should the one that was measured be out of all expectation."""
 FINE, RATIO = 11.7, 0.03
@@ -34,7 +36,7 @@ FINE, RATIO = 11.7, 0.03
 NEAREST_M = 0.2
 """Distance of free space whose amplitude is the last node; anything louder counts as that."""
 WORTH_KEEPING = 0.01
-"""Existence below which a ray's amplitude isn't kept."""
+"""Existence below which a ray's amplitude is dropped."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ class AmplitudeModel:
     gap : (K,)
         Share of every node's cell; they sum to 1.
     table : (6, K)
-        Nodes, gap, and the walk's three diagonals; then what silence is worth. See
+        Nodes, gap, and the walk's three diagonals; then the likelihood of a miss. See
         `gridslam.kernels.messages.histograms`.
     number : (6,)
         FINE, RATIO, amplitude at 1 m, P_STAY, P_APPEAR, SURPRISE.
@@ -120,7 +122,7 @@ def update_amplitudes(
     state: State, paths: PredictedPaths, belief: Histogram, heard: Heard, ratios: Evaluation,
     signal: SignalModel, *, work: Workspace,
 ) -> State:  # fmt: skip
-    """Multiply in what was heard, softly by association, eq. (26).
+    """Update by the measurements, softly by association, eq. (26).
 
     Parameters
     ----------
@@ -138,7 +140,7 @@ def update_amplitudes(
     responsible, shape = ratios.responsible, belief.probability.shape
     if responsible.shape != (len(rays), len(heard)) or shape != (len(rays), len(model.nodes)):
         raise ValueError("beliefs don't belong to these rays and measurements")
-    after = np.empty(shape)  # whose rows are kept
+    after = np.empty(shape)  # the state keeps its rows
     scratch = work.buffers(_densities, 0, -(-len(heard) // PORTION) * PORTION, shape[1])
     listen(
         belief.probability, heard.table, np.ascontiguousarray(responsible), model.table, model.number,

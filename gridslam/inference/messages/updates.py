@@ -1,4 +1,4 @@
-"""Data association of what an anchor heard, and the updates that follow from it; owner of their kernel."""
+"""Data association of an anchor's measurements, and the updates by it; owner of their kernel."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Exchange:
-    """What an anchor's measurements and the filter's paths told each other at one step.
+    """Messages between an anchor's measurements and the filter's paths at one step.
 
     Attributes
     ----------

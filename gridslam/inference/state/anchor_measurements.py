@@ -1,4 +1,4 @@
-"""What one anchor contributed to a scan, as arrays."""
+"""Measurements of one anchor in a scan, as arrays."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Heard:
         cls, anchor: int, place: Array, facing: float, value: Array, own_std: Array, amplitude: Array,
         threshold: float = 0.0,
     ) -> Heard:  # fmt: skip
-        """Measurements given one by one; `threshold` is the amplitude from which on anything is heard."""
+        """Measurements given one by one; `threshold` is the amplitude from which on the radio detects."""
         table = _table(value, own_std, amplitude, threshold)
         return cls(anchor, place, facing, value, own_std, amplitude, table)
 
@@ -80,7 +80,7 @@ def hear(scan: Scan, places: Array, facings: Array, threshold: float = 0.0) -> l
     places, facings : (J, 2) m and (J,) rad
         Of the anchors.
     threshold : float
-        Amplitude from which on the radio hears anything.
+        Amplitude from which on the radio detects.
     """
     whose = np.asarray(scan.anchor, np.intp)
     order = whose.argsort(kind="stable")

@@ -1,4 +1,4 @@
-"""One correlated Gaussian belief about the agent and all surfaces (model.md, section 2.6 (g)).
+"""One correlated Gaussian belief about the agent and all surfaces (docs/model.md, (M15)).
 
 Separate beliefs forget that the map was built from the agent's own error. Here agent and surfaces stay
 correlated: the state is [x, y, vx, vy, heading, angle_1, offset_1, angle_2, ...].

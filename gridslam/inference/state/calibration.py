@@ -1,4 +1,4 @@
-"""What a filter learns of its radio: clutter and orientation of every anchor, and the gain of amplitudes.
+"""Calibration of the radio: clutter and orientation of every anchor, and the gain of amplitudes.
 
 Sums with forgetting over some ten steps stand for a window. Nothing here needs the truth.
 """
@@ -17,7 +17,7 @@ from gridslam.world.radio import SignalModel
 
 Array = NDArray[np.float64]
 KEEP, KEEP_GAIN = 0.9, 0.99
-"""Shares of what was learned that are kept per step."""
+"""Factors by which sums are multiplied per step: forgetting."""
 TRUST = 1.0
 """Steps of listening that the scene's own clutter level is worth."""
 LEAST_CLUTTER, MOST_CLUTTER = 0.2, 20.0
@@ -27,7 +27,7 @@ SURPRISE, DOUBTED = 4.0, 3.0
 GAIN_STD, LEAST_GAIN, MOST_GAIN = 0.3, 0.5, 2.0
 """Prior of the ratio of true to stated amplitude, and its bounds."""
 TURN_STD, KEEP_TURN, BEYOND_DOUBT = 0.02, 0.995, 3.5
-"""Prior of an anchor's orientation (rad), share kept per step, deviations from which on it is believed."""
+"""Prior of an anchor's orientation (rad), forgetting per step, deviations from which on it is believed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Calibration:
     Attributes
     ----------
     clutter, listened : (J,)
-        Clutter heard, and steps listened to, with forgetting.
+        Sums of clutter and of steps, with forgetting.
     turn, turn_weight : (J,)
         Sums from which the anchors' true orientations follow, relative to the stated ones.
     pull, weight : float
@@ -53,12 +53,12 @@ class Calibration:
 
     @classmethod
     def start(cls, anchors: int) -> Self:
-        """Nothing heard yet."""
+        """Before the first scan."""
         none, known = np.zeros(anchors), GAIN_STD**-2
         return cls(none, none, none, np.full(anchors, TURN_STD**-2), known, known)
 
     def faded(self) -> Self:
-        """What of it is still believed a step later."""
+        """The calibration a step later, by forgetting."""
         gain, turn = GAIN_STD**-2, TURN_STD**-2
         return replace(
             self,
@@ -93,7 +93,7 @@ class Calibration:
         return mean if abs(mean - stated) > DOUBTED * doubt else stated
 
     def tuned(self, stated: SignalModel, anchor: int) -> SignalModel:
-        """The radio's numbers as they seem to be."""
+        """The radio with the calibration applied."""
         gain, level = self.gain, self.level(anchor, stated.false_alarms)
         if gain == 1 and level == stated.false_alarms:
             return stated

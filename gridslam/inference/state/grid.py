@@ -19,8 +19,8 @@ NEVER_HIT = -1
 class Grid:
     """Beliefs about cells, indexed [iy, ix] from the lower left.
 
-    Few cells are ever hit, so coefficients are kept in rows of a table of their own: a state is light, and
-    keeping many of them is, too.
+    Few cells are ever hit, so coefficients stand in rows of a table of their own: a state is light, and so
+    are many of them.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class Grid:
     observed : (ny, nx) bool
         Cells that some path crossed or met.
     row : (ny, nx) int32
-        Where the table tells of a cell; `NEVER_HIT` for none.
+        A cell's row in the table; `NEVER_HIT` for none.
     hit : (H, BINS) float32
         Log-likelihood over `REFLECTION_BINS` of the cells that were hit.
     """

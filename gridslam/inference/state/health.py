@@ -1,4 +1,4 @@
-"""A filter's own word on whether what is heard fits what is believed. Nothing here needs the truth."""
+"""Whether measurements fit the belief, as a filter itself can judge. Nothing here needs the truth."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ expected; of clutter; effective particles; position's standard deviation."""
 MOST_LOUD = 30
 """The loudest of an anchor, which propose poses where the agent is looked for."""
 AFRESH, ENOUGH = 5, 4
-"""Steps for which a new start is reported; loud measurements that are needed to call it for."""
+"""Steps for which a recovery is reported; loud measurements needed to call the agent lost."""
 NO_FIT = np.append(np.zeros(SUMS - 1), np.inf)
 """Sums of an anchor before its measurements were taken in."""
 
@@ -59,7 +59,7 @@ class HealthMonitor:
     crowd: int = 0
 
     def begun(self, scan_size: int) -> Self:
-        """A new step, at which `scan_size` measurements were heard."""
+        """A new step with `scan_size` measurements."""
         return replace(
             self,
             misfit=KEEP * self.misfit,
@@ -111,7 +111,7 @@ class HealthMonitor:
         Returns
         -------
         (health, monitor)
-            With what is usual learned, unless nothing was heard.
+            With the usual share learned, unless the scan was empty.
         """
         share, stated = (self.explained + 1) / (self.loud + 1), model.radio.false_alarms
         ratio = self.misfit / self.freedom if self.freedom > 0 else 1.0

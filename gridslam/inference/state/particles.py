@@ -46,7 +46,7 @@ class Cloud:
         x, y (m) and heading (rad); then unit normal and offset (m) of every surface. Particles stay on the
         device that computes.
     kept : float
-        h^2, share of the covariance that each particle keeps to itself.
+        h^2: bandwidth, as a share of the covariance.
     """
 
     state: runtime.Resident
@@ -73,7 +73,7 @@ class Recipe:
     count : int
         P.
     kept : float
-        Share of the covariance that each particle keeps to itself.
+        Bandwidth, as a share of the covariance.
     """
 
     root: Single
@@ -98,7 +98,7 @@ def at_mean(belief: Belief) -> Cloud:
 
 
 class Draft(NamedTuple):
-    """What a kernel that makes ready to draw from a belief fills in, in the order of its arguments."""
+    """Reusable buffers of a kernel that prepares sampling from a belief, in the order of its arguments."""
 
     whole: Array
     root: Single
@@ -158,7 +158,7 @@ class Sampling:
         return cls(belief, NO_POINTS, 0, draft, given=True)
 
     def attempts(self) -> Iterator[tuple[Any, ...]]:
-        """What a kernel is told of it; of a singular covariance, once more with a root of another kind."""
+        """Arguments of a kernel; if the covariance is singular, once more with another root."""
         yield (STATE_GIVEN if self.given else TAKE_ROOT, *self.draft)
         if self.draft.failed[0]:
             yield (ROOT_GIVEN, np.ascontiguousarray(self.belief.root), *self.draft[1:])
@@ -167,8 +167,7 @@ class Sampling:
 def needed(belief: Belief) -> float:
     """Number of particles by which a sampled pose comes within `DIVERGENCE` of its belief (KLD sampling).
 
-    As in Fox, "Adapting the sample size in particle filters through KLD-sampling" (2003), eq. (7), over the
-    bins within three deviations of the pose that is believed in.
+    As in [Fox2003kld], eq. (7), over the bins within three deviations of the pose that is believed in.
     """
     spread = np.linalg.eigvalsh(belief.covariance[:2, :2])
     spans = 6 * np.sqrt(np.maximum(np.append(spread / BIN_M**2, belief.covariance[4, 4] / BIN_RAD**2), 0))

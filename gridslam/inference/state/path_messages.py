@@ -1,4 +1,4 @@
-"""What the anchors' measurements said of their paths in one step, for coefficients and cells."""
+"""Messages of all paths of a step to coefficients and cells."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class PathMessages:
     count : (2,) int32
         L paths and K pairs so far.
     path : (L or more, 4) int32
-        As of `Rays.table`.
+        Rows as in `Rays.table`.
     factor : (L or more, 2)
-        A of each path: what it is worth if it is not blocked; whether it is likely enough to tell of cells.
+        A of each path: what it is worth if it is not blocked; whether it is likely enough to send to cells.
     summary : (4, L or more)
         See `gridslam.kernels.propagation.notes`.
     begin : (L + 1 or more,) int32

@@ -1,4 +1,4 @@
-"""Amplitudes of rays as a value: a histogram per ray, and the length of its path when it was heard last."""
+"""Amplitudes of rays as a value: a histogram per ray, and the length of its path at the last update."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 P_STAY, P_APPEAR = 0.95, 0.005
-"""A ray that exists stays so for a step; one that doesn't appears (model.md, section 2.6 (a))."""
+"""A ray that exists stays so for a step; one that doesn't appears (docs/model.md, (M20))."""
 
 
 def listed_at_most(surfaces: int, bounces: int) -> int:

@@ -3,8 +3,7 @@
 A distance puts the image of an anchor on a circle about the agent, which no single Gaussian can hold, and on
 a straight way two places, mirrored at the way, explain all distances equally well. So a tentative image is a
 mixture beside the joint belief, one Gaussian per bearing; once it has shrunk to one place, it joins. (The
-published method keeps particles of each image instead: Leitinger et al., "A belief propagation algorithm for
-multipath-based SLAM", IEEE Trans. Wireless Commun. 18(12), 2019.)
+published method, [Leitinger2019bp], keeps particles of each image instead.)
 
 The agent's error lasts over many steps, and a hypothesis that took it for fresh noise at each would soon be
 sure of a wrong bearing. Hence every hypothesis is a Gaussian of agent and image together, [x, y, vx, vy,

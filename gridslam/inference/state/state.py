@@ -19,7 +19,7 @@ from gridslam.world.filter_model import FilterModel
 
 Array = NDArray[np.float64]
 FRESH_SIGHT = 0.9
-"""Existence of an anchor's line of sight before anything was heard."""
+"""Existence of an anchor's line of sight before the first scan."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class State:
     los : (J,) float64
         Existence of every anchor's line of sight.
     calibration : Calibration
-        What was learned of the radio.
+        Learned clutter levels, gain and turns of anchors.
     monitor : HealthMonitor
         How well measurements fitted.
     step, next_identity : int

@@ -121,7 +121,7 @@ class Bank:
 
 
 def evolve(bank: Bank, survival: float, walk: float) -> Bank:
-    """Surfaces survive, and their coefficients walk by `walk` per step (paper 003, section III-C)."""
+    """Surfaces survive, and their coefficients walk by `walk` per step ([Li2026grid], section III-C)."""
     reflection = bank.reflection
     if walk:
         reflection, step = reflection.copy(), 0.5 * (walk * BINS) ** 2 * np.diff(reflection)

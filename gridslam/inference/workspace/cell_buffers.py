@@ -15,7 +15,7 @@ from gridslam.world.grid_memory import check_room, slabs_for
 
 Array = NDArray[np.float64]
 MOSTLY_POSSIBLE = 0.8
-"""Share of a path's samples that must be possible before it tells the cells anything."""
+"""Share of a path's samples that must be possible before it sends messages to cells."""
 EVIDENCE_CLIP = 12.0
 CLEAR_ANCHOR_M = 0.35
 OUTSIDE = 0.1

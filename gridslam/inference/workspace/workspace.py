@@ -31,7 +31,7 @@ class Workspace:
     particles : Particles
         Normal points from which beliefs are sampled; they follow from seed and number.
     messages : PathMessages
-        What the anchors' measurements said of their paths, within a step.
+        Messages of all paths to coefficients and cells, within a step.
     seconds : dict of str to float
         Time of the latest step, by stage.
 

@@ -1,0 +1,136 @@
+"""Docs and citations: links, keys, files and quotes lead to what is there."""
+
+import inspect
+import re
+import subprocess
+import xml.etree.ElementTree as ET
+from functools import cache
+from pathlib import Path
+
+import pytest
+from test_architecture import FLOORS
+
+from gridslam.systems import grid
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+PAGES = sorted(ROOT.glob("*.md")) + sorted(DOCS.rglob("*.md"))
+OURS = Path(__file__).resolve()
+KEY = r"\[([A-Z][A-Za-z]+\d{4}[a-z]\w*|LiangDirect|HybridSlam)\](?!\()"
+"""A citation, as [Li2026grid]."""
+HEADING = re.compile(r"^#+ +(.+?) *$", re.M)
+FILE = re.compile(
+    r"`((?:[\w-]+/)+[\w.-]*\.(?:py|md|toml|svg)|[\w-]+\.py|(?:[\w-]+/)+)`((?:: `[\w.]+`(?:, `[\w.]+`)*)?)"
+)
+
+
+@cache
+def texts() -> dict[Path, str]:
+    """All text that belongs to the project, but this file."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    names = listed.stdout.split("\0") if listed.returncode == 0 else []
+    files = [ROOT / name for name in names if name]
+    if not files:  # no checkout, as in a source archive
+        folders = (ROOT / name for name in ("gridslam", "kernels", "scenes", "tests", "docs"))
+        files = [*PAGES, *(file for folder in folders for file in folder.rglob("*"))]
+    kinds = {".py", ".md", ".toml", ".svg", ".cff"}
+    plain = (file for file in files if file.suffix in kinds and file.is_file() and file != OURS)
+    return {file: file.read_text(encoding="utf-8") for file in plain}
+
+
+def prose(page: Path) -> str:
+    """A page without its blocks of code."""
+    return re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+
+
+@cache
+def anchors(page: Path) -> set[str]:
+    """What GitHub makes of a page's headings."""
+    found: set[str] = set()
+    for heading in HEADING.findall(prose(page)):
+        plain = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", heading)
+        name = re.sub(r"[^\w\- ]", "", plain.lower()).replace(" ", "-")
+        number = sum(
+            other == name or re.fullmatch(rf"{re.escape(name)}-\d+", other) is not None for other in found
+        )
+        found.add(f"{name}-{number}" if number else name)
+    return found
+
+
+def found_at(name: str) -> Path | None:
+    """The file or folder that docs call so: from the top of the repository, or from `gridslam/` on."""
+    places = (ROOT / name, ROOT / "gridslam" / name)
+    return next((place for place in places if place.exists()), None)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_no_link_is_dead(page):
+    for link in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
+        if link.startswith(("http:", "https:", "mailto:")):
+            continue
+        name, _, anchor = link.partition("#")
+        target = page.parent / name if name else page
+        assert target.exists(), link
+        assert not anchor or anchor in anchors(target.resolve()), link
+
+
+def test_every_cited_key_is_in_the_bibliography():
+    known = set(
+        re.findall(r"^\*\*\[(\w+)\]\*\*", (DOCS / "bibliography.md").read_text(encoding="utf-8"), re.M)
+    )
+    assert known
+    cited = {(key, file) for file, text in texts().items() for key in re.findall(KEY, text)}
+    assert {key for key, _ in cited} > {"Li2026grid", "Li2025adaptive"}
+    assert {(key, file.name) for key, file in cited if key not in known} == set()
+
+
+def test_every_formula_that_is_cited_is_in_the_model():
+    known = set(re.findall(r"\((M\d+)\)", (DOCS / "model.md").read_text(encoding="utf-8")))
+    cited = {(name, file.name) for file, text in texts().items() for name in re.findall(r"\((M\d+)\)", text)}
+    assert {pair for pair in cited if pair[0] not in known} == set()
+
+
+def test_numbers_in_the_model_are_given_once():
+    given = re.findall(r"\\text\{\((M\d+)\)\}", (DOCS / "model.md").read_text(encoding="utf-8"))
+    assert len(given) == len(set(given)) > 40
+
+
+@pytest.mark.parametrize("pattern", [r"papers? 00\d", r"(?<![\w/(`-])model\.md"], ids=["paper", "model"])
+def test_nothing_is_cited_that_an_outsider_cannot_find(pattern):
+    """Papers have keys, and the model stands at docs/model.md; links within docs name it alone."""
+    for file, text in texts().items():
+        assert re.search(pattern, text) is None, f"{file.name}: {re.search(pattern, text)}"
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.name)
+def test_files_and_names_that_docs_give_are_there(page):
+    for name, inside in FILE.findall(prose(page)):
+        place = found_at(name)
+        assert place is not None, name
+        for word in re.findall(r"`(?:\w+\.)*(\w+)`", inside):
+            assert re.search(rf"\b{word}\b", place.read_text(encoding="utf-8")), f"{name}: {word}"
+
+
+def test_quoted_step_is_that_of_grid_slam():
+    blocks = re.findall(
+        r"^```python\n(.*?)^```", (DOCS / "architecture.md").read_text(encoding="utf-8"), re.M | re.S
+    )
+    assert inspect.getsource(grid.step) in blocks
+
+
+@pytest.mark.parametrize("picture", sorted(DOCS.rglob("*.svg")), ids=lambda picture: picture.name)
+def test_pictures_are_well_formed(picture):
+    root = ET.parse(picture).getroot()
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    assert root.find("{*}title") is not None
+
+
+def test_picture_of_the_architecture_shows_the_floors_that_are_tested():
+    names = ET.parse(DOCS / "architecture.svg").getroot().findall("{*}g[@id='rooms']/{*}text")
+    floors: dict[float, list[str]] = {}
+    for name in names:
+        floors.setdefault(float(name.attrib["y"]), []).append(str(name.text))
+    assert [" ".join(floors[y]) for y in sorted(floors)] == list(FLOORS)
