@@ -27,11 +27,9 @@ class SightFilter:
         dt, self.time_s = 0.0 if self.time_s is None else scan.time_s - self.time_s, scan.time_s
         motion = np.eye(5) + dt * np.eye(5, k=2) * [0, 0, 1, 1, 0]  # nearly constant velocity
         push = np.array([[dt**2 / 2, 0, dt, 0, 0], [0, dt**2 / 2, 0, dt, 0], [0, 0, 0, 0, dt > 0]])
-        acceleration, turn = (
-            self.model.settings.acceleration_mps2,
-            np.radians(self.model.settings.heading_deg),
-        )
-        noise = push.T * np.square([acceleration, acceleration, turn]) @ push
+        settings = self.model.settings
+        spreads = [settings.acceleration_mps2] * 2 + [np.radians(settings.heading_deg)]
+        noise = push.T * np.square(spreads) @ push
         self.mean, self.covariance = motion @ self.mean, motion @ self.covariance @ motion.T + noise
         for anchor in range(len(self.model.anchors)):
             self.update(anchor, scan)
@@ -50,7 +48,7 @@ class SightFilter:
         across = np.array([-dy, dx, 0, 0, 0]) / d**2  # slope of the bearing
         slopes = np.array([[dx / d, dy / d, 0, 0, 0], across, across - [0, 0, 0, 0, 1]])
         u, arrays = radio.amplitude(d), (radio.anchor_aperture[anchor], radio.agent_aperture)
-        angles = (radio.angle_std(u, angle, array) for angle, array in zip((aod, aoa), arrays, strict=True))
+        angles = map(radio.angle_std, (u, u), (aod, aoa), arrays)
         spread = slopes @ self.covariance @ slopes.T + np.diag([radio.distance_std(u), *angles]) ** 2
         heard = np.column_stack([scan.distance_m, scan.aod_rad, scan.aoa_rad])[scan.anchor == anchor]
         off = heard - [d, aod, aoa]
