@@ -145,6 +145,9 @@ def test_a_method_without_start_at_is_told_its_start_by_the_scene():
         (spoiled(map=lambda self: None), r"Spoiled\.map: found a result of type NoneType"),
         (spoiled(step=lambda self, s: replace(Least.step(self, s), covariance=np.eye(3))), "covariance"),
         (spoiled(step=lambda self, s: gs.Estimate.of_pose(s, [1, 2, 3], 0.0, np.eye(3))), "position_m"),
+        (spoiled(step=lambda self, s: gs.Estimate.of_pose(s, [np.nan, 0], 0.0, np.eye(3))), "NaN"),
+        (spoiled(step=lambda self, s: replace(Least.step(self, s), position_m=["a", "b"])), "numbers"),
+        (spoiled(step=lambda self, s: replace(Least.step(self, s), time_s=-1.0)), "as in the scan"),
         (lambda scene: None, "no class"),
     ],
 )

@@ -13,6 +13,7 @@ from gridslam.maps.map import Map
 from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
 
+POSE = "position_m", "velocity_mps", "heading_rad"
 CONSTRUCTOR = "one that takes (scene, prior_map=None, agent=None, seed=0)"
 
 
@@ -129,7 +130,7 @@ def stepped(slam: Slam, scan: Scan) -> Estimate:
     Raises
     ------
     InputError
-        It isn't, or its arrays have other shapes than an estimate's.
+        It isn't, is of another step, or holds arrays of other shapes or a pose that isn't finite.
     """
     estimate: object = slam.step(scan)
     where, allowed = f"{type(slam).__name__}.step", "an Estimate, e.g. by Estimate.of_pose"
@@ -137,9 +138,15 @@ def stepped(slam: Slam, scan: Scan) -> Estimate:
         raise InputError(where, f"a result of type {type(estimate).__name__}", allowed)
     shapes = {"position_m": (2,), "velocity_mps": (2,), "heading_rad": (), "covariance": (5, 5)}
     for name, shape in (shapes | {"detected": (len(estimate.surfaces),)}).items():
-        has = np.shape(getattr(estimate, name))
-        if has != shape:
-            raise InputError(f"{where}: {name}", f"shape {has}", f"shape {shape}")
+        array = np.asarray(getattr(estimate, name))
+        if array.shape != shape or array.dtype.kind not in "fiub":
+            found = f"shape {array.shape} of {array.dtype}"
+            raise InputError(f"{where}: {name}", found, f"numbers of shape {shape}")
+        if name in POSE and not np.isfinite(array).all():
+            raise InputError(f"{where}: {name}", f"NaN or infinity at step {scan.step}", "finite numbers")
+    if (estimate.step, estimate.time_s) != (scan.step, scan.time_s):
+        found = f"step {estimate.step} at {estimate.time_s} s"
+        raise InputError(where, found, f"step {scan.step} at {scan.time_s} s, as in the scan")
     return estimate
 
 
