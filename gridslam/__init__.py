@@ -1,6 +1,7 @@
 """gridslam: radio multipath in, a map out."""
 
 from gridslam.errors import InputError
+from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
 from gridslam.importers.deepmimo import measurements_from_deepmimo as from_deepmimo
 from gridslam.importers.sionna import measurements_from_sionna as from_sionna
 from gridslam.maps.fusion import fuse
@@ -11,6 +12,7 @@ from gridslam.runs.run import Run
 from gridslam.simulation.image_source import Truth, ground_truth, simulate
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
+from gridslam.systems.slam import Slam
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
 from gridslam.world.scene import Scene, bundled_scenes
 from gridslam.world.trajectory import Trajectory
@@ -18,13 +20,17 @@ from gridslam.world.trajectory import Trajectory
 __version__ = "0.1.0"
 __all__ = [
     "AdaptiveSlam",
+    "Estimate",
     "GridSlam",
     "InputError",
     "Map",
     "Measurements",
+    "PathEstimate",
     "Run",
     "Scan",
     "Scene",
+    "Slam",
+    "SurfaceEstimate",
     "Trajectory",
     "Truth",
     "VirtualAnchorSlam",

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
 from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from gridslam.world.geometry import sfv, sfv_covariance, unit
+from gridslam.errors import InputError
+from gridslam.world.geometry import sfv, sfv_covariance, unit, wrap
+from gridslam.world.scan import Scan
+
+ANY_SPEED_MPS = 10.0
+"""Standard deviation of a velocity of which nothing is known."""
 
 
 class _Rows:
@@ -201,7 +208,7 @@ class Health:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What the filter believes after one step.
+    """What a filter believes after one step. `of_pose` makes one of the few things that it has to hold.
 
     Attributes
     ----------
@@ -216,13 +223,13 @@ class Estimate:
     covariance : (5, 5) float64
         Of [x, y, vx, vy, heading].
     surfaces : SurfaceEstimate
-        All potential surfaces.
+        All potential surfaces (default: none).
     paths : PathEstimate
-        The paths over them.
+        The paths over them (default: none).
     detected : (S,) bool
         Surfaces that count as found.
     effective_sample_size : float
-        Particles that carry the agent's weight.
+        Particles that carry the agent's weight (NaN for a filter without).
     seconds : float, s
         Time that the step took (NaN where it wasn't kept).
     health : Health
@@ -235,9 +242,62 @@ class Estimate:
     velocity_mps: np.ndarray
     heading_rad: float
     covariance: np.ndarray
-    surfaces: SurfaceEstimate
-    paths: PathEstimate
-    detected: np.ndarray
-    effective_sample_size: float
-    seconds: float
+    surfaces: SurfaceEstimate = field(default_factory=SurfaceEstimate.empty)
+    paths: PathEstimate = field(default_factory=PathEstimate.empty)
+    detected: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    effective_sample_size: float = math.nan
+    seconds: float = math.nan
     health: Health = field(default_factory=Health)
+
+    @classmethod
+    def of_pose(
+        cls,
+        scan: Scan,
+        position_m: ArrayLike,
+        heading_rad: float,
+        covariance: ArrayLike,
+        velocity_mps: ArrayLike = (0.0, 0.0),
+        surfaces: SurfaceEstimate | None = None,
+        paths: PathEstimate | None = None,
+    ) -> Self:
+        """Make an estimate by hand: the pose, and what else a method knows.
+
+        Parameters
+        ----------
+        scan : Scan
+            Gives step and time.
+        position_m, velocity_mps : (2,); m, m/s
+        heading_rad : float, rad
+            Is wrapped.
+        covariance : (5, 5) or (3, 3)
+            Of [x, y, vx, vy, heading]; or of [x, y, heading] where nothing is known of the velocity, which
+            then gets a standard deviation of 10 m/s.
+        surfaces : SurfaceEstimate, optional
+            Surfaces found, e.g. by `SurfaceEstimate.from_lines`; all count as detected.
+        paths : PathEstimate, optional
+
+        Raises
+        ------
+        InputError
+            Arrays of other shapes.
+        """
+        position, velocity = np.array(position_m, np.float64), np.array(velocity_mps, np.float64)
+        square = np.array(covariance, np.float64)
+        if square.shape == (3, 3):
+            whole = np.diag([0.0, 0.0, ANY_SPEED_MPS**2, ANY_SPEED_MPS**2, 0.0])
+            whole[np.ix_([0, 1, 4], [0, 1, 4])] = square
+            square = whole
+        shapes = {
+            "position_m": (position, (2,)),
+            "velocity_mps": (velocity, (2,)),
+            "covariance": (square, (5, 5)),
+        }
+        for name, (array, shape) in shapes.items():
+            if array.shape != shape:
+                allowed = "(5, 5) or (3, 3)" if name == "covariance" else str(shape)
+                raise InputError(f"estimate: {name}", f"shape {array.shape}", allowed)
+        table = SurfaceEstimate.empty() if surfaces is None else surfaces
+        return cls(
+            scan.step, scan.time_s, position, velocity, float(wrap(heading_rad)), square, table,
+            PathEstimate.empty() if paths is None else paths, np.ones(len(table), bool),
+        )  # fmt: skip

@@ -9,8 +9,8 @@ import gridslam as gs
 from gridslam.estimates import SurfaceEstimate
 from gridslam.inference.state.particles import Particles
 from gridslam.kernels.primitives import tables
-from gridslam.runs.map_scene import METHODS
 from gridslam.simulation.image_source import true_paths
+from gridslam.systems.registry import method_class
 from gridslam.world.radio import REFLECTION_BINS
 
 NONE = np.zeros(0)
@@ -134,7 +134,7 @@ def test_what_is_never_heard_fades_by_its_survival_alone():
     scene = scene_of(radio=radio, filter={"survival": 0.99})
     for method in ("grid", "adaptive"):
         known = replace(gs.GridSlam(scene).map(), surfaces=wall(existence=0.9), surface_reflection=None)
-        slam = METHODS[method](scene, prior_map=known)
+        slam = method_class(method)(scene, prior_map=known)
         for step in range(31):  # survival comes between steps
             slam.step(silence(float(step)))
         assert slam.state.surfaces.existence == pytest.approx([0.9 * 0.99**30], rel=1e-6)  # 0.66571
@@ -178,7 +178,7 @@ def test_births_of_one_measurement_equal_a_quadrature_over_all_lines():
     z = np.array([8.55, np.radians(-20.0), np.radians(80.0)])  # near what a wall y = 6 would cause
     amplitude, at_1m, threshold = 3.0, 10**1.5, 10**0.3
     scan = gs.Scan(0, 0.0, np.zeros(1, np.intp), *(np.array([value]) for value in (*z, amplitude)))
-    slam = METHODS["adaptive"](scene)
+    slam = method_class("adaptive")(scene)
     slam.step(scan)
     (exchange,) = slam.info.exchanges
     born_over_clutter = exchange.measured[tables.NEW] - 1  # xi = 1 + I

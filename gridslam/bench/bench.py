@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 
 import numpy as np
 
@@ -17,12 +18,17 @@ from gridslam.bench.plan import Plan
 from gridslam.bench.stages import KERNEL, Stopwatch
 from gridslam.bench.start import Machine, StartUp, machine, start_up
 from gridslam.estimates import Estimate
-from gridslam.runs.map_scene import METHODS
+from gridslam.inference.workspace.workspace import OTHER
+from gridslam.systems.front import SurfaceFilter
+from gridslam.systems.registry import method_class, method_name
+from gridslam.systems.slam import Slam, built, stepped
 from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
 
 Tell = Callable[[str, int, int], None]
-VERSION = 3
+Kind = tuple[str | type[Slam], str, int, int]
+"""Method, scene, particles, steps before any is timed."""
+VERSION = 4
 
 
 @dataclass(frozen=True)
@@ -33,6 +39,7 @@ class StepSpeed:
     ----------
     method, scene : str
     particles : int
+        Of the scene's filter settings, whether a method uses them or not.
     first : int
         Number of the first step that was timed.
     step_ms : float
@@ -45,7 +52,8 @@ class StepSpeed:
     peak_memory_mb : float
         Of the process, while these steps ran.
     stages_ms : dict
-        Milliseconds per step by stage; the last steps of the run, which are watched.
+        Milliseconds per step by stage; the last steps of the run, which are watched. Of a method that isn't
+        built of our stages, one stage holds all.
     not_kernel_share : float
         Share of those steps that isn't a kernel; launches aren't.
     """
@@ -64,14 +72,17 @@ class StepSpeed:
 
 @dataclass(frozen=True)
 class Speed:
-    """All that was measured, by what plan and in how many seconds."""
+    """All that was measured, by what plan and in how many seconds.
+
+    Where chosen methods alone were measured, `kernels` and `growth` are empty and `start_up` is None.
+    """
 
     plan: Plan
     machine: Machine
     kernels: tuple[KernelSpeed, ...]
     steps: tuple[StepSpeed, ...]
     growth: tuple[Growth, ...]
-    start_up: StartUp
+    start_up: StartUp | None
     seconds: float
 
     def to_json(self) -> str:
@@ -81,7 +92,11 @@ class Speed:
 
 
 def measure(
-    plan: Plan | None = None, device: str = "auto", threads: int | None = None, tell: Tell | None = None
+    plan: Plan | None = None,
+    device: str = "auto",
+    threads: int | None = None,
+    tell: Tell | None = None,
+    methods: Sequence[str | type[Slam]] = (),
 ) -> Speed:
     """Measure speed and memory on this machine, in this process and, for the start-up, in others.
 
@@ -95,6 +110,8 @@ def measure(
         Of the kernels (default: one more than cores; see `runtime`).
     tell : callable, optional
         Gets (what comes next, parts done, parts in all).
+    methods : sequence of str or class, optional
+        Measure whole steps of these methods alone, as `gridslam.map_scene` takes them, on `alcove`.
 
     Returns
     -------
@@ -103,22 +120,16 @@ def measure(
     Raises
     ------
     InputError
-        The device can't be had.
+        The device can't be had, or there is no such method.
     """
     plan, began = plan or Plan(), time.perf_counter()
+    if methods:
+        return _chosen(plan, device, threads, tell, methods)
     here = machine(runtime.start(device, threads))
-    kinds = [("grid", "alcove", n, plan.before) for n in plan.particles]
+    kinds: list[Kind] = [("grid", "alcove", n, plan.before) for n in plan.particles]
     kinds += [("grid", "canyon", plan.canyon, before) for before in (plan.before, plan.later)]
     kinds += [("adaptive", "alcove", n, plan.before) for n in plan.particles]
-    parts = ["start-up", "kernels", *(f"{method}, {name}, {n} particles" for method, name, n, _ in kinds)]
-    parts += ["growth"]
-    todo = iter(range(len(parts)))
-
-    def next_part() -> None:
-        if tell is not None:
-            number = next(todo)
-            tell(parts[number], number, len(parts))
-
+    next_part = _parts(["start-up", "kernels", *map(_title, kinds), "growth"], tell)
     next_part()
     started = start_up(plan.repeats, device)
     next_part()
@@ -130,10 +141,9 @@ def measure(
     large = largest_launches(canyon, plan.kernel_before)["cast"]
     kernels.append(compete("cast", "canyon", large, plan.kernel_s))
     steps = []
-    for method, name, particles, before in kinds:
+    for kind in kinds:
         next_part()
-        scene = Scene.load(name).with_filter(particles=particles)
-        steps.append(_steps(scene, method, plan, before, idle))
+        steps.append(_steps(kind, plan, idle))
     next_part()
     on_alcove = [s for s in steps if (s.method, s.scene) == ("grid", "alcove")]
     by_particles = fitted(
@@ -147,27 +157,57 @@ def measure(
     return Speed(plan, here, tuple(kernels), tuple(steps), grown, started, time.perf_counter() - began)
 
 
-def _steps(scene: Scene, method: str, plan: Plan, before: int, idle: IdleLaunches) -> StepSpeed:
-    """Run a method from the start, time the steps after `before`, and split some more by stage."""
+def _chosen(
+    plan: Plan, device: str, threads: int | None, tell: Tell | None, methods: Sequence[str | type[Slam]]
+) -> Speed:
+    """Whole steps of some methods, and nothing else."""
+    began = time.perf_counter()
+    classes = [method_class(method, "--method") for method in methods]
+    here = machine(runtime.start(device, threads))
+    idle = None
+    if any(issubclass(found, SurfaceFilter) for found in classes):
+        alcove = Scene.load("alcove").with_filter(particles=plan.kernel_particles)
+        idle = IdleLaunches(largest_launches(alcove, plan.kernel_before))
+    kinds: list[Kind] = [(method, "alcove", n, plan.before) for method in methods for n in plan.particles]
+    next_part, steps = _parts([*map(_title, kinds)], tell), []
+    for kind in kinds:
+        next_part()
+        steps.append(_steps(kind, plan, idle))
+    return Speed(plan, here, (), tuple(steps), (), None, time.perf_counter() - began)
+
+
+def _title(kind: Kind) -> str:
+    method, scene, particles, _ = kind
+    return f"{method_name(method)}, {scene}, {particles} particles"
+
+
+def _parts(names: Sequence[str], tell: Tell | None) -> Callable[[], None]:
+    """What is to be called before each part, to say which one comes."""
+    todo = iter(enumerate(names))
+
+    def next_part() -> None:
+        number, name = next(todo)
+        if tell is not None:
+            tell(name, number, len(names))
+
+    return next_part
+
+
+def _steps(kind: Kind, plan: Plan, idle: IdleLaunches | None) -> StepSpeed:
+    """Run a method from the start, time the steps after so many, and split some more by stage."""
+    method, name, particles, before = kind
+    scene = Scene.load(name).with_filter(particles=particles)
     scans = heard(scene, before + plan.timed + plan.watched)
-    memory, slam = PeakMemory(), METHODS[method](scene, seed=1)
-    course = run(slam.step, scans[: -plan.watched], memory)
-    launch = [idle.seconds()]  # of this very minute: before, and after
-    with Stopwatch(slam.work).watching() as watch:
-
-        def step(scan: Scan) -> Estimate:
-            estimate = slam.step(scan)
-            watch.count(slam.info.seconds if slam.info else {})
-            return estimate
-
-        whole = sum(run(step, scans[-plan.watched :], memory).took)
-    launch.append(idle.seconds())
-    usual = {name: 0.5 * (launch[0][name] + launch[1][name]) for name in launch[0]}
-    stages = watch.of_step(whole, plan.watched, usual)
+    memory, slam = PeakMemory(), built(method_class(method), scene, seed=1)
+    course = run(partial(stepped, slam), scans[: -plan.watched], memory)
+    if isinstance(slam, SurfaceFilter) and idle is not None:
+        stages = _stages(slam, scans[-plan.watched :], memory, idle)
+    else:
+        stages = {OTHER: float(np.mean(run(partial(stepped, slam), scans[-plan.watched :], memory).took))}
     in_kernels = sum(seconds for name, seconds in stages.items() if name.startswith(KERNEL))
     median = float(np.median(course.took[before:]))
     return StepSpeed(
-        method=method,
+        method=method_name(method),
         scene=scene.name,
         particles=scene.filter.particles,
         first=before + 1,
@@ -178,3 +218,21 @@ def _steps(scene: Scene, method: str, plan: Plan, before: int, idle: IdleLaunche
         stages_ms={name: 1e3 * seconds for name, seconds in stages.items()},
         not_kernel_share=1 - in_kernels / sum(stages.values()),
     )
+
+
+def _stages(
+    slam: SurfaceFilter, scans: Sequence[Scan], memory: PeakMemory, idle: IdleLaunches
+) -> dict[str, float]:
+    """Seconds per step by stage, of a method that is built of ours."""
+    launch = [idle.seconds()]  # of this very minute: before, and after
+    with Stopwatch(slam.work).watching() as watch:
+
+        def step(scan: Scan) -> Estimate:
+            estimate = slam.step(scan)
+            watch.count(slam.info.seconds if slam.info else {})
+            return estimate
+
+        whole = sum(run(step, scans, memory).took)
+    launch.append(idle.seconds())
+    usual = {name: 0.5 * (launch[0][name] + launch[1][name]) for name in launch[0]}
+    return watch.of_step(whole, len(scans), usual)

@@ -11,7 +11,7 @@ import tomli_w
 
 from gridslam.bench.course import PeakMemory, changed, heard, run
 from gridslam.bench.plan import Plan
-from gridslam.runs.map_scene import METHODS
+from gridslam.systems.grid import GridSlam
 from gridslam.world.scene import Scene
 
 
@@ -89,7 +89,7 @@ def growth(alcove: Scene, plan: Plan) -> list[Growth]:
         sizes, seconds, cpu, peaks = [], [], [], []
         for scene in scenes:
             scans, memory = heard(scene, plan.before + plan.timed), PeakMemory()
-            course = run(METHODS["grid"](scene, seed=1).step, scans, memory)
+            course = run(GridSlam(scene, seed=1).step, scans, memory)
             counts = [len(scan) for scan in scans[plan.before :]]
             size = {"surfaces": np.mean(course.surfaces[plan.before :]), "measurements": np.mean(counts)}
             sizes.append(float(size.get(of, np.prod(scene.grid.shape))))
@@ -98,7 +98,7 @@ def growth(alcove: Scene, plan: Plan) -> list[Growth]:
             peaks.append(course.peak[-1])
         found.append(fitted(of, sizes, seconds, cpu, peaks))
     scans, memory = heard(alcove, max(plan.steps)), PeakMemory()
-    course = run(METHODS["grid"](alcove, seed=1).step, scans, memory)
+    course = run(GridSlam(alcove, seed=1).step, scans, memory)
     ends = [steps - 1 for steps in plan.steps]
     total, computed = (np.cumsum(times)[ends].tolist() for times in (course.took, course.cpu))
     return [*found, fitted("steps", plan.steps, total, computed, [course.peak[end] for end in ends])]

@@ -17,8 +17,10 @@ from gridslam import reference, runtime
 from gridslam.bench.stages import Function, kernels, modules, replaced
 from gridslam.kernels import ALREADY_LISTED
 from gridslam.measurements.table import Scan
-from gridslam.runs.map_scene import METHODS
 from gridslam.simulation.image_source import simulate
+from gridslam.systems.adaptive import AdaptiveSlam
+from gridslam.systems.front import SurfaceFilter
+from gridslam.systems.grid import GridSlam
 from gridslam.world.scene import Scene
 
 Array = NDArray[Any]
@@ -232,13 +234,15 @@ def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Ca
     """
     runtime.start()
     scans = list(simulate(scene, scene.agents[0].name, seed=1))[: steps + watched]
-    found = _launches("adaptive", scene, scans, steps) | _launches("grid", scene, scans, steps)
+    found = _launches(AdaptiveSlam, scene, scans, steps) | _launches(GridSlam, scene, scans, steps)
     names = inspect.signature(kernels()["associate"]).parameters
     return found | {"associate": Case((name, _copy(found["update"][name])) for name in names)}
 
 
-def _launches(method: str, scene: Scene, scans: Sequence[Scan], steps: int) -> dict[str, Case]:
-    slam = METHODS[method](scene, seed=1)
+def _launches(
+    method: type[SurfaceFilter], scene: Scene, scans: Sequence[Scan], steps: int
+) -> dict[str, Case]:
+    slam = method(scene, seed=1)
     for scan in scans[:steps]:
         slam.step(scan)
     best: dict[str, tuple[int, Case]] = {}

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gridslam.errors import InputError
+from gridslam.systems.registry import method_class, method_help
 
 if TYPE_CHECKING:
     from gridslam.bench.bench import Speed, StepSpeed, Tell
@@ -34,6 +35,10 @@ def bench(
         Path | None, typer.Option("--json", metavar="FILE", help="write all numbers here too")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="everything, but too briefly to be exact")] = False,
+    method: Annotated[
+        list[str] | None,
+        typer.Option(help="time steps of this one alone: " + method_help("; may be repeated")),
+    ] = None,
     device: Annotated[str, typer.Option(help="auto, cpu or gpu")] = "auto",
     threads: Annotated[int | None, typer.Option(min=1, help="of the kernels")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace that file")] = False,
@@ -43,17 +48,22 @@ def bench(
     from gridslam.bench.plan import QUICK, Plan
     from gridslam.io.files import refuse_taken, write_bytes
 
+    methods = list(dict.fromkeys(method or ()))
+    for name in methods:
+        method_class(name, "--method")
     if json_file is not None:
         _check_output(json_file)
         refuse_taken([json_file], overwrite)
     with _progress() as tell:
-        speed = measure(QUICK if quick else Plan(), device, threads, tell)
+        speed = measure(QUICK if quick else Plan(), device, threads, tell, methods)
     if json_file is not None:
         write_bytes(json_file, speed.to_json().encode())
     wide = Console(width=max(out.width, WIDEST_TABLE))
     for line in _machine(speed):
         out.print(line, highlight=False, markup=False, soft_wrap=True)
-    tables = _kernels(speed.kernels), _steps(speed.steps), _stages(speed.steps), _growth(speed.growth)
+    tables = [_steps(speed.steps), _stages(speed.steps)]
+    if not methods:
+        tables = [_kernels(speed.kernels), *tables, _growth(speed.growth)]
     for table in tables:
         wide.print()
         wide.print(table)
@@ -91,15 +101,18 @@ def _machine(speed: Speed) -> list[str]:
     here, start = speed.machine, speed.start_up
     versions = ", ".join(f"{name} {version}" for name, version in here.versions.items())
     load = "load unknown" if here.load is None else f"load {here.load:.1f} before"
-    brings = "with" if start.import_starts_taichi else "without"
-    return [
+    lines = [
         f"{here.cpu}, {here.cores} cores, {here.memory_gb:.0f} GiB memory, {load}",
         here.system,
         f"kernels on {here.device}, {here.threads} threads; Python {here.python}, {versions}",
-        f"import {start.import_s:.2f} s, {brings} Taichi; first step of a run of room after "
-        f"{start.cold_s:.1f} s, {start.warm_s:.1f} s once its kernels are compiled",
-        f"measured in {speed.seconds:.0f} s",
     ]
+    if start is not None:
+        brings = "with" if start.import_starts_taichi else "without"
+        lines.append(
+            f"import {start.import_s:.2f} s, {brings} Taichi; first step of a run of room after "
+            f"{start.cold_s:.1f} s, {start.warm_s:.1f} s once its kernels are compiled"
+        )
+    return [*lines, f"measured in {speed.seconds:.0f} s"]
 
 
 def _table(*titles: str, left: int = 1) -> Table:

@@ -16,6 +16,7 @@ from gridslam.cli.output import ended, interruptible, reserved
 from gridslam.cli.robustness import robustness
 from gridslam.cli.study import study
 from gridslam.errors import InputError, Unwritten
+from gridslam.systems.registry import DEFAULT, method_class, method_help
 
 if TYPE_CHECKING:
     from gridslam.maps.map import Map
@@ -38,7 +39,7 @@ app.command()(robustness)
 def run(
     scene: Annotated[str, typer.Argument(help="bundled name or path")] = MAIN_SCENE,
     agent: Annotated[list[str] | None, typer.Option(help="agents, in order")] = None,
-    method: Annotated[str, typer.Option(help="grid, adaptive or va (virtual anchors)")] = "grid",
+    method: Annotated[str, typer.Option(help=method_help())] = DEFAULT,
     particles: Annotated[int | None, typer.Option(help="instead of the scene's filter.particles")] = None,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     measurements: Annotated[
@@ -65,13 +66,12 @@ def run(
     from gridslam import runtime
     from gridslam.maps.frames import fitted
     from gridslam.maps.map import Map
-    from gridslam.runs.map_scene import METHODS, check_anchors
+    from gridslam.runs.map_scene import check_anchors
     from gridslam.world.scene import Scene
 
     world = Scene.load(scene)
     world = world if particles is None else world.with_filter(particles=particles)
-    if method not in METHODS:
-        raise InputError("--method", repr(method), ", ".join(METHODS))
+    method_class(method, "--method")
     names = _agents(world, agent, measurements)
     how = _start(start, measurements)
     with interruptible() as termination, reserved(output, world.name, overwrite) as (folder, place):

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gridslam.errors import InputError
+from gridslam.systems.registry import DEFAULT, method_class, method_help
 
 if TYPE_CHECKING:
     from gridslam.studies.robustness import Result
@@ -26,19 +27,17 @@ def robustness(
     seed: Annotated[int, typer.Option(min=0, help="the first seed")] = 1,
     scene: Annotated[list[str] | None, typer.Option(help="room, alcove or canyon")] = None,
     case: Annotated[list[str] | None, typer.Option(help="kinds of disturbance; default: all")] = None,
-    method: Annotated[str, typer.Option(help="grid, adaptive or va")] = "grid",
+    method: Annotated[str, typer.Option(help=method_help())] = DEFAULT,
     threads: Annotated[int | None, typer.Option(min=1)] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier table")] = False,
 ) -> None:
     """Disturb what a filter hears and is told: errors in bounds before, during and after, and its health."""
     from gridslam import runtime
     from gridslam.io.files import write_bytes
-    from gridslam.runs.map_scene import METHODS
     from gridslam.studies.robustness import plan, study, table
 
     pairs = plan(scene or ["room", "alcove", "canyon"], case or [])
-    if method not in METHODS:
-        raise InputError("--method", repr(method), ", ".join(METHODS))
+    method_class(method, "--method")
     if output is not None:
         if (output / FILE).exists() and not overwrite:
             raise InputError(str(output / FILE), "something of this name", "a new folder (or --overwrite)")

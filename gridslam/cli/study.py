@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gridslam.errors import InputError
+from gridslam.systems.registry import DEFAULT, method_help
 
 if TYPE_CHECKING:
     from gridslam.studies.study import Outcome, Study
@@ -26,7 +27,7 @@ def study(
     output: Annotated[Path, typer.Option("-o", "--output", help="folder; an interrupted study goes on")],
     runs: Annotated[int, typer.Option(min=1, help="seeds per method, scene and setting")] = 20,
     seed: Annotated[int, typer.Option(min=0, help="the first seed")] = 0,
-    method: Annotated[list[str] | None, typer.Option(help="grid, adaptive or va; may be repeated")] = None,
+    method: Annotated[list[str] | None, typer.Option(help=method_help("; may be repeated"))] = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", help="values to try, e.g. filter.particles=1000,10000")
     ] = None,
@@ -47,7 +48,7 @@ def study(
         raise InputError("--workers", f"{workers} with --scheduler", "one of them; a cluster has its own")
     plan = Study(
         tuple(Scene.load(name) for name in scene),
-        tuple(method or ["grid"]),
+        tuple(method or [DEFAULT]),
         tuple(range(seed, seed + runs)),
         tuple(_setting(text) for text in settings or ()),
         tuple(agent or ()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,6 +12,7 @@ from gridslam.errors import InputError
 from gridslam.maps import map_files
 from gridslam.maps.map_cells import MapCells
 from gridslam.maps.walls import WallSegments, wall_segments
+from gridslam.world.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +45,12 @@ class Map(MapCells):
     InputError
         Arrays disagree in shape, or `cell_m` or `prior` is out of range.
     """
+
+    @classmethod
+    def of_scene(cls, scene: Scene) -> Self:
+        """A blank map on a scene's grid, in which nothing was observed yet."""
+        grid, free_path_m = scene.grid, scene.filter.mean_free_path_m
+        return cls.blank(grid.origin_m, grid.cell_m, grid.shape, -math.expm1(-grid.cell_m / free_path_m))
 
     def wall_segments(self) -> WallSegments:
         """Stretches of the surfaces where there is a wall, see `gridslam.maps.walls.wall_segments`."""

@@ -12,32 +12,25 @@ import psutil
 from gridslam import runtime
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
-from gridslam.maps.frames import SAME_PLACE_M, assured
+from gridslam.maps.frames import SAME_PLACE_M, assured, fitted, stamped
 from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements
 from gridslam.runs.run import Run
 from gridslam.runs.stopping import asked_to_stop
-from gridslam.systems.adaptive import AdaptiveSlam
-from gridslam.systems.front import SurfaceFilter
-from gridslam.systems.grid import GridSlam
-from gridslam.systems.virtual_anchor import VirtualAnchorSlam
+from gridslam.systems.registry import DEFAULT, method_class, method_name
+from gridslam.systems.slam import Slam, built, mapped, stepped
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start
 from gridslam.world.trajectory import Trajectory
 
-METHODS: dict[str, Callable[..., SurfaceFilter]] = {
-    "grid": GridSlam,
-    "adaptive": AdaptiveSlam,
-    "va": VirtualAnchorSlam,
-}
 SAME_FACING_RAD = 1e-3
 
 
 def map_scene(
     scene: Scene,
     measurements: Measurements,
-    method: str = "grid",
+    method: str | type[Slam] = DEFAULT,
     agent: str | None = None,
     seed: int = 0,
     prior_map: Map | None = None,
@@ -54,8 +47,9 @@ def map_scene(
     scene : Scene
     measurements : Measurements
         Its truth, if it has one, is never read by the filter.
-    method : str
-        "grid" [Li2026grid], "adaptive" [Li2025adaptive] or "va", virtual anchors after [Leitinger2019bp].
+    method : str or class
+        One of `gridslam.systems.registry.METHODS` ("grid" and others), a class of your own (`Slam` says what
+        it needs), "package.module:Class", or the name of an entry point of the group "gridslam.methods".
     agent : str, optional
         Default: the scene's first.
     seed : int
@@ -82,27 +76,24 @@ def map_scene(
     Raises
     ------
     InputError
-        Unknown method or agent, a number of particles out of range, a map of another frame, or
-        measurements of anchors that aren't the scene's.
+        Unknown method or agent, a class that is no method, a step that returns no estimate, a number of
+        particles out of range, a map of another frame, or measurements of anchors that aren't the scene's.
     """
-    if method not in METHODS:
-        raise InputError("method", repr(method), ", ".join(METHODS))
+    found = method_class(method)
     if particles is not None:
         scene = scene.with_filter(particles=particles)
     if agent is None and not scene.agents:
         raise InputError(f"{scene.name}: agents", "none", "at least one, to say where it starts")
     check_anchors(scene, measurements)
-    if prior_map is not None and same_frame:
-        prior_map = assured(prior_map, scene)
+    if prior_map is not None:
+        prior_map, _ = fitted(assured(prior_map, scene) if same_frame else prior_map, scene)
     device = runtime.start()
-    slam = METHODS[method](scene, prior_map=prior_map, agent=agent, seed=seed)
-    if start is not None:
-        slam.start_at(start.position_m, start.heading_rad)
+    slam = _started(found, scene, prior_map, agent, seed, start)
     estimates: list[Estimate] = []
     peak, began = 0.0, time.perf_counter()
     with _watcher(progress, slam.agent, measurements) as tell, asked_to_stop() as stopped:
         for scan in measurements:
-            estimates.append(slam.step(scan))
+            estimates.append(stepped(slam, scan))
             peak = max(peak, psutil.Process().memory_info().rss / 2**20)
             try:
                 if tell is not None:
@@ -125,19 +116,32 @@ def map_scene(
     return Run(
         scene=scene,
         agent=slam.agent,
-        method=method,
+        method=method_name(method),
         seed=seed,
         device=device,
         estimates=estimates,
         trajectory=trajectory,
         covariance=np.array([e.covariance for e in estimates]),
         surfaces=last.surfaces.take(last.detected),
-        map=slam.map(),
+        map=stamped(mapped(slam), scene),
         seconds_per_step=(time.perf_counter() - began) / len(estimates),
         peak_memory_mb=peak,
         interrupted=len(estimates) < len(measurements),
         start=start.how if start is not None else "exact",
     )
+
+
+def _started(
+    method: type[Slam], scene: Scene, prior_map: Map | None, agent: str | None, seed: int, start: Start | None
+) -> Slam:
+    """A method's object, told of a start: by `start_at` where it has one, else by its scene."""
+    told = getattr(method, "start_at", None)
+    if start is not None and told is None:
+        scene = scene.starting(agent, start.position_m, start.heading_rad)
+    slam = built(method, scene, prior_map, agent, seed)
+    if start is not None and told is not None:
+        told(slam, start.position_m, start.heading_rad)
+    return slam
 
 
 def check_anchors(scene: Scene, measurements: Measurements) -> None:

@@ -18,6 +18,8 @@ from gridslam.evaluation.consistency import complaints
 from gridslam.runs.map_scene import map_scene
 from gridslam.simulation import disturbances
 from gridslam.simulation.disturbances import Case
+from gridslam.systems.registry import DEFAULT
+from gridslam.systems.slam import Slam
 from gridslam.world.scene import Scene
 
 Array = NDArray[np.float64]
@@ -141,7 +143,9 @@ def plan(scenes: Sequence[str], cases: Sequence[str]) -> list[tuple[str, str]]:
     return pairs
 
 
-def study(pairs: Sequence[tuple[str, str]], seeds: Sequence[int], method: str = "grid") -> Iterator[Result]:
+def study(
+    pairs: Sequence[tuple[str, str]], seeds: Sequence[int], method: str | type[Slam] = DEFAULT
+) -> Iterator[Result]:
     """Run all pairs of scene and case with all seeds, one after the other."""
     for name, kind in pairs:
         scene = Scene.load(name)
@@ -153,7 +157,7 @@ def study(pairs: Sequence[tuple[str, str]], seeds: Sequence[int], method: str = 
             yield run_case(case, kind, method)
 
 
-def run_case(case: Case, name: str, method: str = "grid") -> Result:
+def run_case(case: Case, name: str, method: str | type[Slam] = DEFAULT) -> Result:
     """Run a filter on a case and judge it."""
     run = map_scene(case.believed, case.heard, method, case.agent, case.seed)
     return judged(case, name, run.estimates, len(run.surfaces), run.seconds_per_step)

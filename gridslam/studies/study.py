@@ -20,10 +20,11 @@ from gridslam import runtime
 from gridslam.errors import InputError
 from gridslam.evaluation.consistency import follow
 from gridslam.maps.map import Map
-from gridslam.runs.map_scene import METHODS, map_scene
+from gridslam.runs.map_scene import map_scene
 from gridslam.simulation.image_source import Truth, ground_truth, simulate
 from gridslam.studies.files import FORMAT, VERSION, Results
 from gridslam.studies.workers import LocalWorkers, Workers
+from gridslam.systems.registry import DEFAULT, portable_name
 from gridslam.world.scene import Scene
 from gridslam.world.start import HOWS, told_start
 
@@ -101,6 +102,8 @@ class Study:
     ----------
     scenes : tuple of Scene
     methods : tuple of str
+        As `map_scene` takes them; a class is kept by its name, and must be one that worker processes can
+        import.
     seeds : tuple of int
     settings : tuple of (str, tuple of values)
         Values to try for keys of the scene file, e.g. ``("filter.particles", (1000, 10000))``.
@@ -117,7 +120,7 @@ class Study:
     """
 
     scenes: tuple[Scene, ...]
-    methods: tuple[str, ...] = ("grid",)
+    methods: tuple[str, ...] = (DEFAULT,)
     seeds: tuple[int, ...] = (0,)
     settings: tuple[tuple[str, tuple[Any, ...]], ...] = ()
     agents: tuple[str, ...] = ()
@@ -129,12 +132,11 @@ class Study:
         names = [scene.name for scene in self.scenes]
         if not names or len(set(names)) < len(names):
             raise InputError("study: scenes", ", ".join(names) or "none", "scenes of different names")
+        methods = tuple(portable_name(method, "study: method") for method in self.methods)
+        object.__setattr__(self, "methods", methods)
         for what, values in (("methods", self.methods), ("seeds", self.seeds)):
             if not values or len(set(values)) < len(values):
                 raise InputError(f"study: {what}", str(list(values)), "one or more, each once")
-        for method in self.methods:
-            if method not in METHODS:
-                raise InputError("study: method", repr(method), ", ".join(METHODS))
         for scene in self.scenes:
             if not scene.walls:
                 raise InputError(f"{scene.name}: walls", "none", "walls to simulate from")

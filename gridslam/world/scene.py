@@ -124,6 +124,14 @@ class Scene(Strict):
             f"{self.name}: agents", repr(name), ", ".join(a.name for a in self.agents) or "none here"
         )
 
+    def starting(self, agent: str | None, position_m: Array, heading_rad: float) -> Scene:
+        """The scene with another start (m, rad) of an agent, by default the first; walls aren't minded."""
+        body = self.agent(agent) if agent is not None else self.agents[0]
+        x, y = np.asarray(position_m, np.float64).tolist()
+        start = {"start_m": (x, y), "start_heading_deg": float(np.degrees(heading_rad))}
+        moved = [a.model_copy(update=start) if a is body else a for a in self.agents]
+        return self.model_copy(update={"agents": type(self.agents)(moved)})
+
     @property
     def anchor_names(self) -> tuple[str, ...]:
         """Names of the anchors, in order."""

@@ -166,8 +166,8 @@ def test_cell_visits_of_a_straight_ray_are_the_cells_on_its_way():
 def test_command_writes_the_json_it_shows(say, quick, monkeypatch, tmp_path):
     kept = quick[0]
 
-    def measure(plan, device, threads, tell):
-        assert (plan, device, threads) == (QUICK, "auto", None)
+    def measure(plan, device, threads, tell, methods):
+        assert (plan, device, threads, methods) == (QUICK, "auto", None, [])
         return kept
 
     monkeypatch.setattr(bench, "measure", measure)

@@ -24,7 +24,7 @@ from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
-from gridslam.runs.map_scene import METHODS
+from gridslam.systems.registry import method_class
 from gridslam.world.geometry import sfv
 
 SIGNAL = gs.Scene.load("room").signal_model("agent1")
@@ -140,7 +140,7 @@ def test_amplitudes_of_dropped_surfaces_are_forgotten():
 
 def first_steps(method, name, steps, seed):
     scene = gs.Scene.load(name).with_filter(particles=2000)
-    slam = METHODS[method](scene, seed=seed)
+    slam = method_class(method)(scene, seed=seed)
     return slam, [slam.step(scan) for scan in itertools.islice(gs.simulate(scene, "agent1", seed), steps)]
 
 

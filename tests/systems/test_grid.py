@@ -14,8 +14,8 @@ from gridslam.estimates import SurfaceEstimate
 from gridslam.evaluation.bounds import known_map_bound
 from gridslam.inference.state.anchor_measurements import hear
 from gridslam.io import files
-from gridslam.runs.map_scene import METHODS
 from gridslam.systems import checkpoint
+from gridslam.systems.registry import METHODS, method_class
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 SEEDS = (1, 2, 3)
@@ -229,13 +229,13 @@ def test_filters_side_by_side_and_estimates_of_before_stay_as_they_are(method):
     heard = [list(gs.simulate(shortened(room, 8), "agent1", 1)) for room in rooms]
     alone = []
     for room, scans in zip(rooms, heard, strict=True):
-        slam = METHODS[method](room, seed=1)
+        slam = method_class(method)(room, seed=1)
         kept = [(estimate, told(estimate)) for estimate in map(slam.step, scans)]
         alone.append([copies for _, copies in kept])
         for estimate, copies in kept:
             for now, then in zip(told(estimate), copies, strict=True):
                 np.testing.assert_array_equal(now, then)
-    both = [METHODS[method](room, seed=1) for room in rooms]
+    both = [method_class(method)(room, seed=1) for room in rooms]
     for step, scans in enumerate(zip(*heard, strict=True)):
         for slam, scan, expected in zip(both, scans, alone, strict=True):
             for now, then in zip(told(slam.step(scan)), expected[step], strict=True):

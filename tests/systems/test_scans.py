@@ -9,7 +9,7 @@ import pytest
 import gridslam as gs
 from gridslam.estimates import SurfaceEstimate
 from gridslam.inference.management import pose_recovery
-from gridslam.runs.map_scene import METHODS
+from gridslam.systems.registry import METHODS, method_class
 
 SCENE = gs.Scene.load("room").with_filter(particles=128)
 HEARD = list(gs.simulate(SCENE, "agent1", 1))
@@ -47,7 +47,7 @@ BAD = {
 @pytest.mark.parametrize("case", BAD)
 def test_a_scan_that_makes_no_sense_is_refused_and_changes_nothing(case):
     spoil, says = BAD[case]
-    method = METHODS[sorted(METHODS)[len(case) % len(METHODS)]]
+    method = method_class(sorted(METHODS)[len(case) % len(METHODS)])
     one, two = method(SCENE, seed=1), method(SCENE, seed=1)
     for scan in HEARD[:3]:
         one.step(scan)
@@ -74,7 +74,7 @@ def test_lists_will_do_and_a_second_scan_of_one_moment():
 def test_a_scene_without_agents_is_refused(method):
     data = SCENE.model_dump(exclude_none=True)
     with pytest.raises(gs.InputError, match="room: agents: found none; allowed: at least one"):
-        METHODS[method](gs.Scene.checked({**data, "agents": []}, "room"))
+        method_class(method)(gs.Scene.checked({**data, "agents": []}, "room"))
 
 
 def loud_scan(count):

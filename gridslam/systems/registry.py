@@ -1,0 +1,174 @@
+"""Where methods are entered: ours by name; others by class, ``package.module:Class`` or entry point.
+
+Nothing else lists methods. A class is imported when it is asked for, so that this list is quick to read.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING, cast
+
+from gridslam.errors import InputError
+
+if TYPE_CHECKING:
+    from gridslam.systems.slam import Slam
+
+GROUP = "gridslam.methods"
+"""Of the entry points by which other packages enter methods of theirs."""
+OWN = "package.module:Class"
+
+
+@dataclass(frozen=True)
+class Method:
+    """An entry.
+
+    Attributes
+    ----------
+    name : str
+        As ``--method`` takes it.
+    path : str
+        Where its class is, ``package.module:Class``.
+    about : str
+        What it is, in one line.
+    page : str
+        Where ``docs/`` has its model.
+    measures : str
+        What it takes of what a radio measures.
+    takes_map : bool
+        Whether it goes on from the map that an earlier agent left.
+    """
+
+    name: str
+    path: str
+    about: str
+    page: str
+    measures: str = "paths: distances, with angles and amplitudes where measured"
+    takes_map: bool = True
+
+
+_ENTERED = (
+    Method(
+        "grid",
+        "gridslam.systems.grid:GridSlam",
+        "grid SLAM: surfaces, their reflection coefficients and an occupancy grid",
+        "docs/model.md#5-the-occupancy-grid",
+    ),
+    Method(
+        "adaptive",
+        "gridslam.systems.adaptive:AdaptiveSlam",
+        "adaptive SLAM: surfaces alone, each ray with an amplitude of its own",
+        "docs/model.md#7-adaptive-slam-amplitudes-of-rays",
+    ),
+    Method(
+        "va",
+        "gridslam.systems.virtual_anchor:VirtualAnchorSlam",
+        "virtual-anchor SLAM: each surface serves one anchor",
+        "docs/model.md#8-virtual-anchors",
+    ),
+)
+METHODS = {entry.name: entry for entry in _ENTERED}
+"""Ours, by name."""
+DEFAULT = "grid"
+
+
+def method_help(more: str = "") -> str:
+    """What ``--method`` takes, for the command line's help."""
+    return f"{', '.join(METHODS)}, or a class of your own, {OWN}{more}"
+
+
+def method_name(method: str | type) -> str:
+    """How a method is named in tables and files: as given; a class by its entry or its place."""
+    if isinstance(method, str):
+        return method
+    place = f"{method.__module__}:{method.__qualname__}"
+    return next((entry.name for entry in METHODS.values() if entry.path == place), place)
+
+
+def method_class(method: str | type, where: str = "method") -> type[Slam]:
+    """The class of a method.
+
+    Parameters
+    ----------
+    method : str or type
+        An entry's name, ``package.module:Class`` (looked for in the working folder, too), the name of an
+        entry point, or the class itself.
+    where : str
+        What errors call it.
+
+    Raises
+    ------
+    InputError
+        Nothing has this name, two have it, its module can't be imported or lacks the class, or the class
+        can't be a method, see `gridslam.systems.slam.Slam`.
+    """
+    from gridslam.systems.slam import require_slam
+
+    if not isinstance(method, str):
+        return require_slam(method, where, getattr(method, "__name__", repr(method)))
+    if ":" in method:
+        return require_slam(_imported(method, where), where, method)
+    entered = [entry for entry in _entry_points() if entry.name == method]
+    if entered:
+        places = sorted({entry.value for entry in entered})
+        if method in METHODS:
+            raise InputError(
+                f"entry point {method!r} of {GROUP}", places[0], f"another name than {', '.join(METHODS)}"
+            )
+        if len(places) > 1:
+            raise InputError(f"entry point {method!r} of {GROUP}", " and ".join(places), "one of this name")
+        return require_slam(_imported(places[0], f"entry point {method!r} of {GROUP}"), where, places[0])
+    if method not in METHODS:
+        theirs = sorted({entry.name for entry in _entry_points()} - set(METHODS))
+        raise InputError(where, repr(method), ", ".join((*METHODS, *theirs, OWN)))
+    return cast("type[Slam]", _imported(METHODS[method].path, where))  # ours are tested, not asked
+
+
+def portable_name(method: str | type, where: str = "method") -> str:
+    """The name by which another process finds a method, once it is sure that this one does.
+
+    Raises
+    ------
+    InputError
+        As `method_class`; or a class that can't be imported, such as one of a script or a function.
+    """
+    found, name = method_class(method, where), method_name(method)
+    if isinstance(method, type) and (found.__module__ == "__main__" or "<" in name):
+        raise InputError(where, name, f"a class in a module that worker processes can import, {OWN}")
+    return name
+
+
+def _imported(path: str, where: str) -> object:
+    """What ``package.module:Class`` stands for."""
+    module, _, name = path.partition(":")
+    if not all(part.isidentifier() for part in (*module.split("."), *name.split("."))):
+        raise InputError(where, repr(path), OWN)
+    here = os.getcwd()
+    if here not in sys.path:  # last: a file of the working folder hides no installed package
+        sys.path.append(here)
+    try:
+        found: object = importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        missing = error.name or module
+        if module == missing or module.startswith(f"{missing}."):
+            raise InputError(where, f"no module {missing!r}", f"{OWN}, installed or in this folder") from None
+        raise InputError(where, f"{module}, which needs {missing!r}", "a module that imports") from None
+    except Exception as error:
+        why = f"{type(error).__name__}: {error}"
+        raise InputError(
+            where, f"{module}, which can't be imported ({why})", "a module that imports"
+        ) from None
+    for part in name.split("."):
+        if not hasattr(found, part):
+            raise InputError(where, f"no {name} in {module}", OWN)
+        found = getattr(found, part)
+    return found
+
+
+def _entry_points() -> Iterable[EntryPoint]:
+    """Methods of other packages."""
+    return entry_points(group=GROUP)
