@@ -90,7 +90,7 @@ class SurfaceFilter:
         Raises
         ------
         InputError
-            Something was heard already, or the start isn't finite.
+            A step was taken already, or the start isn't finite.
         """
         if self.state.step or self.state.time_s is not None:
             raise InputError("start", f"told after {self.state.step} steps", "before the first")
@@ -118,7 +118,7 @@ class SurfaceFilter:
         raise NotImplementedError
 
     def step(self, scan: Scan) -> Estimate:
-        """Take in what was heard at one step and return what is believed now.
+        """Process the measurements of one step and return the estimates after it.
 
         Raises
         ------

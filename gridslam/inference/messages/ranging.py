@@ -74,7 +74,7 @@ def associate_with_rings(
     Returns
     -------
     (given, tentative)
-        given: messages (nu, claimed) of the virtual anchors, as of `association.associate`.
+        given: messages (nu, claimed) of the virtual anchors, as `associate` returns.
     """
     rings = require(state)
     worth = judge(rings, heard, detection_table(model.radio), signal)
