@@ -5,29 +5,11 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from floors import FLOORS
 
 import gridslam
 
 PACKAGE = Path(gridslam.__file__).parent
-FLOORS = (
-    "cli",
-    "studies viewers bench importers checks reference",
-    "runs",
-    "systems evaluation",
-    "inference/management",
-    "inference/messages",
-    "inference/workspace",
-    "inference/state simulation",
-    "maps measurements",
-    "estimates",
-    "world",
-    "io",
-    "kernels/management kernels/messages",
-    "kernels/propagation",
-    "kernels/primitives",
-    "runtime errors",
-)
-"""The highest first; rooms may import from lower floors and from their own."""
 FLOOR = {room: number for number, floor in enumerate(FLOORS) for room in floor.split()}
 FILE_FORMATS = (
     "h5py", "matplotlib", "tomli_w", "tomllib", "gridslam.io", "gridslam.importers",

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from test_architecture import FLOORS
+from floors import FLOORS
 
 from gridslam.systems import grid
 

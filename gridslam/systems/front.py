@@ -94,7 +94,7 @@ class SurfaceFilter(ABC):
         Raises
         ------
         InputError
-            Something was heard already, or the start isn't finite.
+            A step was taken already, or the start isn't finite.
         """
         if self.state.step or self.state.time_s is not None:
             raise InputError("start", f"told after {self.state.step} steps", "before the first")
@@ -122,7 +122,7 @@ class SurfaceFilter(ABC):
         """One step: the state after it, and what happened. The state before stays as it is."""
 
     def step(self, scan: Scan) -> Estimate:
-        """Take in what was heard at one step and return what is believed now.
+        """Process the measurements of one step and return the estimates after it.
 
         Raises
         ------

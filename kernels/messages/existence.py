@@ -31,7 +31,7 @@ def exist(
 ):  # fmt: skip
     """Update rays, then surfaces by all paths that meet them.
 
-    A ray that the grid blocks (V small) is not judged by its silence. Arguments as of
+    A ray that the grid blocks (V small) is not judged by its silence. Arguments: see
     `updates.update`.
     """
     for s in range(surface.shape[0]):

@@ -21,7 +21,7 @@ def fit(
 ):  # fmt: skip
     """Add what the pairs say that are sure; explained are the loud measurements that some path caused.
 
-    The line of sight says how an anchor faces and how strong it sends: no wall takes part. Arguments as of
+    The line of sight says how an anchor faces and how strong it sends: no wall takes part. Arguments: see
     `updates.update`.
     """
     paths, count = path.shape[0], blocks.shape[1]

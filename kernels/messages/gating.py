@@ -24,7 +24,7 @@ def gate(
 ):  # fmt: skip
     """Pick the pairs whose distance and angles lie within reach of what is predicted, path by path.
 
-    `strength` is as `amplitudes.weigh` leaves it; arguments as of `evaluation.evaluate`.
+    `strength` is as `amplitudes.weigh` leaves it; arguments: see `evaluation.evaluate`.
     """
     known = 0
     for m in range(heard.shape[0]):

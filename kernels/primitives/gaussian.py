@@ -223,7 +223,7 @@ def correct(
     """Correct by the paths one after the other, surest first, each moment-matched over its measurements.
 
     Several measurements may have come from the path, or none. With S = P J', a measurement moves the state
-    by S g, and all of them together change the covariance by S C S', where C is 3 x 3. Arguments as of
+    by S g, and all of them together change the covariance by S C S', where C is 3 x 3. Arguments: see
     `updates.update`.
     """
     for k in range(start[path.shape[0]]):

@@ -167,7 +167,7 @@ def _kept(own, code, program, arguments, key):
         launches.clear()
     if key is None and launches:
         return launches[0]
-    for one in launches:  # the anchor whose turn it is was last heard longest ago
+    for one in launches:  # the anchor whose turn it is was launched longest ago
         if one.handed[key] is arguments[key]:
             launches.remove(one)
             break

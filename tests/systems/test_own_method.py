@@ -19,7 +19,7 @@ from gridslam.bench.plan import QUICK
 from gridslam.systems import registry
 from gridslam.systems.registry import METHODS, method_class
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
 NAME = "own_method:SightFilter"
 SCENE = gs.Scene.from_toml(TINY, "tiny")

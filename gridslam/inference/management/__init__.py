@@ -1,1 +1,1 @@
-"""What keeps a belief in order: ghosts, recovery of a lost pose, readout."""
+"""Merging and pruning, ghosts, recovery of a lost pose, what a step reports, estimates for users."""

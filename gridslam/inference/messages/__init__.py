@@ -1,1 +1,1 @@
-"""The messages of a step, in the papers' order: prediction, likelihood, association, update, cells."""
+"""Messages of a step: motion, prediction, likelihood, association, updates, births, cells, coefficients."""

@@ -1,1 +1,1 @@
-"""What is believed: agent and surfaces, rays, rings, and the arrays of one anchor's measurements."""
+"""The state and its parts, particles, rays, and the arrays of one anchor's measurements."""

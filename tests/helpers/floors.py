@@ -1,0 +1,21 @@
+"""Which rooms may import from which."""
+
+FLOORS = (
+    "cli",
+    "studies viewers bench importers checks reference",
+    "runs",
+    "systems evaluation",
+    "inference/management",
+    "inference/messages",
+    "inference/workspace",
+    "inference/state simulation",
+    "maps measurements",
+    "estimates",
+    "world",
+    "io",
+    "kernels/management kernels/messages",
+    "kernels/propagation",
+    "kernels/primitives",
+    "runtime errors",
+)
+"""The highest first; rooms may import from lower floors and from their own."""
