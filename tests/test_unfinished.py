@@ -245,7 +245,8 @@ def test_unfinished_run_is_neither_replaced_unasked_nor_swept(tiny, monkeypatch)
     )
     refused(tiny, *RUN, "-o", "out", "--overwrite", "--measurements", "nothing.csv")
     assert tiny(*RUN, "-o", "other").code == 0
-    assert tiny(*RUN, "-o", "out", "--overwrite").code == 0
+    said = tiny(*RUN, "-o", "out", "--overwrite")
+    assert (said.code, said.complaints) == (0, ["note: the unfinished run into out is overwritten"])
     assert here() == ["other", "out", "tiny.toml"]
     same_runs("other", "out")
     assert "no unfinished run" in refused(tiny, "run", "--resume", "out")
@@ -342,3 +343,39 @@ def test_disk_that_is_full_costs_the_steps_since_the_checkpoint_alone(tiny, monk
     assert "No space left" in said.err
     assert tiny("run", "--resume", "out").code == 0
     same_runs("whole", "out")
+
+
+def test_files_that_cannot_be_written_at_the_end_are_written_by_resume(tiny, monkeypatch):
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    assert tiny(*RUN, "-o", "whole").code == 0
+    with monkeypatch.context() as patch:
+        patch.setattr("gridslam.runs.run_files.write_steps", fail)
+        said = tiny(*RUN, "-o", "out", "--checkpoint", "1")
+    assert (said.code, len(said.complaints)) == (2, 3)
+    assert said.complaints[-1].endswith("gridslam run --resume out")
+    assert here() == [f".out.{os.getpid()}.part", "tiny.toml", "whole"]
+    assert tiny("run", "--resume", "out").code == 0
+    same_runs("whole", "out")
+
+
+def test_unfinished_run_that_was_to_replace_another_is_told_and_resumed(tiny, monkeypatch):
+    assert tiny(*RUN, "-o", "whole").code == 0
+    assert tiny("run", "tiny.toml", "--agent", "agent2", "-o", "out").code == 0
+    interrupted(tiny, monkeypatch, "--overwrite")
+    reason = refused(tiny, *RUN, "-o", "out")
+    assert "an unfinished run to replace it" in reason
+    assert "gridslam run --resume out" in reason
+    assert tiny("run", "--resume", "out").code == 0
+    same_runs("whole", "out")
+
+
+def test_run_without_a_folder_of_its_own_keeps_off_an_unfinished_one(tiny, monkeypatch):
+    with monkeypatch.context() as patch:
+        stop_at(patch, "agent1", 1)
+        said = tiny(*RUN, "--checkpoint", "1")
+    assert said.complaints[-1].endswith(f"gridslam run --resume {Path('runs/tiny-1')}")
+    assert tiny(*RUN).code == 0
+    assert tiny("run", "--resume", "runs/tiny-1").code == 0
+    same_runs("runs/tiny-1", "runs/tiny-2")

@@ -57,11 +57,11 @@ def refuse_contradictions(context: typer.Context, folder: Path) -> None:
     given = {name: value for name, value in context.params.items() if _given(context, name)}
     output = given.get("output")
     if output is not None and output.resolve() != folder.resolve():
-        raise InputError("-o", str(output), f"{folder}, as --resume says, or nothing")
+        raise InputError("-o", str(output), f"{folder}, as --resume says, or left out")
     for name, option in SETTLED.items():
         if name in given and _plain(name, given[name]) != settings.get(name):
-            found, before = _plain(name, given[name]), settings.get(name)
-            raise InputError(option, f"{found} together with --resume", f"{before}, as before, or nothing")
+            found, before = (_words(value) for value in (_plain(name, given[name]), settings.get(name)))
+            raise InputError(option, f"{found} together with --resume", f"{before}, as before, or left out")
 
 
 def unfinished(
@@ -101,6 +101,15 @@ def unfinished(
 def _given(context: typer.Context, name: str) -> bool:
     source = context.get_parameter_source(name)
     return source is not None and source.name not in ("DEFAULT", "DEFAULT_MAP")
+
+
+def _words(value: Any) -> str:
+    """An option as errors tell it."""
+    if isinstance(value, list):
+        return ", ".join(map(str, value))
+    if value is None or isinstance(value, bool):
+        return "on" if value else "off" if value is False else "none"
+    return str(value)
 
 
 def _plain(name: str, value: Any) -> Any:

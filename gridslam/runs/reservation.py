@@ -84,8 +84,8 @@ class Place:
             stays, under a name that the error says.
         """
         try:
-            check_output(self.target, self.overwrite)
             self.drop_checkpoint()
+            check_output(self.target, self.overwrite)
             if self.target.exists():
                 self._swap()
             else:
@@ -186,7 +186,13 @@ def reserve(
     InputError
         It exists and isn't a run's folder, it can't be made, or there is nothing to go on with.
     """
-    check_output(directory, overwrite)
+    try:
+        check_output(directory, overwrite)
+    except Taken as error:
+        if resume or unfinished_part(directory) is None:
+            raise
+        found = f"{error.found}, and an unfinished run to replace it"
+        raise Taken(error.where, found, f"{error.allowed}, or gridslam run --resume {directory}") from error
     target = Path(directory).resolve()
     place = Place(target, overwrite)
     with contextlib.ExitStack() as left:
@@ -242,9 +248,12 @@ def _take_over(place: Place, directory: str, resume: bool) -> None:
     if not (resume or place.overwrite):
         allowed = f"to go on with it (gridslam run --resume {directory}), or --overwrite"
         raise Taken(directory, "an unfinished run", allowed)
+    if not resume:
+        place.notes.append(f"the unfinished run into {directory} is overwritten")
     if before != place.part:
         shutil.rmtree(place.part, ignore_errors=True)
         before.rename(place.part)
+        settle_folder(place.part.parent)
     for path in place.part.iterdir():  # what it had begun to write at its end
         if path.name != UNFINISHED:
             shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()

@@ -21,7 +21,7 @@ import numpy as np
 
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate, Health
-from gridslam.io.files import cannot_write, put_in_place, write_bytes
+from gridslam.io.files import cannot_write, put_in_place, settle_folder, write_bytes
 from gridslam.measurements.table import Measurements
 from gridslam.runs.reservation import INDEX, UNFINISHED, Place, unfinished_part
 from gridslam.runs.step_files import read_steps, write_steps
@@ -118,6 +118,8 @@ class Unfinished:
         try:
             new.sources = {str(path.resolve()): _checksum(path) for path in sources}
             new.folder.mkdir(exist_ok=True)
+            for folder in (place.part, place.part.parent):
+                settle_folder(folder)
         except OSError as error:
             raise cannot_write(new.folder, error) from error
         new._commit([], {})
