@@ -13,6 +13,7 @@ from rich.table import Table
 
 from gridslam.cli import bench, files, scene
 from gridslam.cli.output import ended, interruptible, reserved
+from gridslam.cli.resume import as_saved, refuse_contradictions, unfinished
 from gridslam.cli.robustness import robustness
 from gridslam.cli.study import study
 from gridslam.errors import InputError, Unwritten
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from gridslam.measurements.table import Measurements
     from gridslam.runs.reservation import Place
     from gridslam.runs.run import Run
+    from gridslam.runs.unfinished import Unfinished
     from gridslam.viewers.rerun_view import RunView
     from gridslam.world.scene import Scene
 
@@ -37,6 +39,7 @@ app.command()(robustness)
 
 @app.command()
 def run(
+    context: typer.Context,
     scene: Annotated[str, typer.Argument(help="bundled name or path")] = MAIN_SCENE,
     agent: Annotated[list[str] | None, typer.Option(help="agents, in order")] = None,
     method: Annotated[str, typer.Option(help=method_help())] = DEFAULT,
@@ -61,6 +64,17 @@ def run(
     rerun_to: Annotated[
         str | None, typer.Option(help="FILE.rrd to record to instead, or HOST:PORT of a viewer")
     ] = None,
+    checkpoint: Annotated[
+        int | None, typer.Option(min=1, help="steps between checkpoints, from which --resume goes on")
+    ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            help="folder of an interrupted run with --checkpoint: go on with it, as it was asked for",
+            is_eager=True,
+            callback=as_saved,
+        ),
+    ] = None,
 ) -> None:
     """Map a scene with its agents, each starting from the map that the one before it left."""
     from gridslam import runtime
@@ -69,12 +83,16 @@ def run(
     from gridslam.runs.map_scene import check_anchors
     from gridslam.world.scene import Scene
 
+    if resume is not None:
+        refuse_contradictions(context, resume)
+        output = resume
     world = Scene.load(scene)
     world = world if particles is None else world.with_filter(particles=particles)
-    method_class(method, "--method")
+    system = method_class(method, "--method")
     names = _agents(world, agent, measurements)
     how = _start(start, measurements)
-    with interruptible() as termination, reserved(output, world.name, overwrite) as (folder, place):
+    going_on = resume is not None
+    with interruptible() as termination, reserved(output, world.name, overwrite, going_on) as (folder, place):
         recorded = _recorded(world, measurements, truth)
         if recorded is not None:
             check_anchors(world, recorded)
@@ -85,13 +103,21 @@ def run(
             for line in (*place.notes, note):
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
-            runs, heards = _explore(world, names, method, seed, how, recorded, given, view)
+            resolved = {"agent": names, "particles": world.filter.particles, "start": how}
+            kept = unfinished(context, place, world, system, resolved)
+            runs, heards = _explore(world, names, method, seed, how, recorded, given, view, kept)
             stopped = len(runs) < len(names) or runs[-1].interrupted
+            scores = []
             try:
-                with _busy("scoring"):
-                    scores = _scores(world, runs, heards, given)
+                if not (stopped and kept):
+                    with _busy("scoring"):
+                        scores = _scores(world, runs, heards, given)
             except KeyboardInterrupt:
                 scores, stopped = [done.score() for done in runs], True
+            if stopped and kept:
+                line = f"{ended(termination)} after {kept.where()}; to go on: gridslam run --resume {folder}"
+                err.print(line, highlight=False, markup=False, soft_wrap=True)
+                sys.exit(143 if termination.asked else 130)
             stopped = not _finish(folder, place, world, runs, heards, scores) or stopped
         if stopped:
             done = f"{len(runs[-1].estimates)} of {len(heards[-1])} steps of {runs[-1].agent}"
@@ -229,8 +255,12 @@ def _explore(
     recorded: Measurements | None,
     given: Map | None,
     view: RunView | None = None,
+    kept: Unfinished | None = None,
 ) -> tuple[list[Run], list[Measurements]]:
-    """Run the agents one after the other; Ctrl-C ends the list early, and raises only if it is empty."""
+    """Run the agents one after the other; Ctrl-C ends the list early.
+
+    It raises only if that is empty and nothing is kept to go on from.
+    """
     from gridslam.runs.map_scene import map_scene
     from gridslam.runs.progress import progress_bar
     from gridslam.simulation.image_source import simulate as hear
@@ -239,14 +269,19 @@ def _explore(
     runs: list[Run] = []
     heards: list[Measurements] = []
     try:
-        for name in names:
+        for number, name in enumerate(names):
             with _busy(f"simulating {name}"):
-                heard = hear(world, name, seed) if recorded is None else recorded
+                heard = kept.measurements(number) if kept else recorded
+                heard = recorded if heard is None else heard
+                heard = hear(world, name, seed) if heard is None else heard
+            own = kept.agent(number, name, heard) if kept else None
             watch = view.follow(name, heard.truth) if view else None
             with progress_bar(name, heard.truth, err) as tell:
-                before = runs[-1].map if runs else given
+                prior = runs[-1].map if runs else given
                 start = told_start(world, name, seed, how)
-                done = map_scene(world, heard, method, name, seed, before, tell, watch=watch, start=start)
+                done = map_scene(
+                    world, heard, method, name, seed, prior, tell, watch=watch, start=start, checkpoint=own
+                )
             if view:
                 view.show_map(done.map)
             heards.append(heard)
@@ -254,7 +289,7 @@ def _explore(
             if done.interrupted:
                 break
     except KeyboardInterrupt:
-        if not runs:
+        if not (runs or kept):
             raise
     return runs, heards[: len(runs)]
 

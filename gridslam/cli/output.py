@@ -38,12 +38,14 @@ def ended(termination: Termination) -> str:
 
 
 @contextmanager
-def reserved(output: Path | None, name: str, overwrite: bool) -> Iterator[tuple[Path, Place]]:
+def reserved(
+    output: Path | None, name: str, overwrite: bool, resume: bool = False
+) -> Iterator[tuple[Path, Place]]:
     """The run's folder, as it is called and as it is kept for it; by default runs/NAME-1, runs/NAME-2, ..."""
     from gridslam.runs.reservation import reserve, reserve_free
 
     if output is not None:
-        with reserve(output, overwrite) as place:
+        with reserve(output, overwrite, resume) as place:
             yield output, place
         return
     with reserve_free(Path("runs"), name) as place:

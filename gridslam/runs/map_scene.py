@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from itertools import islice
 
 import numpy as np
 import psutil
@@ -17,6 +18,7 @@ from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements
 from gridslam.runs.run import Run
 from gridslam.runs.stopping import asked_to_stop
+from gridslam.runs.unfinished import AgentCheckpoint
 from gridslam.systems.registry import DEFAULT, method_class, method_name
 from gridslam.systems.slam import Slam, built, mapped, stepped
 from gridslam.world.geometry import wrap
@@ -39,6 +41,7 @@ def map_scene(
     watch: Callable[[Estimate, Callable[[], Map]], None] | None = None,
     same_frame: bool = False,
     start: Start | None = None,
+    checkpoint: AgentCheckpoint | None = None,
 ) -> Run:
     """Run a method over all measurements of one agent.
 
@@ -66,6 +69,9 @@ def map_scene(
     start : Start, optional
         Told instead of the scene's own start, e.g. `gridslam.world.start.told_start(scene, agent, seed)`:
         drawn from the agent's prior, as `gridslam run` and `study` do where they simulate.
+    checkpoint : AgentCheckpoint, optional
+        Where the run goes on from, if it was interrupted, and keeps what it needs to do so again: of
+        `gridslam.runs.unfinished.Unfinished.agent`.
 
     Returns
     -------
@@ -88,11 +94,17 @@ def map_scene(
     if prior_map is not None:
         prior_map, _ = fitted(assured(prior_map, scene) if same_frame else prior_map, scene)
     device = runtime.start()
-    slam = _started(found, scene, prior_map, agent, seed, start)
     estimates: list[Estimate] = []
-    peak, began = 0.0, time.perf_counter()
+    peak, spent = 0.0, 0.0
+    resumed = checkpoint.resumed(found) if checkpoint is not None else None
+    if checkpoint is not None and resumed is not None:
+        slam, estimates = resumed
+        peak, spent = checkpoint.progress.peak_mb, checkpoint.progress.seconds
+    else:
+        slam = _started(found, scene, prior_map, agent, seed, start)
+    began = time.perf_counter() - spent
     with _watcher(progress, slam.agent, measurements) as tell, asked_to_stop() as stopped:
-        for scan in measurements:
+        for scan in islice(measurements, len(estimates), None):
             estimates.append(stepped(slam, scan))
             peak = max(peak, psutil.Process().memory_info().rss / 2**20)
             try:
@@ -102,6 +114,8 @@ def map_scene(
                     watch(estimates[-1], slam.map)
             except KeyboardInterrupt:
                 stopped.set()
+            if checkpoint is not None:
+                checkpoint.keep(slam, estimates, time.perf_counter() - began, peak, now=stopped.is_set())
             if stopped.is_set():
                 break
     if not estimates:

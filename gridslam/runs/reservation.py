@@ -2,7 +2,8 @@
 
 While a run is at work on the folder NAME, beside it lie ``.NAME.run-lock``, which the system unlocks when the
 process ends in whatever way, and ``.NAME.PID.part``, which becomes the folder. What dead processes left of
-these is swept by the next run beside it; finished work is kept, as ``NAME.PID.part``.
+these is swept by the next run beside it; finished work is kept, as ``NAME.PID.part``. A part that holds a
+checkpoint stays until its run goes on, or another run overwrites it.
 """
 
 from __future__ import annotations
@@ -33,6 +34,10 @@ SIGN = b"gridslam "
 """What a lock file begins with; the number of the process follows."""
 PART = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})(?P<old>\.old)?\.part(\.\w{1,4})?")
 LOCK = re.compile(r"\.(?P<name>.+)\.run-lock")
+UNFINISHED = ".unfinished"
+"""Folder within a part that holds what a run needs to go on; no agent can be called so."""
+INDEX = "unfinished.json"
+"""File without which there is no checkpoint in that folder."""
 
 
 class Taken(InputError):
@@ -63,6 +68,12 @@ class Place:
         """The folder to fill, which is there."""
         return beside(self.target)
 
+    def drop_checkpoint(self) -> None:
+        """Remove the checkpoint, the file that makes it one first."""
+        folder = self.part / UNFINISHED
+        (folder / INDEX).unlink(missing_ok=True)
+        shutil.rmtree(folder, ignore_errors=True)
+
     def finish(self) -> None:
         """Make the filled folder the reserved one; an earlier run's goes last.
 
@@ -73,6 +84,7 @@ class Place:
             stays, under a name that the error says.
         """
         try:
+            self.drop_checkpoint()
             check_output(self.target, self.overwrite)
             if self.target.exists():
                 self._swap()
@@ -92,8 +104,8 @@ class Place:
         return _kept(self.part, self.target.name, str(os.getpid()))
 
     def clear(self) -> None:
-        """Remove what was filled, unless it was kept."""
-        if not self._done:
+        """Remove what was filled, unless it was kept or a run can go on from it."""
+        if not self._done and not holds_checkpoint(self.part):
             shutil.rmtree(self.part, ignore_errors=True)
 
     def _swap(self) -> None:
@@ -133,18 +145,54 @@ def check_output(directory: str | os.PathLike[str], overwrite: bool = False) -> 
         ) from error
 
 
+def holds_checkpoint(part: Path) -> bool:
+    """Whether a run can go on from what is in a part."""
+    return (part / UNFINISHED / INDEX).is_file()
+
+
+def unfinished_part(directory: str | os.PathLike[str]) -> Path | None:
+    """The part from which a run into a folder can go on, if there is one; the latest of several."""
+    target = Path(directory).resolve()
+    if not target.parent.is_dir():
+        return None
+    found = []
+    for path in target.parent.iterdir():
+        part = PART.fullmatch(path.name)
+        if part and part["name"] == target.name and not path.is_symlink() and holds_checkpoint(path):
+            found.append(path)
+    return max(found, key=lambda path: (path / UNFINISHED / INDEX).stat().st_mtime_ns, default=None)
+
+
 @contextlib.contextmanager
-def reserve(directory: str | os.PathLike[str], overwrite: bool = False) -> Iterator[Place]:
+def reserve(
+    directory: str | os.PathLike[str], overwrite: bool = False, resume: bool = False
+) -> Iterator[Place]:
     """Keep a folder for one run, and sweep what dead processes left beside it.
+
+    Parameters
+    ----------
+    directory : path
+    overwrite : bool
+        Whether what is there may be replaced: an earlier run's folder, or an unfinished run.
+    resume : bool
+        Whether the run is the unfinished one, whose checkpoint the place then holds. (It does so after
+        `overwrite`, too, for the new run to drop once it is sure to begin.)
 
     Raises
     ------
     Taken
-        It exists and `overwrite` is off, or another run is at work on it.
+        It exists and `overwrite` is off, another run is at work on it, or an unfinished one is neither to
+        be gone on with nor to be overwritten.
     InputError
-        It exists and isn't a run's folder, or it can't be made.
+        It exists and isn't a run's folder, it can't be made, or there is nothing to go on with.
     """
-    check_output(directory, overwrite)
+    try:
+        check_output(directory, overwrite)
+    except Taken as error:
+        if resume or unfinished_part(directory) is None:
+            raise
+        found = f"{error.found}, and an unfinished run to replace it"
+        raise Taken(error.where, found, f"{error.allowed}, or gridslam run --resume {directory}") from error
     target = Path(directory).resolve()
     place = Place(target, overwrite)
     with contextlib.ExitStack() as left:
@@ -157,7 +205,7 @@ def reserve(directory: str | os.PathLike[str], overwrite: bool = False) -> Itera
                 place.notes.append(f"process {before}, which is gone, left a run into {directory} unfinished")
             place.notes += _sweep(target)
             check_output(directory, overwrite)  # what was swept may have been the folder, on its way
-            place.part.mkdir()
+            _take_over(place, str(directory), resume)
         except BlockingIOError as error:
             who = f"process {error.strerror}" if error.strerror else "another process"
             raise Taken(
@@ -187,6 +235,28 @@ def reserve_free(folder: Path, name: str) -> Iterator[Place]:
             except Taken:
                 number += 1
         yield place
+
+
+def _take_over(place: Place, directory: str, resume: bool) -> None:
+    """Make the folder to fill: empty but for the checkpoint that is gone on with or is to be overwritten."""
+    before = unfinished_part(place.target)
+    if before is None:
+        if resume:
+            raise InputError(directory, "no unfinished run", "the folder of a run with --checkpoint")
+        place.part.mkdir()
+        return
+    if not (resume or place.overwrite):
+        allowed = f"to go on with it (gridslam run --resume {directory}), or --overwrite"
+        raise Taken(directory, "an unfinished run", allowed)
+    if not resume:
+        place.notes.append(f"the unfinished run into {directory} is overwritten")
+    if before != place.part:
+        shutil.rmtree(place.part, ignore_errors=True)
+        before.rename(place.part)
+        settle_folder(place.part.parent)
+    for path in place.part.iterdir():  # what it had begun to write at its end
+        if path.name != UNFINISHED:
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
 
 
 def _lock_of(target: Path) -> Path:
@@ -289,6 +359,8 @@ def _stale(path: Path, name: str, process: int, target: Path) -> bool:
 def _clear(path: Path, part: re.Match[str]) -> list[str]:
     """Remove a rest, or keep it if it is a whole run; say so."""
     folder = path.with_name(part["name"])
+    if holds_checkpoint(path):
+        return []
     if not path.is_dir():
         path.unlink()
     elif part["old"] and not folder.exists():  # ended between the two renames

@@ -21,7 +21,7 @@ from gridslam.estimates import Estimate
 from gridslam.io.files import cannot_write, write_bytes
 from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements
-from gridslam.runs.reservation import Place, reserve
+from gridslam.runs.reservation import Place, holds_checkpoint, reserve
 from gridslam.runs.run import Run
 from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.runs.stopping import held_back
@@ -111,7 +111,8 @@ def write_run(
     Raises
     ------
     Unwritten
-        Some files couldn't be written. The rest is in the folder or, if a run stands there, beside it.
+        Some files couldn't be written. The rest is in the folder or, if a run stands there, beside it; of a
+        run that has a checkpoint, that is kept instead, from which all can be written later.
     InputError
         The folder exists or another run is at work on it, or nothing at all can be written: nothing
         half-written is left behind. Or something stands there by the end: the run is kept beside it.
@@ -126,6 +127,10 @@ def write_run(
     with reserve(directory, overwrite) if place is None else nullcontext(place) as here:
         with held_back() as asked:
             faults = _fill(here, scene, runs, measurements, scores, settings)
+        if faults and holds_checkpoint(here.part):  # whole later is better than in parts now
+            found = "the run's checkpoint, and not all of its files"
+            go_on = f"to write them again: gridslam run --resume {directory}"
+            raise Unwritten([*faults, InputError(str(directory), found, go_on)])
         if not any(path.is_file() for path in here.part.rglob("*")):
             raise InputError(str(directory), faults[0].found, faults[0].allowed)
         trouble: BaseException | None = KeyboardInterrupt() if asked.is_set() else None
