@@ -14,7 +14,6 @@ import pytest
 from tiny import TINY
 
 import gridslam as gs
-from gridslam.runs import map_scene
 from gridslam.runs.reservation import INDEX, UNFINISHED, reserve, unfinished_part
 from gridslam.runs.unfinished import read_unfinished
 from gridslam.systems.grid import GridSlam
@@ -41,7 +40,7 @@ def here():
 
 def stop_at(monkeypatch, agent, step, number=signal.SIGINT):
     """Send a signal to this process at a step, once."""
-    for system in map_scene.METHODS.values():
+    for system in (gs.GridSlam, gs.AdaptiveSlam, gs.VirtualAnchorSlam):
         whole = system.step
 
         def cut(slam, scan, whole=whole):
@@ -313,18 +312,27 @@ def test_filter_checkpoint_of_another_version_is_refused(tiny, monkeypatch):
     assert "version: found 1" in refused(tiny, "run", "--resume", "out")
 
 
-def test_method_that_cannot_be_saved_is_told_before_any_work(tiny, monkeypatch):
-    class Own:
-        def __init__(self, *_, **__):
-            raise AssertionError("work")
+OWN = """
+class Own:
+    def __init__(self, scene, prior_map=None, agent=None, seed=0):
+        raise AssertionError("work")
 
-    monkeypatch.setitem(map_scene.METHODS, "own", Own)
-    said = tiny(*RUN, "--method", "own", "-o", "out", "--checkpoint", "1")
+    def step(self, scan):
+        raise AssertionError("work")
+
+    def map(self):
+        raise AssertionError("work")
+"""
+
+
+def test_method_that_cannot_be_saved_is_told_before_any_work(tiny):
+    Path("unsaved.py").write_text(OWN)
+    said = tiny(*RUN, "--method", "unsaved:Own", "-o", "out", "--checkpoint", "1")
     assert said.code == 2
     assert said.complaints == [
-        "error: --checkpoint: found method 'own', which has no 'save'; allowed: one that has"
+        "error: --checkpoint: found method 'unsaved:Own', which has no 'save'; allowed: one that has"
     ]
-    assert here() == ["tiny.toml"]
+    assert "out" not in here()
 
 
 def test_disk_that_is_full_costs_the_steps_since_the_checkpoint_alone(tiny, monkeypatch):
