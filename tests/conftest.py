@@ -9,7 +9,10 @@ from hypothesis import settings
 from scene_samples import shortened
 
 import gridslam as gs
+from gridslam.io import hdf5_guard
 
+# a loaded machine refuses no whole file; what the limit does is tested with a limit of its own
+hdf5_guard.START_S = 120.0
 # the same code passes or fails every time; other examples are looked for with GRIDSLAM_EXAMPLES=other
 settings.register_profile("same", derandomize=True)
 settings.register_profile("other", derandomize=False)

@@ -112,6 +112,7 @@ def test_silence_of_a_while_widens_the_belief_by_its_length():
     assert np.degrees(np.degrees(own[4])) == pytest.approx(100 / 3 + 49, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("interval", [0.25, 4.0])
 def test_the_agent_is_followed_whatever_the_time_between_steps(interval):
     data = gs.Scene.load("room").model_dump(exclude_none=True)

@@ -50,6 +50,7 @@ ENTITIES 0 LINE 8 WALLS 10 0.0 20 0.0 11 8.0 21 0.0 0 ARC 8 GLASS 10 3.0 20 5.0 
 DRAWING = "\n".join(DRAWN.split()) + "\n"
 
 
+@pytest.mark.slow
 @CASES
 @given(content=damaged(SCENE.encode()) | retold(SCENE))
 @example(content=SCENE.replace("step_m = 0.05", "step_m = 1e-320").encode())
@@ -80,18 +81,21 @@ def good(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @CASES
 @given(data=st.data())
 def test_h5_damaged(tmp_path, good, data):
     harmless(describe, tmp_path / "a.h5", data.draw(damaged((good / "a.h5").read_bytes())))
 
 
+@pytest.mark.slow
 @CASES
 @given(data=st.data(), name=st.sampled_from(("5.mat", "6.mat")))
 def test_mat_damaged(tmp_path, good, data, name):
     harmless(describe, tmp_path / "a.mat", data.draw(damaged((good / name).read_bytes())))
 
 
+@pytest.mark.slow
 @FEWEST
 @given(data=st.data(), name=st.sampled_from(("7.mat", "old.h5")))
 def test_hdf5_of_others_damaged(tmp_path, good, data, name):
@@ -140,6 +144,7 @@ def sealed(path):
     return content + seal(content)
 
 
+@pytest.mark.slow
 @FEWER
 @given(swaps=st.dictionaries(st.sampled_from([*VECTORS, "aoa_std_rad"]), st.sampled_from([*ODD]), min_size=1))
 def test_h5_of_other_content(tmp_path, good, swaps):
@@ -151,6 +156,7 @@ def test_h5_of_other_content(tmp_path, good, swaps):
     harmless(describe, path, sealed(path))
 
 
+@pytest.mark.slow
 @FEWER
 @given(
     swaps=st.dictionaries(
@@ -183,12 +189,14 @@ def read_plan(path):
     plan_of(geojson.read_walls(path), path.name, name="x").toml()
 
 
+@pytest.mark.slow
 @CASES
 @given(content=damaged(PLAN.encode()) | retold(PLAN))
 def test_geojson(tmp_path, content):
     harmless(read_plan, tmp_path / "a.geojson", content)
 
 
+@pytest.mark.slow
 @CASES
 @given(content=damaged(DRAWING.encode()) | retold(DRAWING))
 def test_dxf(tmp_path, content):

@@ -61,6 +61,7 @@ def test_python_examples_run_one_after_the_other(brief_scenes, tmp_path, monkeyp
     assert names["mine"].map.observed.any()
 
 
+@pytest.mark.slow
 def test_command_line_examples_run_one_after_the_other(brief_scenes, say, no_figures):
     lines = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("gridslam ")]
     assert len(lines) >= 6

@@ -40,6 +40,7 @@ def numbers(value):
     return [] if isinstance(value, str | bool) or value is None else [value]
 
 
+@pytest.mark.slow
 def test_everything_is_in_the_json_as_positive_finite_numbers(quick):
     found = json.loads(quick[0].to_json())
     assert set(found) == {
@@ -64,6 +65,7 @@ def test_everything_is_in_the_json_as_positive_finite_numbers(quick):
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_ratios_and_rates_are_those_of_the_times(quick):
     for kernel in quick[0].kernels:
         assert kernel.ratio == pytest.approx(kernel.twin_s / kernel.kernel_s)
@@ -75,6 +77,7 @@ def test_ratios_and_rates_are_those_of_the_times(quick):
         assert step.not_kernel_share == pytest.approx(1 - inside / sum(step.stages_ms.values()))
 
 
+@pytest.mark.slow
 def test_every_kernel_there_is_has_a_twin_to_compete_with(quick):
     assert set(bench_kernels.CONTESTS) == set(bench_stages.kernels())
     assert {kernel.name for kernel in quick[0].kernels} == set(bench_kernels.CONTESTS)
@@ -82,6 +85,7 @@ def test_every_kernel_there_is_has_a_twin_to_compete_with(quick):
     assert launched | {"kernel associate"} == {f"kernel {name}" for name in bench_kernels.CONTESTS}
 
 
+@pytest.mark.slow
 def test_progress_tells_every_part_once(quick):
     speed, told = quick
     assert [done for _, done, _ in told] == list(range(len(told)))
@@ -163,6 +167,7 @@ def test_cell_visits_of_a_straight_ray_are_the_cells_on_its_way():
     assert bench_kernels.CONTESTS["cast"].units(case) == 4
 
 
+@pytest.mark.slow
 def test_command_writes_the_json_it_shows(say, quick, monkeypatch, tmp_path):
     kept = quick[0]
 
@@ -179,6 +184,7 @@ def test_command_writes_the_json_it_shows(say, quick, monkeypatch, tmp_path):
     assert "…" not in said.out, "no table is cut"
 
 
+@pytest.mark.slow
 def test_first_start_compiles_the_kernels_and_the_next_finds_them(monkeypatch):
     whole, compiled = bench_start._child, []
 

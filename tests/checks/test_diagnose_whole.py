@@ -1,6 +1,7 @@
 """`check` on errors of whole tables: clocks, heights, names, times; and tables that nothing explains."""
 
 import re
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,9 +17,19 @@ OFFSET_M = 5e-9 * SPEED_OF_LIGHT
 NAMES = ("step", "time_s", "anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
 
 
-def heard(name, seed, agent="agent1"):
-    table = gs.simulate(SCENES[name], agent, seed)
-    return {key: np.array(getattr(table, key)) for key in NAMES}
+BRIEF = 60
+"""Steps of most tables with errors: fewer tell less, and take less time. Clean tables are whole."""
+
+
+@cache
+def simulated(name, seed, agent):
+    return gs.simulate(SCENES[name], agent, seed)
+
+
+def heard(name, seed, agent="agent1", steps=None):
+    table = simulated(name, seed, agent)
+    rows = slice(None) if steps is None else table.step < steps
+    return {key: np.array(getattr(table, key)[rows]) for key in NAMES}
 
 
 def named(columns, name):
@@ -29,11 +40,12 @@ def size(text, unit="m"):
     return float(re.search(rf"([\d.]+) {unit}\b", text)[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("name", ["room", "alcove"])
 class TestErrorsOfDistancesAreNamed:
     def test_clock_offset_of_all_anchors(self, name, seed):
-        columns = heard(name, seed)
+        columns = heard(name, seed, steps=BRIEF)
         (found,) = named(columns | {"distance_m": columns["distance_m"] + OFFSET_M}, name)
         assert (found.column, found.kind, found.certain) == ("distance_m", "offset", True)
         assert "of all anchors" in found.text
@@ -41,7 +53,7 @@ class TestErrorsOfDistancesAreNamed:
         assert size(found.text, "ns") == pytest.approx(5, abs=0.4)
 
     def test_clock_offset_of_one_anchor(self, name, seed):
-        columns = heard(name, seed)
+        columns = heard(name, seed, steps=BRIEF)
         late = columns["distance_m"] + np.where(columns["anchor"] == 1, OFFSET_M, 0)
         (found,) = named(columns | {"distance_m": late}, name)
         assert (found.column, found.kind) == ("distance_m", "offset")
@@ -49,13 +61,14 @@ class TestErrorsOfDistancesAreNamed:
         assert size(found.text) == pytest.approx(OFFSET_M, abs=0.1)
 
     def test_anchors_above_the_agent(self, name, seed):
-        columns = heard(name, seed)
+        columns = heard(name, seed, steps=BRIEF)
         (found,) = named(columns | {"distance_m": np.hypot(columns["distance_m"], 1.5)}, name)
         assert (found.column, found.kind) == ("distance_m", "slant")
         assert "of all anchors" in found.text
         assert size(found.text) == pytest.approx(1.5, abs=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "agent"), [(name, body.name) for name, scene in SCENES.items() for body in scene.agents]
 )
@@ -64,9 +77,10 @@ def test_clean_tables_of_every_bundled_scene_raise_no_alarm(name, agent):
     assert suspicions(heard(name, 1, agent), scene.anchor_names, scene, agent) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["room", "canyon"])
 def test_exchanged_anchors_are_named(name):
-    columns, count = heard(name, 2), len(SCENES[name].anchors)
+    columns, count = heard(name, 2, steps=BRIEF), len(SCENES[name].anchors)
     order = np.roll(np.arange(count), 1)
     (found,) = named(columns | {"anchor": order[columns["anchor"]]}, name)
     assert (found.column, found.kind) == ("anchor", "names")
@@ -76,34 +90,38 @@ def test_exchanged_anchors_are_named(name):
         assert f"{letter} is the scene's {'ABC'[order.tolist().index(index)]}" in found.text
 
 
+@pytest.mark.slow
 def test_names_that_differ_in_case_are_named_and_the_rest_still_judged():
-    columns, scene = heard("room", 1), SCENES["room"]
+    columns, scene = heard("room", 1, steps=BRIEF), SCENES["room"]
     found = suspicions(columns | {"aoa_rad": -columns["aoa_rad"]}, ("a", "b"), scene)
     assert [(item.column, item.kind) for item in found] == [("anchor", "case"), ("aoa_rad", "flipped")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("epoch", "kind"), [(0.0, "milliseconds"), (1.7e12, "milliseconds"), (1.7e18, "nanoseconds")]
 )
 def test_times_that_are_no_seconds_are_named(epoch, kind):
-    columns = heard("room", 1)
+    columns = heard("room", 1, steps=BRIEF)
     factor = 1e9 if kind == "nanoseconds" else 1e3
     (found,) = named(columns | {"time_s": epoch + factor * columns["time_s"]}, "room")
     assert (found.column, found.kind) == ("time_s", kind)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 3, 5])
 def test_missing_distances_are_named(seed):
-    columns = heard("room", seed)
+    columns = heard("room", seed, steps=BRIEF)
     del columns["distance_m"]
     (found,) = named(columns, "room")
     assert (found.column, found.kind) == ("distance_m", "missing")
 
 
+@pytest.mark.slow
 def test_half_a_fit_is_no_fit_and_no_cure_is_made_up(tmp_path):
     """Every second reading of each anchor's angles is another's: no cure explains that."""
-    columns, draw = heard("room", 1), np.random.default_rng(1)
-    lost = np.isin(columns["step"], draw.choice(150, 75, replace=False))
+    columns, draw = heard("room", 1, steps=BRIEF), np.random.default_rng(1)
+    lost = np.isin(columns["step"], draw.choice(BRIEF, BRIEF // 2, replace=False))
     for key in ("aod_rad", "aoa_rad"):
         columns[key] = np.where(lost, draw.uniform(-3, 3, len(lost)), columns[key])
     assert named(columns, "room") == []
@@ -114,8 +132,9 @@ def test_half_a_fit_is_no_fit_and_no_cure_is_made_up(tmp_path):
     assert 30 <= int(re.search(r"in (\d+)% of", last)[1]) < 80
 
 
+@pytest.mark.slow
 def test_exit_code_tells_scripts_of_suspects(say, tmp_path):
-    columns = heard("room", 1)
+    columns = heard("room", 1, steps=BRIEF)
     for name, spoilt in (("good", {}), ("late", {"distance_m": columns["distance_m"] + OFFSET_M})):
         Measurements(**columns | spoilt, anchors=("A", "B")).to_csv(tmp_path / f"{name}.csv")
     good, late = say("check", "good.csv", "--scene", "room"), say("check", "late.csv", "--scene", "room")
@@ -128,6 +147,7 @@ def test_exit_code_tells_scripts_of_suspects(say, tmp_path):
     assert "Exit code" in say("check", "--help").out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("times", [np.inf, np.nan, [0.0, np.inf, 1.0], [-1e308, 1e308, -1e308]])
 def test_times_that_are_no_numbers_are_looked_at_without_a_warning(times):
     columns = heard("room", 1)

@@ -33,6 +33,7 @@ def listing(folder):
 # ---- what it does -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_two_agents_in_turn_leave_a_whole_folder(say, short_room, tmp_path):
     said = say("run", short_room, "-o", "out", "--seed", "3", "--particles", "500")
     assert (said.code, said.err) == (0, "")
@@ -70,6 +71,7 @@ def test_recorded_measurements_and_a_tum_track_score_like_the_simulation(say, sh
     assert blind["surfaces_detected"] == one["surfaces_detected"]
 
 
+@pytest.mark.slow
 def test_without_walls_the_track_is_scored_and_the_map_is_not(say, tmp_path):
     scene = shortened(gs.Scene.load("room"), 4)
     gs.simulate(scene, "agent1", 1).to_h5(tmp_path / "heard.h5")
@@ -88,6 +90,7 @@ def test_without_walls_the_track_is_scored_and_the_map_is_not(say, tmp_path):
     assert Path("out/figures/agent1-errors.png").exists()
 
 
+@pytest.mark.slow
 def test_map_of_other_cells_is_resampled_and_said(say, short_room, no_figures, mapped):
     _, run = mapped
     run.map.resample(run.map.origin_m, 0.2, (38, 48)).save("coarse.h5")
@@ -100,6 +103,7 @@ def test_map_of_other_cells_is_resampled_and_said(say, short_room, no_figures, m
     assert say("run", short_room, "--agent", "agent2", "--map", "out/map.h5", "-o", "next").err == ""
 
 
+@pytest.mark.slow
 def test_later_agents_are_judged_by_the_tracks_of_all_so_far(say, short_room, no_figures, monkeypatch):
     seen = []
     whole = gs.Run.score
@@ -117,6 +121,7 @@ def test_later_agents_are_judged_by_the_tracks_of_all_so_far(say, short_room, no
     assert len(own.paths) > 0
 
 
+@pytest.mark.slow
 def test_export_writes_nav2_pictures_and_tables(say, mapped, tmp_path):
     mapped[1].map.save(tmp_path / "map.h5")
     Path("robot").mkdir()
@@ -258,6 +263,7 @@ def test_full_disk_is_one_line_and_nothing_half_written(
     assert listing(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_disk_full_at_the_figures_keeps_the_rest(say, short_room, monkeypatch):
     def full(path, content):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -162,6 +162,7 @@ FILE_FAULTS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "word"), FILE_FAULTS, ids=lambda w: w if isinstance(w, str) else " ".join(w)
 )

@@ -103,6 +103,7 @@ def measured(agent, heading, anchor, chain):
     return np.array([np.hypot(*seen), departure, arrival])
 
 
+@pytest.mark.slow
 def test_joint_jacobian_is_that_of_finite_differences():
     scene = Scene.load("alcove")
     paths, track = true_paths(scene, "agent1"), scene.track("agent1")
@@ -147,6 +148,7 @@ def alcove():
     return scene, true_paths(scene, "agent1")
 
 
+@pytest.mark.slow
 def test_unknown_map_costs_and_a_sharp_prior_gives_the_known_map_back(alcove):
     scene, paths = alcove
     known = known_map_bound(scene, "agent1", paths)
@@ -178,6 +180,7 @@ def test_second_agent_starts_from_what_the_first_one_learned(alcove):
     np.testing.assert_allclose(deaf.surface_m[0], expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_static_walls_are_known_ever_better_and_jitter_forgets(alcove):
     scene, paths = alcove
     still = unknown_map_bound(scene, "agent1", paths, jitter_m=0.0)
@@ -188,6 +191,7 @@ def test_static_walls_are_known_ever_better_and_jitter_forgets(alcove):
     assert (loose.position_m >= still.position_m - 1e-12).all()
 
 
+@pytest.mark.slow
 def test_surface_is_bounded_from_its_first_sight_on():
     scene = Scene.load("canyon")
     paths = true_paths(scene, "agent1")

@@ -84,6 +84,7 @@ def perfect(scene, truth, off):
     return estimates
 
 
+@pytest.mark.slow
 def test_steps_of_a_run_that_knows_all_but_its_place(alcove):
     scene, truth = alcove
     steps = follow(perfect(scene, truth, 0.2), scene, truth)

@@ -136,6 +136,7 @@ def test_straight_surfaces_that_serve_all_score_the_plain_ospa(two_anchors, foun
     assert both.ospa(twice) == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_surfaces_that_an_earlier_agent_heard_are_there_from_the_start():
     scene = gs.Scene.load("hall")
     truth = gs.ground_truth(scene, "agent1")
@@ -158,6 +159,7 @@ def test_each_true_point_gets_one_estimate_or_none_within_the_cutoff():
     np.testing.assert_allclose(assigned_error(found[:1], truth), [np.nan, 1.0, np.nan])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "owners"), [("va", {0, 1}), ("adaptive", {-1})])
 def test_virtual_anchors_name_the_anchor_that_they_serve(method, owners):
     scene = gs.Scene.from_toml(TINY, "tiny")

@@ -106,6 +106,7 @@ def test_blocks_are_placed_and_layers_chosen(tmp_path):
     assert sorted(line.material for line in lines) == ["WALLS", "WINDOWS"]
 
 
+@pytest.mark.slow
 def test_blocks_in_blocks_without_end_are_refused(tmp_path):
     doc, space = drawing(6)
     doc.blocks.new("L0")

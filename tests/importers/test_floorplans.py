@@ -71,6 +71,7 @@ def test_every_kind_of_geometry_gives_its_walls(tmp_path):
     assert plan.region == ([-1, 9], [-1, 10])
 
 
+@pytest.mark.slow
 def test_scene_file_reads_back_and_says_what_was_assumed(tmp_path):
     lines = geojson.read_walls(save(tmp_path / "a.json", feature("Polygon", [ROOM], material="brick")))
     plan = plan_of(

@@ -161,6 +161,7 @@ def test_deepmimo_arrays_give_the_geometry_back(users):
     close(gs.from_deepmimo(flat, ROOM, HEADING, users=users, **LEAST), exact())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "where"),
     [

@@ -116,6 +116,7 @@ def nudged(into):
     return *into[:4], heard, *into[5:]
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(0, 3))
 @settings(max_examples=200, deadline=None)
 def test_a_new_surface_joins_the_belief_as_in_its_twin(seed, surfaces):

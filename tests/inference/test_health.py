@@ -100,6 +100,7 @@ def test_complaints_keep_figures_and_names():
     ]
 
 
+@pytest.mark.slow
 def test_run_tells_the_figure_and_the_anchor_by_name(say, no_figures, tmp_path):
     scene = gs.Scene.load("room")
     data = scene.model_dump(exclude_none=True)
@@ -244,6 +245,7 @@ def test_a_jump_cuts_the_agent_from_the_map_and_keeps_the_map(room):
     assert not after.covariance[:5, 5:].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["strides", "start"])
 def test_what_used_to_diverge_recovers(room, kind):
     case = {

@@ -156,6 +156,7 @@ def ray_messages(plot, through, hits, worth):
     return log
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("worth", [0.1, 1.0, 30.0])
 @pytest.mark.parametrize("bounces", [0, 1])
 def test_cell_messages_equal_enumeration_of_all_cell_states(worth, bounces):

@@ -125,6 +125,7 @@ def test_a_straight_way_leaves_the_image_and_its_mirror_image_equally_likely(sce
     assert not len(rings.shrunk(bank, PLACE[None], scene.signal_model()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_a_turn_shrinks_the_ring_to_the_true_image(scene, seed):
     image = np.array([3.0, 4.0])
@@ -219,6 +220,7 @@ def test_silence_begins_no_ring_and_clutter_joins_none(scene):
         assert not slam.step(scan).detected.any()
 
 
+@pytest.mark.slow
 def test_virtual_anchors_are_found_by_distances_alone(scene):
     scene = shortened(scene, 230)
     paths, lines = true_paths(scene, "agent1"), scene.segments().line
@@ -246,6 +248,7 @@ def test_other_methods_take_distances_alone_too(scene, method):
     assert np.linalg.norm(run.trajectory.position_m - scene.track("agent1").position_m, axis=1).max() < 0.5
 
 
+@pytest.mark.slow
 def test_a_radio_of_distances_alone_is_simulated_as_it_is_described(scene):
     heard, label = simulate_labelled(scene, "agent1", 1)
     paths = true_paths(scene, "agent1")
@@ -260,6 +263,7 @@ def test_a_radio_of_distances_alone_is_simulated_as_it_is_described(scene):
     assert abs((~true).sum() / steps - 1) < 4 / np.sqrt(steps)
 
 
+@pytest.mark.slow
 def test_distances_alone_inform_of_one_direction_and_of_no_heading(scene):
     paths = true_paths(scene, "agent1").at(100)
     surfaces = np.unique(scene.segments().surface)

@@ -65,6 +65,7 @@ def test_ours_after_a_change_by_another_program_is_read(ours):
     assert Measurements.from_h5(ours).distance_m[0] == 2.5
 
 
+@pytest.mark.slow
 def test_endless_loop_of_the_library_ends(theirs, monkeypatch):
     """One wrong bit in the length of a text: h5py 3.16 with HDF5 2.0 never comes back from it."""
     monkeypatch.setattr(hdf5_guard, "START_S", 1.5)

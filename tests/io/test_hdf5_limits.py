@@ -20,6 +20,7 @@ LINKS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sealed", [True, False], ids=["as if ours", "of others"])
 @pytest.mark.parametrize("kind", LINKS)
 @pytest.mark.parametrize("place", ["measurements/distance_m", "measurements/aod_std_rad", "odd"])

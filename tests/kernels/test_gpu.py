@@ -47,6 +47,7 @@ def follow(device, **environment):
     return json.loads(said.stdout.splitlines()[-1])
 
 
+@pytest.mark.slow
 def test_a_gpu_agrees_with_the_cpu():
     on_gpu = follow("gpu")
     if "error" in on_gpu:
@@ -60,6 +61,7 @@ def test_a_gpu_agrees_with_the_cpu():
     assert np.mean(gap > 0.05) < 0.01
 
 
+@pytest.mark.slow
 def test_a_gpu_that_cannot_be_had_is_an_error():
     said = follow("gpu", CUDA_VISIBLE_DEVICES="", VK_DRIVER_FILES="/none", VK_ICD_FILENAMES="/none")
     assert "device" in said["error"]
@@ -88,6 +90,7 @@ def test_resident_arrays_change_nothing(monkeypatch):
     assert beliefs[0][2].any()
 
 
+@pytest.mark.slow
 def test_kernels_compete_with_arrays_that_stay_on_a_device_too(monkeypatch):
     runtime.start()
     monkeypatch.setattr(runtime, "_started", "gpu")

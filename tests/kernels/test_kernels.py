@@ -37,6 +37,7 @@ def expected_densities(state, path, start, pair, place):
     return reference.densities(state, with_anchor(path), place[None].astype(float), start, pair, PATH_BLOCK)
 
 
+@pytest.mark.slow
 @given(seeds)
 @settings(max_examples=25, deadline=None)
 def test_path_evaluation_equals_its_twin(seed):

@@ -21,6 +21,7 @@ def predictions(draw, paths):
     return np.concatenate([value, (root @ root.transpose(0, 2, 1)).reshape(-1, 9)], 1)
 
 
+@pytest.mark.slow
 @given(seeds, st.booleans(), st.booleans(), st.booleans())
 @settings(max_examples=60, deadline=None)
 def test_gated_pairs_equal_their_twin(seed, given_std, flat_array, spreading):
@@ -74,6 +75,7 @@ def test_the_scaled_bessel_function_is_as_precise_as_it_says():
     np.testing.assert_allclose(y, i0e(x), rtol=5e-7)
 
 
+@pytest.mark.slow
 @given(seeds)
 @settings(max_examples=40, deadline=None)
 def test_messages_into_the_association_equal_their_twin(seed):

@@ -64,6 +64,7 @@ def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0):
     return drawn[:, :13], drawn[:, 13], message.sum(0).reshape(shape)
 
 
+@pytest.mark.slow
 @given(seeds, st.sampled_from([1, 3, 50]), st.sampled_from([0.0, 0.005, 0.1, 1.0]))
 @settings(max_examples=60, deadline=None)
 def test_ray_casting_and_cell_messages_equal_their_twin(seed, rays, spread):
@@ -91,6 +92,7 @@ def test_ray_casting_and_cell_messages_equal_their_twin(seed, rays, spread):
     np.testing.assert_allclose(message[~clear], expected[1][~clear], atol=0.5)
 
 
+@pytest.mark.slow
 @given(seeds, st.booleans())
 @settings(max_examples=8, deadline=None)
 def test_rays_cross_the_right_cells_a_thousand_columns_on(seed, tall):

@@ -140,6 +140,7 @@ def test_truncated_file_is_one_clear_line(tmp_path):
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("damage", "where"),
     [
@@ -184,6 +185,7 @@ def test_missing_file_and_unwritable_folder_are_input_errors(tmp_path):
         random_map(1).to_nav2(tmp_path / "file")
 
 
+@pytest.mark.slow
 def test_full_disk_leaves_the_old_file_and_no_rest(tmp_path):
     pytest.importorskip("resource")  # not on Windows
     random_map(1).save(tmp_path / "map.h5")

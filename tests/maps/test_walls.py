@@ -161,6 +161,7 @@ def test_room_on_the_other_side_of_a_wall_stays_free(tmp_path):
 coordinate = st.one_of(st.integers(-5, 65).map(lambda n: n / 10), st.floats(-0.5, 6.5))
 
 
+@pytest.mark.slow
 @given(ends=st.lists(st.tuples(*[coordinate] * 4), min_size=1, max_size=4), off=st.sampled_from([0.0, 0.037]))
 @settings(max_examples=60, deadline=None)
 def test_no_ray_gets_through_any_wall_of_the_exported_map(tmp_path_factory, ends, off):
@@ -192,6 +193,7 @@ def test_no_ray_gets_through_any_wall_of_the_exported_map(tmp_path_factory, ends
     assert four_connected(nav2_load(folder, "map")[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["room", "alcove", "canyon"])
 def test_no_ray_gets_through_the_walls_that_a_run_found(tmp_path, name):
     scene = shortened(gs.Scene.load(name), 60)
@@ -207,6 +209,7 @@ def test_no_ray_gets_through_the_walls_that_a_run_found(tmp_path, name):
     assert sum(leaks(raw, done, ends) for ends in walls.ends_m) > 0  # the cells alone are full of holes
 
 
+@pytest.mark.slow
 def test_tables_geojson_and_the_command_line_show_the_stretches(say, tmp_path):
     grid = changed(street(more=[(0.3, 1.0)]), (4, 7), (1.8, 2.4), CLEAR, 0.0, True)
     grid = replace(grid, surfaces=replace(grid.surfaces, extent_m=np.array([[-12, 0], [np.nan, np.nan]])))

@@ -42,6 +42,7 @@ def measurements(draw):
 # ---- CSV
 
 
+@pytest.mark.slow
 @given(heard=measurements())
 @settings(max_examples=60, deadline=None)
 def test_csv_keeps_every_digit(tmp_path_factory, heard):
@@ -231,6 +232,7 @@ def replace(file, name, values):
     file[name] = values
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "where"),
     [
@@ -260,6 +262,7 @@ def test_h5_fault_is_told_with_its_dataset(tmp_path, change, where):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [

@@ -52,6 +52,7 @@ def write_5(path, variables, group=None, packed=True):
     savemat(path, ({group: own} if group else own) | rest, do_compression=packed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("write", [write_5, write_73])
 @pytest.mark.parametrize("group", [None, "measurements"])
 @pytest.mark.parametrize(
@@ -81,6 +82,7 @@ def test_anchors_without_names_are_numbered_and_missing_columns_not_measured(tmp
     np.testing.assert_array_equal(read.distance_std_m, np.full(6, 0.1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("write", [write_5, write_73])
 @pytest.mark.parametrize(
     ("changes", "where"),
@@ -107,6 +109,7 @@ def test_fault_is_told_with_its_variable(tmp_path, write, changes, where):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("write", [write_5, write_73])
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.4, 0.7, 0.99])
 def test_file_cut_short_is_refused(tmp_path, write, share):

@@ -42,6 +42,7 @@ def here():
 # ---- two runs, one folder ---------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_of_two_runs_at_once_the_second_is_refused_and_the_first_is_whole(tmp_path):
     """Each stops where it would draw, until the other is as far or has ended."""
     (tmp_path / "tiny.toml").write_text(TINY)
@@ -77,6 +78,7 @@ def test_folder_in_use_is_refused_before_any_work(tiny, monkeypatch, option):
     assert here() == ["tiny.toml"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("option", [(), ("--overwrite",)])
 @pytest.mark.parametrize("kind", ["folder", "file"])
 def test_what_appears_meanwhile_stays_and_so_does_the_run(tiny, monkeypatch, kind, option):
@@ -232,6 +234,7 @@ def test_file_that_cannot_be_written_costs_no_other_and_is_one_line(tiny, no_fig
     assert here() == ["out", "tiny.toml"]
 
 
+@pytest.mark.slow
 def test_no_command_replaces_a_file_unasked(tiny, no_figures):
     assert tiny(*RUN).code == 0
     assert tiny("simulate", "tiny.toml", "-o", "a.csv").code == 0

@@ -196,6 +196,7 @@ def test_steps_of_a_file_without_owners_serve_all_anchors(tmp_path):
     assert again.surfaces.owner.tolist() == [-1, -1, -1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "values"),
     [("surfaces/offset", [0, 3, 0, 3, 5]), ("paths/offset", [0, 0, 2, 7, 99]), ("steps/time_s", [0.0, 1.0])],
@@ -349,6 +350,7 @@ def test_number_that_is_none_is_null_in_json(tmp_path, scene):
     assert summary["threads"] == 2
 
 
+@pytest.mark.slow
 def test_full_disk_is_told_file_by_file_and_the_rest_kept(tmp_path):
     pytest.importorskip("resource")  # not on Windows
     code = (

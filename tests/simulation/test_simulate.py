@@ -31,6 +31,7 @@ def caused(batch, column):
     return np.concatenate([getattr(heard, column)[label >= 0] for heard, label in batch])
 
 
+@pytest.mark.slow
 def test_paths_are_detected_as_often_as_their_amplitude_promises(scene, paths, batch):
     chance = scene.signal_model("agent1").detection_probability(paths.amplitude)
     count = np.zeros(len(paths))
@@ -44,6 +45,7 @@ def test_paths_are_detected_as_often_as_their_amplitude_promises(scene, paths, b
         assert abs(count[rows].sum() - chance[rows].sum() * len(SEEDS)) < 4 * spread + 1
 
 
+@pytest.mark.slow
 def test_noise_is_normal_with_the_fisher_deviation(scene, paths, batch):
     signal = scene.signal_model("agent1")
     rows = np.concatenate([label[label >= 0] for _, label in batch])

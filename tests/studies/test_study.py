@@ -309,6 +309,7 @@ def test_bound_of_the_map_counts_surfaces_there_and_unknowable_ones_as_the_cutof
     np.testing.assert_allclose(bent.mospa_m, [3.0, 2.75, 0.45])
 
 
+@pytest.mark.slow
 def test_figures_of_several_settings_are_drawn_side_by_side(scene, tmp_path, monkeypatch):
     monkeypatch.setattr("gridslam.studies.plots.MOST_SURFACES", 2)  # every panel costs
     study = plan(scene, 2, settings=(("radio.snr_at_1m_db", (20.0, 30.0)),), agents=("agent1",))

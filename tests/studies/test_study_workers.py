@@ -67,6 +67,7 @@ def cluster(processes, threads=1):
                 client.wait_for_workers(processes)
 
 
+@pytest.mark.slow
 def test_local_processes_and_a_cluster_give_the_numbers_of_runs_one_by_one(tmp_path):
     # each process takes seconds to start, its runs hardly any; two at once do plain tasks below
     jobs = study(2).jobs()
@@ -80,11 +81,13 @@ def test_local_processes_and_a_cluster_give_the_numbers_of_runs_one_by_one(tmp_p
     assert (again.fresh, again.records) == (0, local.records)
 
 
+@pytest.mark.slow
 def test_tasks_of_a_process_that_dies_are_done_again(tmp_path):
     found = list(LocalWorkers(2).run(doomed(tmp_path, "once"), range(6)))
     assert sorted(found) == [(task, task**2) for task in range(6)]
 
 
+@pytest.mark.slow
 def test_process_that_always_dies_ends_the_study_after_the_others_are_done(tmp_path):
     found = []
 
@@ -110,6 +113,7 @@ def test_error_of_a_task_is_its_answer(tmp_path):
     assert found == {0: 0, 1: 1, 3: 9}
 
 
+@pytest.mark.slow
 def test_cluster_does_again_what_a_dying_worker_took_along_and_gives_up_on_what_kills_all(tmp_path):
     with cluster(2) as running:
         workers = ClusterWorkers(running.scheduler_address)

@@ -69,6 +69,7 @@ def followed(amplitudes, existence=0.9, distance=3.0):
     return state, ahead(state, existence, distance)
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.one_of(st.none(), st.floats(2.1, 1000)), max_size=6),
     st.floats(0.01, 0.99),
@@ -144,6 +145,7 @@ def first_steps(method, name, steps, seed):
     return slam, [slam.step(scan) for scan in itertools.islice(gs.simulate(scene, "agent1", seed), steps)]
 
 
+@pytest.mark.slow
 def test_adaptive_slam_finds_the_floor_by_its_double_bounce_alone():
     floor = sfv(gs.Scene.load("alcove").segments().line)[2]
     found = 0
@@ -154,6 +156,7 @@ def test_adaptive_slam_finds_the_floor_by_its_double_bounce_alone():
     assert found >= 2
 
 
+@pytest.mark.slow
 def test_virtual_anchors_serve_their_own_anchor_by_single_bounces():
     slam, estimates = first_steps("va", "alcove", 25, 1)
     bank = slam.state.surfaces
@@ -167,6 +170,7 @@ def test_virtual_anchors_serve_their_own_anchor_by_single_bounces():
             assert surface < 0 or owner.get(int(surface), anchor) == anchor
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["adaptive", "va"])
 def test_a_run_repeats_bit_for_bit(method):
     one, two = (first_steps(method, "room", 6, 3)[1][-1] for _ in range(2))
@@ -174,6 +178,7 @@ def test_a_run_repeats_bit_for_bit(method):
     np.testing.assert_array_equal(one.position_m, two.position_m)
 
 
+@pytest.mark.slow
 def test_separate_beliefs_are_a_setting():
     scene = gs.Scene.load("room").with_filter(particles=1000)
     heard = list(itertools.islice(gs.simulate(scene, "agent1", 1), 12))

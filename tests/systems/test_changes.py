@@ -1,5 +1,7 @@
 """A world that changes while an agent listens: a door that closes or opens, a wall of another material."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -33,18 +35,28 @@ def to_and_fro(steps):
     return gs.Trajectory(np.arange(steps, dtype=float), place, np.gradient(place, axis=0), np.zeros(steps))
 
 
-def mapped(before, after, steps, seed):
-    """Maps when the world changes and 20 steps later, at the two cells of the door that are hit most."""
-    track, maps = to_and_fro(BEFORE + steps), []
+def follow(slam, door, rows, seed):
+    """The filter's map after some steps in the world with such a door."""
+    scene, track = world(door), to_and_fro(rows.stop)
+    heard, _ = heard_along(scene, "agent1", track, true_paths(scene, "agent1", track), seed)
+    for scan in list(heard)[rows]:
+        estimate = slam.step(scan)
+    assert np.linalg.norm(estimate.position_m - track.position_m[slam.state.step - 1]) < 0.05
+    return slam.map()
+
+
+@cache
+def listened(before, seed):
+    """A filter when the world changes, where it stands, and its map: nobody steps it on but from there."""
     slam = gs.GridSlam(world(None).with_filter(particles=512), seed=seed)
-    for door, rows in ((before, slice(BEFORE)), (after, slice(BEFORE, None))):
-        scene = world(door)
-        heard, _ = heard_along(scene, "agent1", track, true_paths(scene, "agent1", track), seed)
-        for scan in list(heard)[rows]:
-            estimate = slam.step(scan)
-        assert np.linalg.norm(estimate.position_m - track.position_m[slam.state.step - 1]) < 0.05
-        maps.append(slam.map())
-    return maps
+    grid = follow(slam, before, slice(0, BEFORE), seed)
+    return slam, slam.now, grid
+
+
+def mapped(before, after, steps, seed):
+    """Maps when the world changes and some steps later, at the two cells of the door that are hit most."""
+    slam, slam.now, grid = listened(before, seed)
+    return grid, follow(slam, after, slice(BEFORE, BEFORE + steps), seed)
 
 
 HIT = np.array([[0.65, 0.55], [0.65, 0.65]])
@@ -56,6 +68,7 @@ def at(values, grid):
     return values[rows, columns]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize(("before", "after"), [(None, "concrete"), ("concrete", None)])
 def test_a_door_that_closes_or_opens_is_mapped_within_twenty_hits(before, after, seed):
@@ -65,6 +78,7 @@ def test_a_door_that_closes_or_opens_is_mapped_within_twenty_hits(before, after,
         assert ((odds > 0) == (door is not None)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_wall_of_another_material_is_learned_within_twenty_hits(seed):
     first, last = mapped("concrete", "glass", 20, seed)
@@ -74,6 +88,7 @@ def test_a_wall_of_another_material_is_learned_within_twenty_hits(seed):
         assert np.ptp(grid.coefficient, axis=-1).max() <= EVIDENCE_CLIP + 1e-3
 
 
+@pytest.mark.slow
 def test_a_window_is_read_as_what_it_is():
     """Misses count as much as detections (docs/model.md, (M42)), or a faint wall would seem a strong one."""
     found = [at(grid.reflection, grid) for seed in (1, 2, 3) for grid in mapped("glass", "glass", 1, seed)]

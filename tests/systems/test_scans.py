@@ -44,6 +44,7 @@ BAD = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", BAD)
 def test_a_scan_that_makes_no_sense_is_refused_and_changes_nothing(case):
     spoil, says = BAD[case]
@@ -90,6 +91,7 @@ def loud_scan(count):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_too_many_loud_paths_cost_little_memory_and_are_told():
     data = SCENE.model_dump(exclude_none=True)
     data["agents"] = [data["agents"][0] | {"prior": {"position_m": 3.0, "heading_deg": 90.0}}]

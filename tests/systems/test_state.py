@@ -75,6 +75,7 @@ def test_nothing_writes_into_a_state_or_an_info_that_was_returned(system, scene,
     assert len(plain.state.surfaces)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_a_step_can_be_taken_again_from_any_state_that_was_kept(system, scene, scans):
     slam, kept = system(scene, seed=3), []
@@ -113,6 +114,7 @@ def interrupted(after, function, *arguments):
     return lines
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_a_step_that_is_interrupted_at_any_line_leaves_the_old_state_whole(system, scene, scans):
     slam, plain = system(scene, seed=3), system(scene, seed=3)

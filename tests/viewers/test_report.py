@@ -69,6 +69,7 @@ class Reader(HTMLParser):
         self.text += data
 
 
+@pytest.mark.slow
 def test_page_holds_all_and_loads_nothing(run_folder):
     (run_folder / "figures").mkdir()  # instead of drawing them all, which is tested elsewhere
     for title in ("map", "reflection", "rays", "errors"):
@@ -95,6 +96,7 @@ def test_page_holds_all_and_loads_nothing(run_folder):
     assert f"{summary['surfaces_detected']} surfaces" in page.text
 
 
+@pytest.mark.slow
 def test_every_frame_differs_and_the_last_step_is_shown(run_folder, tmp_path):
     run = read_run(run_folder)
     told = []
@@ -111,6 +113,7 @@ def test_every_frame_differs_and_the_last_step_is_shown(run_folder, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["a.gif"]
 
 
+@pytest.mark.slow
 def test_films_that_cannot_be_written_leave_nothing(run_folder, tmp_path, monkeypatch):
     run = read_run(run_folder)
     monkeypatch.setattr("gridslam.viewers.animation._ffmpeg", lambda: None)

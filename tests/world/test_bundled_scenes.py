@@ -57,6 +57,7 @@ def test_alcove_floor_is_known_by_double_bounces_alone_until_step_126():
     assert paths.step.max() == 306
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("agent", ["agent1", "agent2"])
 def test_canyon_is_heard_well_enough_to_map(agent):
     scene, paths, entry, loud = heard("canyon", agent, 3.0)
@@ -89,6 +90,7 @@ def test_canyon_tracks_overlap_only_in_part():
     assert 0.1 < near < 0.6
 
 
+@pytest.mark.slow
 def test_hall_shows_one_anchor_for_100_steps_then_none_for_40():
     scene, paths, _, loud = heard("hall", "agent1", 3.0)
     assert len(scene.track("agent1")) == 450
@@ -106,6 +108,7 @@ def test_hall_shows_one_anchor_for_100_steps_then_none_for_40():
     assert (single[100:140].sum(axis=1) >= 4).all()
 
 
+@pytest.mark.slow
 def test_hall_pillars_and_shelves_are_heard_at_least_for_a_while():
     _, paths, entry, loud = heard("hall", "agent1", 2.5)
     for wall in range(1, 5):
@@ -113,6 +116,7 @@ def test_hall_pillars_and_shelves_are_heard_at_least_for_a_while():
         assert len(steps_of(paths, rows)) >= 5, wall
 
 
+@pytest.mark.slow
 def test_seminar_is_heard_by_distances_of_sight_and_single_bounces_alone():
     scene, paths, entry, _ = heard("seminar", "agent1", 0.0)
     assert scene.radio.measures == ("distance",)

@@ -68,6 +68,7 @@ def test_agents_that_some_disks_take_for_one_are_refused(first, second):
     assert caught.value.where == "tiny.toml: agents[2].name"
 
 
+@pytest.mark.slow
 @EVERY
 @given(name=st.text(st.characters(codec="utf-8"), max_size=8) | st.text("=+-@ \t\0A1", max_size=4))
 def test_anchor_and_scene_with_any_name_are_refused_at_once_or_survive_all_files(tmp_path, name):
@@ -102,6 +103,7 @@ def test_scene_file_of_any_name_is_read():
     ]
 
 
+@pytest.mark.slow
 def test_everything_in_a_runs_folder_is_no_name_for_an_agent(say, no_figures):
     Path("tiny.toml").write_text(TINY)
     assert say("run", "tiny.toml", "--particles", "100", "-o", "out").code == 0

@@ -293,6 +293,7 @@ def test_resolved_scene_reads_back_equal(scene):
     assert "particles = 10000" in scene.to_toml()
 
 
+@pytest.mark.slow
 @given(
     cell=st.floats(0.01, 1.0),
     coefficient=st.floats(1e-6, 1.0),
