@@ -12,7 +12,7 @@ from tiny import TINY
 
 import gridslam as gs
 from gridslam.errors import InputError
-from gridslam.runs.reservation import reserve, reserve_free
+from gridslam.runs.reservation import MARK, reserve, reserve_free, sign
 from gridslam.runs.run_files import read_run
 from gridslam.systems.grid import GridSlam
 
@@ -128,29 +128,57 @@ def test_killed_run_blocks_nobody_and_is_told(tiny, no_figures):
 
 def test_rests_of_the_dead_are_swept_and_nothing_else(tmp_path, monkeypatch, dead):
     monkeypatch.chdir(tmp_path)
-    ours = (f".out.{dead}.part", f".other.{dead}.part", f".map.h5.{dead}.part", f".a-run.{dead}.part.gif")
-    others = (
-        *(f".live.{os.getppid()}.part", f".mine.{os.getpid()}.part", ".out.part", ".out.12x.part"),
-        *(
-            f"out.{dead}.part",
-            f".out.{dead}.partial",
-            f".{dead}.part",
-            "out.part",
-            ".x.run-lock",
-        ),
-    )
-    for name in (*ours, *others):
-        Path(name).mkdir() if "other" in name else Path(name).write_text("x")
+    parent = os.getppid()
+    ours = {f".out.{dead}.part": dead, f".other.{dead}.part": dead, f".out.{dead}-2.part": dead}
+    live = {f".live.{parent}.part": parent, f".mine.{os.getpid()}.part": os.getpid()}
+    names = (".out.part", ".out.12x.part", f"out.{dead}.part", f".out.{dead}.partial", f".{dead}.part")
+    for name, process in (ours | live | dict.fromkeys(names, dead)).items():
+        Path(name).mkdir()
+        sign(Path(name), process)
     Path(f".other.{dead}.part/deep").mkdir()
     Path(f".link.{dead}.part").symlink_to(tmp_path / "out.part")
+    Path(".x.run-lock").write_text("x")
     Path(".gone.run-lock").write_bytes(b"gridslam %d\n" % dead)
     before = set(here())
     with reserve("held"):
         Path(f".held.{dead}.part").mkdir()  # of another machine, maybe: somebody holds the lock
+        sign(Path(f".held.{dead}.part"), dead)
         with reserve("out"):
             pass
         assert before - set(here()) == {*ours, ".gone.run-lock"}
         assert Path(f".held.{dead}.part").exists()
+
+
+def test_what_bears_no_sign_of_ours_is_never_swept(tmp_path, monkeypatch, dead):
+    """Other programs name files like this, too, and other machines' processes have the same numbers."""
+    monkeypatch.chdir(tmp_path)
+    for name in (f".data.{dead}.part", f".backup.{dead}.part.tgz", f".out.{dead}.old.part"):
+        Path(name).write_text("x")
+    far = Path("far")
+    for folder in (f".thesis.{dead}.part", f".out.{dead}.part", f".run.{dead}.old.part", "far", "run"):
+        Path(folder).mkdir()
+        Path(folder, "only-copy.txt").write_text("x")
+    sign(far, dead)
+    said = (far / MARK).read_text().splitlines()
+    (far / MARK).write_text("\n".join([said[0], "elsewhere", *said[2:], ""]))
+    far.rename(f".far.{dead}.part")
+    number = os.getpid()  # a process of another container had our number
+    for own in (Path(f".out.{number}.part"), Path(f".out.{number}-2.old.part")):
+        own.mkdir()
+        (own / "only-copy.txt").write_text("x")
+    before = {path: path.is_file() and path.read_bytes() for path in Path().rglob("*")}
+    with reserve("out") as place:
+        assert place.part.name == f".out.{number}-3.part"
+        assert place.empty
+        (place.part / "run.json").touch()
+        place.finish()
+    assert os.listdir("out") == ["run.json"]
+    with reserve("out", overwrite=True) as place:
+        (place.part / "run.json").write_text("2")
+        place.finish()
+    assert Path("out/run.json").read_text() == "2"
+    after = {path: path.is_file() and path.read_bytes() for path in Path().rglob("*")}
+    assert after == before | {Path("out"): False, Path("out/run.json"): b"2"}
 
 
 def test_run_that_was_whole_but_not_yet_named_is_kept(tmp_path, monkeypatch, dead):
@@ -159,11 +187,14 @@ def test_run_that_was_whole_but_not_yet_named_is_kept(tmp_path, monkeypatch, dea
     Path(f".out.{dead}.part/run.json").write_text("new")
     Path(f".out.{dead}.old.part").mkdir()
     Path(f".out.{dead}.old.part/run.json").write_text("old")
+    for folder in Path().iterdir():
+        sign(folder, dead)
     with pytest.raises(InputError, match="something of this name"), reserve("out"):
         pass
     assert Path("out/run.json").read_text() == "old"
     assert Path(f"out.{dead}.part/run.json").read_text() == "new"
     assert here() == ["out", f"out.{dead}.part"]
+    assert [os.listdir(folder) for folder in here()] == [["run.json"]] * 2
 
 
 # ---- asked to stop ----------------------------------------------------------------------------------

@@ -2,7 +2,8 @@
 
 While a run is at work on the folder NAME, beside it lie ``.NAME.run-lock``, which the system unlocks when the
 process ends in whatever way, and ``.NAME.PID.part``, which becomes the folder. What dead processes left of
-these is swept by the next run beside it; finished work is kept, as ``NAME.PID.part``.
+these is swept by the next run beside it; finished work is kept, as ``NAME.PID.part``. Only a folder with a
+sign in it, written by a process of this machine, is ever swept: a name alone proves nothing.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import contextlib
 import os
 import re
 import shutil
+import socket
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -31,7 +33,9 @@ except ImportError:  # Windows
 
 SIGN = b"gridslam "
 """What a lock file begins with; the number of the process follows."""
-PART = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})(?P<old>\.old)?\.part(\.\w{1,4})?")
+MARK = ".gridslam-part"
+"""File in a folder that isn't finished: what made it, on which machine, in which process."""
+PART = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})(-\d+)?(?P<old>\.old)?\.part")
 LOCK = re.compile(r"\.(?P<name>.+)\.run-lock")
 
 
@@ -49,19 +53,22 @@ class Place:
         The folder, absolute.
     overwrite : bool
         Whether an earlier run's folder may be replaced.
+    part : Path
+        The folder to fill, which is there, with a sign in it.
     notes : list of str
         What was found of runs that ended before their time, in words.
     """
 
     target: Path
     overwrite: bool
+    part: Path
     notes: list[str] = field(default_factory=list)
     _done: bool = False
 
     @property
-    def part(self) -> Path:
-        """The folder to fill, which is there."""
-        return beside(self.target)
+    def empty(self) -> bool:
+        """Whether there is no file in the folder to fill."""
+        return all(path.name == MARK for path in self.part.rglob("*") if path.is_file())
 
     def finish(self) -> None:
         """Make the filled folder the reserved one; an earlier run's goes last.
@@ -78,6 +85,7 @@ class Place:
                 self._swap()
             else:
                 self.part.rename(self.target)  # fails where there is a file, or a folder with something in it
+            unsign(self.target)
             settle_folder(self.target.parent)
         except InputError as error:
             found = f"{error.found} by now; this run is kept in {self.keep()}"
@@ -97,13 +105,15 @@ class Place:
             shutil.rmtree(self.part, ignore_errors=True)
 
     def _swap(self) -> None:
-        old = self.part.with_name(f"{self.part.stem}.old.part")
-        shutil.rmtree(old, ignore_errors=True)
+        old = _old(self.part)
+        with contextlib.suppress(OSError):  # of a folder that can't be signed, a rest would stay
+            sign(self.target, os.getpid())
         self.target.rename(old)
         try:
             self.part.rename(self.target)
         except OSError:
             old.rename(self.target)
+            unsign(self.target)
             raise
         shutil.rmtree(old, ignore_errors=True)
 
@@ -146,7 +156,7 @@ def reserve(directory: str | os.PathLike[str], overwrite: bool = False) -> Itera
     """
     check_output(directory, overwrite)
     target = Path(directory).resolve()
-    place = Place(target, overwrite)
+    notes: list[str] = []
     with contextlib.ExitStack() as left:
         try:
             for folder in reversed([parent for parent in target.parents if not parent.exists()]):
@@ -154,10 +164,10 @@ def reserve(directory: str | os.PathLike[str], overwrite: bool = False) -> Itera
                 left.callback(_remove_empty, folder)
             before = left.enter_context(_locked(_lock_of(target)))
             if before:
-                place.notes.append(f"process {before}, which is gone, left a run into {directory} unfinished")
-            place.notes += _sweep(target)
+                notes.append(f"process {before}, which is gone, left a run into {directory} unfinished")
+            notes += _sweep(target)
             check_output(directory, overwrite)  # what was swept may have been the folder, on its way
-            place.part.mkdir()
+            place = Place(target, overwrite, _signed_folder(target), notes)
         except BlockingIOError as error:
             who = f"process {error.strerror}" if error.strerror else "another process"
             raise Taken(
@@ -187,6 +197,57 @@ def reserve_free(folder: Path, name: str) -> Iterator[Place]:
             except Taken:
                 number += 1
         yield place
+
+
+def sign(folder: Path, process: int) -> None:
+    """Mark a folder as an unfinished one of a process of this machine."""
+    (folder / MARK).write_bytes(_mark(process))
+
+
+def unsign(folder: Path) -> None:
+    """Take the mark away, if it is there and can be."""
+    with contextlib.suppress(OSError):
+        (folder / MARK).unlink(missing_ok=True)
+
+
+def _mark(process: int) -> bytes:
+    """What a sign says; process numbers mean something on one machine only, and in one container."""
+    numbers = ""
+    with contextlib.suppress(OSError):
+        numbers = os.readlink("/proc/self/ns/pid")
+    return f"gridslam part 1\n{socket.gethostname()}\n{numbers}\n{process}\n".encode()
+
+
+def _signed(folder: Path, process: int) -> bool:
+    """Whether a process of this machine made a folder."""
+    mark = folder / MARK
+    if folder.is_symlink() or not folder.is_dir() or mark.is_symlink() or not mark.is_file():
+        return False
+    with mark.open("rb") as file:
+        return file.read(1000) == _mark(process)
+
+
+def _signed_folder(target: Path) -> Path:
+    """Make a folder beside the target, under a name that nothing has, and sign it."""
+    first, number = beside(target), 1
+    while True:
+        part = first if number == 1 else first.with_name(f"{first.stem}-{number}.part")
+        if not os.path.lexists(_old(part)):
+            with contextlib.suppress(FileExistsError):
+                part.mkdir()
+                break
+        number += 1
+    try:
+        sign(part, os.getpid())
+    except BaseException:
+        shutil.rmtree(part, ignore_errors=True)
+        raise
+    return part
+
+
+def _old(part: Path) -> Path:
+    """Where the run goes that a part replaces."""
+    return part.with_name(f"{part.stem}.old.part")
 
 
 def _lock_of(target: Path) -> Path:
@@ -265,8 +326,9 @@ def _sweep(target: Path) -> list[str]:
     for path in sorted(target.parent.iterdir()):
         part, lock = PART.fullmatch(path.name), LOCK.fullmatch(path.name)
         with contextlib.suppress(OSError):
-            if part and not path.is_symlink() and _stale(path, part["name"], int(part["process"]), target):
-                notes += _clear(path, part)
+            if part and _signed(path, int(part["process"])):
+                if _stale(path, part["name"], int(part["process"]), target):
+                    notes += _clear(path, part)
             elif lock and path != _lock_of(target) and path.is_file() and path.read_bytes()[:9] == SIGN:
                 with _locked(path):
                     pass
@@ -289,10 +351,9 @@ def _stale(path: Path, name: str, process: int, target: Path) -> bool:
 def _clear(path: Path, part: re.Match[str]) -> list[str]:
     """Remove a rest, or keep it if it is a whole run; say so."""
     folder = path.with_name(part["name"])
-    if not path.is_dir():
-        path.unlink()
-    elif part["old"] and not folder.exists():  # ended between the two renames
+    if part["old"] and not folder.exists():  # ended between the two renames
         path.rename(folder)
+        unsign(folder)
         return [f"{folder} is back: the run that was to replace it ended too early"]
     elif not part["old"] and (path / "run.json").is_file():
         kept = _kept(path, part["name"], part["process"])
@@ -314,6 +375,7 @@ def _kept(part: Path, name: str, process: str) -> Path:
         part.rename(kept)
     except OSError:
         return part
+    unsign(kept)
     return kept
 
 

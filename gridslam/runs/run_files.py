@@ -126,7 +126,7 @@ def write_run(
     with reserve(directory, overwrite) if place is None else nullcontext(place) as here:
         with held_back() as asked:
             faults = _fill(here, scene, runs, measurements, scores, settings)
-        if not any(path.is_file() for path in here.part.rglob("*")):
+        if here.empty:
             raise InputError(str(directory), faults[0].found, faults[0].allowed)
         trouble: BaseException | None = KeyboardInterrupt() if asked.is_set() else None
         if draw is not None and trouble is None and not faults:
