@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from tiny import TINY
 
 import gridslam as gs
 from gridslam.errors import InputError
+from gridslam.runs import reservation
 from gridslam.runs.reservation import MARK, reserve, reserve_free, sign
 from gridslam.runs.run_files import read_run
 from gridslam.systems.grid import GridSlam
@@ -241,6 +243,79 @@ def test_signal_while_files_are_written_lets_them_be(tiny, no_figures, ctrl_c, m
     monkeypatch.setattr(gs.Trajectory, "to_tum", cut)
     assert tiny(*RUN).code == code
     assert list(read_run("out").agents) == ["agent1", "agent2"]
+
+
+@pytest.mark.parametrize("option", [(), ("--overwrite",)])
+@pytest.mark.parametrize("moment", ["check", "rename", "second rename", "figures"])
+def test_ctrl_c_while_the_folder_gets_its_name_costs_nothing(tiny, ctrl_c, monkeypatch, moment, option):
+    renames, rename, check, rmtree = [], Path.rename, reservation.check_output, shutil.rmtree
+
+    def asked(at):
+        if at == moment and Path("x").exists():
+            Path("x").unlink()
+            signal.raise_signal(signal.SIGINT)
+
+    def renamed(path, to):
+        asked(("rename", "second rename")[len(renames) % 2])
+        renames.append(to)
+        return rename(path, to)
+
+    def checked(*words):
+        asked("check")
+        check(*words)
+
+    def removed(path, **options):
+        asked("figures")
+        rmtree(path, **options)
+
+    def draw(folder):
+        Path("x").touch()
+        if moment == "figures":
+            raise KeyboardInterrupt
+
+    if option:
+        monkeypatch.setattr("gridslam.viewers.plots.draw_all", lambda folder: [])
+        assert tiny(*RUN, "--seed", 1).code == 0
+    renames.clear()
+    monkeypatch.setattr("gridslam.viewers.plots.draw_all", draw)
+    monkeypatch.setattr(Path, "rename", renamed)
+    monkeypatch.setattr(reservation, "check_output", checked)
+    monkeypatch.setattr(shutil, "rmtree", removed)
+    said = tiny(*RUN, "--seed", 2, *option)
+    Path("x").unlink(missing_ok=True)
+    assert said.code == (0 if moment == "second rename" and not option else 130)
+    assert here() == ["out", "tiny.toml"]
+    assert read_run("out").summary["seed"] == 2
+    assert list(read_run("out").agents) == ["agent1", "agent2"]
+
+
+def fill_and_finish(place, text):
+    (place.part / "run.json").write_text(text)
+    place.finish()
+
+
+@pytest.mark.parametrize("last", [1, 2, 3])
+def test_interrupt_that_nothing_holds_back_loses_neither_run(tmp_path, monkeypatch, last):
+    monkeypatch.chdir(tmp_path)
+    with reserve("out") as place:
+        fill_and_finish(place, "old")
+    rename, count = Path.rename, []
+
+    def cut(path, to):
+        count.append(to)
+        if len(count) == 1 and last == 3:  # after it, not before
+            rename(path, to)
+        if len(count) == last or last == 3:
+            monkeypatch.setattr(Path, "rename", rename)
+            raise KeyboardInterrupt
+        return rename(path, to)
+
+    monkeypatch.setattr(Path, "rename", cut)
+    with pytest.raises(KeyboardInterrupt), reserve("out", overwrite=True) as new:
+        fill_and_finish(new, "new")
+    assert here() == ["out", f"out.{os.getpid()}.part"]
+    assert [Path(name, "run.json").read_text() for name in here()] == ["old", "new"]
+    assert [os.listdir(name) for name in here()] == [["run.json"]] * 2
 
 
 # ---- files ------------------------------------------------------------------------------------------

@@ -57,12 +57,15 @@ class Place:
         The folder to fill, which is there, with a sign in it.
     notes : list of str
         What was found of runs that ended before their time, in words.
+    precious : bool
+        Whether what was filled is kept even if something comes between it and its name.
     """
 
     target: Path
     overwrite: bool
     part: Path
     notes: list[str] = field(default_factory=list)
+    precious: bool = False
     _done: bool = False
 
     @property
@@ -79,6 +82,7 @@ class Place:
             Something stands there by now that may not be replaced, or it can't be renamed: what was filled
             stays, under a name that the error says.
         """
+        self.precious = True
         try:
             check_output(self.target, self.overwrite)
             if self.target.exists():
@@ -96,23 +100,29 @@ class Place:
 
     def keep(self) -> Path:
         """Put the filled folder where nothing sweeps it, and say where."""
+        kept = _kept(self.part, self.target.name, str(os.getpid()))
         self._done = True
-        return _kept(self.part, self.target.name, str(os.getpid()))
+        return kept
 
     def clear(self) -> None:
-        """Remove what was filled, unless it was kept."""
-        if not self._done:
+        """Remove what was filled, unless it was kept or is to be."""
+        if self._done:
+            return
+        if not self.precious:
             shutil.rmtree(self.part, ignore_errors=True)
+        elif self.part.exists():
+            self.keep()
 
     def _swap(self) -> None:
         old = _old(self.part)
         with contextlib.suppress(OSError):  # of a folder that can't be signed, a rest would stay
             sign(self.target, os.getpid())
-        self.target.rename(old)
         try:
+            self.target.rename(old)
             self.part.rename(self.target)
-        except OSError:
-            old.rename(self.target)
+        except BaseException:
+            if old.exists() and not self.target.exists():
+                old.rename(self.target)
             unsign(self.target)
             raise
         shutil.rmtree(old, ignore_errors=True)

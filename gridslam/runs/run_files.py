@@ -88,7 +88,8 @@ def write_run(
 ) -> None:
     """Write a run's folder under a temporary name and rename it when it is complete.
 
-    A file that can't be written doesn't cost the others. Ctrl-C waits until the files are written.
+    A file that can't be written doesn't cost the others. Ctrl-C ends the drawing, and else waits
+    until the files are written and the folder has its name.
 
     Parameters
     ----------
@@ -126,19 +127,24 @@ def write_run(
     with reserve(directory, overwrite) if place is None else nullcontext(place) as here:
         with held_back() as asked:
             faults = _fill(here, scene, runs, measurements, scores, settings)
-        if here.empty:
-            raise InputError(str(directory), faults[0].found, faults[0].allowed)
-        trouble: BaseException | None = KeyboardInterrupt() if asked.is_set() else None
-        if draw is not None and trouble is None and not faults:
+            if here.empty:
+                raise InputError(str(directory), faults[0].found, faults[0].allowed)
+            here.precious = True
+        trouble: BaseException | None = None
+        if draw is not None and not asked.is_set() and not faults:
             try:
                 draw(here.part)
             except (Exception, KeyboardInterrupt) as error:  # hours of filtering outweigh a figure
                 trouble = error
+        with held_back() as asked_late:
+            if trouble is not None:
                 shutil.rmtree(here.part / "figures", ignore_errors=True)
-        if faults and here.target.exists():  # a whole run isn't replaced by parts of one
-            found = f"an earlier, whole run; what could be written is kept in {here.keep()}"
-            raise Unwritten([*faults, InputError(str(directory), found, "a run without faults instead")])
-        here.finish()
+            if faults and here.target.exists():  # a whole run isn't replaced by parts of one
+                found = f"an earlier, whole run; what could be written is kept in {here.keep()}"
+                raise Unwritten([*faults, InputError(str(directory), found, "a run without faults instead")])
+            here.finish()
+        if trouble is None and (asked.is_set() or asked_late.is_set()):
+            trouble = KeyboardInterrupt()
     if faults:
         raise Unwritten(faults)
     if isinstance(trouble, InputError | OSError):
