@@ -200,23 +200,28 @@ def _fill(
     """Write all files, each by itself; returns a fault for each that couldn't be."""
     faults: list[InputError] = []
 
-    def attempt(name: str, write: Callable[[Path], None]) -> None:
+    def attempt(name: str, write: Callable[[Path], None]) -> bool:
         try:
             write(place.part / name)
         except Exception as error:  # whatever it is: the other files are worth having
             faults.append(_fault(place.target / name, error))
+            return False
+        return True
 
-    agents = {}
+    agents: dict[str, dict[str, Any]] = {}
     for run, heard, score in zip(runs, measurements, scores, strict=True):
         own = run.agent
-        (place.part / own).mkdir()
+        agents[own] = dict(score or {})
+        if score is None:
+            attempt("run.json", lambda _, run=run: agents[run.agent].update(run.score(None)))  # type: ignore[misc]
+        if not attempt(own, Path.mkdir):
+            continue
         attempt(f"{own}/measurements.h5", heard.to_h5)
         attempt(f"{own}/trajectory.tum", run.trajectory.to_tum)
         if heard.truth is not None:
             attempt(f"{own}/truth.tum", heard.truth.to_tum)
         attempt(f"{own}/steps.h5", lambda path, run=run: write_steps(path, run.estimates))  # type: ignore[misc]
         attempt(f"{own}/map.h5", run.map.save)
-        agents[own] = dict(score if score is not None else run.score(None))
     last = runs[-1]
     twin = place.part / last.agent / "map.h5"
     attempt("map.h5", lambda p: write_bytes(p, twin.read_bytes()) if twin.exists() else last.map.save(p))
