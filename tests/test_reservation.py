@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -243,6 +244,20 @@ def test_signal_while_files_are_written_lets_them_be(tiny, no_figures, ctrl_c, m
     monkeypatch.setattr(gs.Trajectory, "to_tum", cut)
     assert tiny(*RUN).code == code
     assert list(read_run("out").agents) == ["agent1", "agent2"]
+
+
+def test_ctrl_c_while_the_viewer_gets_a_map_loses_no_agent(tiny, no_figures, monkeypatch):
+    class View:
+        def follow(self, name, truth):
+            return None
+
+        def show_map(self, grid):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("gridslam.cli.main._view", lambda *_: nullcontext(View()))
+    assert tiny(*RUN, "--rerun").code == 130
+    assert list(read_run("out").agents) == ["agent1"]
+    assert len(read_run("out").agents["agent1"].estimates) == 3
 
 
 @pytest.mark.parametrize("option", [(), ("--overwrite",)])

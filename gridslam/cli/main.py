@@ -247,10 +247,10 @@ def _explore(
                 before = runs[-1].map if runs else given
                 start = told_start(world, name, seed, how)
                 done = map_scene(world, heard, method, name, seed, before, tell, watch=watch, start=start)
-            if view:
-                view.show_map(done.map)
             heards.append(heard)
             runs.append(done)
+            if view:
+                view.show_map(done.map)
             if done.interrupted:
                 break
     except KeyboardInterrupt:
