@@ -1,5 +1,6 @@
 """Two runs and one folder, runs that died, and files that stand there already: nothing is lost."""
 
+import errno
 import json
 import os
 import shutil
@@ -198,6 +199,20 @@ def test_run_that_was_whole_but_not_yet_named_is_kept(tmp_path, monkeypatch, dea
     assert Path(f"out.{dead}.part/run.json").read_text() == "new"
     assert here() == ["out", f"out.{dead}.part"]
     assert [os.listdir(folder) for folder in here()] == [["run.json"]] * 2
+
+
+def test_run_that_cannot_be_renamed_stays_where_it_is_said_to_be(tmp_path, monkeypatch):
+    def fail(*_):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.chdir(tmp_path)
+    with monkeypatch.context() as patch, reserve("out") as place:
+        (place.part / "steps.h5").write_text("hours")
+        patch.setattr(Path, "rename", fail)
+        kept = place.keep()
+    with reserve("out") as place:
+        assert place.notes == []
+    assert [path.name for path in kept.iterdir()] == ["steps.h5"]
 
 
 # ---- asked to stop ----------------------------------------------------------------------------------

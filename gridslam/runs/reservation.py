@@ -384,7 +384,7 @@ def _kept(part: Path, name: str, process: str) -> Path:
     try:
         part.rename(kept)
     except OSError:
-        return part
+        kept = part  # without its sign nothing sweeps it here, either
     unsign(kept)
     return kept
 
