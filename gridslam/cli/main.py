@@ -282,10 +282,10 @@ def _explore(
                 done = map_scene(
                     world, heard, method, name, seed, prior, tell, watch=watch, start=start, checkpoint=own
                 )
-            if view:
-                view.show_map(done.map)
             heards.append(heard)
             runs.append(done)
+            if view:
+                view.show_map(done.map)
             if done.interrupted:
                 break
     except KeyboardInterrupt:

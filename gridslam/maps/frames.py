@@ -9,13 +9,14 @@ that isn't given either (other software, earlier files), only the user can: ``sa
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gridslam.errors import InputError
+from gridslam.maps.map_cells import ANCHOR_KEYS, anchors_of
 
 if TYPE_CHECKING:
     from gridslam.maps.map import Map
@@ -23,13 +24,12 @@ if TYPE_CHECKING:
 
 SAME_PLACE_M = 0.01
 """Anchors are surveyed better than this."""
-KEYS = ("anchors", "anchor_x_m", "anchor_y_m")
 
 
 def stamped(grid: Map, scene: Scene) -> Map:
     """Return the map with the scene's anchors, and its frame where it has a name, in its provenance."""
     x, y = scene.anchor_positions.T.tolist()
-    marks: dict[str, Any] = dict(zip(KEYS, (list(scene.anchor_names), x, y), strict=True))
+    marks: dict[str, Any] = dict(zip(ANCHOR_KEYS, (list(scene.anchor_names), x, y), strict=True))
     if scene.frame is not None:
         marks["frame"] = scene.frame
     return replace(grid, provenance={**grid.provenance, **marks})
@@ -40,12 +40,12 @@ def assured(grid: Map, scene: Scene) -> Map:
 
     An anchor that stands elsewhere in the scene keeps its place, so that it is found out.
     """
-    known = dict(_anchors(grid.provenance))
+    known = dict(anchors_of(grid.provenance))
     ours = dict(zip(scene.anchor_names, map(tuple, scene.anchor_positions.tolist()), strict=True))
     both = {**ours, **known}
     columns = list(both), [place[0] for place in both.values()], [place[1] for place in both.values()]
     kept = {key: value for key, value in grid.provenance.items() if key != "frame"}
-    marks: dict[str, Any] = dict(zip(KEYS, columns, strict=True))
+    marks: dict[str, Any] = dict(zip(ANCHOR_KEYS, columns, strict=True))
     if scene.frame is not None:
         marks["frame"] = scene.frame
     return replace(grid, provenance={**kept, **marks})
@@ -77,7 +77,7 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
         or of another place.
     """
     places = dict(zip(scene.anchor_names, map(tuple, scene.anchor_positions.tolist()), strict=True))
-    found = dict(_anchors(grid.provenance))
+    found = dict(anchors_of(grid.provenance))
     _require_same(found.items(), places, where)
     named = {scene.frame} if scene.frame is not None else set()
     if same_frame:
@@ -111,7 +111,7 @@ def require_one_frame(maps: Sequence[Map], names: Sequence[str], same_frame: boo
         An anchor stands in different places, or some maps share neither an anchor nor the name of their frame
         with the others.
     """
-    every = [(dict(_anchors(grid.provenance)), _names(grid.provenance)) for grid in maps]
+    every = [(dict(anchors_of(grid.provenance)), _names(grid.provenance)) for grid in maps]
     places: dict[str, tuple[float, float]] = {}
     for found, _ in every:
         _require_same(found.items(), places, "fuse")
@@ -154,15 +154,6 @@ def _require_linked(
     told = f"frame {', '.join(sorted(own))}" if own and frames else told
     known = f"frame {', '.join(sorted(frames))}" if own and frames else "an anchor in common"
     raise InputError(where, told, f"{known}, or --same-frame (same_frame=True) if you know that it fits")
-
-
-def _anchors(provenance: Mapping[str, object]) -> Iterator[tuple[str, tuple[float, float]]]:
-    """Names and places of a map's anchors; nothing if other software kept something else there."""
-    lists = [provenance.get(key) for key in KEYS]
-    if all(isinstance(column, list) for column in lists):
-        for name, x, y in zip(*lists, strict=False):
-            if isinstance(x, float | int) and isinstance(y, float | int):
-                yield str(name), (x, y)
 
 
 def _require_same(

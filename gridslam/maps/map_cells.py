@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
@@ -14,6 +15,8 @@ from gridslam.errors import InputError
 from gridslam.estimates import SurfaceEstimate
 from gridslam.world.radio import REFLECTION_BINS
 
+ANCHOR_KEYS = ("anchors", "anchor_x_m", "anchor_y_m")
+"""Parallel lists in a map's provenance."""
 ON_LATTICE = 1e-6
 """Largest deviation, in cells, at which two grids still count as aligned."""
 
@@ -222,6 +225,15 @@ class MapCells:
             observed=observed,
             prior=self.prior if coarser == finer else float(-np.expm1(-cell_m / self.mean_free_path_m)),
         )
+
+
+def anchors_of(provenance: Mapping[str, object]) -> Iterator[tuple[str, tuple[float, float]]]:
+    """Names and places of a map's anchors; nothing if other software kept something else there."""
+    lists = [provenance.get(key) for key in ANCHOR_KEYS]
+    if all(isinstance(column, list) for column in lists):
+        for name, x, y in zip(*lists, strict=False):
+            if isinstance(x, float | int) and isinstance(y, float | int):
+                yield str(name), (x, y)
 
 
 def _require(good: bool, name: str, found: object, allowed: str = "two finite numbers") -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from gridslam.maps.map_cells import MapCells
+from gridslam.maps.map_cells import MapCells, anchors_of
 from gridslam.maps.walls import WallSegments
 
 FREE, OCCUPIED, UNKNOWN = 254, 0, 205
@@ -98,10 +98,9 @@ def _seen(
     part, count = ndimage.label(free & ~longer)
     sure = np.bincount(part[grid.evidence < SURELY_CROSSED_NAT], minlength=count + 1)
     kept = sure * grid.cell_m**2 >= SMALLEST_SEEN_M2
-    x, y = (grid.provenance.get(key) for key in ("anchor_x_m", "anchor_y_m"))
-    if isinstance(x, list) and isinstance(y, list):
-        cell, inside = grid.index(np.column_stack([x, y]).astype(float))
-        kept[part[cell[inside, 0], cell[inside, 1]]] = True
+    places = np.array([place for _, place in anchors_of(grid.provenance)], float).reshape(-1, 2)
+    cell, inside = grid.index(places)
+    kept[part[cell[inside, 0], cell[inside, 1]]] = True
     sure[0] = 0
     kept[np.argmax(sure)] = True
     kept[0] = False

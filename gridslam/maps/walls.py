@@ -72,7 +72,7 @@ def wall_segments(grid: MapCells) -> WallSegments:
     """Stretches of a map's surfaces where there is a wall, by what its cells know.
 
     A surface whose cells know nothing (methods that map no cells) keeps its whole extent; one that was never
-    hit has no stretch.
+    hit has no stretch. What lies off the grid by more than the grid is wide is left out.
 
     Parameters
     ----------
@@ -100,7 +100,13 @@ def _stretches(
     grid: MapCells, told: NDArray, line: Array, cov: Array, extent: Array
 ) -> list[tuple[float, float]]:
     """Where along one surface there is a wall: pairs of coordinates, ascending."""
+    corners = np.array([[x, y] for x in (0, 1) for y in (0, 1)]) * (grid.corner_m - grid.origin_m)
+    around = (grid.origin_m + corners) @ unit(line[0] + 0.5 * np.pi)
+    nearby = around.min() - np.ptp(around), around.max() + np.ptp(around)
     low, high = np.sort(extent)
+    if high < nearby[0] or low > nearby[1]:
+        return []
+    low, high = np.clip([low, high], *nearby)  # maps of others may claim any extent
     edge = np.linspace(low, high, max(1, int(np.ceil((high - low) / (0.5 * grid.cell_m)))) + 1)
     state, sure = _states(grid, told, line, cov, 0.5 * (edge[1:] + edge[:-1]))
     if not (state == WALL).any():  # nothing to go by but what is open

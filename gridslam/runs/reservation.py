@@ -2,8 +2,9 @@
 
 While a run is at work on the folder NAME, beside it lie ``.NAME.run-lock``, which the system unlocks when the
 process ends in whatever way, and ``.NAME.PID.part``, which becomes the folder. What dead processes left of
-these is swept by the next run beside it; finished work is kept, as ``NAME.PID.part``. A part that holds a
-checkpoint stays until its run goes on, or another run overwrites it.
+these is swept by the next run beside it; finished work is kept, as ``NAME.PID.part``. Only a folder with a
+sign in it, written by a process of this machine, is ever swept: a name alone proves nothing. A part that
+holds a checkpoint stays until its run goes on, or another run overwrites it.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import contextlib
 import os
 import re
 import shutil
+import socket
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -32,7 +34,9 @@ except ImportError:  # Windows
 
 SIGN = b"gridslam "
 """What a lock file begins with; the number of the process follows."""
-PART = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})(?P<old>\.old)?\.part(\.\w{1,4})?")
+MARK = ".gridslam-part"
+"""File in a folder that isn't finished: what made it, on which machine, in which process."""
+PART = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})(-\d+)?(?P<old>\.old)?\.part")
 LOCK = re.compile(r"\.(?P<name>.+)\.run-lock")
 UNFINISHED = ".unfinished"
 """Folder within a part that holds what a run needs to go on; no agent can be called so."""
@@ -54,19 +58,25 @@ class Place:
         The folder, absolute.
     overwrite : bool
         Whether an earlier run's folder may be replaced.
+    part : Path
+        The folder to fill, which is there, with a sign in it.
     notes : list of str
         What was found of runs that ended before their time, in words.
+    precious : bool
+        Whether what was filled is kept even if something comes between it and its name.
     """
 
     target: Path
     overwrite: bool
+    part: Path
     notes: list[str] = field(default_factory=list)
+    precious: bool = False
     _done: bool = False
 
     @property
-    def part(self) -> Path:
-        """The folder to fill, which is there."""
-        return beside(self.target)
+    def empty(self) -> bool:
+        """Whether there is no file in the folder to fill."""
+        return all(path.name == MARK for path in self.part.rglob("*") if path.is_file())
 
     def drop_checkpoint(self) -> None:
         """Remove the checkpoint, the file that makes it one first."""
@@ -83,6 +93,7 @@ class Place:
             Something stands there by now that may not be replaced, or it can't be renamed: what was filled
             stays, under a name that the error says.
         """
+        self.precious = True
         try:
             self.drop_checkpoint()
             check_output(self.target, self.overwrite)
@@ -90,6 +101,7 @@ class Place:
                 self._swap()
             else:
                 self.part.rename(self.target)  # fails where there is a file, or a folder with something in it
+            unsign(self.target)
             settle_folder(self.target.parent)
         except InputError as error:
             found = f"{error.found} by now; this run is kept in {self.keep()}"
@@ -100,22 +112,30 @@ class Place:
 
     def keep(self) -> Path:
         """Put the filled folder where nothing sweeps it, and say where."""
+        kept = _kept(self.part, self.target.name, str(os.getpid()))
         self._done = True
-        return _kept(self.part, self.target.name, str(os.getpid()))
+        return kept
 
     def clear(self) -> None:
-        """Remove what was filled, unless it was kept or a run can go on from it."""
-        if not self._done and not holds_checkpoint(self.part):
+        """Remove what was filled, unless it was kept, is to be, or a run can go on from it."""
+        if self._done or holds_checkpoint(self.part):
+            return
+        if not self.precious:
             shutil.rmtree(self.part, ignore_errors=True)
+        elif self.part.exists():
+            self.keep()
 
     def _swap(self) -> None:
-        old = self.part.with_name(f"{self.part.stem}.old.part")
-        shutil.rmtree(old, ignore_errors=True)
-        self.target.rename(old)
+        old = _old(self.part)
+        with contextlib.suppress(OSError):  # of a folder that can't be signed, a rest would stay
+            sign(self.target, os.getpid())
         try:
+            self.target.rename(old)
             self.part.rename(self.target)
-        except OSError:
-            old.rename(self.target)
+        except BaseException:
+            if old.exists() and not self.target.exists():
+                old.rename(self.target)
+            unsign(self.target)
             raise
         shutil.rmtree(old, ignore_errors=True)
 
@@ -194,7 +214,7 @@ def reserve(
         found = f"{error.found}, and an unfinished run to replace it"
         raise Taken(error.where, found, f"{error.allowed}, or gridslam run --resume {directory}") from error
     target = Path(directory).resolve()
-    place = Place(target, overwrite)
+    notes: list[str] = []
     with contextlib.ExitStack() as left:
         try:
             for folder in reversed([parent for parent in target.parents if not parent.exists()]):
@@ -202,10 +222,10 @@ def reserve(
                 left.callback(_remove_empty, folder)
             before = left.enter_context(_locked(_lock_of(target)))
             if before:
-                place.notes.append(f"process {before}, which is gone, left a run into {directory} unfinished")
-            place.notes += _sweep(target)
+                notes.append(f"process {before}, which is gone, left a run into {directory} unfinished")
+            notes += _sweep(target)
             check_output(directory, overwrite)  # what was swept may have been the folder, on its way
-            _take_over(place, str(directory), resume)
+            place = _placed(target, str(directory), overwrite, resume, notes)
         except BlockingIOError as error:
             who = f"process {error.strerror}" if error.strerror else "another process"
             raise Taken(
@@ -237,26 +257,79 @@ def reserve_free(folder: Path, name: str) -> Iterator[Place]:
         yield place
 
 
-def _take_over(place: Place, directory: str, resume: bool) -> None:
+def _placed(target: Path, directory: str, overwrite: bool, resume: bool, notes: list[str]) -> Place:
     """Make the folder to fill: empty but for the checkpoint that is gone on with or is to be overwritten."""
-    before = unfinished_part(place.target)
+    before = unfinished_part(target)
     if before is None:
         if resume:
             raise InputError(directory, "no unfinished run", "the folder of a run with --checkpoint")
-        place.part.mkdir()
-        return
-    if not (resume or place.overwrite):
+        return Place(target, overwrite, _signed_folder(target), notes)
+    if not (resume or overwrite):
         allowed = f"to go on with it (gridslam run --resume {directory}), or --overwrite"
         raise Taken(directory, "an unfinished run", allowed)
     if not resume:
-        place.notes.append(f"the unfinished run into {directory} is overwritten")
-    if before != place.part:
-        shutil.rmtree(place.part, ignore_errors=True)
-        before.rename(place.part)
-        settle_folder(place.part.parent)
-    for path in place.part.iterdir():  # what it had begun to write at its end
-        if path.name != UNFINISHED:
+        notes.append(f"the unfinished run into {directory} is overwritten")
+    part = _signed_folder(target)
+    unsign(part)
+    part.rmdir()
+    before.rename(part)
+    settle_folder(part.parent)
+    sign(part, os.getpid())
+    for path in part.iterdir():  # what it had begun to write at its end
+        if path.name not in (UNFINISHED, MARK):
             shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+    return Place(target, overwrite, part, notes)
+
+
+def sign(folder: Path, process: int) -> None:
+    """Mark a folder as an unfinished one of a process of this machine."""
+    (folder / MARK).write_bytes(_mark(process))
+
+
+def unsign(folder: Path) -> None:
+    """Take the mark away, if it is there and can be."""
+    with contextlib.suppress(OSError):
+        (folder / MARK).unlink(missing_ok=True)
+
+
+def _mark(process: int) -> bytes:
+    """What a sign says; process numbers mean something on one machine only, and in one container."""
+    numbers = ""
+    with contextlib.suppress(OSError):
+        numbers = os.readlink("/proc/self/ns/pid")
+    return f"gridslam part 1\n{socket.gethostname()}\n{numbers}\n{process}\n".encode()
+
+
+def _signed(folder: Path, process: int) -> bool:
+    """Whether a process of this machine made a folder."""
+    mark = folder / MARK
+    if folder.is_symlink() or not folder.is_dir() or mark.is_symlink() or not mark.is_file():
+        return False
+    with mark.open("rb") as file:
+        return file.read(1000) == _mark(process)
+
+
+def _signed_folder(target: Path) -> Path:
+    """Make a folder beside the target, under a name that nothing has, and sign it."""
+    first, number = beside(target), 1
+    while True:
+        part = first if number == 1 else first.with_name(f"{first.stem}-{number}.part")
+        if not os.path.lexists(_old(part)):
+            with contextlib.suppress(FileExistsError):
+                part.mkdir()
+                break
+        number += 1
+    try:
+        sign(part, os.getpid())
+    except BaseException:
+        shutil.rmtree(part, ignore_errors=True)
+        raise
+    return part
+
+
+def _old(part: Path) -> Path:
+    """Where the run goes that a part replaces."""
+    return part.with_name(f"{part.stem}.old.part")
 
 
 def _lock_of(target: Path) -> Path:
@@ -335,8 +408,9 @@ def _sweep(target: Path) -> list[str]:
     for path in sorted(target.parent.iterdir()):
         part, lock = PART.fullmatch(path.name), LOCK.fullmatch(path.name)
         with contextlib.suppress(OSError):
-            if part and not path.is_symlink() and _stale(path, part["name"], int(part["process"]), target):
-                notes += _clear(path, part)
+            if part and _signed(path, int(part["process"])):
+                if _stale(path, part["name"], int(part["process"]), target):
+                    notes += _clear(path, part)
             elif lock and path != _lock_of(target) and path.is_file() and path.read_bytes()[:9] == SIGN:
                 with _locked(path):
                     pass
@@ -361,10 +435,9 @@ def _clear(path: Path, part: re.Match[str]) -> list[str]:
     folder = path.with_name(part["name"])
     if holds_checkpoint(path):
         return []
-    if not path.is_dir():
-        path.unlink()
-    elif part["old"] and not folder.exists():  # ended between the two renames
+    if part["old"] and not folder.exists():  # ended between the two renames
         path.rename(folder)
+        unsign(folder)
         return [f"{folder} is back: the run that was to replace it ended too early"]
     elif not part["old"] and (path / "run.json").is_file():
         kept = _kept(path, part["name"], part["process"])
@@ -385,7 +458,8 @@ def _kept(part: Path, name: str, process: str) -> Path:
     try:
         part.rename(kept)
     except OSError:
-        return part
+        kept = part  # without its sign nothing sweeps it here, either
+    unsign(kept)
     return kept
 
 

@@ -88,7 +88,8 @@ def write_run(
 ) -> None:
     """Write a run's folder under a temporary name and rename it when it is complete.
 
-    A file that can't be written doesn't cost the others. Ctrl-C waits until the files are written.
+    A file that can't be written doesn't cost the others. Ctrl-C ends the drawing, and else waits
+    until the files are written and the folder has its name.
 
     Parameters
     ----------
@@ -127,23 +128,28 @@ def write_run(
     with reserve(directory, overwrite) if place is None else nullcontext(place) as here:
         with held_back() as asked:
             faults = _fill(here, scene, runs, measurements, scores, settings)
-        if faults and holds_checkpoint(here.part):  # whole later is better than in parts now
-            found = "the run's checkpoint, and not all of its files"
-            go_on = f"to write them again: gridslam run --resume {directory}"
-            raise Unwritten([*faults, InputError(str(directory), found, go_on)])
-        if not any(path.is_file() for path in here.part.rglob("*")):
-            raise InputError(str(directory), faults[0].found, faults[0].allowed)
-        trouble: BaseException | None = KeyboardInterrupt() if asked.is_set() else None
-        if draw is not None and trouble is None and not faults:
+            if faults and holds_checkpoint(here.part):  # whole later is better than in parts now
+                found = "the run's checkpoint, and not all of its files"
+                go_on = f"to write them again: gridslam run --resume {directory}"
+                raise Unwritten([*faults, InputError(str(directory), found, go_on)])
+            if here.empty:
+                raise InputError(str(directory), faults[0].found, faults[0].allowed)
+            here.precious = True
+        trouble: BaseException | None = None
+        if draw is not None and not asked.is_set() and not faults:
             try:
                 draw(here.part)
             except (Exception, KeyboardInterrupt) as error:  # hours of filtering outweigh a figure
                 trouble = error
+        with held_back() as asked_late:
+            if trouble is not None:
                 shutil.rmtree(here.part / "figures", ignore_errors=True)
-        if faults and here.target.exists():  # a whole run isn't replaced by parts of one
-            found = f"an earlier, whole run; what could be written is kept in {here.keep()}"
-            raise Unwritten([*faults, InputError(str(directory), found, "a run without faults instead")])
-        here.finish()
+            if faults and here.target.exists():  # a whole run isn't replaced by parts of one
+                found = f"an earlier, whole run; what could be written is kept in {here.keep()}"
+                raise Unwritten([*faults, InputError(str(directory), found, "a run without faults instead")])
+            here.finish()
+        if trouble is None and (asked.is_set() or asked_late.is_set()):
+            trouble = KeyboardInterrupt()
     if faults:
         raise Unwritten(faults)
     if isinstance(trouble, InputError | OSError):
@@ -199,23 +205,28 @@ def _fill(
     """Write all files, each by itself; returns a fault for each that couldn't be."""
     faults: list[InputError] = []
 
-    def attempt(name: str, write: Callable[[Path], None]) -> None:
+    def attempt(name: str, write: Callable[[Path], None]) -> bool:
         try:
             write(place.part / name)
         except Exception as error:  # whatever it is: the other files are worth having
             faults.append(_fault(place.target / name, error))
+            return False
+        return True
 
-    agents = {}
+    agents: dict[str, dict[str, Any]] = {}
     for run, heard, score in zip(runs, measurements, scores, strict=True):
         own = run.agent
-        (place.part / own).mkdir()
+        agents[own] = dict(score or {})
+        if score is None:
+            attempt("run.json", lambda _, run=run: agents[run.agent].update(run.score(None)))  # type: ignore[misc]
+        if not attempt(own, Path.mkdir):
+            continue
         attempt(f"{own}/measurements.h5", heard.to_h5)
         attempt(f"{own}/trajectory.tum", run.trajectory.to_tum)
         if heard.truth is not None:
             attempt(f"{own}/truth.tum", heard.truth.to_tum)
         attempt(f"{own}/steps.h5", lambda path, run=run: write_steps(path, run.estimates))  # type: ignore[misc]
         attempt(f"{own}/map.h5", run.map.save)
-        agents[own] = dict(score if score is not None else run.score(None))
     last = runs[-1]
     twin = place.part / last.agent / "map.h5"
     attempt("map.h5", lambda p: write_bytes(p, twin.read_bytes()) if twin.exists() else last.map.save(p))

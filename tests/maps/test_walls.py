@@ -158,6 +158,40 @@ def test_room_on_the_other_side_of_a_wall_stays_free(tmp_path):
     assert (values[:29] == FREE).all()
 
 
+@pytest.mark.parametrize("far", [30.0, 1e9, 1e300])
+@pytest.mark.parametrize("blank", [False, True])
+def test_wall_of_any_length_is_drawn_as_far_as_the_grid_reaches(tmp_path, far, blank):
+    """Maps of others may claim what they like; what a line claims far beyond the grid can't be looked up."""
+    grid = street(extent=(-far, far))
+    if blank:
+        grid = replace(grid, observed=grid.observed & False, coefficient=grid.coefficient * 0)
+    found = stretches(grid)
+    assert len(found) == 1
+    assert np.abs(found).max() < 30
+    grid.to_nav2(tmp_path)
+    _, values = nav2_load(tmp_path, "map")
+    assert (values[20] == OCCUPIED).all()
+    beyond = replace(grid, surfaces=surfaces([(np.pi / 2, 2.05)], std=(1e-3, 1e-2), extent=(far, 2 * far)))
+    assert len(stretches(beyond)) == 0
+
+
+@pytest.mark.parametrize(
+    "anchors",
+    [
+        {"anchors": ["a", "b"], "anchor_x_m": [1.0, 2.0], "anchor_y_m": [1.0]},
+        {"anchors": ["a"], "anchor_x_m": ["west"], "anchor_y_m": [[1.0]]},
+        {"anchors": ["a"], "anchor_x_m": [float("nan")], "anchor_y_m": [1e300]},
+        {"anchors": [], "anchor_x_m": [], "anchor_y_m": []},
+        {"anchor_x_m": 3},
+    ],
+)
+def test_anchors_of_others_that_make_no_sense_are_none(tmp_path, anchors):
+    grid = replace(street(), provenance=anchors)
+    grid.to_nav2(tmp_path)
+    _, values = nav2_load(tmp_path, "map")
+    assert (values[:19] == FREE).all()
+
+
 coordinate = st.one_of(st.integers(-5, 65).map(lambda n: n / 10), st.floats(-0.5, 6.5))
 
 

@@ -1,10 +1,13 @@
 """Two runs and one folder, runs that died, and files that stand there already: nothing is lost."""
 
+import errno
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -12,7 +15,8 @@ from tiny import TINY
 
 import gridslam as gs
 from gridslam.errors import InputError
-from gridslam.runs.reservation import reserve, reserve_free
+from gridslam.runs import reservation
+from gridslam.runs.reservation import MARK, reserve, reserve_free, sign
 from gridslam.runs.run_files import read_run
 from gridslam.systems.grid import GridSlam
 
@@ -130,29 +134,57 @@ def test_killed_run_blocks_nobody_and_is_told(tiny, no_figures):
 
 def test_rests_of_the_dead_are_swept_and_nothing_else(tmp_path, monkeypatch, dead):
     monkeypatch.chdir(tmp_path)
-    ours = (f".out.{dead}.part", f".other.{dead}.part", f".map.h5.{dead}.part", f".a-run.{dead}.part.gif")
-    others = (
-        *(f".live.{os.getppid()}.part", f".mine.{os.getpid()}.part", ".out.part", ".out.12x.part"),
-        *(
-            f"out.{dead}.part",
-            f".out.{dead}.partial",
-            f".{dead}.part",
-            "out.part",
-            ".x.run-lock",
-        ),
-    )
-    for name in (*ours, *others):
-        Path(name).mkdir() if "other" in name else Path(name).write_text("x")
+    parent = os.getppid()
+    ours = {f".out.{dead}.part": dead, f".other.{dead}.part": dead, f".out.{dead}-2.part": dead}
+    live = {f".live.{parent}.part": parent, f".mine.{os.getpid()}.part": os.getpid()}
+    names = (".out.part", ".out.12x.part", f"out.{dead}.part", f".out.{dead}.partial", f".{dead}.part")
+    for name, process in (ours | live | dict.fromkeys(names, dead)).items():
+        Path(name).mkdir()
+        sign(Path(name), process)
     Path(f".other.{dead}.part/deep").mkdir()
     Path(f".link.{dead}.part").symlink_to(tmp_path / "out.part")
+    Path(".x.run-lock").write_text("x")
     Path(".gone.run-lock").write_bytes(b"gridslam %d\n" % dead)
     before = set(here())
     with reserve("held"):
         Path(f".held.{dead}.part").mkdir()  # of another machine, maybe: somebody holds the lock
+        sign(Path(f".held.{dead}.part"), dead)
         with reserve("out"):
             pass
         assert before - set(here()) == {*ours, ".gone.run-lock"}
         assert Path(f".held.{dead}.part").exists()
+
+
+def test_what_bears_no_sign_of_ours_is_never_swept(tmp_path, monkeypatch, dead):
+    """Other programs name files like this, too, and other machines' processes have the same numbers."""
+    monkeypatch.chdir(tmp_path)
+    for name in (f".data.{dead}.part", f".backup.{dead}.part.tgz", f".out.{dead}.old.part"):
+        Path(name).write_text("x")
+    far = Path("far")
+    for folder in (f".thesis.{dead}.part", f".out.{dead}.part", f".run.{dead}.old.part", "far", "run"):
+        Path(folder).mkdir()
+        Path(folder, "only-copy.txt").write_text("x")
+    sign(far, dead)
+    said = (far / MARK).read_text().splitlines()
+    (far / MARK).write_text("\n".join([said[0], "elsewhere", *said[2:], ""]))
+    far.rename(f".far.{dead}.part")
+    number = os.getpid()  # a process of another container had our number
+    for own in (Path(f".out.{number}.part"), Path(f".out.{number}-2.old.part")):
+        own.mkdir()
+        (own / "only-copy.txt").write_text("x")
+    before = {path: path.is_file() and path.read_bytes() for path in Path().rglob("*")}
+    with reserve("out") as place:
+        assert place.part.name == f".out.{number}-3.part"
+        assert place.empty
+        (place.part / "run.json").touch()
+        place.finish()
+    assert os.listdir("out") == ["run.json"]
+    with reserve("out", overwrite=True) as place:
+        (place.part / "run.json").write_text("2")
+        place.finish()
+    assert Path("out/run.json").read_text() == "2"
+    after = {path: path.is_file() and path.read_bytes() for path in Path().rglob("*")}
+    assert after == before | {Path("out"): False, Path("out/run.json"): b"2"}
 
 
 def test_run_that_was_whole_but_not_yet_named_is_kept(tmp_path, monkeypatch, dead):
@@ -161,11 +193,28 @@ def test_run_that_was_whole_but_not_yet_named_is_kept(tmp_path, monkeypatch, dea
     Path(f".out.{dead}.part/run.json").write_text("new")
     Path(f".out.{dead}.old.part").mkdir()
     Path(f".out.{dead}.old.part/run.json").write_text("old")
+    for folder in Path().iterdir():
+        sign(folder, dead)
     with pytest.raises(InputError, match="something of this name"), reserve("out"):
         pass
     assert Path("out/run.json").read_text() == "old"
     assert Path(f"out.{dead}.part/run.json").read_text() == "new"
     assert here() == ["out", f"out.{dead}.part"]
+    assert [os.listdir(folder) for folder in here()] == [["run.json"]] * 2
+
+
+def test_run_that_cannot_be_renamed_stays_where_it_is_said_to_be(tmp_path, monkeypatch):
+    def fail(*_):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.chdir(tmp_path)
+    with monkeypatch.context() as patch, reserve("out") as place:
+        (place.part / "steps.h5").write_text("hours")
+        patch.setattr(Path, "rename", fail)
+        kept = place.keep()
+    with reserve("out") as place:
+        assert place.notes == []
+    assert [path.name for path in kept.iterdir()] == ["steps.h5"]
 
 
 # ---- asked to stop ----------------------------------------------------------------------------------
@@ -212,6 +261,93 @@ def test_signal_while_files_are_written_lets_them_be(tiny, no_figures, ctrl_c, m
     monkeypatch.setattr(gs.Trajectory, "to_tum", cut)
     assert tiny(*RUN).code == code
     assert list(read_run("out").agents) == ["agent1", "agent2"]
+
+
+def test_ctrl_c_while_the_viewer_gets_a_map_loses_no_agent(tiny, no_figures, monkeypatch):
+    class View:
+        def follow(self, name, truth):
+            return None
+
+        def show_map(self, grid):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("gridslam.cli.main._view", lambda *_: nullcontext(View()))
+    assert tiny(*RUN, "--rerun").code == 130
+    assert list(read_run("out").agents) == ["agent1"]
+    assert len(read_run("out").agents["agent1"].estimates) == 3
+
+
+@pytest.mark.parametrize("option", [(), ("--overwrite",)])
+@pytest.mark.parametrize("moment", ["check", "rename", "second rename", "figures"])
+def test_ctrl_c_while_the_folder_gets_its_name_costs_nothing(tiny, ctrl_c, monkeypatch, moment, option):
+    renames, rename, check, rmtree = [], Path.rename, reservation.check_output, shutil.rmtree
+
+    def asked(at):
+        if at == moment and Path("x").exists():
+            Path("x").unlink()
+            signal.raise_signal(signal.SIGINT)
+
+    def renamed(path, to):
+        asked(("rename", "second rename")[len(renames) % 2])
+        renames.append(to)
+        return rename(path, to)
+
+    def checked(*words):
+        asked("check")
+        check(*words)
+
+    def removed(path, **options):
+        asked("figures")
+        rmtree(path, **options)
+
+    def draw(folder):
+        Path("x").touch()
+        if moment == "figures":
+            raise KeyboardInterrupt
+
+    if option:
+        monkeypatch.setattr("gridslam.viewers.plots.draw_all", lambda folder: [])
+        assert tiny(*RUN, "--seed", 1).code == 0
+    renames.clear()
+    monkeypatch.setattr("gridslam.viewers.plots.draw_all", draw)
+    monkeypatch.setattr(Path, "rename", renamed)
+    monkeypatch.setattr(reservation, "check_output", checked)
+    monkeypatch.setattr(shutil, "rmtree", removed)
+    said = tiny(*RUN, "--seed", 2, *option)
+    Path("x").unlink(missing_ok=True)
+    assert said.code == (0 if moment == "second rename" and not option else 130)
+    assert here() == ["out", "tiny.toml"]
+    assert read_run("out").summary["seed"] == 2
+    assert list(read_run("out").agents) == ["agent1", "agent2"]
+
+
+def fill_and_finish(place, text):
+    (place.part / "run.json").write_text(text)
+    place.finish()
+
+
+@pytest.mark.parametrize("last", [1, 2, 3])
+def test_interrupt_that_nothing_holds_back_loses_neither_run(tmp_path, monkeypatch, last):
+    monkeypatch.chdir(tmp_path)
+    with reserve("out") as place:
+        fill_and_finish(place, "old")
+    rename, count = Path.rename, []
+
+    def cut(path, to):
+        count.append(to)
+        if len(count) == 1 and last == 3:  # after it, not before
+            rename(path, to)
+        if len(count) == last or last == 3:
+            monkeypatch.setattr(Path, "rename", rename)
+            raise KeyboardInterrupt
+        return rename(path, to)
+
+    monkeypatch.setattr(Path, "rename", cut)
+    with pytest.raises(KeyboardInterrupt), reserve("out", overwrite=True) as new:
+        fill_and_finish(new, "new")
+    assert here() == ["out", f"out.{os.getpid()}.part"]
+    assert [Path(name, "run.json").read_text() for name in here()] == ["old", "new"]
+    assert [os.listdir(name) for name in here()] == [["run.json"]] * 2
 
 
 # ---- files ------------------------------------------------------------------------------------------

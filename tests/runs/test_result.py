@@ -1,5 +1,6 @@
 """Runs: scores, the folder that a run writes, and what happens when it can't."""
 
+import errno
 import json
 import os
 import subprocess
@@ -375,6 +376,35 @@ def test_full_disk_is_told_file_by_file_and_the_rest_kept(tmp_path):
     assert not any(Path(name).exists() for name in missing)
     assert {"run.json", "scene.toml", "agent1/trajectory.tum"} <= set(tree(tmp_path / "out"))
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_folder_or_score_that_fails_costs_no_other_agent(tmp_path, scene, monkeypatch):
+    mkdir, score = Path.mkdir, Run.score
+
+    def full(path, *words, **options):
+        if path.name == "agent2":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        mkdir(path, *words, **options)
+
+    def scored(run, *words):
+        if run.agent == "agent1":
+            raise ValueError("no such bound")
+        return score(run, *words)
+
+    agents = ("agent1", "agent2")
+    runs, heard = [some_run(scene, a) for a in agents], [heard_by(scene, a) for a in agents]
+    monkeypatch.setattr(Path, "mkdir", full)
+    monkeypatch.setattr(Run, "score", scored)
+    with pytest.raises(Unwritten) as caught:
+        write_run(tmp_path / "out", scene, runs, heard, [None, None], {})
+    faults = [(Path(fault.where).name, fault.found) for fault in caught.value.faults]
+    assert faults == [("run.json", "ValueError: no such bound"), ("agent2", "No space left on device")]
+    steps = {
+        name: table.get("steps")
+        for name, table in json.loads((tmp_path / "out/run.json").read_text())["agents"].items()
+    }
+    assert steps == {"agent1": None, "agent2": len(runs[1].estimates)}
+    assert {"scene.toml", "map.h5", "agent1/map.h5", "agent1/trajectory.tum"} <= set(tree(tmp_path / "out"))
 
 
 def test_figure_that_fails_does_not_cost_the_results(tmp_path, scene):
