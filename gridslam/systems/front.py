@@ -30,6 +30,7 @@ from gridslam.world.geometry import wrap
 from gridslam.world.radio import REFLECTION_BINS
 from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
+from gridslam.world.start import require_seed
 
 Array = NDArray[np.float64]
 
@@ -65,6 +66,7 @@ class SurfaceFilter(ABC):
         seed: int = 0,
         same_frame: bool = False,
     ) -> None:
+        require_seed(seed)
         self.scene, self.seed = scene, seed
         self.model = self._model(scene.filter_model(agent))
         self.agent = self.model.agent
