@@ -12,7 +12,7 @@ import psutil
 from gridslam import runtime
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
-from gridslam.maps.frames import SAME_PLACE_M, assured
+from gridslam.maps.frames import SAME_PLACE_M
 from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements
 from gridslam.runs.run import Run
@@ -92,10 +92,8 @@ def map_scene(
     if agent is None and not scene.agents:
         raise InputError(f"{scene.name}: agents", "none", "at least one, to say where it starts")
     check_anchors(scene, measurements)
-    if prior_map is not None and same_frame:
-        prior_map = assured(prior_map, scene)
     device = runtime.start()
-    slam = METHODS[method](scene, prior_map=prior_map, agent=agent, seed=seed)
+    slam = METHODS[method](scene, prior_map=prior_map, agent=agent, seed=seed, same_frame=same_frame)
     if start is not None:
         slam.start_at(start.position_m, start.heading_rad)
     estimates: list[Estimate] = []

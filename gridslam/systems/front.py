@@ -22,7 +22,7 @@ from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import FRESH_SINGLE, SETTLED
 from gridslam.inference.workspace.workspace import Workspace
-from gridslam.maps.frames import assured, fitted, stamped
+from gridslam.maps.frames import fitted, stamped
 from gridslam.maps.map import Map
 from gridslam.maps.run_identity import Identity
 from gridslam.world.filter_model import FilterModel
@@ -73,7 +73,7 @@ class SurfaceFilter(ABC):
         self.work = Workspace(self.model, seed, self.keeps_grid)
         prior = None
         if prior_map is not None:
-            prior, _ = fitted(assured(prior_map, scene) if same_frame else prior_map, scene)
+            prior, _ = fitted(prior_map, scene, same_frame=same_frame)
         self.provenance = _provenance(prior)
         identity = Identity.of(self.model.anchor_positions)
         self.now = Moment(self.start(self.model, prior), identity)
