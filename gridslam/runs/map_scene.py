@@ -13,7 +13,7 @@ import psutil
 from gridslam import runtime
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
-from gridslam.maps.frames import SAME_PLACE_M, assured, fitted, stamped
+from gridslam.maps.frames import SAME_PLACE_M, fitted, stamped
 from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements
 from gridslam.runs.run import Run
@@ -92,7 +92,7 @@ def map_scene(
         raise InputError(f"{scene.name}: agents", "none", "at least one, to say where it starts")
     check_anchors(scene, measurements)
     if prior_map is not None:
-        prior_map, _ = fitted(assured(prior_map, scene) if same_frame else prior_map, scene)
+        prior_map, _ = fitted(prior_map, scene, same_frame=same_frame)
     device = runtime.start()
     estimates: list[Estimate] = []
     peak, spent = 0.0, 0.0

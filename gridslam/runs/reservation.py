@@ -269,11 +269,13 @@ def _placed(target: Path, directory: str, overwrite: bool, resume: bool, notes: 
         raise Taken(directory, "an unfinished run", allowed)
     if not resume:
         notes.append(f"the unfinished run into {directory} is overwritten")
-    part = _signed_folder(target)
-    unsign(part)
-    part.rmdir()
-    before.rename(part)
-    settle_folder(part.parent)
+    part = before
+    if before != beside(target):
+        part = _signed_folder(target)
+        unsign(part)
+        part.rmdir()
+        before.rename(part)
+        settle_folder(part.parent)
     sign(part, os.getpid())
     for path in part.iterdir():  # what it had begun to write at its end
         if path.name not in (UNFINISHED, MARK):

@@ -19,6 +19,7 @@ from gridslam.measurements.table import Measurements
 from gridslam.world.columns import DEVIATIONS, VALUES
 from gridslam.world.geometry import Segments, crossing, mirror, trace, wrap
 from gridslam.world.scene import Scene
+from gridslam.world.start import require_seed
 from gridslam.world.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -272,6 +273,7 @@ def _received(
     """Columns of the detected paths with noise and of clutter, and the row of `paths` of each, or -1."""
     signal = scene.signal_model(agent)
     names = [a.name for a in scene.agents]
+    require_seed(seed)
     draw = np.random.default_rng([seed, names.index(agent), 0x51])
     scale = signal.amplitude_std(paths.amplitude)
     noise = draw.standard_normal((len(paths.step), 5))

@@ -22,7 +22,7 @@ from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import FRESH_SINGLE, SETTLED
 from gridslam.inference.workspace.workspace import Workspace
-from gridslam.maps.frames import assured, fitted, stamped
+from gridslam.maps.frames import fitted, stamped
 from gridslam.maps.map import Map
 from gridslam.maps.run_identity import Identity
 from gridslam.world.filter_model import FilterModel
@@ -30,6 +30,7 @@ from gridslam.world.geometry import wrap
 from gridslam.world.radio import REFLECTION_BINS
 from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
+from gridslam.world.start import require_seed
 
 Array = NDArray[np.float64]
 
@@ -67,13 +68,14 @@ class SurfaceFilter(ABC):
         seed: int = 0,
         same_frame: bool = False,
     ) -> None:
+        require_seed(seed)
         self.scene, self.seed = scene, seed
         self.model = self._model(scene.filter_model(agent))
         self.agent = self.model.agent
         self.work = Workspace(self.model, seed, self.keeps_grid)
         prior = None
         if prior_map is not None:
-            prior, _ = fitted(assured(prior_map, scene) if same_frame else prior_map, scene)
+            prior, _ = fitted(prior_map, scene, same_frame=same_frame)
         self.provenance = _provenance(prior if self.uses_maps else None)
         identity = Identity.of(self.model.anchor_positions)
         self.now = Moment(self.start(self.model, prior), identity)

@@ -34,6 +34,18 @@ class Start:
     how: How
 
 
+def require_seed(seed: int) -> None:
+    """Refuse what random numbers can't follow from.
+
+    Raises
+    ------
+    InputError
+        Not a whole number from 0 on.
+    """
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError("seed", repr(seed), "a whole number, 0 or more")
+
+
 def told_start(scene: Scene, agent: str, seed: int, how: str = "drawn") -> Start:
     """The start that a filter is told, for an agent of the scene.
 
@@ -47,7 +59,7 @@ def told_start(scene: Scene, agent: str, seed: int, how: str = "drawn") -> Start
     Raises
     ------
     InputError
-        There is no such agent, or `how` is neither.
+        There is no such agent, `how` is neither, or the seed is negative.
     """
     if how not in HOWS:
         raise InputError("start", repr(how), " or ".join(HOWS))
@@ -58,6 +70,7 @@ def told_start(scene: Scene, agent: str, seed: int, how: str = "drawn") -> Start
     if body.waypoints_m is not None:
         track = scene.track(agent)
         place, heading = track.position_m[0], float(track.heading_rad[0])
+    require_seed(seed)
     draw = np.random.default_rng([seed, scene.agents.index(body), STREAM])
     low, high = np.transpose([scene.grid.x_m, scene.grid.y_m])
     off = body.prior.position_m * draw.uniform(-1, 1, 2)

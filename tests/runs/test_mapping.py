@@ -130,9 +130,11 @@ def test_frame_that_has_a_name_is_known_by_it(scene, run):
         fitted(found, other("first floor"))
     with pytest.raises(gs.InputError, match="none of those of"):
         fitted(run.map, second)
+    heard = gs.Measurements.from_arrays({a: [[3.0]] for a in second.anchor_names})
     with pytest.raises(gs.InputError, match="frame"):
-        gs.map_scene(second, gs.Measurements.from_arrays({a: [[3.0]] for a in second.anchor_names}),
-                     prior_map=run.map)  # fmt: skip
+        gs.map_scene(second, heard, prior_map=run.map)
+    done = gs.map_scene(second, heard, prior_map=run.map, same_frame=True)
+    assert done.map.provenance["agents"] == ["agent1", "agent1"]
     assert gs.GridSlam(second, prior_map=run.map, same_frame=True).provenance["agents"] == ["agent1"]
     assert gs.Scene.from_toml(second.to_toml(), "again").frame == "second floor"
 

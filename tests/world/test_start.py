@@ -54,6 +54,21 @@ def test_starts_are_drawn_uniformly_about_the_true_one_within_the_prior(scene):
     assert np.abs(np.corrcoef(np.column_stack([gap, turn]).T) - np.eye(3)).max() < 0.1
 
 
+@pytest.mark.parametrize("seed", [-1, 1.5, "1", None])
+def test_seed_that_is_none_is_told_as_such(seed):
+    scene = gs.Scene.load("room")
+    calls = (
+        lambda: told_start(scene, "agent1", seed),
+        lambda: gs.simulate(scene, "agent1", seed),
+        lambda: gs.GridSlam(scene, seed=seed),
+        lambda: gs.VirtualAnchorSlam(scene, seed=seed),
+    )
+    for call in calls:
+        with pytest.raises(gs.InputError, match=r"^seed: found .*; allowed: a whole number, 0 or more$"):
+            call()
+    assert told_start(scene, "agent1", np.int64(3)).how == "drawn"
+
+
 def test_a_start_repeats_by_seed_and_differs_by_seed_and_agent(scene):
     one, two = told_start(scene, "agent1", 3), told_start(scene, "agent1", 3)
     assert one.position_m.tolist() == two.position_m.tolist()
