@@ -17,7 +17,7 @@ from gridslam.systems.virtual_anchor import VirtualAnchorSlam
 from gridslam.world.scene import Scene, bundled_scenes
 from gridslam.world.trajectory import Trajectory
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = [
     "AdaptiveSlam",
     "Estimate",

@@ -174,29 +174,46 @@ def _messages(case: Case) -> int:
 
 
 CONTESTS = {
-    "absorb": Contest(
-        "cell", reference.absorb, lambda case: case["before"].size, ("before", "news"),
+    "fold_messages": Contest(
+        "cell",
+        reference.fold_messages,
+        lambda case: case["before"].size,
+        ("before", "news"),
         changes=("message", "news", "observed"),
     ),
     "associate": Contest("pair", reference.associate, _messages, ("message", "odds", "measured")),
-    "bear": Contest("path", reference.bear, lambda case: 1, ("heard",)),
+    "initialise_surface": Contest("path", reference.initialise_surface, lambda case: 1, ("heard",)),
     "cast": Contest(
-        "cell visit", reference.cast, _visits, given=_cast_twin,
+        "cell visit",
+        reference.cast,
+        _visits,
+        given=_cast_twin,
         rows=("path", "found", "mean"),
         # that sends: it lists no paths, and tells no coefficients
         size=lambda case: _listed(case) if case["only"] == ALREADY_LISTED else -1,
     ),
     "describe": Contest("path", reference.describe, _listed, ("surface", "places", "table"), size=_surfaces),
-    "duplicate": Contest("pair", reference.duplicate, lambda case: len(case["foot"]) ** 2, ("foot",)),
+    "find_duplicates": Contest(
+        "pair", reference.find_duplicates, lambda case: len(case["foot"]) ** 2, ("foot",)
+    ),
     "evaluate": Contest(
-        "path-particle", reference.evaluate, _path_particles,
+        "path-particle",
+        reference.evaluate,
+        _path_particles,
         ("path", "belief", "predicted", "heard", "odds", "root", "blocks", "message", "measured"),
     ),
-    "foresee": Contest("path", reference.foresee, _listed, ("surface",), size=_surfaces),
-    "glance": Contest("path", reference.glance, _born, ("born",), changes=("told", "measured")),
-    "haunt": Contest("pair", reference.haunt, lambda case: len(case["surface"]) ** 2, ("surface",)),
+    "list_paths": Contest("path", reference.list_paths, _listed, ("surface",), size=_surfaces),
+    "weigh_by_visibility": Contest(
+        "path", reference.weigh_by_visibility, _born, ("born",), changes=("told", "measured")
+    ),
+    "find_ghosts": Contest(
+        "pair", reference.find_ghosts, lambda case: len(case["surface"]) ** 2, ("surface",)
+    ),
     "learn": Contest(
-        "path", reference.learn, _noted, ("count",),
+        "path",
+        reference.learn,
+        _noted,
+        ("count",),
         changes=("surface", "where", "held", "used", "foot", "extent", "times"),
     ),
     "listen": Contest(
@@ -211,11 +228,29 @@ CONTESTS = {
     "propose": Contest("sample", reference.propose, _samples, ("heard",), changes=("measured",)),
     "walk": Contest("node", reference.walk, lambda case: case["ahead"].size, ("ahead", "length")),
     "update": Contest(
-        "path", reference.update, _paths, ("path", "share", "heard", "odds", "message", "measured"),
-        changes=("mean", "covariance", "message", "measured", "surface", "sight", "single", "double", "sums",
-                 "count", "noted", "factor", "told", "begin", "said"),
+        "path",
+        reference.update,
+        _paths,
+        ("path", "share", "heard", "odds", "message", "measured"),
+        changes=(
+            "mean",
+            "covariance",
+            "message",
+            "measured",
+            "surface",
+            "sight",
+            "single",
+            "double",
+            "sums",
+            "count",
+            "noted",
+            "factor",
+            "told",
+            "begin",
+            "said",
+        ),
     ),
-}  # fmt: skip
+}
 
 
 def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Case]:

@@ -3,21 +3,53 @@
 Each takes what its kernel takes and returns what that writes, worked out another way.
 """
 
-from gridslam.reference.births import bear, glance, likely, propose
-from gridslam.reference.cells import absorb, cast, cells_of, dense, learn, mark, recall
+from gridslam.reference.births import initialise_surface, likely, propose, weigh_by_visibility
+from gridslam.reference.cells import cast, cells_of, dense, fold_messages, learn, mark, recall
 from gridslam.reference.gaussian import correct, predict
 from gridslam.reference.histograms import listen, walk
+from gridslam.reference.merging import find_duplicates, find_ghosts
 from gridslam.reference.messages import associate, enter, evaluate, gate, log_rician, weigh
 from gridslam.reference.paths import densities, draw, lines_of, polylines, prepare
-from gridslam.reference.rays import foresee, near
+from gridslam.reference.rays import list_paths, near
 from gridslam.reference.readout import describe
-from gridslam.reference.tidying import duplicate, haunt
 from gridslam.reference.updates import effective_sample_size, exist, fit, update
 from gridslam.world.geometry import trace
 
 __all__ = [
-    "absorb", "associate", "bear", "cast", "cells_of", "correct", "dense", "densities", "describe", "draw",
-    "duplicate", "effective_sample_size", "enter", "evaluate", "exist", "fit", "foresee", "gate", "glance",
-    "haunt", "learn", "likely", "lines_of", "listen", "log_rician", "mark", "near", "polylines", "predict",
-    "prepare", "propose", "recall", "trace", "update", "walk", "weigh",
+    "associate",
+    "cast",
+    "cells_of",
+    "correct",
+    "dense",
+    "densities",
+    "describe",
+    "draw",
+    "effective_sample_size",
+    "enter",
+    "evaluate",
+    "exist",
+    "find_duplicates",
+    "find_ghosts",
+    "fit",
+    "fold_messages",
+    "gate",
+    "initialise_surface",
+    "learn",
+    "likely",
+    "lines_of",
+    "list_paths",
+    "listen",
+    "log_rician",
+    "mark",
+    "near",
+    "polylines",
+    "predict",
+    "prepare",
+    "propose",
+    "recall",
+    "trace",
+    "update",
+    "walk",
+    "weigh",
+    "weigh_by_visibility",
 ]  # fmt: skip

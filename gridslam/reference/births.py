@@ -83,11 +83,11 @@ def likely(state: Array, noise: Array, heard: Array, known: Whole, place: Array)
     return weight
 
 
-def glance(
+def weigh_by_visibility(
     mean: Array, anchor: int, places: Array, wide: int, occupied: Array, frame: Array, born: Whole,
     told: Array,
 ) -> Array:  # fmt: skip
-    """Twin of `births.glance`: weighed births (B,)."""
+    """Twin of `births.weigh_by_visibility`: weighed births (B,)."""
     occupied = occupied.reshape(2, -1, wide)
     lines, place, worth = mean[5:].reshape(-1, 2), places[anchor, :2], 0.3 * told[: born[0, 0], 2]
     for b, (_, last, first) in enumerate(born[1 : 1 + born[0, 0]]):
@@ -105,11 +105,11 @@ def glance(
     return worth
 
 
-def bear(
+def initialise_surface(
     mean: Array, covariance: Array, anchor: int, places: Array, heard: Array, m: int, last: int, first: int,
     radio: Array,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Twin of `bearing.bear`: mean, covariance, and belief over the coefficient.
+    """Twin of `initialisation.bear`: mean, covariance, and belief over the coefficient.
 
     Lines are worked out at all inputs at once, and derivatives are differences.
     """

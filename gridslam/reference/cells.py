@@ -188,7 +188,7 @@ def learn(
 def mark(
     mean: Array, path: Whole, seen: Array, share: Array, foot: Array, extent: Array, times: Long
 ) -> tuple[Array, Array, Long]:
-    """Twin of `sightings.mark`: where surfaces were hit, and how often they were seen, afterwards."""
+    """Twin of `detections.mark`: where surfaces were hit, and how often they were seen, afterwards."""
     rows = np.flatnonzero(share * seen[:, 1] > 0.5)
     # of each path the surface that it hits first, then the one that it hits last
     surface = np.where(path[rows, :1] == 2, path[rows, 2:0:-1], path[rows, 1:3])
@@ -206,10 +206,10 @@ def mark(
     return foot, extent, times
 
 
-def absorb(
+def fold_messages(
     message: Array, before: Array, clear: Whole, prior: float, clip: float, observed: Whole
 ) -> tuple[Array, Array, Array]:
-    """Twin of `occupancy.absorb`: evidence, which cells are observed, occupancy in both roles."""
+    """Twin of `occupancy.fold_messages`: evidence, which cells are observed, occupancy in both roles."""
     total = message.sum(0, dtype=np.float64)
     evidence = np.clip(before + total, -clip, clip)
     both = 1 / (1 + np.exp(-np.stack([evidence + prior, evidence])))

@@ -35,12 +35,12 @@ def listed(
     )
 
 
-def foresee(
+def list_paths(
     only: int, bounces: int, stay: float, appear: float, mean: Array, covariance: Array, places: Array,
     surface: Array, owner: Long, sight: Array, single: Array, double: Array, share: float = 1.0,
     points: Array | None = None,
 ) -> tuple[Whole, Array, Array, Array]:  # fmt: skip
-    """Twin of `rays.foresee`: paths, existence of ray and of surfaces, prediction (L, 12).
+    """Twin of `rays.list_paths`: paths, existence of ray and of surfaces, prediction (L, 12).
 
     What it drafts by `points` is that of `prepare`, and isn't told.
     """
@@ -60,7 +60,7 @@ def near(
 ) -> NDArray[np.bool_]:  # fmt: skip
     """Twin of `rays.near`: which measurements are loud and lie near a path, (M,)."""
     none = np.zeros((len(places), len(surface)))
-    path, _, surfaces, predicted = foresee(
+    path, _, surfaces, predicted = list_paths(
         -1, 1, 1.0, 0.0, mean, covariance, places, surface, owner, none.sum(1), none, none[:, None]
     )
     anchor = np.repeat(np.arange(len(radio)), np.diff(start))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from gridslam.inference.state.belief import AGENT, Belief
 from gridslam.inference.state.particles import at_mean
 from gridslam.reference.paths import polylines
-from gridslam.reference.rays import foresee
+from gridslam.reference.rays import list_paths
 from gridslam.world.geometry import canonical, sfv, sfv_covariance
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ def describe(
         ],
         1,
     )  # fmt: skip
-    path, existence, surfaces, predicted = foresee(
+    path, existence, surfaces, predicted = list_paths(
         -1, bounces, 1.0, 0.0, mean, covariance, places, surface, owner, sight, single, double
     )
     corners, valid = polylines(at_mean(Belief(mean, covariance)).state, path, places)

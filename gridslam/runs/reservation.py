@@ -13,35 +13,30 @@ import contextlib
 import os
 import re
 import shutil
-import socket
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import psutil
 
 from gridslam.errors import InputError
 from gridslam.io.files import beside, cannot_write, settle_folder
-
-fcntl: ModuleType | None
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None
-
-SIGN = b"gridslam "
-"""What a lock file begins with; the number of the process follows."""
-MARK = ".gridslam-part"
-"""File in a folder that isn't finished: what made it, on which machine, in which process."""
-PART = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})(-\d+)?(?P<old>\.old)?\.part")
-LOCK = re.compile(r"\.(?P<name>.+)\.run-lock")
-UNFINISHED = ".unfinished"
-"""Folder within a part that holds what a run needs to go on; no agent can be called so."""
-INDEX = "unfinished.json"
-"""File without which there is no checkpoint in that folder."""
+from gridslam.runs.locks import LOCK, SIGN, lock_of, locked
+from gridslam.runs.parts import (
+    INDEX,
+    MARK,
+    PART,
+    UNFINISHED,
+    holds_checkpoint,
+    is_signed,
+    put_away,
+    replaced_by,
+    sign,
+    signed_folder,
+    unfinished_part,
+    unsign,
+)
 
 
 class Taken(InputError):
@@ -112,7 +107,7 @@ class Place:
 
     def keep(self) -> Path:
         """Put the filled folder where nothing sweeps it, and say where."""
-        kept = _kept(self.part, self.target.name, str(os.getpid()))
+        kept = put_away(self.part, self.target.name, str(os.getpid()))
         self._done = True
         return kept
 
@@ -126,7 +121,7 @@ class Place:
             self.keep()
 
     def _swap(self) -> None:
-        old = _old(self.part)
+        old = replaced_by(self.part)
         with contextlib.suppress(OSError):  # of a folder that can't be signed, a rest would stay
             sign(self.target, os.getpid())
         try:
@@ -163,24 +158,6 @@ def check_output(directory: str | os.PathLike[str], overwrite: bool = False) -> 
         raise InputError(
             str(target), f"{error.strerror or error} in {above}", "a folder that can be written to"
         ) from error
-
-
-def holds_checkpoint(part: Path) -> bool:
-    """Whether a run can go on from what is in a part."""
-    return (part / UNFINISHED / INDEX).is_file()
-
-
-def unfinished_part(directory: str | os.PathLike[str]) -> Path | None:
-    """The part from which a run into a folder can go on, if there is one; the latest of several."""
-    target = Path(directory).resolve()
-    if not target.parent.is_dir():
-        return None
-    found = []
-    for path in target.parent.iterdir():
-        part = PART.fullmatch(path.name)
-        if part and part["name"] == target.name and not path.is_symlink() and holds_checkpoint(path):
-            found.append(path)
-    return max(found, key=lambda path: (path / UNFINISHED / INDEX).stat().st_mtime_ns, default=None)
 
 
 @contextlib.contextmanager
@@ -220,7 +197,7 @@ def reserve(
             for folder in reversed([parent for parent in target.parents if not parent.exists()]):
                 folder.mkdir(exist_ok=True)
                 left.callback(_remove_empty, folder)
-            before = left.enter_context(_locked(_lock_of(target)))
+            before = left.enter_context(locked(lock_of(target)))
             if before:
                 notes.append(f"process {before}, which is gone, left a run into {directory} unfinished")
             notes += _sweep(target)
@@ -263,7 +240,7 @@ def _placed(target: Path, directory: str, overwrite: bool, resume: bool, notes: 
     if before is None:
         if resume:
             raise InputError(directory, "no unfinished run", "the folder of a run with --checkpoint")
-        return Place(target, overwrite, _signed_folder(target), notes)
+        return Place(target, overwrite, signed_folder(target), notes)
     if not (resume or overwrite):
         allowed = f"to go on with it (gridslam run --resume {directory}), or --overwrite"
         raise Taken(directory, "an unfinished run", allowed)
@@ -271,7 +248,7 @@ def _placed(target: Path, directory: str, overwrite: bool, resume: bool, notes: 
         notes.append(f"the unfinished run into {directory} is overwritten")
     part = before
     if before != beside(target):
-        part = _signed_folder(target)
+        part = signed_folder(target)
         unsign(part)
         part.rmdir()
         before.rename(part)
@@ -283,138 +260,17 @@ def _placed(target: Path, directory: str, overwrite: bool, resume: bool, notes: 
     return Place(target, overwrite, part, notes)
 
 
-def sign(folder: Path, process: int) -> None:
-    """Mark a folder as an unfinished one of a process of this machine."""
-    (folder / MARK).write_bytes(_mark(process))
-
-
-def unsign(folder: Path) -> None:
-    """Take the mark away, if it is there and can be."""
-    with contextlib.suppress(OSError):
-        (folder / MARK).unlink(missing_ok=True)
-
-
-def _mark(process: int) -> bytes:
-    """What a sign says; process numbers mean something on one machine only, and in one container."""
-    numbers = ""
-    with contextlib.suppress(OSError):
-        numbers = os.readlink("/proc/self/ns/pid")
-    return f"gridslam part 1\n{socket.gethostname()}\n{numbers}\n{process}\n".encode()
-
-
-def _signed(folder: Path, process: int) -> bool:
-    """Whether a process of this machine made a folder."""
-    mark = folder / MARK
-    if folder.is_symlink() or not folder.is_dir() or mark.is_symlink() or not mark.is_file():
-        return False
-    with mark.open("rb") as file:
-        return file.read(1000) == _mark(process)
-
-
-def _signed_folder(target: Path) -> Path:
-    """Make a folder beside the target, under a name that nothing has, and sign it."""
-    first, number = beside(target), 1
-    while True:
-        part = first if number == 1 else first.with_name(f"{first.stem}-{number}.part")
-        if not os.path.lexists(_old(part)):
-            with contextlib.suppress(FileExistsError):
-                part.mkdir()
-                break
-        number += 1
-    try:
-        sign(part, os.getpid())
-    except BaseException:
-        shutil.rmtree(part, ignore_errors=True)
-        raise
-    return part
-
-
-def _old(part: Path) -> Path:
-    """Where the run goes that a part replaces."""
-    return part.with_name(f"{part.stem}.old.part")
-
-
-def _lock_of(target: Path) -> Path:
-    return target.with_name(f".{target.name}.run-lock")
-
-
-@contextlib.contextmanager
-def _locked(path: Path) -> Iterator[str]:
-    """Hold a lock; yields the number of the process that held it last and didn't give it back, or nothing.
-
-    Raises
-    ------
-    BlockingIOError
-        Another holds it; its text is the number of that process.
-    """
-    handle = _open_locked(path)
-    try:
-        before = _holder(handle)
-        os.lseek(handle, 0, os.SEEK_SET)
-        os.ftruncate(handle, 0)
-        os.write(handle, SIGN + b"%d\n" % os.getpid())
-        yield before
-    finally:
-        if fcntl is not None:  # the name first: whoever opens it afterwards makes a new one
-            path.unlink(missing_ok=True)
-        os.close(handle)
-        if fcntl is None:
-            with contextlib.suppress(OSError):
-                path.unlink()
-
-
-def _open_locked(path: Path) -> int:
-    while True:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-        try:
-            _grab(handle)
-            if os.path.samestat(os.fstat(handle), os.stat(path)):
-                return handle
-        except FileNotFoundError:
-            pass  # given back between opening and locking: once more
-        except BaseException:
-            os.close(handle)
-            raise
-        os.close(handle)
-
-
-def _grab(handle: int) -> None:
-    """Lock an open file without waiting; where a disk knows no locks, the last rename alone protects."""
-    try:
-        if fcntl is not None:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)  # type: ignore[attr-defined,unused-ignore]
-        else:
-            import msvcrt
-
-            windows: Any = msvcrt
-            os.lseek(handle, 1000, os.SEEK_SET)
-            windows.locking(handle, windows.LK_NBLCK, 1)
-            os.lseek(handle, 0, os.SEEK_SET)
-    except (BlockingIOError, PermissionError) as error:
-        raise BlockingIOError(error.errno, _holder(handle)) from error
-    except OSError:
-        pass
-
-
-def _holder(handle: int) -> str:
-    """Number of the process that a lock file tells."""
-    os.lseek(handle, 0, os.SEEK_SET)
-    content = os.read(handle, 30)
-    number = content.removeprefix(SIGN).strip()
-    return number.decode() if content.startswith(SIGN) and number.isdigit() else ""
-
-
 def _sweep(target: Path) -> list[str]:
     """Remove what dead processes left beside a folder whose lock is held; say what was kept."""
     notes = []
     for path in sorted(target.parent.iterdir()):
         part, lock = PART.fullmatch(path.name), LOCK.fullmatch(path.name)
         with contextlib.suppress(OSError):
-            if part and _signed(path, int(part["process"])):
+            if part and is_signed(path, int(part["process"])):
                 if _stale(path, part["name"], int(part["process"]), target):
                     notes += _clear(path, part)
-            elif lock and path != _lock_of(target) and path.is_file() and path.read_bytes()[:9] == SIGN:
-                with _locked(path):
+            elif lock and path != lock_of(target) and path.is_file() and path.read_bytes()[:9] == SIGN:
+                with locked(path):
                     pass
     return notes
 
@@ -425,9 +281,9 @@ def _stale(path: Path, name: str, process: int, target: Path) -> bool:
         return process == os.getpid() or not psutil.pid_exists(process)
     if process == os.getpid() or psutil.pid_exists(process):
         return False
-    lock = _lock_of(path.with_name(name))  # held by a process of another machine, maybe
+    lock = lock_of(path.with_name(name))  # held by a process of another machine, maybe
     if lock.exists():
-        with _locked(lock):
+        with locked(lock):
             pass
     return True
 
@@ -442,27 +298,11 @@ def _clear(path: Path, part: re.Match[str]) -> list[str]:
         unsign(folder)
         return [f"{folder} is back: the run that was to replace it ended too early"]
     elif not part["old"] and (path / "run.json").is_file():
-        kept = _kept(path, part["name"], part["process"])
+        kept = put_away(path, part["name"], part["process"])
         return [f"{kept} is a run that process {part['process']}, which is gone, had finished"]
     else:
         shutil.rmtree(path)
     return []
-
-
-def _kept(part: Path, name: str, process: str) -> Path:
-    """Give a finished folder a name that nothing sweeps."""
-    number = 1
-    while True:
-        kept = part.with_name(f"{name}.{process}.part" if number == 1 else f"{name}.{process}-{number}.part")
-        if not kept.exists():
-            break
-        number += 1
-    try:
-        part.rename(kept)
-    except OSError:
-        kept = part  # without its sign nothing sweeps it here, either
-    unsign(kept)
-    return kept
 
 
 def _remove_empty(folder: Path) -> None:

@@ -21,7 +21,8 @@ from gridslam.estimates import Estimate
 from gridslam.io.files import cannot_write, write_bytes
 from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements
-from gridslam.runs.reservation import Place, holds_checkpoint, reserve
+from gridslam.runs.parts import holds_checkpoint
+from gridslam.runs.reservation import Place, reserve
 from gridslam.runs.run import Run
 from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.runs.stopping import held_back

@@ -23,7 +23,8 @@ from gridslam.errors import InputError
 from gridslam.estimates import Estimate, Health
 from gridslam.io.files import cannot_write, put_in_place, settle_folder, write_bytes
 from gridslam.measurements.table import Measurements
-from gridslam.runs.reservation import INDEX, UNFINISHED, Place, unfinished_part
+from gridslam.runs.parts import INDEX, UNFINISHED, unfinished_part
+from gridslam.runs.reservation import Place
 from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.world.scene import Scene
 

@@ -24,7 +24,7 @@ from gridslam.inference.state.grid import BINS, Grid
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rings import BEARINGS, MOVING, Rings
 from gridslam.inference.state.state import State
-from gridslam.inference.state.surface_bank import Bank
+from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.io.files import get, get_attributes, put, put_attributes, reading_h5, subgroup, writing_h5
 from gridslam.maps.run_identity import Identity
 from gridslam.systems.soundness import require_sound
@@ -147,7 +147,7 @@ def _read_state(
         raise InputError(f"{path}: /state/time_s", str(time_s), "a time, or NaN before the first step")
     belief = _get_part(file, "belief", fresh.belief, {"mean": (size,), "covariance": (size, size)})
     _require_proper(belief, path)
-    per_surface: dict[str, Shape] = {f.name: (count,) for f in fields(Bank)}
+    per_surface: dict[str, Shape] = {f.name: (count,) for f in fields(SurfaceBank)}
     whole = {"reflection": (count, BINS), "extent": (count, 2), "single": (anchors, count)}
     surfaces = _get_part(
         file, "surfaces", fresh.surfaces, {**per_surface, **whole, "double": (anchors, count, count)},

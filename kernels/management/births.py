@@ -179,7 +179,7 @@ def propose(
     state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S, P] x, y, heading; per line normal x, y, offset
     noise: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, B] standard normal, for as many states
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `AnchorScan.table`
     known: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [H, 2] known surface hit last, first; -1: the new one
     anchor: ti.i32,
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
@@ -260,7 +260,7 @@ def propose(
 
 @quick
 @ti.kernel
-def glance(
+def weigh_by_visibility(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
     anchor: ti.i32,
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation

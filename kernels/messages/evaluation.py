@@ -18,7 +18,7 @@ def evaluate(
     nodes: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K] amplitudes, or those at 1 m
     spreading: ti.f64,  # 1 if amplitudes fall with the path's length, else 0
     predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 12] value (3) and spread (9) of every path
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `AnchorScan.table`
     chance: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [T] p_d over ``0, step, ...``
     step: ti.f64,
     radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `radio`

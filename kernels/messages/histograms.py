@@ -81,7 +81,7 @@ def walk(
 @ti.kernel
 def listen(
     ahead: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] histograms before the update
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `AnchorScan.table`
     responsible: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, M] probability that path caused measurement
     table: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [6, K] see `NODES`
     number: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [6] see `FINE`

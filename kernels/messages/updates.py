@@ -7,7 +7,7 @@ from gridslam.kernels.messages.existence import exist
 from gridslam.kernels.messages.fitting import fit
 from gridslam.kernels.primitives.gaussian import correct
 from gridslam.kernels.primitives.launching import quick
-from gridslam.kernels.propagation.notes import note
+from gridslam.kernels.propagation.path_messages import note
 
 
 @quick
@@ -23,7 +23,7 @@ def update(
     rounds: ti.i32,  # of association at most; 0 where it was done elsewhere
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
     predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 12] value (3) and spread (9) of every path
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `AnchorScan.table`
     blocks: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L + K, P / BLOCK] as `evaluation.evaluate` leaves them
     radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `radio`
     anchor: ti.i32,
@@ -41,7 +41,7 @@ def update(
     count: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] in/out: paths and pairs of earlier anchors, of all
     noted: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [0; or room, 4] in/out: see `path_messages`
     factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room, 2] in/out
-    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, room] in/out: see `notes`
+    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, room] in/out: see `path_messages`
     begin: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [room + 1] in/out
     said: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, room] in/out
 ):

@@ -58,7 +58,7 @@ def ready(
 ):  # fmt: skip
     """Take the root of a covariance (Cholesky's), and draw some exact samples with it.
 
-    Arguments are those of `rays.foresee`.
+    Arguments are those of `rays.list_paths`.
     """
     size, bad = (0 if rooted == STATE_GIVEN else mean.shape[0]), 0
     for j in range(size if rooted == TAKE_ROOT else 0):

@@ -30,7 +30,7 @@ from gridslam.kernels.propagation.bundles import (
 from gridslam.kernels.propagation.coefficients import recall
 from gridslam.kernels.propagation.occupancy import CELL_BITS
 from gridslam.kernels.propagation.paths import draw_path
-from gridslam.kernels.propagation.rays import look_ahead
+from gridslam.kernels.propagation.rays import list_and_predict
 
 
 @ti.func
@@ -94,7 +94,7 @@ def settle(
 @quick
 @ti.kernel
 def cast(
-    only: ti.i32,  # these 26: see `rays.foresee`
+    only: ti.i32,  # these 26: see `rays.list_paths`
     bounces: ti.i32,
     stay: ti.f64,
     appear: ti.f64,
@@ -150,7 +150,7 @@ def cast(
     ti.loop_config(serialize=True)
     for _ in range(1):
         if ti.static(ON_CPU):  # Taichi's SPIR-V compiler can't take both in one: see `Cells`
-            look_ahead(
+            list_and_predict(
                 only, bounces, stay, appear, mean, covariance, places, surface, owner, sight, single, double,
                 share, points, offset, rooted, whole, root, base, state, failed, path, existence, surfaces,
                 predicted, found,

@@ -7,8 +7,8 @@ from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, log_rician
 from gridslam.kernels.propagation.amplitudes import detection_of
 from gridslam.kernels.propagation.bundles import cell_of
-from gridslam.kernels.propagation.notes import CHANCE, LENGTH, SHARE, THERE
-from gridslam.kernels.propagation.sightings import LIKELIER_THAN_NOT, spot
+from gridslam.kernels.propagation.detections import LIKELIER_THAN_NOT, spot
+from gridslam.kernels.propagation.path_messages import CHANCE, LENGTH, SHARE, THERE
 
 BINS, CLIP, LEAST, OTHER = 20, 4, 5, 6
 """Bins of a coefficient's belief, products of two have twice as many nodes; where the frame says how far
@@ -101,7 +101,7 @@ def say(
 
 
 @ti.func
-def absorb_at(
+def add_to_cells(
     log: ti.template(), share, drawn: ti.template(), where: ti.template(), held: ti.template(),
     used: ti.template(), frame: ti.template(), row, rays, corner,
 ):  # fmt: skip
@@ -149,7 +149,7 @@ def learn(
     count: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] L and K: these six: see `path_messages`
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [room, 4] bounces, last, first, anchor
     factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room, 2] unused; whether a path tells of cells
-    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, room] see `notes`
+    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, room] see `path_messages`
     begin: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [room + 1] where the pairs of each path begin
     said: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, room] amplitude, negative for none; probability
     table: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [T] p_d over ``0, step, ...``
@@ -161,7 +161,7 @@ def learn(
     where: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [ny, nx] in/out: a cell's row of `held`, -1 for none
     held: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [H or more, BINS] in/out: log-likelihoods of hit cells
     used: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] in/out: H
-    latest: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [S] scratch: these four: see `sightings.mark`
+    latest: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [S] scratch: these four: see `detections.mark`
     foot: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] in/out
     extent: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 2] in/out
     times: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] in/out
@@ -200,9 +200,9 @@ def learn(
                         before = surface[last, n]
                         surface[last, n] = before / total
                 if send:
-                    absorb_at(log, told[THERE, row], drawn, where, held, used, frame, row, rays, 1)
+                    add_to_cells(log, told[THERE, row], drawn, where, held, used, frame, row, rays, 1)
             elif bounces == 2 and heard and send:
                 say(log, told, begin, said, table, step, radio, row, usual[first])
-                absorb_at(log, told[THERE, row], drawn, where, held, used, frame, row, rays, 2)
+                add_to_cells(log, told[THERE, row], drawn, where, held, used, frame, row, rays, 2)
                 say(log, told, begin, said, table, step, radio, row, usual[last])
-                absorb_at(log, told[THERE, row], drawn, where, held, used, frame, row, rays, 1)
+                add_to_cells(log, told[THERE, row], drawn, where, held, used, frame, row, rays, 1)

@@ -26,7 +26,7 @@ def probability_of(odds):
 
 @quick
 @ti.kernel
-def absorb(
+def fold_messages(
     message: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [SLABS, N] sums of log ratios; 0 afterwards
     news: ti.types.ndarray(dtype=ti.u8, ndim=2),  # [SLABS, groups of CELLS] whether there are any; 0 after
     before: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] evidence: log odds without the prior

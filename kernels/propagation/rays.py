@@ -40,7 +40,7 @@ def enter_path(path: ti.template(), row, kind, s, r, anchor):
 
 
 @ti.func
-def look_ahead(
+def list_and_predict(
     only, bounces, stay, appear, mean: ti.template(), covariance: ti.template(), places: ti.template(),
     surface: ti.template(), owner: ti.template(), sight: ti.template(), single: ti.template(),
     double: ti.template(), share, points: ti.template(), offset, rooted, whole: ti.template(),
@@ -50,7 +50,7 @@ def look_ahead(
 ):  # fmt: skip
     """Make ready to draw particles and samples; list paths and predict them, unless these are given.
 
-    Arguments are those of `foresee`.
+    Arguments are those of `list_paths`.
     """
     ready(mean, covariance, share, points, offset, rooted, whole, root, base, state, failed)
     count, n, known = surface.shape[0], 0, only == ALREADY_LISTED
@@ -73,7 +73,7 @@ def look_ahead(
 
 @quick
 @ti.kernel
-def foresee(
+def list_paths(
     only: ti.i32,  # the anchor; -1 for all, one after the other; `ALREADY_LISTED`
     bounces: ti.i32,  # at most; single ones are always listed
     stay: ti.f64,  # probabilities that a ray stays and that one appears: 1 and 0 list them as they are
@@ -108,7 +108,7 @@ def foresee(
     """List and predict paths: line of sight, single bounces, double bounces. Make ready to draw particles."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        look_ahead(
+        list_and_predict(
             only, bounces, stay, appear, mean, covariance, places, surface, owner, sight, single, double,
             share, points, offset, rooted, whole, root, base, state, failed, path, existence, surfaces,
             predicted, found,
@@ -146,7 +146,7 @@ def near(
     surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
     owner: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] the one anchor that a surface serves; -1 for all
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [J + 1] where the measurements of each anchor begin
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `AnchorScan.table`
     radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 11] see `radio`
     claimed: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [M] out: 1 where a loud measurement lies near a path
 ):

@@ -8,7 +8,7 @@ import gridslam as gs
 from gridslam.inference.messages.cells import CastBuffers, cast_at, update_cells
 from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.state import State
-from gridslam.inference.state.surface_bank import BINS, Bank
+from gridslam.inference.state.surface_bank import BINS, SurfaceBank
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.scene_parts import GridSpec
 
@@ -26,7 +26,7 @@ def model_of(scene="room", anchors=None, radio=None, **settings):
 
 def state_of(belief, anchors=1, existence=0.5):
     """A state that believes this, of surfaces that nothing else is known of."""
-    bank = Bank.empty(anchors)
+    bank = SurfaceBank.empty(anchors)
     for number in range(len(belief.lines)):
         bank = bank.add(number, existence, np.full(BINS, 1 / BINS), 0.0, (0, -1, -1))
     return replace(State.start(model_of(anchors=np.zeros((anchors, 3)))), belief=belief, surfaces=bank)
@@ -66,6 +66,6 @@ class Plot:
         cast_at(samples, self.grid, cast, np.asarray(anchors, float), self.work)
         return cast.seen[rows, 0]
 
-    def absorb(self):
+    def fold_messages(self):
         """Fold the messages in."""
         self.state = update_cells(self.state, work=self.work)

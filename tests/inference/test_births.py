@@ -10,7 +10,7 @@ from kernel_worlds import random_belief, random_radio, random_table
 import gridslam as gs
 from gridslam import reference, runtime
 from gridslam.inference.messages.births import Births, initialise_surface
-from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief, append
 from gridslam.world.geometry import trace, wrap
 
@@ -49,7 +49,7 @@ def born(off_deg, double):
     value = np.array(
         [[path.distance[0], wrap(path.departure[0]), wrap(path.arrival[0] - HEADING + np.radians(off_deg))]]
     )
-    heard = Heard.of(0, PLACE, 0.0, value, np.full((1, 3), np.nan), np.array([4.0]))
+    heard = AnchorScan.of(0, PLACE, 0.0, value, np.full((1, 3), np.nan), np.array([4.0]))
     spread = np.diag(np.square([0.02, 0.02, 0.05, 0.05, np.radians(0.5)]))
     belief = append(Belief(np.array([*AGENT, 0, 0, HEADING]), spread), KNOWN, np.diag([1e-6, 1e-6]))
     hit = np.array([[0 if double else -1, -1]], np.int32)
@@ -121,17 +121,17 @@ def nudged(into):
 @settings(max_examples=200, deadline=None)
 def test_a_new_surface_joins_the_belief_as_in_its_twin(seed, surfaces):
     runtime.start()
-    from gridslam.kernels.management.bearing import bear as launch
+    from gridslam.kernels.management.initialisation import initialise_surface as launch
 
     draw = np.random.default_rng(seed)
     into = worth_a_birth(draw, surfaces)
     size = len(into[0]) + 2
     mean, covariance, reflection = np.full(size, np.nan), np.full((size, size), np.nan), np.full(20, np.nan)
     launch(*into, np.full(size, np.nan), mean, covariance, reflection)
-    wanted = reference.bear(*into)
+    wanted = reference.initialise_surface(*into)
     # an image next to its anchor makes no line: none that differences tell, and it is moved round and round
     assume(abs(wanted[0][-2]) < 5)
-    assume(np.abs(wanted[0][-2:] - reference.bear(*nudged(into))[0][-2:]).max() < 0.02)
+    assume(np.abs(wanted[0][-2:] - reference.initialise_surface(*nudged(into))[0][-2:]).max() < 0.02)
     scale = np.sqrt(np.diag(wanted[1]))
     assert (np.abs(mean - wanted[0]) < 0.01 * scale + 1e-5).all()  # directions are worked out to 1e-6 rad
     np.testing.assert_allclose(
@@ -142,7 +142,7 @@ def test_a_new_surface_joins_the_belief_as_in_its_twin(seed, surfaces):
 
 
 def test_a_birth_of_what_is_not_there_is_refused():
-    heard = Heard.of(0, PLACE, 0.0, np.ones((1, 3)), np.full((1, 3), np.nan), np.array([4.0]))
+    heard = AnchorScan.of(0, PLACE, 0.0, np.ones((1, 3)), np.full((1, 3), np.nan), np.array([4.0]))
     belief, anchors = Belief(np.zeros(5), np.eye(5)), np.array([[*PLACE, 0.0]])
     row, line, ratio = np.zeros(1, int), NEW[None], np.ones(1)
     for births, places in (

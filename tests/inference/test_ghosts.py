@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from gridslam.inference.management import ghosts
 from gridslam.inference.state.belief import Belief, append
-from gridslam.inference.state.surface_bank import Bank
+from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.geometry import line_between, mirror
 from gridslam.world.radio import REFLECTION_BINS
 
@@ -20,7 +20,7 @@ PLACES = np.array([[0.8, 0.1], [1.2, -2.2]])
 
 def world(line, existence=0.7, std=0.01, elsewhere=0.05):
     """Two sure walls and a third line that anchor 0 has heard, and the other anchor `elsewhere`."""
-    belief, bank = Belief(np.zeros(5), 0.01 * np.eye(5)), Bank.empty(len(PLACES))
+    belief, bank = Belief(np.zeros(5), 0.01 * np.eye(5)), SurfaceBank.empty(len(PLACES))
     for number, (other, chance) in enumerate([*((w, 0.999) for w in WALLS), (line, existence)]):
         belief = append(belief, np.asarray(other), np.square(std) * np.eye(2))
         bank = bank.add(number, chance, BINS, 0.0, (0, -1, -1), -1)
@@ -81,7 +81,7 @@ def test_a_line_elsewhere_is_no_ghost(angle, offset):
 
 
 def test_no_surfaces_no_ghosts():
-    bank, belief = Bank.empty(2), Belief(np.zeros(5), np.eye(5))
+    bank, belief = SurfaceBank.empty(2), Belief(np.zeros(5), np.eye(5))
     assert ghosts.drop_ghosts(bank, belief, PLACES) == (bank, belief)
 
 

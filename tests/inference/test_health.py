@@ -15,8 +15,8 @@ from gridslam.evaluation.bounds import known_map_bound
 from gridslam.evaluation.consistency import complaints
 from gridslam.inference.management import pose_recovery
 from gridslam.inference.messages.likelihood import DetectionTable
-from gridslam.inference.messages.likelihood_ratios import Evaluation, Pairs
-from gridslam.inference.state.anchor_measurements import hear
+from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios, Pairs
+from gridslam.inference.state.anchor_measurements import anchor_scans
 from gridslam.inference.state.belief import Belief, append
 from gridslam.inference.state.calibration import LEAST_CLUTTER, MOST_CLUTTER, Calibration
 from gridslam.inference.state.health import innovation_band
@@ -32,7 +32,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def scan_of(case, step):
     scan, world = case.heard.scan(step), case.believed
     threshold = world.signal_model(case.agent).threshold
-    return hear(scan, world.anchor_positions, world.anchor_orientations, threshold)
+    return anchor_scans(scan, world.anchor_positions, world.anchor_orientations, threshold)
 
 
 @pytest.fixture(scope="module")
@@ -165,7 +165,7 @@ def test_a_deep_copy_of_a_filter_goes_on_as_the_filter_does(room):
 def test_an_evaluation_against_more_clutter_is_worth_less():
     odds, message, measured = np.ones((12, 2)), np.ones((5, 2, 3)), np.ones((4, 3))
     pairs = Pairs(2, np.array([0, 1, 2], np.int32), np.zeros((4, 2), np.int32), np.ones((4, 8)))
-    said = Evaluation(pairs, np.ones((4, 1), np.float32), odds, message, measured)
+    said = LikelihoodRatios(pairs, np.ones((4, 1), np.float32), odds, message, measured)
     less = said.against(4.0)
     np.testing.assert_array_equal(less.pairs.pair[:, 6], [0.25, 0.25, 1.0, 1.0])
     np.testing.assert_array_equal(less.message[tables.RATIO], 0.25)
@@ -213,7 +213,7 @@ def test_the_agent_is_found_wherever_it_was_believed(room, signal, off):
     lines = belief.lines
     sources = [
         pose_recovery.Sources(
-            np.concatenate([heard.place[None], geometry.mirror(lines, heard.place)]),
+            np.concatenate([heard.position[None], geometry.mirror(lines, heard.position)]),
             np.concatenate([np.zeros((1, 2)), lines]), np.array([1, 0.7, 0.7, 0.7, 0.7]), np.full(5, 0.9),
         )
         for heard in scan_of(room, step)

@@ -127,11 +127,11 @@ def test_update_of_a_sure_association_is_the_kalman_update():
 
 
 def told(plot, bounces, anchor, agent, line, worth):
-    """Tell the cells of one path at one state, and absorb; return its V."""
+    """Tell the cells of one path at one state, and fold that in; return its V."""
     rays = Rays.of(*(np.array([value]) for value in (0, bounces, bounces - 1, bounces - 1, 1.0, 1.0)))
     cloud = Cloud(np.array([[*agent, 0.0, np.cos(line[0]), np.sin(line[0]), line[1]]]).T, 0.0)
     validity = plot.tell(rays, Sampling.at(cloud), [[*anchor, 0.0]], worth)
-    plot.absorb()
+    plot.fold_messages()
     return validity[0]
 
 
@@ -264,7 +264,7 @@ def test_worthless_paths_tell_cells_nothing_and_never_list_more_than_there_are(w
     touched[...] = -7
     plot.tell(paths, Sampling.at(Cloud(state, 0.0)), [[1.0, 1.0, 0.0]], worth)
     assert (touched[1::2, -1] == -7).all(), "the list of cells that are met is never full"
-    plot.absorb()
+    plot.fold_messages()
     assert plot.grid.observed.any() == (worth == 3.0)
 
 
@@ -284,12 +284,12 @@ def test_messages_of_an_interrupted_step_are_forgotten_by_the_next():
     plot, other = small(), small()
     sighting(plot)
     plot.work.begin()
-    plot.absorb()
+    plot.fold_messages()
     assert not plot.grid.evidence.any()
     for one in (plot, other):
         one.work.begin()
         sighting(one)
-        one.absorb()
+        one.fold_messages()
     assert plot.grid.evidence.any()
     np.testing.assert_array_equal(plot.grid.evidence, other.grid.evidence)
 
@@ -299,22 +299,22 @@ def test_occupancy_follows_whichever_grid_it_is_asked_of_and_a_step_that_was_int
 
     plot = small()
     sighting(plot)
-    plot.absorb()
+    plot.fold_messages()
     first = plot.state
     before = plot.cells.occupancy(plot.grid).copy()
     plot.believe(np.full((4, 4), 0.5))
-    set_so, known, absorb = plot.cells.occupancy(plot.grid).copy(), plot.grid, occupancy.absorb
+    set_so, known, fold_messages = plot.cells.occupancy(plot.grid).copy(), plot.grid, occupancy.fold_messages
     np.testing.assert_allclose(set_so[1, 1:], 1 / (1 + np.exp(-0.5)), rtol=1e-5)  # but for the anchor's own
 
     def interrupted(*arguments):
-        absorb(*arguments)
+        fold_messages(*arguments)
         raise KeyboardInterrupt
 
     sighting(plot)
     with monkeypatch.context() as patch:
-        patch.setattr(occupancy, "absorb", interrupted)
+        patch.setattr(occupancy, "fold_messages", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            plot.absorb()
+            plot.fold_messages()
     assert plot.grid is known
     np.testing.assert_array_equal(plot.cells.occupancy(plot.grid), set_so)
     plot.state = first

@@ -14,7 +14,7 @@ from gridslam.inference.messages.association import associate
 from gridslam.inference.messages.exact_association import MOST_CONTESTED, associate_exactly
 from gridslam.inference.messages.likelihood import DetectionTable
 from gridslam.inference.state import rings
-from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import AGENT, Belief, append, slots, update
 from gridslam.simulation.image_source import simulate_labelled, true_paths
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
@@ -75,7 +75,7 @@ def hears(distances):
     count = len(distances)
     value = np.full((count, 3), np.nan)
     value[:, 0] = distances
-    return Heard.of(0, PLACE, 0.0, value, np.full((count, 3), np.nan), np.full(count, np.nan))
+    return AnchorScan.of(0, PLACE, 0.0, value, np.full((count, 3), np.nan), np.full(count, np.nan))
 
 
 def believed(position, deviation):

@@ -95,7 +95,7 @@ def test_kernels_compete_with_arrays_that_stay_on_a_device_too(monkeypatch):
     runtime.start()
     monkeypatch.setattr(runtime, "_started", "gpu")
     cases = bench_kernels.largest_launches(gs.Scene.from_toml(TINY), 1, 2)
-    for name in ("absorb", "cast", "evaluate", "learn"):
+    for name in ("fold_messages", "cast", "evaluate", "learn"):
         assert not all(
             isinstance(value, np.ndarray) for value in cases[name].values() if hasattr(value, "shape")
         )

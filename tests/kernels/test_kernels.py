@@ -226,14 +226,14 @@ def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
 
 def drawn_by(belief, points, first, samples):
     """What the kernel that looks ahead makes ready of a belief: its draft."""
-    from gridslam.kernels.propagation.rays import foresee
+    from gridslam.kernels.propagation.rays import list_paths
 
     model = model_of(anchors=np.zeros((1, 3)))
     query = PathQuery.of(state_of(belief), 0, model, samples, 0, Workspace(model, seed=1))
     few = Sampling.of(belief, points, first, Draft.of(len(belief.mean), samples))
     query = replace(query, before=(*query.before[:12], 0.9, points, first), sampling=few)
     for arguments in query.attempts():
-        foresee(*arguments)
+        list_paths(*arguments)
     return few.draft
 
 

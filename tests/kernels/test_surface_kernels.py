@@ -32,7 +32,7 @@ def places_of(draw, anchors):
 @given(seeds, st.integers(0, 4), st.integers(0, 2), st.sampled_from([-1, 0, 1]))
 @settings(max_examples=60, deadline=None)
 def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, only):
-    from gridslam.kernels.propagation.rays import foresee
+    from gridslam.kernels.propagation.rays import list_paths
 
     draw, anchors = np.random.default_rng(seed), 2
     mean, covariance, _ = random_belief(draw, surfaces)
@@ -48,14 +48,14 @@ def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, onl
     root, base = np.full((size, size), np.nan, np.float32), np.full((size, 3), np.nan, np.float32)
     state, failed = np.full((3 + 3 * surfaces, samples), np.nan), np.full(1, 9, np.int32)
     drafts = whole, root, base, state
-    foresee(*into, 0.9, points, 0, TAKE_ROOT, *drafts, failed, path, existence, together, predicted, found)
+    list_paths(*into, 0.9, points, 0, TAKE_ROOT, *drafts, failed, path, existence, together, predicted, found)
     assert failed[0] == 0
     for told, wanted in zip(
         drafts, reference.prepare(mean, covariance, 0.9, points.astype(float)), strict=True
     ):
         np.testing.assert_allclose(told, wanted, rtol=1e-5, atol=1e-6)
     count = int(found[0])
-    rays, own, both, whole = reference.foresee(*into)
+    rays, own, both, whole = reference.list_paths(*into)
     np.testing.assert_array_equal(path[:count], rays)
     np.testing.assert_allclose(existence[:count], own, rtol=1e-6)
     np.testing.assert_allclose(together[:count], both, rtol=1e-9)
@@ -75,7 +75,7 @@ def test_loud_measurements_near_a_path_equal_their_twin(seed, surfaces, given_st
     mean, covariance, _ = random_belief(draw, surfaces)
     bank = random_bank(draw, surfaces, anchors)
     places = places_of(draw, anchors)
-    _, _, _, predicted = reference.foresee(-1, 1, 1.0, 0.0, mean, covariance, places, *bank[:2], *bank[3:])
+    _, _, _, predicted = reference.list_paths(-1, 1, 1.0, 0.0, mean, covariance, places, *bank[:2], *bank[3:])
     start = np.append(0, np.cumsum(draw.integers(0, 4, anchors))).astype(np.int32)
     heard = random_table(draw, int(start[-1]), predicted[:, :3], draw.choice([0.01, 0.4]))
     radio = np.stack([random_radio(draw, given_std) for _ in range(anchors)])
@@ -123,7 +123,7 @@ def test_birth_proposals_equal_their_twin(seed, with_departure, particles):
 @given(seeds, st.integers(0, 3))
 @settings(max_examples=40, deadline=None)
 def test_a_glance_at_births_equals_its_twin(seed, surfaces):
-    from gridslam.kernels.management.births import glance
+    from gridslam.kernels.management.births import weigh_by_visibility
     from gridslam.kernels.propagation.bundles import LANES, LINES, PLACES
 
     draw = np.random.default_rng(seed)
@@ -140,8 +140,8 @@ def test_a_glance_at_births_equals_its_twin(seed, surfaces):
     )
     measured = np.full((4, 4), 7.0)
     into = mean, 1, places, shape[1], occupied, frame
-    expected = reference.glance(*into, born, told)
-    glance(
+    expected = reference.weigh_by_visibility(*into, born, told)
+    weigh_by_visibility(
         *into, np.empty((1, LINES, LANES)), np.empty((1, PLACES, LANES), np.int32),
         np.empty((6 + 3 * surfaces, 1)), np.empty((1, 4), np.int32), np.empty((1, 14)), born, told, measured,
     )  # fmt: skip
@@ -153,7 +153,7 @@ def test_a_glance_at_births_equals_its_twin(seed, surfaces):
 @given(seeds, st.integers(0, 5))
 @settings(max_examples=80, deadline=None)
 def test_duplicates_equal_their_twin(seed, surfaces):
-    from gridslam.kernels.management.tidying import duplicate
+    from gridslam.kernels.management.merging import find_duplicates
 
     draw = np.random.default_rng(seed)
     mean, covariance, _ = random_belief(draw, surfaces)
@@ -163,8 +163,8 @@ def test_duplicates_equal_their_twin(seed, surfaces):
         if draw.random() < 0.5:
             mean[5 + 2 * copy], mean[6 + 2 * copy] = wrap(mean[5 + 2 * copy] + np.pi), -mean[6 + 2 * copy]
     found, tie = np.full(2, -9, np.int32), np.full((2, 5), np.nan)
-    duplicate(mean, covariance, foot, owner, found, tie)
-    expected = reference.duplicate(mean, covariance, foot, owner)
+    find_duplicates(mean, covariance, foot, owner, found, tie)
+    expected = reference.find_duplicates(mean, covariance, foot, owner)
     if expected is None:
         assert found.tolist() == [-1, -1]
         return
@@ -178,7 +178,7 @@ def test_duplicates_equal_their_twin(seed, surfaces):
 @given(seeds, st.integers(2, 6))
 @settings(max_examples=80, deadline=None)
 def test_ghosts_equal_their_twin(seed, surfaces):
-    from gridslam.kernels.management.tidying import haunt
+    from gridslam.kernels.management.merging import find_ghosts
 
     draw, anchors = np.random.default_rng(seed), 2
     mean, covariance, _ = random_belief(draw, surfaces)
@@ -194,8 +194,8 @@ def test_ghosts_equal_their_twin(seed, surfaces):
         existence[ghost] = draw.choice([0.5, 0.99])
     ghosts = np.full(surfaces, -1, np.int32)
     into = mean, covariance, existence, seen.astype(np.int64), single, places
-    haunt(*into, ghosts)
-    np.testing.assert_array_equal(ghosts, reference.haunt(*into))
+    find_ghosts(*into, ghosts)
+    np.testing.assert_array_equal(ghosts, reference.find_ghosts(*into))
 
 
 @given(seeds, st.sampled_from([1, 5, 48]))
@@ -255,7 +255,7 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
 @given(seeds, st.integers(0, 4), st.integers(0, 12))
 @settings(max_examples=60, deadline=None)
 def test_sightings_of_surfaces_equal_their_twin(seed, surfaces, paths):
-    from gridslam.kernels.propagation.sightings import mark
+    from gridslam.kernels.propagation.detections import mark
 
     draw = np.random.default_rng(seed)
     mean, bounces = draw.normal(0, 3, 5 + 2 * surfaces), draw.integers(0, 3 if surfaces else 1, paths)
@@ -276,7 +276,7 @@ def test_sightings_of_surfaces_equal_their_twin(seed, surfaces, paths):
 @given(seeds, st.integers(1, 300), st.integers(0, 3))
 @settings(max_examples=30, deadline=None)
 def test_absorbed_messages_equal_their_twin(seed, count, slabs):
-    from gridslam.kernels.propagation.occupancy import CELLS, absorb
+    from gridslam.kernels.propagation.occupancy import CELLS, fold_messages
 
     draw, groups = np.random.default_rng(seed), -(-count // CELLS)
     message, before = np.zeros((slabs, count), np.float32), draw.normal(0, 8, count)
@@ -287,8 +287,8 @@ def test_absorbed_messages_equal_their_twin(seed, count, slabs):
         there = (np.repeat(news, CELLS, 1)[:, :count] > 0) & (draw.random(message.shape) < 0.5)
         message[there] = draw.normal(0, 3, there.sum())
         evidence = np.full(count, np.nan)
-        expected = reference.absorb(message, before, clear, -2.0, 12.0, observed)
-        absorb(message, news, before, clear, every, -2.0, 12.0, evidence, observed, occupied)
+        expected = reference.fold_messages(message, before, clear, -2.0, 12.0, observed)
+        fold_messages(message, news, before, clear, every, -2.0, 12.0, evidence, observed, occupied)
         np.testing.assert_allclose(evidence, expected[0], rtol=1e-12, atol=1e-12)
         np.testing.assert_array_equal(observed, expected[1])
         np.testing.assert_allclose(occupied, expected[2], rtol=1e-4)
@@ -298,12 +298,12 @@ def test_absorbed_messages_equal_their_twin(seed, count, slabs):
 
 
 def test_cells_that_nothing_is_told_keep_their_occupancy():
-    from gridslam.kernels.propagation.occupancy import CELLS, absorb
+    from gridslam.kernels.propagation.occupancy import CELLS, fold_messages
 
     message, before = np.zeros((2, 3 * CELLS), np.float32), np.full(3 * CELLS, 20.0)
     news, occupied = np.array([[0, 1, 0], [0, 0, 0]], np.uint8), np.full((2, 3 * CELLS), 0.25, np.float32)
     observed, evidence = np.zeros(3 * CELLS, np.uint8), np.empty(3 * CELLS)
-    absorb(message, news, before, np.zeros_like(observed), 0, -2.0, 12.0, evidence, observed, occupied)
+    fold_messages(message, news, before, np.zeros_like(observed), 0, -2.0, 12.0, evidence, observed, occupied)
     told = np.repeat([False, True, False], CELLS)
     assert (occupied[:, ~told] == 0.25).all()
     assert (occupied[:, told] > 0.9).all()

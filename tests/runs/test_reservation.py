@@ -16,7 +16,8 @@ from tiny import TINY
 import gridslam as gs
 from gridslam.errors import InputError
 from gridslam.runs import reservation
-from gridslam.runs.reservation import MARK, reserve, reserve_free, sign
+from gridslam.runs.parts import MARK, sign
+from gridslam.runs.reservation import reserve, reserve_free
 from gridslam.runs.run_files import read_run
 from gridslam.systems.grid import GridSlam
 

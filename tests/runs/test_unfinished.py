@@ -14,7 +14,8 @@ import pytest
 from tiny import TINY
 
 import gridslam as gs
-from gridslam.runs.reservation import INDEX, UNFINISHED, reserve, unfinished_part
+from gridslam.runs.parts import INDEX, UNFINISHED, unfinished_part
+from gridslam.runs.reservation import reserve
 from gridslam.runs.unfinished import read_unfinished
 from gridslam.systems.grid import GridSlam
 

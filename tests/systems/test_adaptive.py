@@ -19,7 +19,7 @@ from gridslam.inference.messages.ray_amplitudes import (
     start_amplitudes,
     update_amplitudes,
 )
-from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
@@ -42,7 +42,7 @@ def heard(*amplitudes, distance=np.nan):
     unknown = np.full((count, 3), np.nan)
     value = unknown.copy()
     value[:, 0] = distance
-    return Heard.of(0, np.zeros(2), 0.0, value, unknown, np.array(amplitudes, float))
+    return AnchorScan.of(0, np.zeros(2), 0.0, value, unknown, np.array(amplitudes, float))
 
 
 def one_path(existence, distance):

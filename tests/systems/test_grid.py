@@ -13,7 +13,7 @@ from scene_samples import shortened
 import gridslam as gs
 from gridslam.estimates import SurfaceEstimate
 from gridslam.evaluation.bounds import known_map_bound
-from gridslam.inference.state.anchor_measurements import hear
+from gridslam.inference.state.anchor_measurements import anchor_scans
 from gridslam.io import files
 from gridslam.systems import checkpoint
 from gridslam.systems.registry import METHODS, method_class
@@ -129,10 +129,13 @@ def test_a_checkpoint_whose_parts_do_not_fit_is_refused(tmp_path, name, shape):
 
 def test_rows_of_anchors_that_the_scene_lacks_are_passed_over():
     scan = gs.Scan(0, 0.0, np.array([1, 7, -1, 0]), *(np.arange(4.0) + n for n in range(4)))
-    heard = hear(scan, np.zeros((2, 2)), np.zeros(2))
+    heard = anchor_scans(scan, np.zeros((2, 2)), np.zeros(2))
     assert [h.amplitude.tolist() for h in heard] == [[6.0], [3.0]]
     none = np.zeros(0)
-    assert [len(h) for h in hear(gs.Scan(0, 0.0, *[none] * 5), np.zeros((2, 2)), np.zeros(2))] == [0, 0]
+    assert [len(h) for h in anchor_scans(gs.Scan(0, 0.0, *[none] * 5), np.zeros((2, 2)), np.zeros(2))] == [
+        0,
+        0,
+    ]
 
 
 @pytest.mark.slow

@@ -20,11 +20,11 @@ def crowd():
 
 
 def test_four_million_cells_with_fifty_anchors_fit_into_two_gigabytes(crowd):
-    Plot((8, 8), side=SIDE, anchors=crowd).absorb()  # whatever is made once
+    Plot((8, 8), side=SIDE, anchors=crowd).fold_messages()  # whatever is made once
     tracemalloc.start()
     try:
         plot = Plot(SHAPE, side=SIDE, anchors=crowd)
-        plot.absorb()
+        plot.fold_messages()
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.inference.state.belief import Belief, keep
-from gridslam.inference.state.surface_bank import Bank
+from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.kernels import OFTEN, OFTENER
 
 Array = NDArray[np.float64]
 
 
-def drop_ghosts(bank: Bank, belief: Belief, places: Array) -> tuple[Bank, Belief]:
+def drop_ghosts(bank: SurfaceBank, belief: Belief, places: Array) -> tuple[SurfaceBank, Belief]:
     """Drop the surfaces that are ghosts of double bounces over surer surfaces.
 
     Parameters
@@ -29,7 +29,7 @@ def drop_ghosts(bank: Bank, belief: Belief, places: Array) -> tuple[Bank, Belief
         The anchors.
     """
     runtime.start()
-    from gridslam.kernels.management.tidying import haunt
+    from gridslam.kernels.management.merging import find_ghosts
 
     if len(belief.lines) != len(bank) or len(places) != len(bank.single):
         raise ValueError("surfaces or anchors don't belong together")
@@ -37,7 +37,7 @@ def drop_ghosts(bank: Bank, belief: Belief, places: Array) -> tuple[Bank, Belief
     if len(often) < 3 or often[-2] < OFTEN or often[-2] <= OFTENER * often[0]:
         return bank, belief  # no two that were seen so much more often than a third
     ghost = np.empty(len(bank), np.int32)
-    haunt(belief.mean, belief.covariance, bank.existence, bank.seen, bank.single, places, ghost)
+    find_ghosts(belief.mean, belief.covariance, bank.existence, bank.seen, bank.single, places, ghost)
     if not ghost.any():
         return bank, belief
     return bank.take(ghost == 0), keep(belief, ghost == 0)

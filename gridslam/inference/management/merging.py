@@ -11,7 +11,7 @@ from gridslam import runtime
 from gridslam.inference.management.ghosts import drop_ghosts
 from gridslam.inference.state.belief import Belief, keep, slots, update
 from gridslam.inference.state.state import State
-from gridslam.inference.state.surface_bank import Bank
+from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.filter_model import FilterModel
 
 MOST_SURFACES = 24
@@ -19,7 +19,7 @@ CONFIRMED = ((60, 8), (25, 6), (5, 2))
 """Ages from which on a surface must have been seen so often."""
 
 
-def prune(bank: Bank, belief: Belief, threshold: float) -> tuple[Bank, Belief]:
+def prune(bank: SurfaceBank, belief: Belief, threshold: float) -> tuple[SurfaceBank, Belief]:
     """Drop unlikely surfaces; a birth must be confirmed by detections soon, and the number is bounded.
 
     Without confirmation a false birth hides: once its rays are believed blocked, no miss counts against it.
@@ -40,20 +40,20 @@ def prune(bank: Bank, belief: Belief, threshold: float) -> tuple[Bank, Belief]:
     return bank.take(good), keep(belief, good)
 
 
-def merge(bank: Bank, belief: Belief) -> tuple[Bank, Belief]:
+def merge(bank: SurfaceBank, belief: Belief) -> tuple[SurfaceBank, Belief]:
     """Merge duplicates into the older surface by the joint belief that both are one line.
 
     Two lines are one when they agree, within their joint covariance plus a centimetre, in angle and in
     offset at the place where the younger was hit.
     """
     runtime.start()
-    from gridslam.kernels.management.tidying import duplicate
+    from gridslam.kernels.management.merging import find_duplicates
 
     if len(belief.lines) != len(bank):
         raise ValueError("belief and bank don't hold the same surfaces")
     for _ in range(MOST_SURFACES + 1):
         found, tie = np.empty(2, np.int32), np.empty((2, 5))
-        duplicate(belief.mean, belief.covariance, bank.foot, bank.owner, found, tie)
+        find_duplicates(belief.mean, belief.covariance, bank.foot, bank.owner, found, tie)
         older, younger = found.tolist()
         if older < 0:
             break
@@ -65,7 +65,7 @@ def merge(bank: Bank, belief: Belief) -> tuple[Bank, Belief]:
     return bank, belief
 
 
-def _united(bank: Bank, older: int, younger: int) -> Bank:
+def _united(bank: SurfaceBank, older: int, younger: int) -> SurfaceBank:
     """The bank with the better of two surfaces' records in the older one's place."""
     existence, seen, single = bank.existence.copy(), bank.seen.copy(), bank.single.copy()
     double, extent = bank.double.copy(), bank.extent.copy()

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.inference.messages.likelihood import DetectionTable, detection_table, deviations
 from gridslam.inference.messages.prediction import paths_now
-from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import AGENT, Belief
 from gridslam.inference.state.health import ENOUGH, MOST_LOUD
 from gridslam.inference.state.rays import Rays
@@ -121,7 +121,7 @@ class Fix:
 
 @timed("recovery")
 def recover_pose(
-    state: State, scans: Sequence[Heard], earlier_s: float | None, model: FilterModel, *, work: Workspace
+    state: State, scans: Sequence[AnchorScan], earlier_s: float | None, model: FilterModel, *, work: Workspace
 ) -> State:
     """Where the belief can't be followed from the last step on, find the agent by the map.
 
@@ -158,7 +158,7 @@ def recover_pose(
     return replace(state, belief=moved(belief, fix, float(model.start_variance[2])), monitor=monitor)
 
 
-def near_paths(scans: Sequence[Heard], state: State, model: FilterModel) -> int:
+def near_paths(scans: Sequence[AnchorScan], state: State, model: FilterModel) -> int:
     """How many loud measurements lie where their anchor's line of sight or a single bounce is predicted."""
     runtime.start()
     from gridslam.kernels.propagation.rays import near
@@ -223,14 +223,14 @@ def moved(belief: Belief, fix: Fix, velocity: float) -> Belief:
     return Belief(mean, 0.5 * (covariance + covariance.T))
 
 
-def crowd(scan: Sequence[Heard]) -> int:
+def crowd(scan: Sequence[AnchorScan]) -> int:
     """Loud measurements of the anchor with most of them, if too many for all to propose poses; else 0."""
     most = max((int(np.count_nonzero(heard.loud)) for heard in scan), default=0)
     return most if most > MOST_LOUD else 0
 
 
 def find_pose(
-    belief: Belief, expected: Belief, images: Sequence[Sources], scan: Sequence[Heard],
+    belief: Belief, expected: Belief, images: Sequence[Sources], scan: Sequence[AnchorScan],
     table: DetectionTable, signal: SignalModel, stream: list[int],
 ) -> Fix | None:  # fmt: skip
     """The pose that explains a scan best, or None if no measurement proposes any.
@@ -286,7 +286,7 @@ def find_pose(
 
 
 def _proposals(
-    images: Sequence[Sources], scan: Sequence[Heard], signal: SignalModel, draw: np.random.Generator
+    images: Sequence[Sources], scan: Sequence[AnchorScan], signal: SignalModel, draw: np.random.Generator
 ) -> Array:
     """Poses (N, 3) that the loud measurements stand for, over each surface they could have come by."""
     poses = [np.zeros((0, 3))]
@@ -301,8 +301,8 @@ def _proposals(
         std = deviations(heard, rows, strength, heard.value[rows, 1:], signal)
         for copy in range(COPIES):
             value = heard.value[rows] + (copy > 0) * std * draw.standard_normal((len(rows), 3))
-            leaving = heard.facing + value[None, :, 1]
-            straight = (own.image == heard.place).all(1)[:, None]
+            leaving = heard.orientation + value[None, :, 1]
+            straight = (own.image == heard.position).all(1)[:, None]
             back = np.where(straight, leaving + np.pi, 2 * own.line[:, 0, None] - leaving)
             place = own.image[:, None] - value[None, :, :1] * unit(back)
             poses.append(
@@ -312,15 +312,15 @@ def _proposals(
 
 
 def _log_likelihood(
-    poses: Array, own: Sources, heard: Heard, table: DetectionTable, signal: SignalModel
+    poses: Array, own: Sources, heard: AnchorScan, table: DetectionTable, signal: SignalModel
 ) -> Array:
     """Log-likelihood (N,) of one anchor's measurements at poses (N, 3), relative to clutter alone."""
     back = direction(poses[:, None, :2], own.image[None])
     distance = np.linalg.norm(poses[:, None, :2] - own.image[None], axis=-1)
-    straight = (own.image == heard.place).all(1)
-    leaving = np.where(straight, back + np.pi, 2 * own.line[:, 0] - back) - heard.facing
+    straight = (own.image == heard.position).all(1)
+    leaving = np.where(straight, back + np.pi, 2 * own.line[:, 0] - back) - heard.orientation
     normal, offset = unit(own.line[:, 0]), own.line[:, 1]
-    sides = ((poses[:, :2] @ normal.T) - offset) * (normal @ heard.place - offset)
+    sides = ((poses[:, :2] @ normal.T) - offset) * (normal @ heard.position - offset)
     there = own.chance * (straight | (sides > 0))
     strength = signal.amplitude(distance, own.level)
     log = -(there * table(strength)).sum(1)

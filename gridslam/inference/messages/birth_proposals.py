@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.inference.messages.births import Births
-from gridslam.inference.messages.likelihood_ratios import PORTION, Evaluation
-from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.messages.likelihood_ratios import PORTION, LikelihoodRatios
+from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import AGENT, Belief
 from gridslam.inference.state.particles import Cloud
 from gridslam.inference.state.state import State
-from gridslam.inference.state.surface_bank import Bank
+from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import SignalModel
@@ -25,7 +25,7 @@ CONVERGED_STD_M = 0.3
 SAMPLES = 256
 
 
-def partners(bank: Bank, belief: Belief, most_bounces: int) -> NDArray[np.int32]:
+def partners(bank: SurfaceBank, belief: Belief, most_bounces: int) -> NDArray[np.int32]:
     """Pairs (last, first) of known surfaces with which a new one may form a path, -1 for the new, (H, 2)."""
     if most_bounces < 2:
         return _known(b"", most_bounces)
@@ -61,9 +61,15 @@ class ProposalBuffers(NamedTuple):
 
 @timed("births")
 def propose_births(
-    state: State, heard: Heard, cloud: Cloud, ratios: Evaluation, signal: SignalModel, model: FilterModel,
-    *, work: Workspace,
-) -> Births:  # fmt: skip
+    state: State,
+    heard: AnchorScan,
+    cloud: Cloud,
+    ratios: LikelihoodRatios,
+    signal: SignalModel,
+    model: FilterModel,
+    *,
+    work: Workspace,
+) -> Births:
     """All birth hypotheses above a least ratio, of the measurements that carry distance and AoA.
 
     Surfaces are born uniformly over all lines that cross the region (angle and offset): a measure that
@@ -99,14 +105,14 @@ def propose_births(
 
 
 def _weigh_by_visibility(
-    state: State, anchor: int, births: ProposalBuffers, ratios: Evaluation, model: FilterModel,
+    state: State, anchor: int, births: ProposalBuffers, ratios: LikelihoodRatios, model: FilterModel,
     work: Workspace,
 ) -> None:  # fmt: skip
     """Weigh births, where they were proposed, by V of their paths at the mean of the belief."""
-    from gridslam.kernels.management.births import glance
+    from gridslam.kernels.management.births import weigh_by_visibility
 
     grid, cells, mean = state.require_grid(), work.require_cells(), state.belief.mean
-    glance(
+    weigh_by_visibility(
         mean, anchor, model.anchors, grid.shape[1], cells.occupancy(grid), cells.frame, cells.scratch.line,
         cells.scratch.place, np.empty(((len(mean) - AGENT) // 2 * 3 + 6, 1)), np.empty((1, 4), np.int32),
         np.empty((1, 14)), births.born, births.told, ratios.measured,

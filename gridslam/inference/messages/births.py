@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.ray_amplitudes import Key
 from gridslam.inference.state.state import State
@@ -94,9 +94,16 @@ class Births:
 
 @timed("births")
 def add_births(
-    state: State, births: Births, heard: Heard, exchange: Exchange, signal: SignalModel, model: FilterModel,
-    shared: bool = True, *, work: Workspace,
-) -> tuple[State, Exchange, list[tuple[Key, int]]]:  # fmt: skip
+    state: State,
+    births: Births,
+    heard: AnchorScan,
+    exchange: Exchange,
+    signal: SignalModel,
+    model: FilterModel,
+    shared: bool = True,
+    *,
+    work: Workspace,
+) -> tuple[State, Exchange, list[tuple[Key, int]]]:
     """Add the new surfaces that are likely enough.
 
     Parameters
@@ -135,7 +142,7 @@ def add_births(
 
 
 def initialise_surface(
-    births: Births, number: int, heard: Heard, belief: Belief, signal: SignalModel, model: FilterModel
+    births: Births, number: int, heard: AnchorScan, belief: Belief, signal: SignalModel, model: FilterModel
 ) -> tuple[Belief, Array]:
     """Belief with one hypothesis' surface appended, correlated with the agent, and corrected by the AoD.
 
@@ -145,7 +152,7 @@ def initialise_surface(
         reflection (BINS,): first belief over the new surface's coefficient, from the amplitude alone.
     """
     runtime.start()
-    from gridslam.kernels.management.bearing import bear as launch
+    from gridslam.kernels.management.initialisation import initialise_surface as launch
 
     row, (last, first), size = int(births.measurement[number]), births.hit[number].tolist(), len(belief.mean)
     if max(last, first) >= len(belief.lines) or row >= len(heard) or heard.anchor >= len(model.anchors):

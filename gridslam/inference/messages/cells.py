@@ -145,12 +145,12 @@ def _cast(
     """
     device, cells = runtime.start(), work.require_cells()
     from gridslam.kernels.propagation.cells import cast as launch
-    from gridslam.kernels.propagation.rays import foresee
+    from gridslam.kernels.propagation.rays import list_paths
 
     frame = cells.frame_of_messages if sends else cells.frame
     for arguments in attempts:
         if device == "gpu" and not given:
-            foresee(*arguments)
+            list_paths(*arguments)
         launch(
             *arguments, factor, cells.occupancy(grid), frame, grid.row, grid.hit, surface, cast.drawn,
             cast.seen, cast.belief, *cells.scratch,

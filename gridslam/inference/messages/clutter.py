@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from gridslam.inference.messages.likelihood_ratios import Evaluation
+from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import SignalModel
 
 
 def learn_clutter(
-    state: State, anchor: int, ratios: Evaluation, signal: SignalModel, model: FilterModel
-) -> tuple[State, Evaluation, SignalModel]:
+    state: State, anchor: int, ratios: LikelihoodRatios, signal: SignalModel, model: FilterModel
+) -> tuple[State, LikelihoodRatios, SignalModel]:
     """Take in how much clutter an anchor's scan holds, before its association.
 
     Parameters

@@ -28,7 +28,7 @@ def mark_detections(state: State, rays: Rays, share: Array, model: FilterModel, 
         Probability that the path caused a measurement, if it is possible; above one half it counts.
     """
     runtime.start()
-    from gridslam.kernels.propagation.sightings import mark
+    from gridslam.kernels.propagation.detections import mark
 
     bank, belief = state.surfaces, state.belief
     lines = draw_paths(rays, at_mean(belief), model.anchors)

@@ -2,7 +2,7 @@
 
 Loopy belief propagation is sure too early of who caused which when two paths are nearly equally long: on
 average it pushes their lengths apart by a third of the noise, step by step as long as they cross (two paths
-half a deviation apart; `tests/test_rings.py`). With angles paths are hardly ever that close; with distances
+half a deviation apart; see test_rings.py). With angles paths are hardly ever that close; with distances
 alone they are all the time. The exact marginals push nothing, and few measurements make them cheap.
 """
 

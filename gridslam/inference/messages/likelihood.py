@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.kernels import FAINTEST
 from gridslam.world.radio import SignalModel
 
@@ -65,7 +65,7 @@ def detection_table(signal: SignalModel) -> DetectionTable:
 
 
 def deviations(
-    heard: Heard, measurement: NDArray[np.intp], amplitude: Array, angles: Array, signal: SignalModel
+    heard: AnchorScan, measurement: NDArray[np.intp], amplitude: Array, angles: Array, signal: SignalModel
 ) -> Array:
     """Standard deviations (n, 3) of (distance, AoD, AoA): the table's own, or from Fisher information.
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.inference.messages.likelihood import AmplitudeBelief, detection_table
 from gridslam.inference.messages.prediction import PredictedPaths
-from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.particles import Cloud
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels import PATH_BLOCK
@@ -52,7 +52,7 @@ class Pairs:
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class LikelihoodRatios:
     """Likelihood ratios of an anchor's measurements under its paths, and the messages from them.
 
     Attributes
@@ -110,7 +110,7 @@ class Evaluation:
         """What the known paths send to each measurement, (M,)."""
         return self.measured[tables.CLAIMED]
 
-    def against(self, clutter: float) -> Evaluation:
+    def against(self, clutter: float) -> LikelihoodRatios:
         """The same against a clutter level `clutter` times as high."""
         pair, message, measured = self.pairs.pair.copy(), self.message.copy(), self.measured.copy()
         pair[: len(self.pairs), 6] /= clutter
@@ -143,9 +143,15 @@ def _states(rows: int, particles: int) -> runtime.Resident:
 
 @timed("evaluation")
 def evaluate(
-    heard: Heard, paths: PredictedPaths, validity: Array, amplitudes: AmplitudeBelief, signal: SignalModel,
-    model: FilterModel, *, work: Workspace,
-) -> tuple[Cloud, Evaluation]:  # fmt: skip
+    heard: AnchorScan,
+    paths: PredictedPaths,
+    validity: Array,
+    amplitudes: AmplitudeBelief,
+    signal: SignalModel,
+    model: FilterModel,
+    *,
+    work: Workspace,
+) -> tuple[Cloud, LikelihoodRatios]:
     """Pick pairs by distance and angles, draw the particles, and evaluate pairs and paths at them.
 
     The pairs and the sums over blocks of particles last until the same anchor's next evaluation, particles
@@ -181,4 +187,4 @@ def evaluate(
         state, blocks, message, measured,
     )  # fmt: skip
     pairs = Pairs(int(start[-1]), start, index, pair)
-    return Cloud(state, recipe.kept), Evaluation(pairs, blocks, odds, message, measured)
+    return Cloud(state, recipe.kept), LikelihoodRatios(pairs, blocks, odds, message, measured)

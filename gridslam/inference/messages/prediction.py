@@ -173,10 +173,10 @@ def paths_now(state: State, model: FilterModel, *, work: Workspace) -> Rays:
 
 def _listed(query: PathQuery) -> PredictedPaths:
     runtime.start()
-    from gridslam.kernels.propagation.rays import foresee
+    from gridslam.kernels.propagation.rays import list_paths
 
     for arguments in query.attempts():
-        foresee(*arguments)
+        list_paths(*arguments)
     return query.paths()
 
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from gridslam.inference.messages.association import Association
 from gridslam.inference.messages.exact_association import associate_exactly
 from gridslam.inference.messages.likelihood import DetectionTable, detection_table, deviations
-from gridslam.inference.messages.likelihood_ratios import Evaluation
-from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
+from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rays import P_STAY
 from gridslam.inference.state.rings import (
@@ -68,7 +68,7 @@ def move_rings(state: State, time_s: float, model: FilterModel) -> State:
 
 
 def associate_with_rings(
-    state: State, heard: Heard, ratios: Evaluation, signal: SignalModel, model: FilterModel
+    state: State, heard: AnchorScan, ratios: LikelihoodRatios, signal: SignalModel, model: FilterModel
 ) -> tuple[Association, Tentative]:
     """Data association of virtual anchors and rings alike."""
     rings = require(state)
@@ -86,7 +86,12 @@ def associate_with_rings(
 
 
 def update_rings(
-    before: State, state: State, heard: Heard, tentative: Tentative, signal: SignalModel, model: FilterModel
+    before: State,
+    state: State,
+    heard: AnchorScan,
+    tentative: Tentative,
+    signal: SignalModel,
+    model: FilterModel,
 ) -> State:
     """Rings follow the belief's update by an anchor's measurements, are updated themselves, and begin."""
     state = follow_belief(before, state)
@@ -172,7 +177,7 @@ class Worth:
     gain: Array
 
 
-def judge(rings: Rings, heard: Heard, table: DetectionTable, signal: SignalModel) -> Worth:
+def judge(rings: Rings, heard: AnchorScan, table: DetectionTable, signal: SignalModel) -> Worth:
     """Evaluate the measurements that carry a distance and no AoA under every hypothesis."""
     rows = np.flatnonzero(rings.anchor == heard.anchor)
     mean, weight = rings.mean[rows], rings.weight[rows]
@@ -194,7 +199,7 @@ def judge(rings: Rings, heard: Heard, table: DetectionTable, signal: SignalModel
     return Worth(rows, ratio, typical, gap, spread, noise, gain)
 
 
-def _level(heard: Heard, signal: SignalModel) -> tuple[NDArray[np.bool_], Array, Array]:
+def _level(heard: AnchorScan, signal: SignalModel) -> tuple[NDArray[np.bool_], Array, Array]:
     """Which measurements rings may explain; their deviations (m); clutter's share of their ratios (1/m)."""
     usable = ~np.isnan(heard.value[:, 0]) & np.isnan(heard.value[:, 2])
     distance = np.where(usable, heard.value[:, 0], 1.0)
@@ -244,7 +249,7 @@ def learn(rings: Rings, worth: Worth, nu: Array) -> Rings:
 
 
 def expected(
-    belief: Belief, heard: Heard, signal: SignalModel, births: float, middle: Array, radius_m: float
+    belief: Belief, heard: AnchorScan, signal: SignalModel, births: float, middle: Array, radius_m: float
 ) -> tuple[Array, Array]:
     """Expected number of new images per measurement, over clutter, and likelihood of every bearing.
 
@@ -260,12 +265,12 @@ def expected(
     usable, deviation, loudness = _level(heard, signal)
     distance = np.where(usable, heard.value[:, 0], 0.0)
     image = belief.mean[:2] + distance[:, None, None] * unit(_bearings())
-    line = line_between(heard.place, image)
-    span = np.linalg.norm(image - heard.place, axis=-1)
+    line = line_between(heard.position, image)
+    span = np.linalg.norm(image - heard.position, axis=-1)
     crosses = np.abs((unit(line[..., 0]) @ middle) - line[..., 1]) < radius_m
     # no image is nearer than its anchor, and one that is hardly farther looks the same
     doubt = np.where(usable, deviation, 0.0) ** 2 + np.trace(belief.covariance[:2, :2])
-    nearer = np.linalg.norm(belief.mean[:2] - heard.place) + APART * np.sqrt(doubt) < distance
+    nearer = np.linalg.norm(belief.mean[:2] - heard.position) + APART * np.sqrt(doubt) < distance
     density = crosses * nearer[:, None] / np.maximum(span, 0.1)
     common = births / (4 * np.pi * radius_m) * distance * 2 * np.pi * loudness
     ratio = np.where(usable, common * density.mean(-1), 0.0)
@@ -273,7 +278,7 @@ def expected(
 
 
 def begin(
-    rings: Rings, belief: Belief, heard: Heard, signal: SignalModel, chance: Array, weight: Array
+    rings: Rings, belief: Belief, heard: AnchorScan, signal: SignalModel, chance: Array, weight: Array
 ) -> Rings:
     """Add a ring for every measurement that is likely enough to be one.
 

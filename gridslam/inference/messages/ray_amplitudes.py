@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.inference.messages.likelihood import detection_table
-from gridslam.inference.messages.likelihood_ratios import PORTION, Evaluation
+from gridslam.inference.messages.likelihood_ratios import PORTION, LikelihoodRatios
 from gridslam.inference.messages.prediction import PredictedPaths
-from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.ray_amplitudes import Key, RayAmplitudes
 from gridslam.inference.state.rays import P_APPEAR, P_STAY, Rays
 from gridslam.inference.state.state import State
@@ -119,7 +119,7 @@ def mean_amplitudes(
 
 @timed("updates")
 def update_amplitudes(
-    state: State, paths: PredictedPaths, belief: Histogram, heard: Heard, ratios: Evaluation,
+    state: State, paths: PredictedPaths, belief: Histogram, heard: AnchorScan, ratios: LikelihoodRatios,
     signal: SignalModel, *, work: Workspace,
 ) -> State:  # fmt: skip
     """Update by the measurements, softly by association, eq. (26).
@@ -130,7 +130,7 @@ def update_amplitudes(
         Of the surfaces of `state`, as they were predicted.
     belief : Histogram
         One step ahead.
-    ratios : Evaluation
+    ratios : LikelihoodRatios
         After the association.
     """
     runtime.start()
@@ -154,7 +154,7 @@ def update_amplitudes(
 
 
 def start_amplitudes(
-    state: State, born: Sequence[tuple[Key, int]], heard: Heard, signal: SignalModel
+    state: State, born: Sequence[tuple[Key, int]], heard: AnchorScan, signal: SignalModel
 ) -> State:
     """First beliefs of the rays that bore surfaces, from their measurements alone.
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.inference.messages.association import ROUNDS, Association, associate, log_normaliser
-from gridslam.inference.messages.likelihood_ratios import Evaluation
+from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.prediction import PredictedPaths
-from gridslam.inference.state.anchor_measurements import Heard
+from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.health import NO_FIT
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
@@ -86,7 +86,7 @@ class Exchange:
 
 @timed("updates")
 def update_surfaces_and_agent(
-    state: State, heard: Heard, paths: PredictedPaths, ratios: Evaluation, turned: Array,
+    state: State, heard: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios, turned: Array,
     model: FilterModel, given: Association | None = None, *, work: Workspace,
 ) -> tuple[State, Exchange]:  # fmt: skip
     """Associate; correct agent and surfaces, and update what exists.
@@ -96,7 +96,7 @@ def update_surfaces_and_agent(
 
     Parameters
     ----------
-    ratios : Evaluation
+    ratios : LikelihoodRatios
         With its `new` filled in; its messages are filled in here.
     turned : (J,) rad
         By which the anchors are taken to be turned.

@@ -22,14 +22,14 @@ LEAST_STD = 1e-6
 
 
 @dataclass(frozen=True)
-class Heard:
+class AnchorScan:
     """Measurements of one anchor at one step; NaN stands for not measured.
 
     Attributes
     ----------
     anchor : int
-    place : (2,) m
-    facing : float, rad
+    position : (2,) m
+    orientation : float, rad
     value : (M, 3)
         Distance (m), AoD and AoA (rad).
     own_std : (M, 3)
@@ -42,8 +42,8 @@ class Heard:
     """
 
     anchor: int
-    place: Array
-    facing: float
+    position: Array
+    orientation: float
     value: Array
     own_std: Array
     amplitude: Array
@@ -59,20 +59,20 @@ class Heard:
 
     @classmethod
     def of(
-        cls, anchor: int, place: Array, facing: float, value: Array, own_std: Array, amplitude: Array,
+        cls, anchor: int, position: Array, orientation: float, value: Array, own_std: Array, amplitude: Array,
         threshold: float = 0.0,
-    ) -> Heard:  # fmt: skip
+    ) -> AnchorScan:  # fmt: skip
         """Measurements given one by one; `threshold` is the amplitude from which on the radio detects."""
         table = _table(value, own_std, amplitude, threshold)
-        return cls(anchor, place, facing, value, own_std, amplitude, table)
+        return cls(anchor, position, orientation, value, own_std, amplitude, table)
 
 
-def split_by_anchor(scan: Scan, model: FilterModel) -> list[Heard]:
+def split_by_anchor(scan: Scan, model: FilterModel) -> list[AnchorScan]:
     """A scan, anchor by anchor, the silent ones too."""
-    return hear(scan, model.anchor_positions, model.anchor_orientations, model.radio.threshold)
+    return anchor_scans(scan, model.anchor_positions, model.anchor_orientations, model.radio.threshold)
 
 
-def hear(scan: Scan, places: Array, facings: Array, threshold: float = 0.0) -> list[Heard]:
+def anchor_scans(scan: Scan, places: Array, facings: Array, threshold: float = 0.0) -> list[AnchorScan]:
     """A scan, anchor by anchor.
 
     Parameters
@@ -96,7 +96,7 @@ def hear(scan: Scan, places: Array, facings: Array, threshold: float = 0.0) -> l
     table = _table(value, own, amplitude, threshold)
     parts = (slice(begin - rows.start, end - rows.start) for begin, end in itertools.pairwise(ends))
     return [
-        Heard(anchor, places[anchor], facing, value[part], own[part], amplitude[part], table[part])
+        AnchorScan(anchor, places[anchor], facing, value[part], own[part], amplitude[part], table[part])
         for anchor, (facing, part) in enumerate(zip(facings.tolist(), parts, strict=True))
     ]
 

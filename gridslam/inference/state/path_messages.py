@@ -30,7 +30,7 @@ class PathMessages:
     factor : (L or more, 2)
         A of each path: what it is worth if it is not blocked; whether it is likely enough to send to cells.
     summary : (4, L or more)
-        See `gridslam.kernels.propagation.notes`.
+        See `gridslam.kernels.propagation.path_messages`.
     begin : (L + 1 or more,) int32
         Where the pairs of each path begin.
     pairs : (2, K or more)

@@ -14,7 +14,7 @@ from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.health import HealthMonitor
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rings import Rings
-from gridslam.inference.state.surface_bank import Bank
+from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.filter_model import FilterModel
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ class State:
     ----------
     belief : Belief
         Joint Gaussian of agent and surfaces.
-    surfaces : Bank
+    surfaces : SurfaceBank
         Existence, coefficients and rays of the surfaces, in the order of the belief.
     los : (J,) float64
         Existence of every anchor's line of sight.
@@ -51,7 +51,7 @@ class State:
     """
 
     belief: Belief
-    surfaces: Bank
+    surfaces: SurfaceBank
     los: Array
     calibration: Calibration
     monitor: HealthMonitor
@@ -67,7 +67,7 @@ class State:
         """Before the first step: the agent's prior, and no surfaces."""
         anchors = len(model.anchors)
         return cls(
-            Belief(model.start_mean, np.diag(model.start_variance)), Bank.empty(anchors),
+            Belief(model.start_mean, np.diag(model.start_variance)), SurfaceBank.empty(anchors),
             np.full(anchors, FRESH_SIGHT), Calibration.start(anchors), HealthMonitor(),
         )  # fmt: skip
 

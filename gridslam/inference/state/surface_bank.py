@@ -19,7 +19,7 @@ SETTLED = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Bank:
+class SurfaceBank:
     """Potential surfaces, aligned with the lines in a `Belief`.
 
     Attributes
@@ -69,20 +69,20 @@ class Bank:
             raise ValueError("surfaces or anchors don't belong together")
 
     @classmethod
-    def empty(cls, anchors: int) -> Bank:
-        """Bank without surfaces."""
+    def empty(cls, anchors: int) -> SurfaceBank:
+        """A bank without surfaces."""
         none, whole = np.zeros(0), np.zeros(0, np.int64)
         return cls(
             whole, none, np.zeros((0, BINS)), whole.copy(), whole.copy(), np.zeros((anchors, 0)),
             np.zeros((anchors, 0, 0)), np.zeros((0, 2)), none.copy(), whole.copy(),
         )  # fmt: skip
 
-    def take(self, rows: NDArray[np.bool_]) -> Bank:
+    def take(self, rows: NDArray[np.bool_]) -> SurfaceBank:
         """Keep some of the surfaces."""
         parts = {f.name: getattr(self, f.name) for f in fields(self)}
         chosen = {name: part[rows] for name, part in parts.items() if name not in ("single", "double")}
         single, double = self.single[:, rows], self.double[:, rows][:, :, rows]
-        return Bank(**chosen, single=np.ascontiguousarray(single), double=np.ascontiguousarray(double))
+        return SurfaceBank(**chosen, single=np.ascontiguousarray(single), double=np.ascontiguousarray(double))
 
     def add(
         self,
@@ -95,7 +95,7 @@ class Bank:
         age: int = 0,
         seen: int = 0,
         extent: Array | None = None,
-    ) -> Bank:
+    ) -> SurfaceBank:
         """Append a new surface; `bearer` is (anchor, last, first) of the ray that bore it, -1 for itself."""
         count, anchors = len(self), len(self.single)
         single = np.concatenate([self.single, np.full((anchors, 1), FRESH_SINGLE)], 1)
@@ -106,7 +106,7 @@ class Bank:
             single[anchor, count] = FRESH_BEARER
         else:
             double[anchor, last, first] = FRESH_BEARER
-        return Bank(
+        return SurfaceBank(
             np.append(self.identity, identity),
             np.append(self.existence, existence),
             np.concatenate([self.reflection, reflection[None]]),
@@ -120,7 +120,7 @@ class Bank:
         )
 
 
-def evolve(bank: Bank, survival: float, walk: float) -> Bank:
+def evolve(bank: SurfaceBank, survival: float, walk: float) -> SurfaceBank:
     """Surfaces survive, and their coefficients walk by `walk` per step ([Li2026grid], section III-C)."""
     reflection = bank.reflection
     if walk:

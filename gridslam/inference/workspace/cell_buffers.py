@@ -94,11 +94,11 @@ class CellBuffers:
         self, grid: Grid, message: runtime.Resident, news: runtime.Resident, every: bool = False
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Evidence of the cells with messages folded in, and which are observed; messages are 0 then."""
-        from gridslam.kernels.propagation.occupancy import absorb
+        from gridslam.kernels.propagation.occupancy import fold_messages
 
         fresh, observed = np.empty(grid.shape), grid.observed.copy()
         self.occupied_by = None  # until all of it is done
-        absorb(
+        fold_messages(
             message, news, grid.evidence.reshape(-1), self.clear, int(every), self.prior_odds, EVIDENCE_CLIP,
             fresh.reshape(-1), observed.view(np.uint8).reshape(-1), self.occupied,
         )  # fmt: skip

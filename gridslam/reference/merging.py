@@ -22,10 +22,10 @@ AROUND_M, THROUGH_M, CROSSING = 1.0, 0.15, 0.2
 """Silent surface through a corner: gap of virtual anchors, distance from it, sine of the corner's angle."""
 
 
-def duplicate(
+def find_duplicates(
     mean: Array, covariance: Array, foot: Array, owner: Whole
 ) -> tuple[int, int, Array, Array] | None:
-    """Twin of `tidying.duplicate`: older, younger, derivative (2, N) and residual; None for none."""
+    """Twin of `merging.duplicate`: older, younger, derivative (2, N) and residual; None for none."""
     lines = mean[AGENT:].reshape(-1, 2)
     turns = wrap(lines[None, :, 0] - lines[:, None, 0])
     flips = np.where(np.abs(turns) > np.pi / 2, -1.0, 1.0)  # the same line written with the opposite normal
@@ -55,10 +55,10 @@ def duplicate(
     return None
 
 
-def haunt(
+def find_ghosts(
     mean: Array, covariance: Array, surface: Array, seen: Whole, single: Array, places: Array
 ) -> NDArray[np.bool_]:
-    """Twin of `tidying.haunt`: which surfaces are ghosts, (S,)."""
+    """Twin of `merging.find_ghosts`: which surfaces are ghosts, (S,)."""
     variance = covariance[AGENT + 1 :: 2, AGENT + 1 :: 2].diagonal()
     sure = np.flatnonzero((surface > SURE) & (seen >= OFTEN) & (variance < SHARP_M**2))
     last, first = (a.ravel() for a in np.meshgrid(sure, sure, indexing="ij"))

@@ -23,7 +23,7 @@ AROUND_M, THROUGH_M, CROSSING = 1.0, 0.15, 0.2
 
 @quick
 @ti.kernel
-def duplicate(
+def find_duplicates(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
     covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
     foot: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] tangential coordinate of the latest hit
@@ -74,7 +74,7 @@ def duplicate(
 
 @quick
 @ti.kernel
-def haunt(
+def find_ghosts(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
     covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
     surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence

@@ -122,12 +122,12 @@ def correct_by_departure(
 
 @quick
 @ti.kernel
-def bear(
+def initialise_surface(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
     covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
     anchor: ti.i32,
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `Heard.table`
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `AnchorScan.table`
     m: ti.i32,  # the measurement
     last: ti.i32,  # known surface hit last, first; -1: the new one
     first: ti.i32,
