@@ -39,12 +39,13 @@ def predict(mean: Array, covariance: Array, path: Whole, places: Array) -> tuple
 def correct(
     mean: Array, covariance: Array, path: Whole, start: Whole, index: Whole, pair: Array, odds: Array,
     beta: Array, nu: Array, places: Array,
-) -> tuple[Array, Array, Array, Array]:  # fmt: skip
-    """Twin of `gaussian.correct`: mean, covariance, and the probabilities of the associations."""
+) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
+    """Twin of `gaussian.correct`: mean, covariance, probabilities of the associations, and normalisers."""
     count = int(start[-1])
     share, responsible = np.zeros(count), np.zeros(nu.shape)
     heard = (beta * nu).sum(1)
-    sure = heard / (heard + odds[7])
+    total = heard + odds[7]
+    sure = heard / total
     order = np.argsort(-sure, kind="stable")
     for row in order[sure[order] >= UNHEARD]:
         value, slope, core = (part[0] for part in predict(mean, covariance, path[row][None], places))
@@ -61,9 +62,10 @@ def correct(
                 for g, v, d, m in zip(gap, variance, density, message, strict=True)
             ]
         )  # fmt: skip
-        share[chosen] = weight / (weight.sum() + odds[7, row])
+        total[row] = weight.sum() + odds[7, row]
+        share[chosen] = weight / total[row]
         kept = share[chosen] > UNMOVED
         after = update(Belief(mean, covariance), slope, gap[kept], variance[kept], share[chosen][kept])
         mean, covariance = after.mean, after.covariance
     responsible[index[:count, 0], index[:count, 1]] = share
-    return mean, covariance, share, responsible
+    return mean, covariance, share, responsible, total

@@ -118,7 +118,7 @@ def update(
     *before, claimed = measured
     if rounds:
         claim, nu, claimed = associate(odds, message, measured, rounds)
-    mean, covariance, share, responsible = correct(
+    mean, covariance, share, responsible, total = correct(
         mean, covariance, path, start, index, pair, odds, beta, nu, places
     )
     after = fit(path, index, pair, predicted, share, responsible, heard, blocks, radio, anchor, turned, sums)
@@ -133,5 +133,5 @@ def update(
     return known | {
         "mean": mean, "covariance": covariance, "share": share, "sums": after,
         "message": np.stack([ratio, beta, claim, nu, responsible]),
-        "measured": np.stack([*before, claimed]),
+        "measured": np.stack([*before, claimed]), "total": total,
     }  # fmt: skip

@@ -222,10 +222,10 @@ def test_updates_equal_their_twin(seed, surfaces, rounds, noted):
     scratch = np.empty((len(mean), 6))
     update(*into.values(), scratch, *messages.values(), *kept.values(), *out.values())
     found = into | messages | kept | out
-    found["worth"] = odds[8]
+    found["worth"], found["total"] = odds[8], odds[11]
     for name, wanted in expected.items():
         # directions are worked out to 1e-6 rad: in means at most that, in densities times gap over variance
-        rtol = 1e-4 if name in ("share", "message") else 1e-5
+        rtol = 1e-4 if name in ("share", "message", "total") else 1e-5
         np.testing.assert_allclose(found[name], wanted, rtol=rtol, atol=1e-6, err_msg=name)
     assert np.linalg.eigvalsh(covariance).min() > -1e-9
     assert (surface < 1).all()

@@ -8,14 +8,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from enumeration import every_matching
 from filter_states import model_of
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scene_samples import shortened
 
 import gridslam as gs
-from gridslam.inference.messages.association import Association, associate, log_normaliser
+from gridslam.inference.messages.association import Association
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.kernels.primitives import tables
 from gridslam.systems import adaptive, grid, virtual_anchor
@@ -255,47 +252,6 @@ def test_a_model_without_an_agent_is_refused():
     scene = gs.Scene.load("room").model_copy(update={"agents": ()})
     with pytest.raises(gs.InputError, match="agents"):
         scene.filter_model()
-
-
-def sums(beta, missed, new):
-    """Normaliser by enumeration of all matchings."""
-    total = 0.0
-    for matching in every_matching(*beta.shape):
-        worth = 1.0
-        for path, m in enumerate(matching):
-            worth *= missed[path] if m is None else beta[path, m]
-        total += worth * np.prod([new[m] for m in range(len(new)) if m not in matching])
-    return np.log(total)
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(0, 4), st.integers(0, 4))
-@settings(max_examples=60, deadline=None)
-def test_the_evidence_is_that_of_enumeration_on_a_tree_and_close_to_it_otherwise(seed, paths, count):
-    draw = np.random.default_rng(seed)
-    beta = draw.exponential(2.0, (paths, count)) * (draw.random((paths, count)) < 0.6)
-    missed, new = draw.uniform(0.1, 1, paths), draw.uniform(1, 3, count)
-    nu, _ = associate(beta, missed, new)
-    found = log_normaliser(beta, missed, new, nu, missed + (beta * nu).sum(1))
-    wanted = sums(beta, missed, new)
-    tree = paths <= 1 or count <= 1
-    assert found == pytest.approx(wanted, abs=1e-5 if tree else 0.4)
-    assert found < wanted + 1e-5, "Bethe's is never above"
-
-
-def test_the_evidence_of_a_right_world_is_higher_than_that_of_a_wrong_one(scene, scans):
-    """The same scans, by a filter that starts where the agent is and by one that is sure to be 1 m off."""
-    total = []
-    for off in (0.0, 1.0):
-        slam, log = GridSlam(scene, seed=1), 0.0
-        there = slam.model.start_mean + np.array([0.0, off, 0.0, 0.0, 0.0])
-        sure = replace(slam.model, start_mean=there, start_variance=np.full(5, 1e-3))
-        slam.now = slam.now._replace(state=grid.start(sure))
-        for scan in scans[:3]:
-            slam.step(scan)
-            log += slam.info.log_evidence
-        total.append(log)
-    assert np.isfinite(total).all()
-    assert total[0] > total[1] + 10
 
 
 def test_stages_of_a_step_add_up_and_workspaces_are_their_filters_own(scene, scans):
