@@ -6,10 +6,12 @@ from gridslam.importers.deepmimo import measurements_from_deepmimo as from_deepm
 from gridslam.importers.sionna import measurements_from_sionna as from_sionna
 from gridslam.maps.fusion import fuse
 from gridslam.maps.map import Map
+from gridslam.measurements.network import NetworkMeasurements, NetworkScan
 from gridslam.measurements.table import Measurements, Scan
 from gridslam.runs.map_scene import map_scene
 from gridslam.runs.run import Run
-from gridslam.simulation.image_source import Truth, ground_truth, simulate
+from gridslam.simulation.image_source import Truth, ground_truth
+from gridslam.simulation.network import simulate
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
 from gridslam.systems.slam import Slam
@@ -25,6 +27,8 @@ __all__ = [
     "InputError",
     "Map",
     "Measurements",
+    "NetworkMeasurements",
+    "NetworkScan",
     "PathEstimate",
     "Run",
     "Scan",

@@ -46,7 +46,7 @@ def read_raw(path: str | os.PathLike[str], anchors: tuple[str, ...] | None = Non
     with csv_hdf5.located(path):
         kind = Path(path).suffix.lower()
         if kind == ".csv":
-            return csv_hdf5.read_csv(path, checked=False)
+            return csv_hdf5.read_csv(path, checked=False)[:2]
         if kind == ".mat":
             return matlab.read_mat(path, None, checked=False)
         whole = csv_hdf5.read_h5(path, checked=False)

@@ -130,26 +130,34 @@ def run(
 def simulate(
     scene: Annotated[str, typer.Argument(help="bundled name or path")],
     output: Annotated[Path, typer.Option("-o", "--output", help="FILE.csv or FILE.h5")],
-    agent: Annotated[list[str] | None, typer.Option(help="default: the first")] = None,
+    agent: Annotated[
+        list[str] | None, typer.Option(help="default: the first; several go into one file")
+    ] = None,
+    unlabelled: Annotated[
+        bool, typer.Option("--unlabelled", help="nothing says which anchor a measurement is of")
+    ] = False,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace files of these names")] = False,
 ) -> None:
-    """Write what an agent would hear; for several agents, their names go into the files' names."""
+    """Write what an agent would hear, or several agents at once."""
     from gridslam.io.files import refuse_taken
-    from gridslam.simulation.image_source import simulate as hear
+    from gridslam.simulation.network import simulate as hear
     from gridslam.world.scene import Scene
 
     if output.suffix not in (".csv", ".h5"):
         raise InputError("-o", repr(output.name), "a name that ends in .csv or .h5")
     world = Scene.load(scene)
     names = _agents(world, agent or [a.name for a in world.agents[:1]], None)
-    paths = [output if len(names) == 1 else output.with_stem(f"{output.stem}-{name}") for name in names]
-    refuse_taken(paths, overwrite)
-    for name, path in zip(names, paths, strict=True):
-        heard = hear(world, name, seed)
-        (heard.to_csv if output.suffix == ".csv" else heard.to_h5)(path)
+    refuse_taken([output], overwrite)
+    if len(names) == 1 and not unlabelled:
+        heard = hear(world, names[0], seed)
+        (heard.to_csv if output.suffix == ".csv" else heard.to_h5)(output)
         counts = f"{len(heard)} steps, {len(heard.step)} measurements"
-        out.print(f"wrote {path}: {counts}", highlight=False, soft_wrap=True)
+    else:
+        several = hear(world, names, seed, unlabelled)
+        (several.to_csv if output.suffix == ".csv" else several.to_h5)(output)
+        counts = f"{len(names)} agents, {len(several)} steps, {len(several.agent)} measurements"
+    out.print(f"wrote {output}: {counts}", highlight=False, soft_wrap=True)
 
 
 files.register(app)
@@ -232,7 +240,7 @@ def _recorded(world: Scene, file: Path | None, truth: Path | None) -> Measuremen
         if truth is not None:
             raise InputError("--truth", str(truth), "only together with --measurements")
         return None
-    heard = Measurements.load(file, world.anchor_names)
+    heard = Measurements.load(file, world.anchor_names, world.clocks is not None)
     if truth is None:
         return with_truth(heard, None, f"{file}: /truth")
     return with_truth(heard, Trajectory.from_tum(truth), str(truth))

@@ -118,8 +118,10 @@ def put(group: h5py.Group, name: str, values: np.ndarray, unit: str) -> None:
 
 
 @contextmanager
-def reading_h5(path: str | os.PathLike[str], kind: str, version: int = 1) -> Iterator[h5py.File]:
-    """Open an HDF5 file to read, checking that it is what it should be.
+def reading_h5(
+    path: str | os.PathLike[str], kind: str, version: int | tuple[int, ...] = 1
+) -> Iterator[h5py.File]:
+    """Open an HDF5 file to read, checking that it is what it should be, of one of the versions.
 
     Raises
     ------
@@ -135,8 +137,10 @@ def reading_h5(path: str | os.PathLike[str], kind: str, version: int = 1) -> Ite
             found = _text(file.attrs.get("format", "no format attribute"))
             if found != kind:
                 raise InputError(f"{path}: format", found, kind)
-            if file.attrs.get("version") != version:
-                raise InputError(f"{path}: version", _text(file.attrs.get("version")), str(version))
+            versions = version if isinstance(version, tuple) else (version,)
+            if file.attrs.get("version") not in versions:
+                allowed = " or ".join(map(str, versions))
+                raise InputError(f"{path}: version", _text(file.attrs.get("version")), allowed)
             yield file
     except InputError:
         raise

@@ -20,11 +20,12 @@ from gridslam.world.columns import DEVIATIONS, KEYS, MOST_STEPS, VALUES, Columns
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.validation import nearest
 
-KIND = "gridslam-measurements"
+KIND, VERSIONS = "gridslam-measurements", (1, 2)
 UNITS = {
     "step": "1",
     "time_s": "s",
     "anchor": "index",
+    "agent": "index",
     "amplitude": "1",
     "distance_m": "m",
     "distance_std_m": "m",
@@ -47,13 +48,16 @@ def located(path: str | os.PathLike[str]) -> Iterator[None]:
         raise InputError(f"{path}: {error.where}", error.found, error.allowed) from error
 
 
-def write_csv(path: str | os.PathLike[str], columns: Columns, anchors: Sequence[str]) -> None:
-    """Write a table as CSV: anchors by name, numbers at full precision, empty cells for NaN."""
+def write_csv(
+    path: str | os.PathLike[str], columns: Columns, anchors: Sequence[str], agents: Sequence[str] = ()
+) -> None:
+    """Write a table as CSV: anchors and agents by name, numbers at full precision, empty cells for NaN."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
+    named = {"anchor": (*anchors, ""), "agent": tuple(agents)}  # anchor -1: not known
     cells = [
-        [anchors[i] for i in values] if name == "anchor" else [_cell(v) for v in values.tolist()]
+        [named[name][i] for i in values] if name in named else [_cell(v) for v in values.tolist()]
         for name, values in columns.items()
     ]
     writer.writerows(zip(*cells, strict=True))
@@ -71,8 +75,13 @@ def fill_missing(columns: Columns) -> Columns:
 
 
 def read_csv(
-    path: str | os.PathLike[str], anchors: Sequence[str] | None = None, checked: bool = True
-) -> tuple[Columns, tuple[str, ...]]:
+    path: str | os.PathLike[str],
+    anchors: Sequence[str] | None = None,
+    checked: bool = True,
+    pseudo: bool = False,
+    agents: Sequence[str] | None = None,
+    several: bool = False,
+) -> tuple[Columns, tuple[str, ...], tuple[str, ...]]:
     """Read and check a CSV table.
 
     Cells may be set apart by semicolons, with decimal commas, as spreadsheets of some countries write them;
@@ -85,25 +94,33 @@ def read_csv(
         Names of the anchors; None takes those of the file in the order in which they first appear.
     checked : bool
         Whether the content of the rows is checked too, not only that they are numbers.
+    pseudo : bool
+        Whether distances may be negative.
+    agents : sequence of str or None
+        Names that a column ``agent`` may hold, as those of the anchors.
+    several : bool
+        Whether it is a table of several agents, whose rows may leave open whose they are. A table of one
+        agent may have that column, too, if it names one agent.
 
     Returns
     -------
     columns : dict of (K,) arrays
-        `KEYS`, and those of `VALUES` and `DEVIATIONS` that the file has.
-    anchors : tuple of str
+        `KEYS`, ``agent`` if it has that column, and those of `VALUES` and `DEVIATIONS` that the file has; of
+        several agents, ``anchor`` may be -1.
+    anchors, agents : tuple of str
 
     Raises
     ------
     InputError
         The first fault, with its line.
     """
-    number = {name: index for index, name in enumerate(anchors or ())}
+    names = {"anchor": _Names(anchors, several), "agent": _Names(agents, False)}
     lines, table = array("q"), array("d")  # a list of lists takes ten times the memory
     with _rows(Path(path)) as reader:
         written = [name.strip() for name in next(reader, [])]
         comma = reader.dialect.delimiter == ";"
         header = [IN_DEGREES.get(name, name) for name in written]
-        _check_header(header, str(path))
+        _check_header(header, str(path), several)
         for cells in reader:
             where = f"{path}: line {reader.line_num}"
             if len(cells) not in (0, len(header)):
@@ -111,22 +128,52 @@ def read_csv(
             if cells:
                 lines.append(reader.line_num)
                 table.extend(
-                    _number(
-                        _point(cell, name) if comma else cell.strip(), name, number, anchors is None, where
-                    )
+                    _number(_point(cell, name) if comma else cell.strip(), name, names.get(name), where)
                     for cell, name in zip(cells, header, strict=True)
                 )
     if not table:
         raise InputError(str(path), "no rows", "at least one measurement")
     columns = dict(zip(header, np.array(table).reshape(-1, len(header)).T, strict=True))
-    columns |= {name: columns[name].astype(np.intp) for name in ("step", "anchor")}
+    if several:
+        columns.setdefault("anchor", np.full(len(lines), -1.0))
+        if "agent" not in columns:  # it may be left out where there is one
+            if len(names["agent"].place) != 1:
+                raise InputError(
+                    f"{path}: line 1", "no column 'agent'", "one, where there are several agents"
+                )
+            columns["agent"] = np.zeros(len(lines))
+    columns |= {
+        name: columns[name].astype(np.intp) for name in ("step", "anchor", "agent") if name in columns
+    }
     columns |= {
         IN_DEGREES[name]: np.radians(columns[IN_DEGREES[name]]) for name in written if name in IN_DEGREES
     }
-    names = tuple(number)
+    known, whose = tuple(names["anchor"].place), tuple(names["agent"].place)
+    if not several and "agent" in columns:
+        if len(np.unique(columns.pop("agent"))) > 1:
+            found = f"{len(whose)} agents ({', '.join(whose)})"
+            raise InputError(f"{path}: agent", found, "one, or a method for several (network)")
     if checked:
-        check_columns(columns, len(names), lambda row, name: f"{path}: line {lines[row]}: {name}")
-    return columns, names
+        place = "{}: line {}: {}".format
+        check_columns(columns, len(known), lambda row, name: place(path, lines[row], name), several, pseudo)
+    return columns, known, whose
+
+
+class _Names:
+    """Names of a column as numbers; new ones are added where none were given."""
+
+    def __init__(self, given: Sequence[str] | None, optional: bool) -> None:
+        self.place = {name: index for index, name in enumerate(given or ())}
+        self.growing, self.optional = given is None, optional
+
+    def number(self, cell: str, where: str, what: str) -> int:
+        if self.optional and not cell:
+            return -1
+        if self.growing and cell:
+            self.place.setdefault(cell, len(self.place))
+        if cell not in self.place:
+            raise InputError(where, repr(cell), ", ".join(self.place) or f"the name of an {what}")
+        return self.place[cell]
 
 
 @contextmanager
@@ -154,11 +201,11 @@ def _rows(path: Path) -> Iterator[Any]:
 
 def _point(cell: str, name: str) -> str:
     """A cell of a table with decimal commas, with a point instead."""
-    return cell.strip() if name == "anchor" else cell.strip().replace(",", ".")
+    return cell.strip() if name in ("anchor", "agent") else cell.strip().replace(",", ".")
 
 
-def _check_header(header: list[str], where: str) -> None:
-    known = (*KEYS, *VALUES, *DEVIATIONS)
+def _check_header(header: list[str], where: str, several: bool) -> None:
+    known = (*KEYS, "agent", *VALUES, *DEVIATIONS)
     if not header:
         raise InputError(where, "an empty file", f"a header line {','.join((*KEYS, *VALUES))}")
     for name in header:
@@ -166,21 +213,18 @@ def _check_header(header: list[str], where: str) -> None:
             raise InputError(f"{where}: line 1", f"an unknown column {name!r}", nearest(name, known))
         if header.count(name) > 1:
             raise InputError(f"{where}: line 1", f"column {name!r} twice", "each column once")
-    for name in KEYS:
+    needed = KEYS[:2] if several else KEYS
+    for name in needed:
         if name not in header:
-            raise InputError(f"{where}: line 1", f"no column {name!r}", f"all of {','.join(KEYS)}")
+            raise InputError(f"{where}: line 1", f"no column {name!r}", f"all of {','.join(needed)}")
     if not set(header) & set(VALUES):
         raise InputError(f"{where}: line 1", "no measured column", f"at least one of {','.join(VALUES)}")
 
 
-def _number(cell: str, name: str, anchors: dict[str, int], growing: bool, where: str) -> float:
-    """One cell as a number; anchors by their place in the list, to which new ones are added if it grows."""
-    if name == "anchor":
-        if growing and cell:
-            anchors.setdefault(cell, len(anchors))
-        if cell not in anchors:
-            raise InputError(f"{where}: anchor", repr(cell), ", ".join(anchors) or "the name of an anchor")
-        return anchors[cell]
+def _number(cell: str, name: str, names: _Names | None, where: str) -> float:
+    """One cell as a number; names by their place in the list."""
+    if names is not None:
+        return names.number(cell, f"{where}: {name}", name)
     if name == "step":
         if not (cell.isascii() and cell.isdecimal() and len(cell) <= 12):
             raise InputError(f"{where}: step", repr(cell), f"a whole number from 0 to {MOST_STEPS - 1}")
@@ -200,27 +244,38 @@ def _number(cell: str, name: str, anchors: dict[str, int], growing: bool, where:
 
 
 def write_h5(path: str | os.PathLike[str], columns: Columns, table: Mapping[str, Any]) -> None:
-    """Write a table with its anchors, number of steps, interval and truth as HDF5."""
-    with writing_h5(path, KIND) as file:
-        rows = file.create_group("measurements")
-        rows.attrs["steps"], rows.attrs["interval_s"] = table["steps"], table["interval_s"]
-        for name, values in columns.items():
-            put(rows, name, values, UNITS[name])
-        anchors = file.create_group("anchors")
-        put(anchors, "name", np.array(table["anchors"], dtype=h5py.string_dtype()), "text")
-        if table["anchor_position_m"] is not None:
-            put(anchors, "position_m", table["anchor_position_m"], "m")
-        if table["anchor_orientation_rad"] is not None:
-            put(anchors, "orientation_rad", table["anchor_orientation_rad"], "rad")
+    """Write a table with its anchors, number of steps, interval and truth as HDF5.
+
+    It is version 1, which earlier versions read, unless labels or the sign of distances ask for version 2.
+    """
+    version = 2 if table["unlabelled"] or table["pseudo"] else 1
+    with writing_h5(path, KIND, version) as file:
+        put_rows(file, columns, table)
         if table["truth"] is not None:
-            truth = file.create_group("truth")
-            for name, unit in (
-                ("time_s", "s"),
-                ("position_m", "m"),
-                ("velocity_mps", "m/s"),
-                ("heading_rad", "rad"),
-            ):
-                put(truth, name, getattr(table["truth"], name), unit)
+            put_track(file.create_group("truth"), table["truth"])
+
+
+def put_rows(file: h5py.File, columns: Columns, table: Mapping[str, Any]) -> None:
+    """Write rows and anchors of a table into an open file."""
+    rows = file.create_group("measurements")
+    rows.attrs["steps"], rows.attrs["interval_s"] = table["steps"], table["interval_s"]
+    for name in ("unlabelled", "pseudo"):
+        if table[name]:
+            rows.attrs[name] = True
+    for name, values in columns.items():
+        put(rows, name, values, UNITS[name])
+    anchors = file.create_group("anchors")
+    put(anchors, "name", np.array(table["anchors"], dtype=h5py.string_dtype()), "text")
+    if table["anchor_position_m"] is not None:
+        put(anchors, "position_m", table["anchor_position_m"], "m")
+    if table["anchor_orientation_rad"] is not None:
+        put(anchors, "orientation_rad", table["anchor_orientation_rad"], "rad")
+
+
+def put_track(group: h5py.Group, track: Trajectory) -> None:
+    """Write a true track into a group."""
+    for name, unit in (("time_s", "s"), ("position_m", "m"), ("velocity_mps", "m/s"), ("heading_rad", "rad")):
+        put(group, name, getattr(track, name), unit)
 
 
 def read_h5(path: str | os.PathLike[str], checked: bool = True) -> dict[str, Any]:
@@ -237,34 +292,63 @@ def read_h5(path: str | os.PathLike[str], checked: bool = True) -> dict[str, Any
     InputError
         Not such a file, cut short, columns that don't match or any fault of a row.
     """
-    with reading_h5(path, KIND) as file:
-        group, rows = subgroup(file, "anchors"), subgroup(file, "measurements")
-        names = tuple(name.decode("utf-8") for name in get(group, "name", (None,), "O"))
-        if not names:
-            raise InputError(f"{path}: /anchors/name", "no anchors", "at least one")
-        count = len(get(rows, "step", (None,), "iu"))
-        columns = {name: get(rows, name, (count,), "iu") for name in ("step", "anchor")}
-        present = [name for name in (*VALUES, *DEVIATIONS) if name in rows]
-        if not set(present) & set(VALUES):
-            raise InputError(f"{path}: /measurements", "no measured column", f"at least one of {VALUES}")
-        for name in ("time_s", *present):
-            columns[name] = get(rows, name, (count,)).astype(np.float64)
-        if checked:
-            check_columns(columns, len(names), lambda row, name: f"{path}: /measurements/{name}[{row}]")
-        return {
-            "anchors": names,
-            "anchor_position_m": get(group, "position_m", (len(names), 2)) if "position_m" in group else None,
-            "anchor_orientation_rad": get(group, "orientation_rad", (len(names),))
-            if "orientation_rad" in group
-            else None,
-            "steps": int(rows.attrs.get("steps", 0)),
-            "interval_s": float(rows.attrs.get("interval_s", 0)),
-            "truth": _truth(subgroup(file, "truth")) if "truth" in file else None,
-            **columns,
-        }
+    with reading_h5(path, KIND, VERSIONS) as file:
+        if "agents" in file and len(get(subgroup(file, "agents"), "name", (None,), "O")) != 1:
+            found = f"{len(file['agents/name'])} agents"
+            raise InputError(f"{path}: /agents", found, "one, or a method for several (network)")
+        rows, table = get_rows(file, str(path), checked)
+        rows.pop("agent", None)
+        if "truth" in file:
+            truth = subgroup(file, "truth")
+            tracks = [name for name in truth if name != "clocks" and isinstance(truth[name], h5py.Group)]
+            table["truth"] = get_track(subgroup(truth, tracks[0]) if tracks else truth)
+        return table | rows
 
 
-def _truth(group: h5py.Group) -> Trajectory:
+def get_rows(file: h5py.File, path: str, checked: bool = True) -> tuple[Columns, dict[str, Any]]:
+    """Rows and anchors of an open file: its columns, and other arguments of `Measurements`.
+
+    Raises
+    ------
+    InputError
+        Columns that don't match, or any fault of a row.
+    """
+    group, rows = subgroup(file, "anchors"), subgroup(file, "measurements")
+    names = tuple(name.decode("utf-8") for name in get(group, "name", (None,), "O"))
+    if not names:
+        raise InputError(f"{path}: /anchors/name", "no anchors", "at least one")
+    count = len(get(rows, "step", (None,), "iu"))
+    keys = ("step", "anchor", *(["agent"] if "agent" in rows else []))
+    columns = {name: get(rows, name, (count,), "iu") for name in keys}
+    present = [name for name in (*VALUES, *DEVIATIONS) if name in rows]
+    if not set(present) & set(VALUES):
+        raise InputError(f"{path}: /measurements", "no measured column", f"at least one of {VALUES}")
+    for name in ("time_s", *present):
+        columns[name] = get(rows, name, (count,)).astype(np.float64)
+    flags = {name: bool(rows.attrs.get(name, False)) for name in ("unlabelled", "pseudo")}
+    if checked:
+        place = "{}: /measurements/{}[{}]".format
+        check_columns(columns, len(names), lambda row, name: place(path, name, row), **flags)
+    positions = get(group, "position_m", (len(names), 2)) if "position_m" in group else None
+    facings = get(group, "orientation_rad", (len(names),)) if "orientation_rad" in group else None
+    return columns, flags | {
+        "anchors": names,
+        "anchor_position_m": positions,
+        "anchor_orientation_rad": facings,
+        "steps": int(rows.attrs.get("steps", 0)),
+        "interval_s": float(rows.attrs.get("interval_s", 0)),
+        "truth": None,
+    }
+
+
+def get_track(group: h5py.Group) -> Trajectory:
+    """A true track out of a group.
+
+    Raises
+    ------
+    InputError
+        Arrays that don't belong together.
+    """
     time = get(group, "time_s", (None,))
     shapes: dict[str, tuple[int, ...]] = {
         "position_m": (len(time), 2),

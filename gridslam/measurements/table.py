@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,9 +17,6 @@ from gridslam.world.geometry import wrap
 from gridslam.world.names import label_fault
 from gridslam.world.scan import Scan
 from gridslam.world.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["Measurements", "Scan"]
 Array = NDArray[np.float64]
@@ -49,6 +46,10 @@ class Measurements:
         Number of steps; 0 stands for all up to the last one heard.
     truth : Trajectory or None
         For scoring alone: no filter reads it.
+    unlabelled : bool
+        Whether rows may leave open whose they are (anchor -1).
+    pseudo : bool
+        Whether distances hold offsets of clocks, and may be negative.
 
     Raises
     ------
@@ -72,6 +73,8 @@ class Measurements:
     interval_s: float = 0.0
     steps: int = 0
     truth: Trajectory | None = None
+    unlabelled: bool = False
+    pseudo: bool = False
 
     def __post_init__(self) -> None:
         names = tuple(self.anchors)
@@ -94,7 +97,8 @@ class Measurements:
         for name in ("anchor_position_m", "anchor_orientation_rad"):
             if name in arrays and not np.isfinite(arrays[name]).all():
                 raise InputError(f"measurements: {name}", "NaN or infinity", "finite numbers")
-        check_columns(arrays, len(names), lambda row, name: f"measurements: {name}[{row}]")
+        place = "measurements: {}[{}]".format
+        check_columns(arrays, len(names), lambda row, name: place(name, row), self.unlabelled, self.pseudo)
         for name in ("aod_rad", "aoa_rad"):
             arrays[name] = wrap(arrays[name])
         for name, values in arrays.items():
@@ -132,9 +136,7 @@ class Measurements:
         if not 0 <= step < self.steps:
             raise IndexError(f"step {step} of {self.steps}")
         rows = slice(*np.searchsorted(self.step, [step, step + 1]))
-        cut = {
-            name: values[rows] for name, values in self._columns().items() if name not in ("step", "time_s")
-        }
+        cut = {name: values[rows] for name, values in self.columns.items() if name not in ("step", "time_s")}
         return Scan(step=step, time_s=self._time(step, rows), **cut)
 
     def _time(self, step: int, rows: slice) -> float:
@@ -149,7 +151,8 @@ class Measurements:
         nearest = before if step > self.step[before] else after
         return float(self.time_s[nearest] + (step - self.step[nearest]) * self.interval_s)
 
-    def _columns(self) -> Columns:
+    @property
+    def columns(self) -> Columns:
         """Columns of the table that are there, in the order of the files."""
         names = (*KEYS, *VALUES, *(name for name in DEVIATIONS if getattr(self, name) is not None))
         return {name: getattr(self, name) for name in names}
@@ -162,11 +165,13 @@ class Measurements:
         InputError
             The file can't be written.
         """
-        csv_hdf5.write_csv(path, self._columns(), self.anchors)
+        csv_hdf5.write_csv(path, self.columns, self.anchors)
 
     @classmethod
-    def from_csv(cls, path: str | os.PathLike[str], anchors: Sequence[str] | None = None) -> Measurements:
-        """Read a CSV file; a quantity whose column it lacks was not measured.
+    def from_csv(
+        cls, path: str | os.PathLike[str], anchors: Sequence[str] | None = None, pseudo: bool = False
+    ) -> Measurements:
+        """Read a CSV file of one agent; a quantity whose column it lacks was not measured.
 
         Parameters
         ----------
@@ -174,6 +179,8 @@ class Measurements:
         anchors : sequence of str, optional
             Names of the anchors, in the scene's order (``scene.anchor_names``); without it, those of the
             file in the order in which they first appear.
+        pseudo : bool
+            Whether distances hold offsets of clocks, and may be negative.
 
         Raises
         ------
@@ -181,9 +188,9 @@ class Measurements:
             The first fault, with its line.
         """
         with csv_hdf5.located(path):
-            columns, names = csv_hdf5.read_csv(path, anchors)
+            columns, names, _ = csv_hdf5.read_csv(path, anchors, pseudo=pseudo)
             table: dict[str, Any] = csv_hdf5.fill_missing(columns)
-            return cls(anchors=names, **table)
+            return cls(anchors=names, **table, pseudo=pseudo)
 
     def to_h5(self, path: str | os.PathLike[str]) -> None:
         """Write everything, the truth included, as HDF5 (``h5read`` of MATLAB reads it).
@@ -193,7 +200,7 @@ class Measurements:
         InputError
             The file can't be written.
         """
-        csv_hdf5.write_h5(path, self._columns(), {f.name: getattr(self, f.name) for f in fields(self)})
+        csv_hdf5.write_h5(path, self.columns, {f.name: getattr(self, f.name) for f in fields(self)})
 
     @classmethod
     def from_h5(cls, path: str | os.PathLike[str]) -> Measurements:
@@ -223,17 +230,22 @@ class Measurements:
             return cls(anchors=names, **table)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str], anchors: Sequence[str] | None = None) -> Measurements:
+    def load(
+        cls, path: str | os.PathLike[str], anchors: Sequence[str] | None = None, pseudo: bool = False
+    ) -> Measurements:
         """Read a file of any known kind: ``.csv``, ``.mat``, and HDF5 under any other name.
+
+        `pseudo` is for CSV files, which don't tell whether offsets of clocks are in their distances.
 
         Raises
         ------
         InputError
             As the reader of its kind.
         """
-        readers = {".csv": cls.from_csv, ".mat": cls.from_mat}
-        reader = readers.get(os.path.splitext(os.fspath(path))[1].lower())
-        return cls.from_h5(path) if reader is None else reader(path, anchors)
+        kind = os.path.splitext(os.fspath(path))[1].lower()
+        if kind == ".csv":
+            return cls.from_csv(path, anchors, pseudo)
+        return cls.from_mat(path, anchors) if kind == ".mat" else cls.from_h5(path)
 
     @classmethod
     def from_arrays(

@@ -12,68 +12,23 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from gridslam.errors import InputError
 from gridslam.measurements.table import Measurements
+from gridslam.simulation.reception import apparent_bias, received
+from gridslam.simulation.true_paths import TruePaths
 from gridslam.world.columns import DEVIATIONS, VALUES
 from gridslam.world.geometry import Segments, crossing, mirror, trace, wrap
 from gridslam.world.scene import Scene
-from gridslam.world.start import require_seed
 from gridslam.world.trajectory import Trajectory
 
+__all__ = [
+    "TruePaths", "Truth", "ground_truth", "heard_along", "receive", "simulate", "simulate_labelled",
+    "true_paths", "visible",
+]  # fmt: skip
 Array = NDArray[np.float64]
 GRAZE = 1e-9
 """Share of a leg at either end in which a wall does not block it: the wall that it starts or ends on."""
-
-
-@dataclass(frozen=True)
-class TruePaths:
-    """All visible paths of a track, one row per path.
-
-    Attributes
-    ----------
-    step, anchor : (L,) int
-    distance_m, aod_rad, aoa_rad, amplitude : (L,) float64
-        As a perfect receiver would measure them; angles relative to anchor orientation and heading.
-    bounces : (L,) int, 0 to 2
-    segment : (L, 2) int
-        Wall pieces hit first and last; -1 where there is none.
-    points : (L, 4, 2) m
-        Anchor, first and second interaction point (NaN where there is none), agent.
-    """
-
-    step: NDArray[np.intp]
-    anchor: NDArray[np.intp]
-    distance_m: Array
-    aod_rad: Array
-    aoa_rad: Array
-    amplitude: Array
-    bounces: NDArray[np.intp]
-    segment: NDArray[np.intp]
-    points: Array
-
-    def __len__(self) -> int:
-        return len(self.step)
-
-    def at(self, step: int) -> TruePaths:
-        """The paths of one step."""
-        return self.take(self.step == step)
-
-    def take(self, rows: NDArray[np.bool_]) -> TruePaths:
-        """The paths chosen by a mask (L,)."""
-        return TruePaths(*(getattr(self, f.name)[rows] for f in fields(self)))
-
-    @property
-    def legs(self) -> tuple[Array, Array, NDArray[np.intp]]:
-        """Straight legs of all paths: starts (K, 2), ends (K, 2) in m and the path of each (K,)."""
-        filled = self.points.copy()
-        for corner in (2, 1):  # an absent interaction point collapses onto the next one
-            absent = np.isnan(filled[:, corner, 0])
-            filled[absent, corner] = filled[absent, corner + 1]
-        start, end = filled[:, :-1].reshape(-1, 2), filled[:, 1:].reshape(-1, 2)
-        real = ((start != end).any(-1)) & ~np.isnan(start[:, 0])
-        return start[real], end[real], np.repeat(np.arange(len(self)), 3)[real]
 
 
 @dataclass(frozen=True)
@@ -232,7 +187,8 @@ def heard_along(
     scene: Scene, agent: str, track: Trajectory, paths: TruePaths, seed: int = 0
 ) -> tuple[Measurements, NDArray[np.intp]]:
     """As `simulate_labelled`, of any track and of paths that were traced (or made up) before."""
-    columns, label = _received(paths, scene, agent, seed, len(track))
+    offset = apparent_bias(scene, agent, track.time_s) if scene.clocks is not None else None
+    columns, label = received(paths, scene, agent, seed, len(track), offset)
     measurements = Measurements(
         anchors=scene.anchor_names,
         anchor_position_m=scene.anchor_positions,
@@ -241,6 +197,7 @@ def heard_along(
         steps=len(track),
         time_s=track.time_s[columns["step"]],
         truth=track,
+        pseudo=scene.clocks is not None,
         **columns,
     )
     return measurements, label
@@ -261,55 +218,7 @@ def receive(clean: Measurements, scene: Scene, agent: str, seed: int = 0) -> Mea
     for name in VALUES:
         if np.isnan(getattr(clean, name)).any():
             raise InputError(f"measurements: {name}", "paths without it", "a value for every path")
-    columns, _ = _received(clean, scene, agent, seed, len(clean))
+    columns, _ = received(clean, scene, agent, seed, len(clean))
     times = np.array([clean.scan(step).time_s for step in range(len(clean))])
     changes: dict[str, Any] = {"time_s": times[columns["step"]], **dict.fromkeys(DEVIATIONS), **columns}
     return replace(clean, **changes)
-
-
-def _received(
-    paths: TruePaths | Measurements, scene: Scene, agent: str, seed: int, steps: int
-) -> tuple[dict[str, Any], NDArray[np.intp]]:
-    """Columns of the detected paths with noise and of clutter, and the row of `paths` of each, or -1."""
-    signal = scene.signal_model(agent)
-    names = [a.name for a in scene.agents]
-    require_seed(seed)
-    draw = np.random.default_rng([seed, names.index(agent), 0x51])
-    scale = signal.amplitude_std(paths.amplitude)
-    noise = draw.standard_normal((len(paths.step), 5))
-    amplitude = np.hypot(paths.amplitude + scale * noise[:, 0], scale * noise[:, 1])
-    # a path is missed with probability 1 - p_d(u)
-    given = signal.given_detection
-    heard = np.flatnonzero(amplitude > signal.threshold if given is None else ndtr(noise[:, 0]) < given)
-    clean = paths.amplitude[heard]
-    aod_std = signal.angle_std(clean, paths.aod_rad[heard], signal.anchor_aperture[paths.anchor[heard]])
-    aoa_std = signal.angle_std(clean, paths.aoa_rad[heard], signal.agent_aperture)
-    table = {
-        "step": paths.step[heard],
-        "anchor": paths.anchor[heard],
-        "distance_m": np.abs(paths.distance_m[heard] + signal.distance_std(clean) * noise[heard, 2]),
-        "aod_rad": wrap(paths.aod_rad[heard] + np.nan_to_num(aod_std, posinf=0) * noise[heard, 3]),
-        "aoa_rad": wrap(paths.aoa_rad[heard] + np.nan_to_num(aoa_std, posinf=0) * noise[heard, 4]),
-        "amplitude": amplitude[heard],
-    }
-    counts = draw.poisson(signal.false_alarms, (steps, len(scene.anchors)))
-    total = int(counts.sum())
-    cell = np.repeat(np.arange(counts.size), counts.ravel())
-    false = {
-        "step": cell // len(scene.anchors),
-        "anchor": cell % len(scene.anchors),
-        "distance_m": draw.uniform(0, signal.max_distance_m, total),
-        "aod_rad": draw.uniform(-np.pi, np.pi, total),
-        "aoa_rad": draw.uniform(-np.pi, np.pi, total),
-        # Rayleigh with scale^2 = 1/2 above the threshold, by inversion
-        "amplitude": np.sqrt(signal.threshold**2 + draw.exponential(1.0, total)),
-    }
-    label = np.concatenate([heard, np.full(total, -1)])
-    columns = {name: np.concatenate([table[name], false[name]]) for name in table}
-    for angle, std in (("aod_rad", aod_std), ("aoa_rad", aoa_std)):  # a lone antenna measures no angle
-        columns[angle][: len(heard)][~np.isfinite(std)] = np.nan
-    for quantity, name in (("aod", "aod_rad"), ("aoa", "aoa_rad"), ("amplitude", "amplitude")):
-        if quantity not in signal.measures:
-            columns[name] = np.full(len(label), np.nan)
-    order = np.lexsort((columns["distance_m"], columns["anchor"], columns["step"]))
-    return {name: column[order] for name, column in columns.items()}, label[order]

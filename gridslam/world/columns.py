@@ -18,7 +18,13 @@ MOST_STEPS = 10_000_000
 Columns = dict[str, NDArray[Any]]
 
 
-def check_columns(columns: Columns, anchors: int, place: Callable[[int, str], str]) -> None:
+def check_columns(
+    columns: Columns,
+    anchors: int,
+    place: Callable[[int, str], str],
+    unlabelled: bool = False,
+    pseudo: bool = False,
+) -> None:
     """Check what the rows of a measurement table must satisfy.
 
     Parameters
@@ -29,6 +35,10 @@ def check_columns(columns: Columns, anchors: int, place: Callable[[int, str], st
         Number of anchors.
     place : callable
         Says where a row and column stand, for the error.
+    unlabelled : bool
+        Whether a row may leave open whose it is (anchor -1).
+    pseudo : bool
+        Whether offsets of clocks are in the distances, which may then be negative.
 
     Raises
     ------
@@ -49,12 +59,14 @@ def check_columns(columns: Columns, anchors: int, place: Callable[[int, str], st
     refuse(~(later | same) & (np.arange(len(step)) > 0), "step", "steps in rising order")
     refuse(later & (rise <= 0), "time_s", "times that rise strictly from step to step")
     refuse(same & (rise != 0), "time_s", "one time for all rows of a step")
-    refuse((columns["anchor"] < 0) | (columns["anchor"] >= anchors), "anchor", f"0 to {anchors - 1}")
+    lowest = -1 if unlabelled else 0
+    outside = (columns["anchor"] < lowest) | (columns["anchor"] >= anchors)
+    refuse(outside, "anchor", f"{'-1 (not known), ' if unlabelled else ''}0 to {anchors - 1}")
     for name in (name for name in (*VALUES, *DEVIATIONS) if name in columns):
         refuse(np.isinf(columns[name]), name, "a finite number")
         if name in ("aod_rad", "aoa_rad"):
             refuse(np.abs(columns[name]) > 2 * np.pi, name, "radians in (-pi, pi]")
-        else:
+        elif not (pseudo and name == "distance_m"):
             refuse(columns[name] <= 0, name, "a number above 0")
     empty = np.all([np.isnan(columns[name]) for name in VALUES if name in columns], axis=0)
     refuse(empty, "distance_m", f"at least one of {', '.join(VALUES)} in each row")

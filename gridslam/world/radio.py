@@ -45,6 +45,8 @@ class SignalModel:
         Which of distance, aod, aoa and amplitude the radio measures.
     given_detection, given_distance_std : float or None
         Detection probability and sigma_d (m) of every path, instead of those that follow from its amplitude.
+    window_m : (float, float) or None
+        What measured distances may be; None for 0 to the longest.
     """
 
     amplitude_at_1m: float
@@ -58,6 +60,12 @@ class SignalModel:
     measures: tuple[str, ...] = ("distance", "aod", "aoa", "amplitude")
     given_detection: float | None = None
     given_distance_std: float | None = None
+    window_m: tuple[float, float] | None = None
+
+    @property
+    def span_m(self) -> float:
+        """Width of the window that clutter's distances are uniform over, m."""
+        return self.max_distance_m if self.window_m is None else self.window_m[1] - self.window_m[0]
 
     @property
     def distance_scale(self) -> float:
@@ -75,7 +83,7 @@ class SignalModel:
             given = 0.0 if self.given_distance_std is None else self.given_distance_std
             row = np.array([
                 self.distance_scale, given, *self.anchor_aperture[anchor], *self.agent_aperture,
-                self.max_distance_m, self.amplitude_at_1m, self.samples, self.threshold, self.false_alarms,
+                self.span_m, self.amplitude_at_1m, self.samples, self.threshold, self.false_alarms,
             ])  # fmt: skip
             row.setflags(write=False)
             self._radios[anchor] = row
@@ -133,7 +141,7 @@ class SignalModel:
         known = np.nan_to_num(amplitude, nan=1.0)
         tail = np.log(2 * known) - (known**2 - self.threshold**2)
         tail = np.where(np.isnan(amplitude), 0.0, np.maximum(tail, CLUTTER_LOG_FLOOR))
-        return tail - np.log(self.max_distance_m) - 2 * np.log(2 * np.pi)
+        return tail - np.log(self.span_m) - 2 * np.log(2 * np.pi)
 
 
 def aperture(rows: int, columns: int, spacing_wavelengths: float) -> Array:

@@ -22,7 +22,7 @@ class Scan:
     step : int
     time_s : float
     anchor : (M,) int
-        Index of the anchor.
+        Index of the anchor; -1 where it isn't known.
     distance_m : (M,) float64
     aod_rad, aoa_rad : (M,) float64
         Departure relative to the anchor's orientation, arrival relative to the heading.
@@ -46,7 +46,9 @@ class Scan:
     def __len__(self) -> int:
         return len(self.anchor)
 
-    def checked(self, anchors: int, after: float | None = None) -> Scan:
+    def checked(
+        self, anchors: int, after: float | None = None, unlabelled: bool = False, pseudo: bool = False
+    ) -> Scan:
         """The scan as arrays, if a filter can make sense of it.
 
         Parameters
@@ -55,6 +57,8 @@ class Scan:
             How many there are.
         after : float, optional
             Time of the scan before, s.
+        unlabelled, pseudo : bool
+            Whether anchors may be unknown (-1), and distances negative; see `check_columns`.
 
         Raises
         ------
@@ -85,7 +89,7 @@ class Scan:
         if len(anchor) and _doubtful(columns, anchor, anchors):
             still = {"step": np.zeros(len(anchor), np.intp), "time_s": np.full(len(anchor), time)}
             whole = still | {"anchor": anchor} | columns
-            check_columns(whole, anchors, lambda row, name: f"scan: {name}[{row}]")
+            check_columns(whole, anchors, lambda row, name: f"scan: {name}[{row}]", unlabelled, pseudo)
         return Scan(self.step, time, anchor, **columns)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from gridslam.errors import InputError
+from gridslam.world.clocks import Clocks
 from gridslam.world.filter_model import FilterModel, fixed
 from gridslam.world.geometry import Segments, crossing, distance_to_segments, line_through, wrap
 from gridslam.world.names import Label, label_fault, same_folder
@@ -51,6 +52,7 @@ class Scene(Strict):
     anchors: tuple[Anchor, ...] = Field(min_length=1)
     walls: tuple[Wall, ...] = ()
     agents: tuple[Agent, ...] = ()
+    clocks: Clocks | None = None
     filter: FilterSettings = FilterSettings()
 
     @classmethod
@@ -169,6 +171,7 @@ class Scene(Strict):
             measures=radio.measures,
             given_detection=radio.detection_probability,
             given_distance_std=radio.distance_std_m,
+            window_m=radio.window_m,
         )
 
     def filter_model(self, agent: str | None = None) -> FilterModel:
@@ -229,6 +232,7 @@ class Scene(Strict):
             for index, name in enumerate(names):
                 if name in names[:index]:
                     raise fault(f"{key}[{index}].name", repr(name), "a name that isn't taken")
+        self._check_clocks()
         folders = [same_folder(agent.name) for agent in self.agents]
         for index, folder in enumerate(folders):
             if folder in folders[:index]:
@@ -246,6 +250,18 @@ class Scene(Strict):
             if agent.waypoints_m is not None:
                 self._check_track(agent, walls, f"agents[{index}]")
         return self
+
+    def _check_clocks(self) -> None:
+        kinds: dict[str, tuple[Anchor | Agent, ...]] = {"anchors": self.anchors, "agents": self.agents}
+        for key, devices in kinds.items():
+            for index, device in enumerate(devices):
+                if device.clock is not None and self.clocks is None:
+                    raise fault(f"{key}[{index}].clock", "a clock", "none, or a table [clocks] too")
+        if self.clocks is not None and self.clocks.reference is not None:
+            names = [*self.anchor_names, *(agent.name for agent in self.agents)]
+            if names.count(self.clocks.reference) != 1:
+                found, allowed = repr(self.clocks.reference), nearest(self.clocks.reference, names)
+                raise fault("clocks.reference", found, allowed)
 
     def _check_track(self, agent: Agent, walls: Segments, where: str) -> None:
         try:

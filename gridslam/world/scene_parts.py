@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from gridslam.world.clocks import Clock
 from gridslam.world.grid_memory import CELL_BYTES, MOST_BYTES, WAY_OUT, in_gb
 from gridslam.world.names import FolderName, Label
 from gridslam.world.radio import aperture
@@ -48,6 +49,9 @@ class Radio(Strict):
     """The radio link; defaults as in [Li2025adaptive] and [Li2026grid].
 
     `detection_probability` and `distance_std_m`, where given, replace what would follow from the amplitude.
+    `window_m` is what measured distances may be, where clocks are off; `reports_std` has simulated
+    measurements come with deviations, by their own amplitude. Where measurements don't say whose they are,
+    `false_alarms` counts those of all anchors together.
     """
 
     carrier_hz: Positive = 6.0e9
@@ -61,10 +65,14 @@ class Radio(Strict):
     measures: tuple[Quantity, ...] = QUANTITIES
     detection_probability: Probability | None = None
     distance_std_m: Positive | None = None
+    window_m: tuple[Metre, Metre] | None = None
+    reports_std: bool = False
     array: ArraySpec = ArraySpec()
 
     @model_validator(mode="after")
     def _measures_what_it_can(self) -> Self:
+        if self.window_m is not None and not self.window_m[0] < self.window_m[1]:
+            raise fault("window_m", str(list(self.window_m)), "[first, last], rising")
         given = list(self.measures)
         if "distance" not in given or len(set(given)) < len(given):
             raise fault("measures", repr(given), f"distance and any others of {', '.join(QUANTITIES)}, once")
@@ -120,6 +128,7 @@ class Anchor(Strict):
     position_m: Point
     orientation_deg: Degree = 0.0
     array: ArraySpec | None = None
+    clock: Clock | None = None
 
 
 class Arc(Strict):
@@ -177,7 +186,8 @@ class Agent(Strict):
     """A mobile radio; waypoints give it a way to simulate.
 
     `acceleration_mps2` is the most that it accelerates sideways on that way: the truth's, whatever
-    ``filter.acceleration_mps2`` makes of it.
+    ``filter.acceleration_mps2`` makes of it. Among several agents, `present_s` says from when to when it is
+    there: its way begins then, and it is waited for even if nothing is heard.
     """
 
     name: FolderName
@@ -190,9 +200,13 @@ class Agent(Strict):
     steps: int | None = Field(None, ge=1)
     prior: Prior = Prior()
     array: ArraySpec | None = None
+    clock: Clock | None = None
+    present_s: tuple[NotNegative, NotNegative] | None = None
 
     @model_validator(mode="after")
     def _leads_somewhere(self) -> Self:
+        if self.present_s is not None and not self.present_s[0] < self.present_s[1]:
+            raise fault("present_s", str(list(self.present_s)), "[from, to], rising")
         gaps = np.linalg.norm(np.diff(self.way, axis=0), axis=1)
         if self.waypoints_m is not None and (len(gaps) < 1 or (gaps < SAME_PLACE_M).any()):
             raise fault("waypoints_m", "no way to go", "waypoints that differ from the one before")

@@ -165,9 +165,14 @@ def test_scenes_are_listed_one_per_line(say):
     assert [line.split(":")[0] for line in said.out.strip().splitlines()] == gs.bundled_scenes()
 
 
-def test_simulate_writes_one_file_per_agent(say, short_room, tmp_path):
-    assert say("simulate", short_room, "--agent", "agent1", "--agent", "agent2", "-o", "heard.h5").code == 0
-    assert listing(tmp_path) == ["heard-agent1.h5", "heard-agent2.h5", "short.toml"]
+def test_simulate_writes_one_file_for_all_agents(say, short_room, tmp_path):
+    both = "--agent", "agent1", "--agent", "agent2"
+    assert say("simulate", short_room, *both, "-o", "heard.h5").code == 0
+    assert say("simulate", short_room, *both, "--unlabelled", "-o", "heard.csv").code == 0
+    assert listing(tmp_path) == ["heard.csv", "heard.h5", "short.toml"]
+    heard = gs.NetworkMeasurements.from_h5(tmp_path / "heard.h5")
+    assert heard.agents == ("agent1", "agent2")
+    assert (tmp_path / "heard.csv").read_text().splitlines()[1].startswith("0,0.0,agent1,,")
 
 
 # ---- Ctrl-C and full disks --------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from gridslam.world.scene import BUNDLED, Scene, bundled_scenes
 
 
 def test_bundled_scenes_cite_their_source_and_say_what_is_hard():
-    assert bundled_scenes() == ["alcove", "canyon", "hall", "room", "seminar"]
+    assert bundled_scenes() == ["alcove", "canyon", "exchange", "hall", "room", "seminar"]
     for name in bundled_scenes():
         head = re.split(r"^(?!#)", (BUNDLED / f"{name}.toml").read_text(), maxsplit=1, flags=re.M)[0]
         assert re.search(r"\[[A-Z]\w+\d{4}\w+\]", head)

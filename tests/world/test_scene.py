@@ -189,7 +189,7 @@ def test_missing_and_unreadable_files_are_named(tmp_path):
 
 
 def test_unknown_name_lists_the_bundled_scenes():
-    with pytest.raises(InputError, match=r"'rom'; allowed: alcove, canyon, hall, room, seminar, or the path"):
+    with pytest.raises(InputError, match=r"'rom'; allowed: alcove, canyon, exchange, hall, room, seminar, or the path"):
         Scene.load("rom")
 
 

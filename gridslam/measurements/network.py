@@ -1,0 +1,311 @@
+"""What several agents heard, in one table: whose anchor it was may be unknown, and clocks may be off."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.errors import InputError
+from gridslam.io.files import get, put, reading_h5, subgroup, writing_h5
+from gridslam.measurements import csv_hdf5
+from gridslam.measurements.table import Measurements
+from gridslam.world.clocks import ClockTruth
+from gridslam.world.columns import DEVIATIONS, KEYS, VALUES, Columns
+from gridslam.world.names import folder_fault, same_folder
+from gridslam.world.scan import Scan
+from gridslam.world.trajectory import Trajectory
+
+Whole = NDArray[np.intp]
+CLOCKS = "clocks"
+"""Group of the clocks beside those of the agents' tracks."""
+
+
+@dataclass(frozen=True, eq=False)
+class NetworkScan:
+    """What all agents heard at one step.
+
+    Attributes
+    ----------
+    step : int
+    time_s : float
+    scans : tuple of Scan or None
+        One for each agent, empty where it heard nothing; None where it isn't there.
+    """
+
+    step: int
+    time_s: float
+    scans: tuple[Scan | None, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class NetworkMeasurements:
+    """Measurements of several agents over the same steps, read-only; iterating yields `NetworkScan`s.
+
+    Attributes
+    ----------
+    agents : tuple of str
+        I names, in the order in which they are listened to within a step.
+    table : Measurements
+        Rows of all agents together.
+    agent : (K,) int
+        Index into `agents` of each row.
+    present : (I, 2) int
+        First and last step at which each agent is there; by default, of its first and last row. A step
+        between them without a row is one at which it heard nothing.
+    tracks : dict of str to Trajectory
+        True ones, for scoring alone.
+    clocks : ClockTruth or None
+        True offsets, for scoring alone.
+
+    Raises
+    ------
+    InputError
+        Names that repeat or can't name a folder, agents without a row, or a presence that leaves rows out.
+    """
+
+    agents: tuple[str, ...]
+    table: Measurements
+    agent: Whole
+    present: Whole | None = None
+    tracks: Mapping[str, Trajectory] = field(default_factory=dict)
+    clocks: ClockTruth | None = None
+
+    def __post_init__(self) -> None:
+        names, agent = tuple(self.agents), np.array(self.agent, np.intp)
+        where = "measurements: agents"
+        if not names:
+            raise InputError(where, "none", "at least one")
+        for index, name in enumerate(names):
+            allowed = folder_fault(name) if name != CLOCKS else "another name"
+            if allowed is not None:
+                raise InputError(where, repr(name), allowed)
+            if same_folder(name) in map(same_folder, names[:index]):
+                raise InputError(where, f"{name!r} twice", "each name once")
+        if agent.shape != self.table.step.shape or (agent < 0).any() or (agent >= len(names)).any():
+            raise InputError(
+                "measurements: agent", "other indices", f"0 to {len(names) - 1}, one for each row"
+            )
+        for name in self.tracks:
+            if name not in names:
+                raise InputError("measurements: truth", repr(name), ", ".join(names))
+        heard = [self.table.step[agent == index] for index in range(len(names))]
+        for name, steps in zip(names, heard, strict=True):
+            if not len(steps):
+                raise InputError(where, f"{name!r}, who heard nothing at all", "agents with measurements")
+        spans = np.array([[steps[0], steps[-1]] for steps in heard])
+        present = spans if self.present is None else np.array(self.present, np.intp)
+        if present.shape != spans.shape:
+            raise InputError("measurements: present", f"shape {present.shape}", f"shape {spans.shape}")
+        for index, name in enumerate(names):
+            if not 0 <= present[index, 0] <= spans[index, 0] <= spans[index, 1] <= present[index, 1]:
+                found = f"{name!r} from step {present[index, 0]} to {present[index, 1]}"
+                raise InputError(
+                    "measurements: present", found, f"{spans[index, 0]} to {spans[index, 1]} at least"
+                )
+        for array in (agent, present):
+            array.setflags(write=False)
+        for key, value in (("agents", names), ("agent", agent), ("present", present)):
+            object.__setattr__(self, key, value)
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    def __iter__(self) -> Iterator[NetworkScan]:
+        return map(self.scan, range(len(self)))
+
+    def scan(self, step: int) -> NetworkScan:
+        """What was heard at one step.
+
+        Raises
+        ------
+        IndexError
+            There is no such step.
+        """
+        whole = self.table.scan(step)
+        rows = slice(*np.searchsorted(self.table.step, [step, step + 1]))
+        whose, there = self.agent[rows], self.there(step)
+        scans = (_rows_of(whole, whose == i) if there[i] else None for i in range(len(self.agents)))
+        return NetworkScan(step, whole.time_s, tuple(scans))
+
+    def there(self, step: int) -> NDArray[np.bool_]:
+        """Which agents are there at a step, (I,)."""
+        present = np.asarray(self.present)
+        return (present[:, 0] <= step) & (step <= present[:, 1])
+
+    def __getitem__(self, name: str) -> Measurements:
+        """One agent's rows, with its true track."""
+        if name not in self.agents:
+            raise InputError("measurements: agent", repr(name), ", ".join(self.agents))
+        mine = self.agent == self.agents.index(name)
+        columns: dict[str, Any] = {key: values[mine] for key, values in self.table.columns.items()}
+        last = int(np.asarray(self.present)[self.agents.index(name), 1]) + 1
+        return replace(self.table, **columns, steps=last, truth=self.tracks.get(name))
+
+    def of(self, names: Sequence[str]) -> NetworkMeasurements:
+        """The same of some agents alone, in this order.
+
+        Raises
+        ------
+        InputError
+            One of them isn't there.
+        """
+        for name in names:
+            if name not in self.agents:
+                raise InputError("measurements: agent", repr(name), ", ".join(self.agents))
+        place = np.array([names.index(name) if name in names else -1 for name in self.agents])
+        mine = place[self.agent] >= 0
+        columns: dict[str, Any] = {key: values[mine] for key, values in self.table.columns.items()}
+        present = np.asarray(self.present)[[self.agents.index(name) for name in names]]
+        tracks = {name: self.tracks[name] for name in names if name in self.tracks}
+        table = replace(self.table, **columns, steps=len(self))
+        return NetworkMeasurements(tuple(names), table, place[self.agent[mine]], present, tracks, self.clocks)
+
+    def without_labels(self) -> NetworkMeasurements:
+        """The same with nothing known of whose a row is."""
+        table = replace(self.table, anchor=np.full_like(self.table.anchor, -1), unlabelled=True)
+        return replace(self, table=table)
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write one row per detected path (no anchors' places, no truth).
+
+        Raises
+        ------
+        InputError
+            The file can't be written.
+        """
+        csv_hdf5.write_csv(path, self._columns(), self.table.anchors, self.agents)
+
+    @classmethod
+    def from_csv(
+        cls, path: str | os.PathLike[str], anchors: Sequence[str], agents: Sequence[str] | None = None,
+        pseudo: bool = False,
+    ) -> NetworkMeasurements:  # fmt: skip
+        """Read a CSV file, whose ``anchor`` may be empty or left out.
+
+        Parameters
+        ----------
+        path : path
+        anchors : sequence of str
+            Names of the anchors, in the scene's order (``scene.anchor_names``).
+        agents : sequence of str, optional
+            Names that the file may hold; without it, any. Those that it does hold keep this order.
+        pseudo : bool
+            Whether distances hold offsets of clocks, and may be negative.
+
+        Raises
+        ------
+        InputError
+            The first fault, with its line.
+        """
+        with csv_hdf5.located(path):
+            columns, names, whose = csv_hdf5.read_csv(path, anchors, True, pseudo, agents, True)
+            table = {"anchors": names, "unlabelled": True, "pseudo": pseudo}
+            return _collected(cls, columns, table, whose)
+
+    def to_h5(self, path: str | os.PathLike[str]) -> None:
+        """Write everything, the truth included, as HDF5 (version 2).
+
+        Raises
+        ------
+        InputError
+            The file can't be written.
+        """
+        table = {f.name: getattr(self.table, f.name) for f in fields(Measurements)}
+        with writing_h5(path, csv_hdf5.KIND, 2) as file:
+            csv_hdf5.put_rows(file, self._columns(), table)
+            agents = file.create_group("agents")
+            put(agents, "name", np.array(self.agents, dtype=h5py.string_dtype()), "text")
+            put(agents, "present", np.asarray(self.present), "step")
+            for name, track in self.tracks.items():
+                csv_hdf5.put_track(file.create_group(f"truth/{name}"), track)
+            if self.clocks is not None:
+                clocks = file.create_group(f"truth/{CLOCKS}")
+                put(clocks, "device", np.array(self.clocks.device, dtype=h5py.string_dtype()), "text")
+                put(clocks, "time_s", self.clocks.time_s, "s")
+                put(clocks, "offset_s", self.clocks.offset_s, "s")
+
+    @classmethod
+    def from_h5(cls, path: str | os.PathLike[str]) -> NetworkMeasurements:
+        """Read an HDF5 file, version 2, or version 1 with one agent of the name "agent1".
+
+        Raises
+        ------
+        InputError
+            Not such a file, cut short, or any fault in its content.
+        """
+        with csv_hdf5.located(path), reading_h5(path, csv_hdf5.KIND, csv_hdf5.VERSIONS) as file:
+            columns, table = csv_hdf5.get_rows(file, str(path))
+            names, present = ("agent1",), None
+            tracks, clocks = dict[str, Trajectory](), None
+            if "agents" in file:
+                group = subgroup(file, "agents")
+                names = tuple(name.decode("utf-8") for name in get(group, "name", (None,), "O"))
+                if "present" in group:
+                    present = get(group, "present", (len(names), 2), "iu")
+                for name in names:
+                    if name in file.get("truth", ()):
+                        tracks[name] = csv_hdf5.get_track(subgroup(file, f"truth/{name}"))
+                clocks = _clocks(subgroup(file, f"truth/{CLOCKS}")) if f"truth/{CLOCKS}" in file else None
+            elif "truth" in file:
+                tracks["agent1"] = csv_hdf5.get_track(subgroup(file, "truth"))
+            columns.setdefault("agent", np.zeros(len(columns["step"]), np.intp))
+            return _collected(cls, columns, table, names, present, tracks, clocks)
+
+    @classmethod
+    def load(
+        cls, path: str | os.PathLike[str], anchors: Sequence[str], agents: Sequence[str] | None = None,
+        pseudo: bool = False,
+    ) -> NetworkMeasurements:  # fmt: skip
+        """Read a CSV file, or HDF5 under any other name.
+
+        Raises
+        ------
+        InputError
+            As the reader of its kind.
+        """
+        if os.path.splitext(os.fspath(path))[1].lower() == ".csv":
+            return cls.from_csv(path, anchors, agents, pseudo)
+        return cls.from_h5(path)
+
+    def _columns(self) -> Columns:
+        """Columns of the file, in its order."""
+        rows = self.table.columns
+        first = {name: rows[name] for name in KEYS[:2]}
+        return first | {"agent": self.agent} | {name: rows[name] for name in rows if name not in first}
+
+
+def _rows_of(scan: Scan, mine: NDArray[np.bool_]) -> Scan:
+    """Some rows of a scan."""
+    columns: dict[str, Any] = {name: getattr(scan, name) for name in ("anchor", *VALUES, *DEVIATIONS)}
+    return replace(scan, **{name: part[mine] for name, part in columns.items() if part is not None})
+
+
+def _collected(
+    kind: type[NetworkMeasurements],
+    columns: Columns,
+    table: dict[str, Any],
+    agents: tuple[str, ...],
+    present: Whole | None = None,
+    tracks: Mapping[str, Trajectory] | None = None,
+    clocks: ClockTruth | None = None,
+) -> NetworkMeasurements:
+    """Measurements of the agents of a file."""
+    agent = columns.pop("agent")
+    rows: dict[str, Any] = {**table, **csv_hdf5.fill_missing(columns)}
+    heard = sorted(set(agent.tolist())) if present is None else list(range(len(agents)))
+    place = np.full(max(len(agents), int(agent.max(initial=0)) + 1), -1)
+    place[heard] = np.arange(len(heard))
+    names = tuple(agents[i] for i in heard if i < len(agents))
+    return kind(names, Measurements(**rows), place[agent], present, tracks or {}, clocks)
+
+
+def _clocks(group: h5py.Group) -> ClockTruth:
+    names = tuple(name.decode("utf-8") for name in get(group, "device", (None,), "O"))
+    time = get(group, "time_s", (None,))
+    return ClockTruth(names, time, get(group, "offset_s", (len(time), len(names))))

@@ -1,0 +1,121 @@
+"""Tables of several agents: files lose nothing, rows reach whose they are, and every fault is one line."""
+
+import numpy as np
+import pytest
+from tables import same, table
+
+from gridslam.errors import InputError
+from gridslam.measurements.network import NetworkMeasurements
+from gridslam.measurements.table import Measurements
+from gridslam.world.clocks import ClockTruth
+from gridslam.world.trajectory import Trajectory
+
+ANCHORS = ("A", "B")
+HEADER = "step,time_s,agent,anchor,distance_m"
+
+
+def network(**changes):
+    rows = table(
+        step=[0, 0, 2, 3],
+        time_s=[0.0, 0.0, 1.0, 1.5],
+        anchor=[-1, 1, 0, -1],
+        distance_m=[-7.5, 3.0, 2.0, 1.0],
+    )
+    heard = Measurements(**rows, unlabelled=True, pseudo=True, steps=5, interval_s=0.5)
+    return NetworkMeasurements(("me", "you"), heard, np.array([0, 1, 0, 1]), **changes)
+
+
+def test_a_step_hands_every_agent_its_own_rows():
+    heard = network()
+    scan = heard.scan(0)
+    np.testing.assert_array_equal(scan.scans[0].distance_m, [-7.5])
+    np.testing.assert_array_equal(scan.scans[1].anchor, [1])
+    assert [len(one) for one in heard.scan(2).scans] == [1, 0]  # who is silent between two rows is there
+    assert heard.scan(3).scans[0] is None  # and whose last row is past has left
+    np.testing.assert_array_equal(heard["you"].step, [0, 3])
+    assert heard["me"].steps == 3
+
+
+def test_presence_outlasts_silence():
+    scan = network(present=[[0, 4], [0, 3]]).scan(4)
+    assert len(scan.scans[0]) == 0
+    assert scan.scans[1] is None
+    with pytest.raises(InputError, match="'me' from step 1"):
+        network(present=[[1, 4], [0, 3]])
+
+
+@pytest.mark.parametrize("kind", ["csv", "h5"])
+def test_files_keep_everything(tmp_path, kind):
+    track = Trajectory([0.0, 0.5], [[1, 2], [3, 4]], [[0, 1], [1, 0]], [0.1, 0.2])
+    clocks = ClockTruth(("A", "B", "me", "you"), [0.0, 0.5], np.arange(8).reshape(2, 4) * 1e-9)
+    heard = network(present=[[0, 4], [0, 3]], tracks={"you": track}, clocks=clocks)
+    path = tmp_path / f"heard.{kind}"
+    (heard.to_csv if kind == "csv" else heard.to_h5)(path)
+    read = NetworkMeasurements.load(path, ANCHORS, ["me", "you", "nobody"], pseudo=True)
+    assert read.agents == ("me", "you")
+    np.testing.assert_array_equal(read.agent, heard.agent)
+    same(read.table, heard.table)
+    if kind == "h5":
+        np.testing.assert_array_equal(read.present, heard.present)
+        assert read.tracks == {"you": track}
+        np.testing.assert_array_equal(read.clocks.metres(("you",)), clocks.metres(("you",)))
+        assert len(read) == 5
+
+
+def test_anchor_may_be_left_out_and_agent_where_there_is_one(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("step,time_s,distance_m\n0,0,1.5\n1,1,2.5\n")
+    heard = NetworkMeasurements.from_csv(path, ANCHORS, ["me"])
+    assert heard.agents == ("me",)
+    np.testing.assert_array_equal(heard.table.anchor, [-1, -1])
+    with pytest.raises(InputError, match=r"a.csv: line 1: found no column 'agent'"):
+        NetworkMeasurements.from_csv(path, ANCHORS, ["me", "you"])
+
+
+def test_a_table_of_one_agent_reads_as_a_network_and_back(tmp_path):
+    Measurements(**table()).to_h5(tmp_path / "one.h5")
+    heard = NetworkMeasurements.from_h5(tmp_path / "one.h5")
+    same(heard[heard.agents[0]], Measurements(**table()))
+    network().of(["you"]).to_h5(tmp_path / "you.h5")
+    np.testing.assert_array_equal(Measurements.from_h5(tmp_path / "you.h5").distance_m, [3.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (f"{HEADER}\n0,0,me,C,1", r"line 2: anchor: found 'C'; allowed: A, B"),
+        (f"{HEADER}\n0,0,me,A,1\n0,0,he,,1", r"line 3: agent: found 'he'; allowed: me, you"),
+        (f"{HEADER}\n0,0,,A,1", r"line 2: agent: found ''"),
+        (f"{HEADER}\n0,0,me,A,-1", r"line 2: distance_m: found -1.0; allowed: a number above 0"),
+        (f"{HEADER}\n0,0,me,A,1\n0,1,you,A,1", r"line 3: time_s: .*one time for all rows"),
+    ],
+)
+def test_fault_of_a_table_is_one_line(tmp_path, text, says):
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=says) as caught:
+        NetworkMeasurements.from_csv(path, ANCHORS, ["me", "you"])
+    assert "\n" not in str(caught.value)
+
+
+def test_agents_that_repeat_or_heard_nothing_are_named():
+    heard = network()
+    with pytest.raises(InputError, match="'me' twice"):
+        NetworkMeasurements(("me", "me"), heard.table, heard.agent)
+    with pytest.raises(InputError, match="'he', who heard nothing at all"):
+        NetworkMeasurements(("me", "you", "he"), heard.table, heard.agent)
+    with pytest.raises(InputError, match="'he'; allowed: me, you"):
+        heard.of(["he"])
+
+
+def test_one_agents_reader_refuses_several(tmp_path):
+    heard = network()
+    heard.to_csv(tmp_path / "a.csv")
+    heard.to_h5(tmp_path / "a.h5")
+    with pytest.raises(InputError, match="anchor"):
+        Measurements.from_csv(tmp_path / "a.csv", ANCHORS, pseudo=True)
+    (tmp_path / "b.csv").write_text(f"{HEADER}\n0,0,me,A,1\n0,0,you,A,2\n")
+    with pytest.raises(InputError, match="2 agents"):
+        Measurements.from_csv(tmp_path / "b.csv")
+    with pytest.raises(InputError, match="2 agents"):
+        Measurements.from_h5(tmp_path / "a.h5")
