@@ -7,17 +7,20 @@ from gridslam.importers.sionna import measurements_from_sionna as from_sionna
 from gridslam.maps.fusion import fuse
 from gridslam.maps.map import Map
 from gridslam.measurements.network import NetworkMeasurements, NetworkScan
+from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements, Scan
 from gridslam.runs.map_scene import map_scene
 from gridslam.runs.run import Run
 from gridslam.simulation.image_source import Truth, ground_truth
-from gridslam.simulation.network import simulate
+from gridslam.simulation.simulate import simulate
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
 from gridslam.systems.slam import Slam
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
 from gridslam.world.scene import Scene, bundled_scenes
+from gridslam.world.signal_scan import SignalScan
 from gridslam.world.trajectory import Trajectory
+from gridslam.world.waveform import Waveform
 
 __version__ = "0.2.0"
 __all__ = [
@@ -30,14 +33,17 @@ __all__ = [
     "NetworkMeasurements",
     "NetworkScan",
     "PathEstimate",
+    "Recording",
     "Run",
     "Scan",
     "Scene",
+    "SignalScan",
     "Slam",
     "SurfaceEstimate",
     "Trajectory",
     "Truth",
     "VirtualAnchorSlam",
+    "Waveform",
     "bundled_scenes",
     "from_deepmimo",
     "from_sionna",

@@ -147,7 +147,8 @@ def map_scores(grid: Map, segments: Segments, paths: TruePaths) -> dict[str, flo
 def reflection_mae(grid: Map, segments: Segments) -> float | None:
     """Mean error of the reflection coefficients of occupied cells within two cells of a true wall.
 
-    Each is compared with the nearest wall piece; None if there is no such cell.
+    Each is compared with the nearest wall piece; None if there is no such cell. Walls that don't reflect
+    aren't asked for.
     """
     cell = np.argwhere(grid.occupied & ~np.isnan(grid.reflection))
     if not len(cell) or not len(segments):
@@ -155,9 +156,10 @@ def reflection_mae(grid: Map, segments: Segments) -> float | None:
     centre = grid.origin_m + (cell[:, ::-1] + 0.5) * grid.cell_m
     distance = distance_to_segments(centre, segments.start, segments.end)
     near = distance.min(axis=-1) <= 2 * grid.cell_m
+    truth = segments.reflection[distance.argmin(axis=-1)]
+    near &= truth > 0
     if not near.any():
         return None
-    truth = segments.reflection[distance.argmin(axis=-1)]
     return float(np.abs(grid.reflection[cell[:, 0], cell[:, 1]] - truth)[near].mean())
 
 

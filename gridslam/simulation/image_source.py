@@ -86,10 +86,11 @@ def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> Tru
     walls, signal = scene.segments(), scene.signal_model(agent)
     lines, count = walls.line, len(walls)
     candidates = [np.array([[-1, -1]])]
-    if scene.radio.max_bounces >= 1 and count:
-        candidates.append(np.repeat(np.arange(count)[:, None], 2, axis=1))
-    if scene.radio.max_bounces >= 2 and count:
-        first, last = np.divmod(np.arange(count * count), count)
+    mirrors = np.flatnonzero(walls.reflection > 0)
+    if scene.radio.max_bounces >= 1:
+        candidates.append(np.repeat(mirrors[:, None], 2, axis=1))
+    if scene.radio.max_bounces >= 2:
+        first, last = (pair.ravel() for pair in np.meshgrid(mirrors, mirrors, indexing="ij"))
         other = walls.surface[first] != walls.surface[last]
         candidates.append(np.stack([first, last], -1)[other])
     pieces = np.concatenate(candidates)
@@ -140,7 +141,11 @@ def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> Tru
     table = TruePaths(*(np.concatenate([getattr(r, f.name) for r in rows]) for f in fields(TruePaths)))
     starts, ends, owner = table.legs
     clear = np.ones(len(table), dtype=bool)
-    np.logical_and.at(clear, owner, visible(starts, ends, walls))
+    screens = np.array([wall.blocks == "sight" for wall in scene.walls], dtype=bool)[walls.wall]
+    np.logical_and.at(clear, owner, visible(starts, ends, walls.take(~screens)))
+    if screens.any():
+        open_sight = visible(starts, ends, walls.take(screens))
+        np.logical_and.at(clear, owner, open_sight | (table.bounces[owner] > 0))
     order = np.flatnonzero(clear)[np.argsort(table.step[clear], kind="stable")]
     return TruePaths(*(getattr(table, f.name)[order] for f in fields(table)))
 

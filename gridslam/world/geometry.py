@@ -10,7 +10,7 @@ All functions broadcast over leading axes; points have shape ``(..., 2)`` and ar
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,6 +119,10 @@ class Segments:
 
     def __len__(self) -> int:
         return len(self.start)
+
+    def take(self, rows: NDArray[np.bool_]) -> Segments:
+        """The pieces chosen by a mask (W,)."""
+        return Segments(*(getattr(self, f.name)[rows] for f in fields(self)))
 
     @property
     def line(self) -> Array:

@@ -19,16 +19,29 @@ from gridslam.world.clocks import Clocks
 from gridslam.world.filter_model import FilterModel, fixed
 from gridslam.world.geometry import Segments, crossing, distance_to_segments, line_through, wrap
 from gridslam.world.names import Label, label_fault, same_folder
-from gridslam.world.radio import SignalModel
-from gridslam.world.scene_parts import Agent, Anchor, FilterSettings, GridSpec, Name, Radio, Share, Wall
+from gridslam.world.radio import SPEED_OF_LIGHT, SignalModel
+from gridslam.world.scene_parts import (
+    Agent,
+    Anchor,
+    ArraySpec,
+    FilterSettings,
+    GridSpec,
+    Name,
+    Radio,
+    Share,
+    Wall,
+)
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.validation import Strict, fault, nearest
+from gridslam.world.waveform import Waveform
 from gridslam.world.waypoints import TightCorner, smooth_track
 
 Array = NDArray[np.float64]
 BUNDLED = Path(__file__).parents[1] / "scenes"
 COLLINEAR_M, CLEARANCE_M = 1e-6, 0.01
 """Offset below which pieces share one surface; distance that devices keep from walls."""
+PATH_SAMPLES = 2500
+"""Samples over all antenna pairs, where a scene gives neither them nor frequencies."""
 LEAST_PRIOR = 1e-4
 """Half width of a start prior that a filter is told at least (m, m/s, rad)."""
 
@@ -163,7 +176,7 @@ class Scene(Strict):
             amplitude_at_1m=10 ** (radio.snr_at_1m_db / 20),
             threshold=10 ** (radio.detection_threshold_db / 20),
             bandwidth_hz=radio.bandwidth_hz,
-            samples=float(radio.samples),
+            samples=float(radio.samples or self._samples(carried)),
             false_alarms=radio.false_alarms,
             max_distance_m=radio.max_distance_m,
             anchor_aperture=np.stack([(anchor.array or radio.array).aperture for anchor in self.anchors]),
@@ -173,6 +186,38 @@ class Scene(Strict):
             given_distance_std=radio.distance_std_m,
             window_m=radio.window_m,
         )
+
+    def _samples(self, carried: ArraySpec) -> int:
+        """Samples over all antenna pairs, by the frequencies and the first anchor's array."""
+        if self.radio.frequencies is None:
+            return PATH_SAMPLES
+        return self.radio.frequencies * _size(self.anchors[0].array or self.radio.array) * _size(carried)
+
+    def waveform(self, agent: str | None = None) -> Waveform:
+        """Frequencies, pulse and elements of the signals that an agent (default: the first) would sample.
+
+        Raises
+        ------
+        InputError
+            ``radio.frequencies`` isn't given, the anchors' arrays differ in size, or there is no such agent.
+        """
+        radio = self.radio
+        if radio.frequencies is None:
+            raise InputError(f"{self.name}: radio.frequencies", "none", "frequencies and frequency_step_hz")
+        body = self.agent(agent) if agent is not None else self.agents[0]
+        arrays = [(anchor.array or radio.array) for anchor in self.anchors]
+        for index, array in enumerate(arrays):
+            if _size(array) != _size(arrays[0]):
+                found, allowed = f"{_size(array)} elements", f"{_size(arrays[0])}, as of the first anchor"
+                raise InputError(f"{self.name}: anchors[{index}].array", found, allowed)
+        offset, scale = radio.offset_hz, SPEED_OF_LIGHT / radio.carrier_hz
+        pulse = np.ones(len(offset)) if radio.pulse is None else radio.pulse.spectrum(offset)
+        return Waveform(
+            radio.carrier_hz, offset, pulse.astype(np.complex128),
+            scale * np.stack([array.elements for array in arrays]),
+            scale * (body.array or radio.array).elements,
+            None, float(np.radians(body.heading_sensor_deg or 0.0)),
+        )  # fmt: skip
 
     def filter_model(self, agent: str | None = None) -> FilterModel:
         """What a filter may know: neither walls nor waypoints.
@@ -203,12 +248,16 @@ class Scene(Strict):
         )  # fmt: skip
 
     def segments(self) -> Segments:
-        """Straight pieces of all walls, arcs as facets; collinear pieces share a surface."""
+        """Straight pieces of all walls, arcs as facets; collinear pieces share a surface.
+
+        The coefficient of those that don't reflect is 0.
+        """
         corners = [wall.corners for wall in self.walls]
         start = np.concatenate([np.zeros((0, 2)), *(points[:-1] for points in corners)])
         end = np.concatenate([np.zeros((0, 2)), *(points[1:] for points in corners)])
         wall = np.repeat(np.arange(len(corners)), [len(points) - 1 for points in corners]).astype(np.intp)
-        reflection = np.array([self.materials[w.material] for w in self.walls])[wall]
+        coefficient = [self.materials[w.material] if w.material and w.reflects else 0.0 for w in self.walls]
+        reflection = np.array(coefficient)[wall]
         curved = np.array([w.arc is not None for w in self.walls], dtype=bool)[wall]
         return Segments(start, end, reflection, _surfaces(start, end), wall, np.where(curved, wall, -1))
 
@@ -239,9 +288,10 @@ class Scene(Strict):
                 found = f"{self.agents[index].name!r} beside {self.agents[folders.index(folder)].name!r}"
                 raise fault(f"agents[{index}].name", found, "names that differ by more than case")
         for index, wall in enumerate(self.walls):
-            if wall.material not in self.materials:
+            if wall.material is not None and wall.material not in self.materials:
                 field = f"walls[{index}].material"
                 raise fault(field, repr(wall.material), nearest(wall.material, self.materials))
+        self._check_samples()
         walls = self.segments()
         for index, anchor in enumerate(self.anchors):
             self._check_way(np.array([anchor.position_m]), walls, f"anchors[{index}].position_m")
@@ -262,6 +312,17 @@ class Scene(Strict):
             if names.count(self.clocks.reference) != 1:
                 found, allowed = repr(self.clocks.reference), nearest(self.clocks.reference, names)
                 raise fault("clocks.reference", found, allowed)
+
+    def _check_samples(self) -> None:
+        """A number of samples that is given must be that of the frequencies and of some agent's antennas."""
+        radio = self.radio
+        if radio.frequencies is None or radio.samples is None:
+            return
+        arrays = [agent.array or radio.array for agent in self.agents] or [radio.array]
+        allowed = sorted({self._samples(array) for array in arrays})
+        if radio.samples not in allowed:
+            follows = " or ".join(map(str, allowed))
+            raise fault("radio.samples", str(radio.samples), f"{follows}, as frequencies and arrays say")
 
     def _check_track(self, agent: Agent, walls: Segments, where: str) -> None:
         try:
@@ -299,6 +360,10 @@ class Scene(Strict):
                 x, y = way[near][0]
                 found = f"({x:.4g}, {y:.4g}) in walls[{walls.wall[number]}]"
                 raise fault(where, found, f"places at least {CLEARANCE_M} m from every wall")
+
+
+def _size(array: ArraySpec) -> int:
+    return array.rows * array.columns
 
 
 def bundled_scenes() -> list[str]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self, get_args
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from pydantic import Field, model_validator
 from gridslam.world.clocks import Clock
 from gridslam.world.grid_memory import CELL_BYTES, MOST_BYTES, WAY_OUT, in_gb
 from gridslam.world.names import FolderName, Label
-from gridslam.world.radio import aperture
+from gridslam.world.radio import SPEED_OF_LIGHT, aperture
 from gridslam.world.validation import Strict, fault
 
 Array = NDArray[np.float64]
@@ -44,6 +45,27 @@ class ArraySpec(Strict):
         """Mean square extents along its own x and y axis, (2,), wavelengths^2."""
         return aperture(self.rows, self.columns, self.spacing_wavelengths)
 
+    @property
+    def elements(self) -> Array:
+        """Where its elements are, row by row, (rows * columns, 2) in wavelengths about the middle."""
+        row, column = np.divmod(np.arange(self.rows * self.columns), self.columns)
+        middle = 0.5 * np.array([self.columns - 1, self.rows - 1])
+        return self.spacing_wavelengths * (np.column_stack([column, row]) - middle)
+
+
+class Pulse(Strict):
+    """Spectrum of the pulse that is sampled: root-raised-cosine."""
+
+    kind: Literal["rrc"] = "rrc"
+    rolloff: float = Field(0.6, ge=0, le=1)
+    width_hz: Positive
+
+    def spectrum(self, offset_hz: Array) -> Array:
+        """Amplitude (M,) about the carrier: 1 in the middle, half the power at +- width_hz / 2."""
+        beyond = np.abs(offset_hz) - 0.5 * (1 - self.rolloff) * self.width_hz
+        share = beyond / max(self.rolloff * self.width_hz, 1e-9 * self.width_hz)
+        return np.sqrt(0.5 * (1 + np.cos(np.pi * np.clip(share, 0, 1))))
+
 
 class Radio(Strict):
     """The radio link; defaults as in [Li2025adaptive] and [Li2026grid].
@@ -52,6 +74,9 @@ class Radio(Strict):
     `window_m` is what measured distances may be, where clocks are off; `reports_std` has simulated
     measurements come with deviations, by their own amplitude. Where measurements don't say whose they are,
     `false_alarms` counts those of all anchors together.
+    `frequencies`, `frequency_step_hz`, `fading` and `pulse` are those of sampled signals. Where they are
+    given, `bandwidth_hz` and `max_distance_m` follow: the width from the first to the last frequency (with a
+    pulse, the pulse's), and the length at which paths fold back.
     """
 
     carrier_hz: Positive = 6.0e9
@@ -60,7 +85,7 @@ class Radio(Strict):
     detection_threshold_db: Decibel = 6.0
     false_alarms: Positive = 2.0
     max_distance_m: Positive = 60.0
-    samples: int = Field(2500, ge=1)
+    samples: int | None = Field(None, ge=1)
     max_bounces: int = Field(2, ge=0, le=2)
     measures: tuple[Quantity, ...] = QUANTITIES
     detection_probability: Probability | None = None
@@ -68,6 +93,52 @@ class Radio(Strict):
     window_m: tuple[Metre, Metre] | None = None
     reports_std: bool = False
     array: ArraySpec = ArraySpec()
+    frequencies: int | None = Field(None, ge=8, le=100_000)
+    frequency_step_hz: Positive | None = None
+    fading: Literal["steady", "swerling1"] = "steady"
+    pulse: Pulse | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _follow(cls, data: Any) -> Any:
+        """What follows from the frequencies, where it isn't given."""
+        if not isinstance(data, Mapping):
+            return data
+        count, step, pulse = (data.get(key) for key in ("frequencies", "frequency_step_hz", "pulse"))
+        if not (isinstance(count, int) and isinstance(step, float | int) and step > 0):
+            return data
+        width = pulse.get("width_hz") if isinstance(pulse, Mapping) else getattr(pulse, "width_hz", None)
+        follows = {"bandwidth_hz": width or (count - 1) * step, "max_distance_m": SPEED_OF_LIGHT / step}
+        return {**follows, **data}
+
+    @model_validator(mode="after")
+    def _samples_fit(self) -> Self:
+        count, step = self.frequencies, self.frequency_step_hz
+        if (count is None) != (step is None):
+            missing = "frequencies" if count is None else "frequency_step_hz"
+            raise fault(missing, "none", "both of frequencies and frequency_step_hz, or neither")
+        if count is None or step is None:
+            if self.pulse is not None:
+                raise fault("pulse", "a pulse without frequencies", "frequencies and frequency_step_hz, too")
+            return self
+        band = (count - 1) * step
+        if band >= 2 * self.carrier_hz:
+            raise fault("frequencies", f"{band:g} Hz in all", "less than twice carrier_hz")
+        if self.pulse is not None and self.pulse.width_hz > band:
+            raise fault("pulse.width_hz", f"{self.pulse.width_hz:g}", f"at most the band's {band:g}")
+        width = band if self.pulse is None else self.pulse.width_hz
+        for key, follows in (("bandwidth_hz", width), ("max_distance_m", SPEED_OF_LIGHT / step)):
+            given = getattr(self, key)
+            if abs(given - follows) > 1e-3 * follows:
+                raise fault(key, f"{given:g}", f"{follows:.6g}, as frequencies say (or left out)")
+        return self
+
+    @property
+    def offset_hz(self) -> Array:
+        """Frequencies of sampled signals about the carrier, (M,) Hz; none where there are no samples."""
+        count = self.frequencies or 0
+        step = self.frequency_step_hz or 0.0
+        return np.asarray((np.arange(count) - 0.5 * (count - 1)) * step, np.float64)
 
     @model_validator(mode="after")
     def _measures_what_it_can(self) -> Self:
@@ -142,16 +213,23 @@ class Arc(Strict):
 
 
 class Wall(Strict):
-    """A true wall: a polyline or an arc of one material."""
+    """A true wall: a polyline or an arc of one material.
+
+    One that doesn't reflect blocks paths alone; with ``blocks = "sight"`` lines of sight, and no other path.
+    """
 
     name: str | None = None
-    material: str
+    material: str | None = None
+    reflects: bool = True
+    blocks: Literal["all", "sight"] = "all"
     points_m: tuple[Point, ...] | None = None
     arc: Arc | None = None
     closed: bool = False
 
     @model_validator(mode="after")
     def _has_length(self) -> Self:
+        if self.reflects and self.material is None:
+            raise fault("material", "nothing", "a value, this key has no default (or reflects = false)")
         if (self.points_m is None) == (self.arc is None):
             found = "neither points_m nor arc" if self.arc is None else "points_m and arc"
             raise fault("", found, "exactly one of points_m and arc")
@@ -187,7 +265,8 @@ class Agent(Strict):
 
     `acceleration_mps2` is the most that it accelerates sideways on that way: the truth's, whatever
     ``filter.acceleration_mps2`` makes of it. Among several agents, `present_s` says from when to when it is
-    there: its way begins then, and it is waited for even if nothing is heard.
+    there: its way begins then, and it is waited for even if nothing is heard. `heading_sensor_deg` is the
+    deviation of the heading that recordings of sampled signals hold (0: exact); without it they hold none.
     """
 
     name: FolderName
@@ -202,6 +281,7 @@ class Agent(Strict):
     array: ArraySpec | None = None
     clock: Clock | None = None
     present_s: tuple[NotNegative, NotNegative] | None = None
+    heading_sensor_deg: float | None = Field(None, ge=0, le=180)
 
     @model_validator(mode="after")
     def _leads_somewhere(self) -> Self:

@@ -6,14 +6,24 @@ import numpy as np
 import pytest
 
 from gridslam.simulation.image_source import true_paths
+from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import BUNDLED, Scene, bundled_scenes
 
 
 def test_bundled_scenes_cite_their_source_and_say_what_is_hard():
-    assert bundled_scenes() == ["alcove", "canyon", "exchange", "hall", "room", "seminar"]
+    assert bundled_scenes() == [
+        "alcove",
+        "canyon",
+        "exchange",
+        "hall",
+        "overlap",
+        "room",
+        "screen",
+        "seminar",
+    ]
     for name in bundled_scenes():
         head = re.split(r"^(?!#)", (BUNDLED / f"{name}.toml").read_text(), maxsplit=1, flags=re.M)[0]
-        assert re.search(r"\[[A-Z]\w+\d{4}\w+\]", head)
+        assert re.search(r"\[([A-Z]\w+\d{4}\w+|LiangDirect|HybridSlam)\]", head)
         assert "hard about it" in head
         scene = Scene.load(name)
         assert scene.name == name
@@ -136,3 +146,34 @@ def test_seminar_crosses_the_line_between_its_anchors():
     x, y = scene.track("agent1").position_m.T
     side = np.sign((bx - ax) * (y - ay) - (by - ay) * (x - ax))
     assert (np.diff(side) != 0).sum() >= 1
+
+
+@pytest.mark.slow
+def test_overlap_has_paths_closer_than_its_resolution_most_of_the_time():
+    scene, paths, _, _ = heard("overlap", "agent1", 0.0)
+    waveform = scene.waveform("agent1")
+    assert len(scene.track("agent1")) == 679
+    assert waveform.shape == (2, 1, 1, 41)
+    assert waveform.bandwidth_hz == pytest.approx(4e8)
+    assert paths.distance_m.max() < waveform.folding_m
+    resolution = SPEED_OF_LIGHT / waveform.bandwidth_hz
+    close = [
+        (
+            np.diff(np.sort(paths.distance_m[(paths.step == step) & (paths.anchor == anchor)])) < resolution
+        ).any()
+        for step in range(679)
+        for anchor in range(2)
+    ]
+    assert 0.84 < np.mean(close) < 0.88
+
+
+def test_screen_hides_the_line_of_sight_and_it_alone_in_the_middle():
+    scene, paths, entry, _ = heard("screen", "agent1", 0.0)
+    assert len(scene.track("agent1")) == 190
+    seen = steps_of(paths, paths.bounces == 0)
+    assert np.setdiff1d(np.arange(190), seen).tolist() == list(range(68, 127))
+    for wall in (0, 1):
+        assert len(steps_of(paths, (paths.bounces == 1) & (entry[:, 0] == wall))) == 190
+    assert not (entry == 2).any()
+    assert len(steps_of(paths, paths.bounces == 2)) == 190
+    assert scene.waveform("agent1").shape == (1, 1, 4, 81)

@@ -1,0 +1,164 @@
+"""Recordings of sampled signals: nothing is lost in files, and every fault is named."""
+
+import h5py
+import numpy as np
+import pytest
+from signal_samples import FREQUENCIES, recording, sampled_scene, samples_of
+
+import gridslam as gs
+from gridslam.errors import InputError
+from gridslam.io.hdf5_guard import seal
+
+PAIR = {"rows": 1, "columns": 2, "spacing_wavelengths": 0.5}
+FULL = {"radio": {"array": PAIR, "pulse": {"width_hz": 3e8, "rolloff": 0.3}}, "heading_sensor_deg": 1.0}
+
+
+def test_hdf5_keeps_all_of_it(tmp_path):
+    heard = gs.simulate(sampled_scene(**FULL), "me", 4, what="signal")
+    heard.to_h5(tmp_path / "a.h5")
+    read = gs.Recording.from_h5(tmp_path / "a.h5")
+    for name in ("samples", "time_s", "heard", "heading_rad", "anchor_position_m", "anchor_orientation_rad"):
+        assert np.array_equal(getattr(read, name), getattr(heard, name)), name
+    assert (read.anchors, read.truth) == (heard.anchors, heard.truth)
+    for name in ("offset_hz", "pulse", "anchor_element_m", "agent_element_m"):
+        assert getattr(read.waveform, name) == pytest.approx(getattr(heard.waveform, name), rel=1e-12), name
+    assert read.waveform.carrier_hz == heard.waveform.carrier_hz
+    assert read.waveform.heading_std_rad == heard.waveform.heading_std_rad
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert dict(file.attrs) == {"format": "gridslam-signal", "version": 1}
+        assert file["signal/samples"].shape == (3, 1, 2, 2, 41, 2)
+        assert file["signal/samples"].dtype == np.float32
+        units = []
+        file.visititems(
+            lambda _, item: units.append("unit" in item.attrs) if isinstance(item, h5py.Dataset) else None
+        )
+        assert all(units)
+
+
+def test_steps_are_handed_out_in_double_precision_with_what_is_missing_left_out():
+    z = samples_of([5.0], 3).repeat(2, axis=1)
+    z[1, 0] = np.nan
+    heard = np.array([[1, 1], [0, 1], [1, 1]], bool)
+    scans = list(recording(z, anchors=["A", "B"], heard=heard, time_s=[0.0, 0.5, 2.0]))
+    assert [scan.time_s for scan in scans] == [0.0, 0.5, 2.0]
+    assert [len(scan) for scan in scans] == [2, 1, 2]
+    assert scans[1].samples.shape == (2, 1, 1, 41)
+    assert scans[1].samples.dtype == np.complex128
+    assert not scans[1].samples[0].any()
+    assert scans[0].heading_rad is None
+
+
+def test_one_antenna_needs_no_elements_and_the_carrier_takes_up_what_frequencies_are_off():
+    heard = recording(frequency_hz=FREQUENCIES + 2e8)
+    assert heard.waveform.carrier_hz == pytest.approx(6.2e9)
+    assert heard.waveform.offset_hz == pytest.approx(FREQUENCIES)
+    assert heard.waveform.agent_element_m.tolist() == [[0.0, 0.0]]
+
+
+FAULTS = {
+    "uneven": ({"frequency_hz": FREQUENCIES + np.eye(41)[3] * 100}, "frequency_hz.*evenly spaced"),
+    "falling": ({"frequency_hz": FREQUENCIES[::-1]}, "frequency_hz.*rising"),
+    "absolute": ({"frequency_hz": FREQUENCIES + 6e9}, "about the carrier"),
+    "others": ({"frequency_hz": FREQUENCIES[:-1]}, r"frequency_hz.*\(40,\).*41"),
+    "carrier": ({"carrier_hz": 1e8}, "carrier_hz"),
+    "no anchors": ({"anchors": []}, "anchors.*none"),
+    "anchors twice": ({"anchors": ["A", "A"]}, "anchors.*once"),
+    "pulse": ({"pulse": np.zeros(41)}, "pulse"),
+    "time": ({"time_s": [0.0, 0.0, 1.0]}, "time_s.*rising"),
+    "noise": ({"noise_std": [0.0]}, "noise_std"),
+    "heading": ({"heading_rad": [0.0, np.nan, 0.0]}, "heading_rad"),
+    "heard": ({"heard": np.zeros((3, 1))}, "heard.*nothing"),
+    "heard shape": ({"heard": np.ones((2, 1))}, "heard"),
+    "position": ({"anchor_position_m": [[0.0, 0.0, 0.0]]}, "anchor_position_m"),
+    "deviation": ({"heading_std_rad": -1.0}, "std_rad"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults_are_told_in_one_line(fault):
+    changes, says = FAULTS[fault]
+    with pytest.raises(InputError, match=says) as told:
+        recording(**changes)
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("value", "says"), [(np.nan, "NaN"), (np.inf, "NaN or inf"), (0.0, "zeros"), (1e300, "inf")]
+)
+def test_snapshots_that_cannot_be_are_refused_where_they_are(value, says):
+    z = samples_of([5.0], 3)
+    z[2] = value
+    with pytest.raises(InputError, match=rf"samples\[2, 0\].*{says}.*heard = false"):
+        recording(z)
+
+
+def test_few_frequencies_and_odd_shapes_are_refused():
+    with pytest.raises(InputError, match="at least 8"):
+        recording(samples_of([5.0])[..., :7], frequency_hz=FREQUENCIES[:7])
+    with pytest.raises(InputError, match="shape"):
+        recording(np.ones((3, 41)))
+
+
+def test_elements_must_be_given_and_in_metres():
+    z = np.ones((3, 1, 2, 1, 41))
+    with pytest.raises(InputError, match=r"anchor_element_m.*none of 2"):
+        recording(z)
+    spaced = np.array([[[0.0, 0.0], [0.0, 0.25]]])
+    recording(z, anchor_element_m=0.05 * spaced)
+    for factor in (1.0, 1e3 * 0.05):  # wavelengths, millimetres
+        with pytest.raises(InputError, match=r"element_m.*wavelengths.*metres"):
+            recording(z, anchor_element_m=factor * spaced)
+    with pytest.raises(InputError, match="one place"):
+        recording(z, anchor_element_m=0 * spaced)
+
+
+def test_files_of_another_kind_cut_short_or_promising_too_much_are_refused(tmp_path):
+    path = tmp_path / "a.h5"
+    recording().to_h5(path)
+    content = path.read_bytes()
+    (tmp_path / "short.h5").write_bytes(content[: len(content) // 2])
+    with pytest.raises(InputError, match="cut short"):
+        gs.Recording.from_h5(tmp_path / "short.h5")
+    with pytest.raises(InputError, match=r"format.*gridslam-signal.*gridslam-measurements"):
+        gs.Measurements.from_h5(path)
+    with h5py.File(path, "r+") as file:
+        del file["signal/samples"]
+        promise = file["signal"].create_dataset("samples", (3, 1, 1000, 1000, 41, 2), "f4", chunks=True)
+        promise.attrs["carrier_hz"] = 6e9
+    content = path.read_bytes()
+    path.write_bytes(content + seal(content))
+    with pytest.raises(InputError, match="as many as the file holds"):
+        gs.Recording.from_h5(path)
+
+
+@pytest.mark.parametrize("name", ["signal/samples", "signal/frequency_hz", "anchors/name", "signal/time_s"])
+def test_files_without_what_must_be_there_name_it(tmp_path, name):
+    path = tmp_path / "a.h5"
+    recording().to_h5(path)
+    with h5py.File(path, "r+") as file:
+        del file[name]
+    content = path.read_bytes()
+    path.write_bytes(content + seal(content))
+    with pytest.raises(InputError, match=f"{name.split('/')[1]}.*no dataset"):
+        gs.Recording.from_h5(path)
+
+
+SCANS = {
+    "shape": ({"samples": np.ones((1, 1, 41))}, "samples"),
+    "NaN": ({"samples": np.full((1, 1, 1, 41), np.nan)}, "NaN"),
+    "zeros": ({"samples": np.zeros((1, 1, 1, 41))}, "zeros"),
+    "heard": ({"heard": np.ones(2, bool)}, "heard"),
+    "time": ({"time_s": np.nan}, "time_s"),
+    "back": ({"time_s": -1.0}, "time doesn't go back"),
+    "heading": ({"heading_rad": np.inf}, "heading"),
+    "text": ({"samples": "none"}, "numbers"),
+}
+
+
+@pytest.mark.parametrize("fault", SCANS)
+def test_scans_that_make_no_sense_are_refused(fault):
+    changes, says = SCANS[fault]
+    whole = {"step": 0, "time_s": 0.0, "samples": np.ones((1, 1, 1, 41)), "heard": np.ones(1, bool)}
+    assert len(gs.SignalScan(**whole).checked(1)) == 1
+    with pytest.raises(InputError, match=says):
+        gs.SignalScan(**{**whole, **changes}).checked(1, after=-0.5)
