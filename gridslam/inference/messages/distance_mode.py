@@ -1,0 +1,122 @@
+"""Joint mode of the distances of all paths of one anchor, and what a snapshot tells of them (M79)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.inference.messages.signal_likelihood import Band, Superposition, superpose
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+ROUNDS, HALVINGS = 8, 6
+"""Gauss-Newton steps at most, and halvings of each."""
+FARTHEST = 0.2
+"""Longest step, in resolutions: a longer one jumps to the next sidelobe."""
+STILL = 0.02
+"""Share of a deviation below which a step ends the search."""
+FREE_M = 100.0
+"""Prior deviation of a distance of which nothing is known."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathPrior:
+    """What is predicted of the N paths of one anchor.
+
+    Attributes
+    ----------
+    mean : (N,) m
+        Distances.
+    precision : (N, N) 1/m^2
+        Inverse covariance.
+    weight : (N,)
+        Mean power of each path, times the probability that it is there.
+    """
+
+    mean: Array
+    precision: Array
+    weight: Array
+
+    def with_path(self, distance: float, weight: float) -> PathPrior:
+        """One path more, whose distance is free; the search starts from the one that is given."""
+        size = len(self.mean)
+        precision = np.zeros((size + 1, size + 1))
+        precision[:size, :size] = self.precision
+        precision[size, size] = FREE_M**-2
+        return PathPrior(np.append(self.mean, distance), precision, np.append(self.weight, weight))
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """Where the posterior of the distances is highest, and its Gaussian there.
+
+    Attributes
+    ----------
+    distance : (N,) m
+    covariance : (N, N) m^2
+        Inverse of prior precision plus information.
+    log_posterior : float
+        log CN(z; 0, C) + log prior but for constants.
+    paths : Superposition
+        The paths at the mode.
+    noise_ratio : float
+        Power left over in ratio to what is expected, less what fitting the distances took.
+    """
+
+    distance: Array
+    covariance: Array
+    log_posterior: float
+    paths: Superposition
+    noise_ratio: float
+
+    @property
+    def variance(self) -> Array:
+        """(N,) m^2."""
+        return np.asarray(self.covariance.diagonal())
+
+
+def joint_mode(
+    band: Band, samples: Complex, prior: PathPrior, noise: float, start: Array | None = None
+) -> Mode:
+    """Find the mode by Gauss-Newton steps with the information of the whole snapshot (M79).
+
+    Parameters
+    ----------
+    samples : (M,) complex128
+    noise : float
+        Power of the noise in each sample.
+    start : (N,) m, optional
+        Where the search begins. Default: the predicted distances.
+    """
+    distance = prior.mean.copy() if start is None else start.copy()
+    longest = FARTHEST * band.resolution_m
+    paths = superpose(band, samples, distance, prior.weight, noise)
+    best = _log_posterior(paths, prior, distance)
+    for _ in range(ROUNDS):
+        gradient = paths.gradient - prior.precision @ (distance - prior.mean)
+        curvature = prior.precision + paths.information
+        step = np.linalg.solve(curvature, gradient)
+        if float(gradient @ step) < STILL**2:
+            break
+        step *= min(1.0, longest / np.abs(step).max())
+        for _ in range(HALVINGS):
+            trial = superpose(band, samples, distance + step, prior.weight, noise)
+            value = _log_posterior(trial, prior, distance + step)
+            if value > best:
+                break
+            step *= 0.5
+        else:
+            break
+        distance, paths, best = distance + step, trial, value
+    covariance = np.linalg.inv(prior.precision + paths.information)
+    covariance = 0.5 * (covariance + covariance.T)
+    taken = 0.5 * float(np.sum(covariance * paths.information))
+    share = 1 - taken / max(paths.noise_freedom, taken + 1.0)
+    return Mode(distance, covariance, best, paths, paths.noise_ratio / share)
+
+
+def _log_posterior(paths: Superposition, prior: PathPrior, distance: Array) -> float:
+    off = distance - prior.mean
+    return paths.log_density - 0.5 * float(off @ prior.precision @ off)

@@ -1,0 +1,106 @@
+"""Direct SLAM on short recordings of the scene `overlap`."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.systems.direct import start, step
+from gridslam.world.signal_model import SignalModel
+from gridslam.world.signal_scan import SignalScan
+
+STEPS = 60
+
+
+@pytest.fixture(scope="module")
+def overlap():
+    """The scene made short, what its agent received, and all that a filter may know."""
+    data = gs.Scene.load("overlap").model_dump(exclude_none=True)
+    data["agents"][0]["steps"] = STEPS
+    scene = gs.Scene.checked(data, "overlap")
+    recording = gs.simulate(scene, "agent1", seed=3, what="signal")
+    return recording, SignalModel.of(scene.filter_model("agent1"), recording.waveform)
+
+
+def run(recording, model, steps=STEPS, change=lambda samples: samples):
+    """States after each step, of samples that are changed before."""
+    state, states = start(model), []
+    for scan in list(recording)[:steps]:
+        state, _ = step(state, replace(scan, samples=change(scan.samples)), model)
+        states.append(state)
+    return states
+
+
+@pytest.fixture(scope="module")
+def states(overlap):
+    return run(*overlap)
+
+
+def test_agent_is_followed_and_images_settle(overlap, states):
+    truth = overlap[0].truth.position_m
+    error = np.array([state.belief.mean[:2] for state in states]) - truth
+    squared = [
+        e @ np.linalg.solve(s.belief.covariance[:2, :2], e) for s, e in zip(states, error, strict=True)
+    ]
+    assert np.linalg.norm(error[10:], axis=1).max() < 0.15
+    assert np.mean(squared) < 6
+    assert len(states[-1].images) >= 2
+    assert states[-1].links.noise == pytest.approx(1.0, rel=0.15)
+    assert (states[-1].links.visible > 0.9).all()
+
+
+def test_settled_images_are_mirror_images_of_their_anchors(overlap, states):
+    scene, state = gs.Scene.load("overlap"), states[-1]
+    walls = scene.segments()
+    for place, covariance, anchor in zip(
+        state.places, state.place_covariances, state.images.anchor, strict=True
+    ):
+        true = np.array([gs_mirror(line, scene.anchor_positions[anchor]) for line in walls.line])
+        off = true - place
+        assert min(o @ np.linalg.solve(covariance, o) for o in off) < 16
+
+
+def gs_mirror(line, point):
+    """The mirror image, by hand."""
+    normal = np.array([np.cos(line[0]), np.sin(line[0])])
+    return point + 2 * (line[1] - normal @ point) * normal
+
+
+@pytest.mark.parametrize("turn", [1e3, np.exp(2j)], ids=["louder", "turned"])
+def test_scale_and_phase_of_samples_mean_nothing(overlap, states, turn):
+    changed = run(*overlap, 25, lambda samples: turn * samples)[-1]
+    np.testing.assert_allclose(changed.belief.mean, states[24].belief.mean, atol=1e-6)
+    np.testing.assert_allclose(changed.links.noise, np.abs(turn) ** 2 * states[24].links.noise, rtol=1e-6)
+
+
+def test_a_step_changes_nothing_of_the_state_before(overlap, states):
+    before = states[-2]
+    kept = [np.copy(getattr(part, f.name)) for part in (before.belief, before.images, before.links)
+            for f in fields(part)]  # fmt: skip
+    step(before, overlap[0].scan(STEPS - 1), overlap[1])
+    now = [
+        getattr(part, f.name) for part in (before.belief, before.images, before.links) for f in fields(part)
+    ]
+    for was, is_ in zip(kept, now, strict=True):
+        np.testing.assert_array_equal(was, is_)
+
+
+def test_an_anchor_that_is_not_heard_changes_nothing_but_time(overlap, states):
+    scan = overlap[0].scan(STEPS - 1)
+    silent = SignalScan(scan.step, scan.time_s, scan.samples, np.zeros(2, bool))
+    after, _ = step(states[-2], silent, overlap[1])
+    assert len(after.images) == len(states[-2].images)
+    assert after.belief.covariance[0, 0] > states[-2].belief.covariance[0, 0]
+    np.testing.assert_array_equal(after.links.noise, states[-2].links.noise)
+
+
+def test_noise_gives_birth_to_nothing_that_joins(overlap):
+    _, model = overlap
+    rng, state, begun = np.random.default_rng(0), start(model), 0
+    for number in range(120):
+        samples = (rng.normal(size=(2, 1, 1, 41)) + 1j * rng.normal(size=(2, 1, 1, 41))) / np.sqrt(2)
+        state, infos = step(state, SignalScan(number, float(number), samples, np.ones(2, bool)), model)
+        begun += sum(len(info.new) for info in infos) if number > 40 else 0
+    assert not len(state.images)
+    assert begun < 8
