@@ -84,7 +84,7 @@ def known_map_bound(
     """
     track = scene.track(agent) if track is None else track
     paths = true_paths(scene, agent, track) if paths is None else paths
-    jacobian = whitened_jacobian(scene, agent, paths, _hit(scene, paths), track)
+    jacobian = whitened_jacobian(scene, agent, paths, hit_surfaces(scene, paths), track)
     rows = _information(scene, agent, paths, jacobian, len(track))
     information, bounds = agent_prior(scene, agent), []
     for step in range(len(rows)):
@@ -119,7 +119,7 @@ def unknown_map_bound(
     """
     paths = true_paths(scene, agent) if paths is None else paths
     jitter = JITTER_SHARE * scene.filter.surface_m if jitter_m is None else jitter_m
-    surface = _hit(scene, paths)
+    surface = hit_surfaces(scene, paths)
     if before is not None:
         surface = np.union1d(surface, before.surface)
     line, rows = surface_lines(scene)[surface], whitened_jacobian(scene, agent, paths, surface)
@@ -145,7 +145,7 @@ def unknown_map_bound(
         known = np.isfinite(own_covariance).all((1, 2))
         spread = sfv_covariance(line[known], own_covariance[known])
         surface_m[step, known] = np.sqrt(np.trace(spread, axis1=1, axis2=2))
-        _follow_hits(feet, scene, paths.at(step), surface, line)
+        follow_hits(feet, scene, paths.at(step), surface, line)
     corner, cross = information[:AGENT, :AGENT], information[:AGENT, AGENT:]
     left = information[AGENT:, AGENT:] - cross.T @ np.linalg.solve(corner, cross)
     position, heading = np.transpose(bounds)
@@ -289,12 +289,12 @@ def _agent_bound(covariance: Array) -> tuple[float, float]:
     return float(np.sqrt(covariance[0, 0] + covariance[1, 1])), float(np.sqrt(covariance[4, 4]))
 
 
-def _hit(scene: Scene, paths: TruePaths) -> NDArray[np.intp]:
+def hit_surfaces(scene: Scene, paths: TruePaths) -> NDArray[np.intp]:
     """Surfaces that some path hit, rising."""
     return np.unique(scene.segments().surface[paths.segment[paths.segment >= 0]])
 
 
-def _follow_hits(feet: Array, scene: Scene, paths: TruePaths, surface: NDArray[np.intp], line: Array) -> None:
+def follow_hits(feet: Array, scene: Scene, paths: TruePaths, surface: NDArray[np.intp], line: Array) -> None:
     """Note where along its line each surface was hit last (tangential coordinate, m)."""
     owner = scene.segments().surface
     for bounce in range(2):

@@ -1,0 +1,90 @@
+"""How good a network's clocks, labels and maps are, by what can be observed.
+
+Offsets of clocks have a common part that no measurement tells of (docs/model.md, (M101)). So they are
+judged by pairs (apparent biases), and with that part removed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.evaluation.metrics import ospa
+from gridslam.world.geometry import mirror
+
+Array = NDArray[np.float64]
+MOSPA_CUTOFF_M, MOSPA_ORDER = 1.0, 2.0
+SYNCHRONISED_S = 3e-9
+"""Error, common part removed, within which a clock counts as set."""
+
+
+def apparent_biases(offset: Array, anchors: int) -> Array:
+    """Differences between the anchors' and the agents' offsets.
+
+    Parameters
+    ----------
+    offset : (..., J + I)
+        Of the anchors, then of the agents.
+    anchors : int
+        J.
+
+    Returns
+    -------
+    (..., I, J)
+    """
+    return np.asarray(offset[..., None, :anchors] - offset[..., anchors:, None])
+
+
+def without_common(error: Array) -> Array:
+    """Errors of offsets (..., D) without what all of them have in common."""
+    return np.asarray(error - error.mean(-1, keepdims=True))
+
+
+def steps_to_synchronise(error_s: Array, limit_s: float = SYNCHRONISED_S) -> list[int | None]:
+    """First step from which on each clock stays within the limit; None for one that ends beyond.
+
+    Parameters
+    ----------
+    error_s : (N, D) s
+        Estimated minus true offsets.
+    """
+    wrong = np.abs(without_common(error_s)) > limit_s
+    steps = [np.flatnonzero(column) for column in wrong.T]
+    last = [int(own[-1]) + 1 if len(own) else 0 for own in steps]
+    return [None if step == len(wrong) else step for step in last]
+
+
+def label_errors(given: NDArray[np.intp], source: NDArray[np.intp]) -> tuple[int, int]:
+    """How many measurements of true paths were given another anchor than theirs, and how many were given one.
+
+    Parameters
+    ----------
+    given, source : (K,) int
+        Anchor that a filter took a measurement to come from, and the true one; -1 for none.
+    """
+    judged = (given >= 0) & (source >= 0)
+    return int((given != source)[judged].sum()), int(judged.sum())
+
+
+def virtual_anchors(lines: Array, anchors: Array) -> Array:
+    """Mirror images of all anchors (J, 2) at all lines (S, 2), (J S, 2)."""
+    images = [mirror(lines, anchor) for anchor in anchors] if len(lines) else []
+    return np.concatenate([np.zeros((0, 2)), *images])
+
+
+def mospa(found: Sequence[Array], truth: Sequence[Array], anchors: Array) -> float:
+    """Mean over steps of the OSPA distance (1 m, order 2) of virtual anchors, m.
+
+    Parameters
+    ----------
+    found, truth : sequences of (S, 2)
+        Lines found, and lines that there are, of every step.
+    anchors : (J, 2) m
+    """
+    distances = [
+        ospa(virtual_anchors(own, anchors), virtual_anchors(there, anchors), MOSPA_CUTOFF_M, MOSPA_ORDER)
+        for own, there in zip(found, truth, strict=True)
+    ]
+    return float(np.mean(distances)) if distances else float("nan")
