@@ -1,7 +1,7 @@
 """Posterior Cramer-Rao bound of several agents, their clocks and the surfaces that they share.
 
-The recursion of `bounds` over the joint state of [Venus2025separation]'s problem: all agents, all clocks that
-aren't known, all lines; docs/model.md, (M106). Labels and associations count as known. Only differences of
+The recursion of `bounds` over the joint state of [Venus2025network]'s problem: all agents, all clocks that
+aren't known, all lines; docs/model.md, (M105). Labels and associations count as known. Only differences of
 clocks are observed, so bounds of clocks are those of apparent biases, and of offsets without what all clocks
 have in common.
 """

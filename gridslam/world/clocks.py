@@ -2,7 +2,7 @@
 
 A device whose clock is off by b measures distances that are off by c b. Inside the package all offsets are
 in metres: beta of an anchor, b of an agent; a path of theirs is measured as ``distance + beta - b``
-[Venus2025separation], eqs. (2), (4).
+[Venus2025network], eqs. (2), (4).
 """
 
 from __future__ import annotations
