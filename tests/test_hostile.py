@@ -82,7 +82,7 @@ def good(tmp_path_factory):
 
 
 @pytest.mark.slow
-@CASES
+@FEWER  # where the seal is gone, a case starts a process
 @given(data=st.data())
 def test_h5_damaged(tmp_path, good, data):
     harmless(describe, tmp_path / "a.h5", data.draw(damaged((good / "a.h5").read_bytes())))

@@ -97,7 +97,7 @@ def explain(
     first = int(step[0]) if len(step) else 0
     used = np.flatnonzero(step < first + STEPS)
     weight = np.full(len(position), 1 / len(position))
-    usual = {name: _density(_plain(name, columns[name])) for name in QUANTITIES if name in columns}
+    quantities = {name: _quantity(columns, name, scene) for name in QUANTITIES if name in columns}
     evidence, rows, ranges, chances, track = 0.0, [], [], [], []
     bounds = np.flatnonzero(np.diff(step[used])) + 1
     before = first
@@ -115,9 +115,10 @@ def explain(
             distance = np.hypot(*away.T)
             if error is not None and size is not None:
                 distance = error.spoilt(distance, size, int(number))
-            ratio = _ratio(
-                columns, usual, own, scene, int(number), distance, direction, heading, world_arrival
-            )
+            ahead = direction - scene.anchor_orientations[number]
+            behind = direction + (np.pi if world_arrival else np.pi - heading)
+            expected = dict(zip(QUANTITIES, (distance, ahead, behind), strict=True))
+            ratio = _ratio(quantities, own, expected)
             total = (1 - HEARD) + HEARD * ratio.sum(1) / len(own)
             score += np.log(total)
             scans.append((own, distance, HEARD * ratio / len(own) / total[:, None]))
@@ -181,42 +182,60 @@ def _start(
     return position, facing, body.step_m * np.where(np.arange(count) % 4 == 0, 4.0, 0.8)
 
 
+@dataclass(frozen=True)
+class _Quantity:
+    """A column, as the likelihood of a line of sight takes it.
+
+    Attributes
+    ----------
+    values : (K,) float64
+        0 where not measured.
+    precision : (K,) float64
+        One over the standard deviation; 0 where not measured.
+    peak : (K,) float64
+        Density of the line of sight at its best, over that of any path; 1 where not measured.
+    turns : bool
+        Whether it is an angle.
+    """
+
+    values: Array
+    precision: Array
+    peak: Array
+    turns: bool
+
+
+def _quantity(columns: Mapping[str, NDArray], name: str, scene: Scene) -> _Quantity:
+    values, turns = np.asarray(columns[name], dtype=np.float64), name.endswith("_rad")
+    least = ANGLE_STD if turns else max(LEAST_DISTANCE_STD_M, 0.5 * SPEED_OF_LIGHT / scene.radio.bandwidth_hz)
+    own = columns.get("distance_std_m" if name == "distance_m" else name.replace("rad", "std_rad"))
+    sigma = np.hypot(least, np.nan_to_num(own) if own is not None else np.zeros(len(values)))
+    missing = np.isnan(values)
+    usual = _density(np.asarray(wrap(values)) if turns else values)  # spread over turns they'd seem rarer
+    return _Quantity(
+        np.where(missing, 0.0, values),
+        np.where(missing, 0.0, 1 / sigma),
+        np.where(missing, 1.0, 1 / (np.sqrt(2 * np.pi) * sigma * usual)),
+        turns,
+    )
+
+
 def _ratio(
-    columns: Mapping[str, NDArray],
-    usual: Mapping[str, Array],
-    rows: NDArray[np.intp],
-    scene: Scene,
-    number: int,
-    distance: Array,
-    direction: Array,
-    heading: Array,
-    world_arrival: bool,
+    quantities: Mapping[str, _Quantity], rows: NDArray[np.intp], expected: Mapping[str, Array]
 ) -> Array:
-    """Likelihood of each row (P, M) as the line of sight to an anchor, over that of any path."""
-    shape = (len(distance), len(rows))
+    """Likelihood of each row (P, M) as the line of sight to an anchor, over that of any path.
+
+    `expected` holds what each particle (P,) expects of it.
+    """
+    shape = (len(expected["distance_m"]), len(rows))
     exponent, peak = np.zeros(shape), np.ones(len(rows))
-    if "distance_m" in columns:
-        own = _deviation(columns, "distance_std_m", rows)
-        sigma = np.hypot(max(LEAST_DISTANCE_STD_M, 0.5 * SPEED_OF_LIGHT / scene.radio.bandwidth_hz), own)
-        values = columns["distance_m"][rows]
-        exponent += _square(values - distance[:, None], sigma, values)
-        peak /= np.where(np.isnan(values), 1, np.sqrt(2 * np.pi) * sigma * usual["distance_m"][rows])
-    for name, zero, frame in (
-        ("aod_rad", direction, scene.anchor_orientations[number]),
-        ("aoa_rad", direction + np.pi, 0.0 if world_arrival else heading),
-    ):
-        if name in columns:
-            values = columns[name][rows]
-            sigma = np.hypot(ANGLE_STD, _deviation(columns, name.replace("rad", "std_rad"), rows))
-            gap = values - (zero - frame)[:, None]
-            exponent += _square(wrap(np.nan_to_num(gap)), sigma, values)
-            peak /= np.where(np.isnan(values), 1, np.sqrt(2 * np.pi) * sigma * usual[name][rows])
+    for name, quantity in quantities.items():
+        gap = quantity.values[rows] - expected[name][:, None]
+        if quantity.turns:
+            gap -= 2 * np.pi * np.rint(gap / (2 * np.pi))
+        gap *= quantity.precision[rows]
+        exponent += gap * gap
+        peak *= quantity.peak[rows]
     return peak * np.exp(-0.5 * exponent)
-
-
-def _plain(name: str, values: Array) -> Array:
-    """Angles wrapped: spread over several turns they would seem rarer than they are."""
-    return np.asarray(wrap(values)) if name.endswith("_rad") else values
 
 
 def _density(values: Array) -> Array:
@@ -229,14 +248,6 @@ def _density(values: Array) -> Array:
     edges = np.quantile(known, np.linspace(0, 1, bins + 1)) if len(known) else np.array([0.0, 1.0])
     width = np.maximum(np.diff(edges), 1e-9)
     return 1 / (bins * width[np.clip(np.searchsorted(edges, values, side="right") - 1, 0, bins - 1)])
-
-
-def _square(gap: Array, sigma: Array, values: Array) -> Array:
-    return np.where(np.isnan(values), 0.0, (gap / sigma) ** 2)
-
-
-def _deviation(columns: Mapping[str, NDArray], name: str, rows: NDArray[np.intp]) -> Array:
-    return np.nan_to_num(columns[name][rows]) if name in columns else np.zeros(len(rows))
 
 
 def turning_rad(track: Array, leg_m: float = 0.5) -> float:

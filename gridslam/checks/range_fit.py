@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from gridslam.checks.line_of_sight_filter import Sight
 from gridslam.checks.range_errors import MOST_HEIGHT_M, MOST_OFFSET_M, RangeError
-from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
 
 Array = NDArray[np.float64]
@@ -77,13 +76,13 @@ def fits(
         return []
     places = scene.anchor_positions
     count = int(np.isfinite(heard).sum() - 3 * len(heard))
-    found = [RangeFit(None, 0.0, _misfit(heard, places, None, 0.0), count)]
+    found = [RangeFit(None, 0.0, float(_misfit(heard, places, None, np.zeros(1))[0]), count)]
     for error in errors:
         least, most = (0.0, MOST_HEIGHT_M) if error.kind == "slant" else (-MOST_OFFSET_M, MOST_OFFSET_M)
         sizes = np.arange(least, most + COARSE_M, COARSE_M)
         for spread in (COARSE_M, 0.2 * COARSE_M, 0.04 * COARSE_M):  # finer and finer about the best so far
-            costs = [_misfit(heard, places, error, size) for size in sizes]
-            size, cost = float(sizes[np.argmin(costs)]), min(costs)
+            costs = _misfit(heard, places, error, sizes)
+            size, cost = float(sizes[np.argmin(costs)]), float(costs.min())
             sizes = np.clip(size + spread * np.linspace(-1, 1, 11), least, most)
         found.append(RangeFit(error, size, cost, count))
     return found
@@ -107,44 +106,44 @@ def _heard(columns: Mapping[str, NDArray], sight: Sight, scene: Scene) -> Array 
     return heard[enough] if enough.sum() >= 5 else None
 
 
-def _misfit(heard: Array, places: Array, error: RangeError | None, size: float) -> float:
-    """Sum of squared residuals with the poses (N, 3) that make them least, by Gauss-Newton with weights."""
-    pose = _first(heard, places)
+def _misfit(heard: Array, places: Array, error: RangeError | None, sizes: Array) -> Array:
+    """Sums of squared residuals (S,), one for each size of the error.
+
+    The poses (S, N, 3) are those that make them least, by Gauss-Newton with weights.
+    """
+    first = _first(heard, places)
+    pose = np.tile(first, (len(sizes), 1, 1))
     told = np.isfinite(heard)
     values = np.nan_to_num(heard)
-    deviation = np.array([DISTANCE_STD_M, ANGLE_STD_RAD, ANGLE_STD_RAD])
+    precision = told / np.array([DISTANCE_STD_M, ANGLE_STD_RAD, ANGLE_STD_RAD])
     for last in range(ROUNDS + 1):
-        away = pose[:, None, :2] - places
+        away = pose[..., None, :2] - places
         flat = np.maximum(np.hypot(away[..., 0], away[..., 1]), 1e-3)
         direction = np.arctan2(away[..., 1], away[..., 0])
         slope, predicted = np.ones_like(flat), flat.copy()
         for number in error.anchors if error is not None else ():
-            predicted[:, number] = error.spoilt(flat[:, number], np.array(size), number)  # type: ignore[union-attr]
+            predicted[..., number] = error.spoilt(flat[..., number], sizes[:, None], number)  # type: ignore[union-attr]
             if error is not None and error.kind == "slant":
-                slope[:, number] = flat[:, number] / predicted[:, number]
-        expected = np.stack([predicted, direction, direction + np.pi - pose[:, None, 2]], -1)
+                slope[..., number] = flat[..., number] / predicted[..., number]
+        expected = np.stack([predicted, direction, direction + np.pi - pose[..., None, 2]], -1)
         gap = values - expected
-        gap[..., 1:] = wrap(gap[..., 1:])
-        gap = np.where(told, gap / deviation, 0.0)
+        gap[..., 1:] -= 2 * np.pi * np.rint(gap[..., 1:] / (2 * np.pi))
+        gap *= precision
         if last == ROUNDS:
             break
-        towards, across = (
-            away / flat[..., None],
-            np.stack([-away[..., 1], away[..., 0]], -1) / flat[..., None] ** 2,
-        )
-        jacobian = np.zeros((*heard.shape, 3))
-        jacobian[..., 0, :2] = slope[..., None] * towards
+        across = np.stack([-away[..., 1], away[..., 0]], -1) / flat[..., None] ** 2
+        jacobian = np.zeros((*gap.shape, 3))
+        jacobian[..., 0, :2] = (slope / flat)[..., None] * away
         jacobian[..., 1, :2] = jacobian[..., 2, :2] = across
         jacobian[..., 2, 2] = -1
-        jacobian = np.where(told[..., None], jacobian / deviation[:, None], 0.0).reshape(len(pose), -1, 3)
-        flatgap = gap.reshape(len(pose), -1)
-        weight = 1 / (1 + (flatgap / OUTLIER) ** 2)
-        normal = np.einsum("nki,nk,nkj->nij", jacobian, weight, jacobian) + 0.1 * np.eye(3)
-        change = np.linalg.solve(normal, np.einsum("nki,nk,nk->ni", jacobian, weight, flatgap)[..., None])[
-            ..., 0
-        ]
+        jacobian *= precision[..., None]
+        jacobian = jacobian.reshape(*pose.shape[:2], -1, 3)
+        flatgap = gap.reshape(*pose.shape[:2], -1)
+        weighted = (jacobian / (1 + (flatgap / OUTLIER) ** 2)[..., None]).swapaxes(-1, -2)
+        normal = weighted @ jacobian + 0.1 * np.eye(3)
+        change = np.linalg.solve(normal, weighted @ flatgap[..., None])[..., 0]
         pose = pose + np.clip(change, -1, 1)
-    return float(np.minimum(gap**2, OUTLIER**2).sum())
+    return np.asarray(np.minimum(gap**2, OUTLIER**2).sum((1, 2, 3)))
 
 
 def _first(heard: Array, places: Array) -> Array:

@@ -47,8 +47,8 @@ def cells_of(
 
 
 def _inside(cells: Array, shape: tuple[int, int]) -> Array:
-    good = ((cells >= 0) & (cells < np.array(shape))).all(1)
-    return np.unique(cells[good], axis=0)
+    good = cells[((cells >= 0) & (cells < np.array(shape))).all(1)]
+    return np.stack(np.divmod(np.unique(good[:, 0] * shape[1] + good[:, 1]), shape[1]), -1)
 
 
 def dense(where: Whole, held: Array) -> Array:

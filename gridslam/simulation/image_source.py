@@ -18,7 +18,7 @@ from gridslam.measurements.table import Measurements
 from gridslam.simulation.reception import apparent_bias, received
 from gridslam.simulation.true_paths import TruePaths
 from gridslam.world.columns import DEVIATIONS, VALUES
-from gridslam.world.geometry import Segments, crossing, mirror, trace, wrap
+from gridslam.world.geometry import Segments, course, crossing, mirror, wrap
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
@@ -29,6 +29,8 @@ __all__ = [
 Array = NDArray[np.float64]
 GRAZE = 1e-9
 """Share of a leg at either end in which a wall does not block it: the wall that it starts or ends on."""
+MOST_AT_ONCE = 200_000
+"""Pairs of step and order of walls that are looked at together."""
 
 
 @dataclass(frozen=True)
@@ -97,17 +99,19 @@ def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> Tru
     bounces = np.where(pieces[:, 0] < 0, 0, np.where(pieces[:, 0] == pieces[:, 1], 1, 2))
     safe = np.maximum(pieces, 0)
     lines = lines if count else np.zeros((1, 2))
+    block = max(MOST_AT_ONCE // len(pieces), 1)
 
     rows = []
     for number, anchor in enumerate(scene.anchors):
         position, facing = np.asarray(anchor.position_m), scene.anchor_orientations[number]
-        for step in range(len(track)):
-            here = track.position_m[step]
-            keep = _plausible(here, position, lines, safe, bounces)
-            size = keep.sum()
-            geometry = trace(
-                np.broadcast_to(here, (size, 2)),
-                np.broadcast_to(position, (size, 2)),
+        for start in range(0, len(track), block):
+            places = track.position_m[start : start + block]
+            steps, keep = np.nonzero(_plausible(places, position, lines, safe, bounces))
+            steps = start + steps
+            here = track.position_m[steps]
+            geometry = course(
+                here,
+                np.broadcast_to(position, here.shape),
                 lines[safe[keep, 1]],
                 lines[safe[keep, 0]],
                 bounces[keep],
@@ -116,9 +120,9 @@ def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> Tru
             if count:
                 good &= (bounces[keep] == 0) | _on_piece(geometry.last_point, walls, safe[keep, 1])
                 good &= (bounces[keep] < 2) | _on_piece(geometry.first_point, walls, safe[keep, 0])
-            piece, kind = pieces[keep][good], bounces[keep][good]
+            piece, kind, steps = pieces[keep][good], bounces[keep][good], steps[good]
             points = np.full((good.sum(), 4, 2), np.nan)
-            points[:, 0], points[:, 3] = position, here
+            points[:, 0], points[:, 3] = position, track.position_m[steps]
             points[:, 1] = geometry.first_point[good]
             points[kind == 2, 2] = geometry.last_point[good][kind == 2]
             strength = np.where(kind > 0, walls.reflection[piece[:, 1]], 1.0) if count else np.ones(len(kind))
@@ -127,11 +131,11 @@ def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> Tru
             distance = geometry.distance[good]
             rows.append(
                 TruePaths(
-                    np.full(len(kind), step),
+                    steps,
                     np.full(len(kind), number),
                     distance,
                     wrap(geometry.departure[good] - facing),
-                    wrap(geometry.arrival[good] - track.heading_rad[step]),
+                    wrap(geometry.arrival[good] - track.heading_rad[steps]),
                     signal.amplitude(distance, strength),
                     kind,
                     np.where(kind[:, None] == 1, np.stack([piece[:, 0], np.full(len(kind), -1)], -1), piece),
@@ -153,12 +157,12 @@ def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> Tru
 def _plausible(
     here: Array, anchor: Array, lines: Array, pieces: NDArray[np.intp], bounces: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
-    """Cheap necessary condition: the segment from the agent to the image crosses the last line."""
+    """Cheap necessary condition (N, P): segments from places (N, 2) to the image cross the last line."""
     if len(pieces) < 64:
-        return np.ones(len(pieces), dtype=bool)
+        return np.ones((len(here), len(pieces)), dtype=bool)
     image_first = np.where((bounces == 2)[:, None], mirror(lines, anchor)[pieces[:, 0]], anchor)
     image = mirror(lines[pieces[:, 1]], image_first)
-    fraction = crossing(here, image, lines[pieces[:, 1]])
+    fraction = crossing(here[:, None], image, lines[pieces[:, 1]])
     return (bounces == 0) | ((fraction > 0) & (fraction < 1))
 
 

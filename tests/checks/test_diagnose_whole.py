@@ -8,6 +8,7 @@ import pytest
 
 import gridslam as gs
 from gridslam.checks.diagnose import describe, suspicions
+from gridslam.checks.line_of_sight_filter import STEPS
 from gridslam.checks.time_units import intervals
 from gridslam.measurements.table import Measurements
 from gridslam.world.radio import SPEED_OF_LIGHT
@@ -23,7 +24,11 @@ BRIEF = 60
 
 @cache
 def simulated(name, seed, agent):
-    return gs.simulate(SCENES[name], agent, seed)
+    """As far as `check` looks for lines of sight, and some steps more."""
+    data = SCENES[name].model_dump(exclude_none=True)
+    steps = min(STEPS + 20, len(SCENES[name].track(agent)))
+    agents = [{**body, "steps": steps} if body["name"] == agent else body for body in data["agents"]]
+    return gs.simulate(gs.Scene.checked({**data, "agents": agents}, name), agent, seed)
 
 
 def heard(name, seed, agent="agent1", steps=None):
