@@ -207,6 +207,34 @@ class Health:
 
 
 @dataclass(frozen=True, eq=False)
+class HypothesisEstimate(_Rows):
+    """Where the agent may be, the likeliest first. Mostly there is one row.
+
+    Attributes
+    ----------
+    weight : (K,) float64
+        Probability of every hypothesis.
+    position_m : (K, 2) float64, m
+    heading_rad : (K,) float64, rad
+    position_cov_m2 : (K, 2, 2) float64, m^2
+    surfaces : (K,) int64
+        How many surfaces each has.
+    """
+
+    weight: np.ndarray
+    position_m: np.ndarray
+    heading_rad: np.ndarray
+    position_cov_m2: np.ndarray
+    surfaces: np.ndarray
+
+    @classmethod
+    def empty(cls) -> Self:
+        """Return a table without hypotheses."""
+        none = np.zeros(0)
+        return cls(none, np.zeros((0, 2)), none, np.zeros((0, 2, 2)), np.zeros(0, np.int64))
+
+
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """What a filter believes after one step. `of_pose` makes one of the few things that it has to hold.
 
@@ -217,11 +245,11 @@ class Estimate:
     time_s : float, s
         Time of the step.
     position_m, velocity_mps : (2,) float64; m, m/s
-        Agent.
+        Agent: the mean over all hypotheses.
     heading_rad : float, rad
         Agent's heading, wrapped to (-pi, pi].
     covariance : (5, 5) float64
-        Of [x, y, vx, vy, heading].
+        Of [x, y, vx, vy, heading], over all hypotheses.
     surfaces : SurfaceEstimate
         All potential surfaces (default: none).
     paths : PathEstimate
@@ -234,6 +262,9 @@ class Estimate:
         Time that the step took (NaN where it wasn't kept).
     health : Health
         Whether the filter trusts itself (its defaults where it wasn't kept).
+    hypotheses : HypothesisEstimate
+        Where the agent may be, the likeliest first (no rows where it wasn't kept). Surfaces and paths are
+        those of the first.
     """
 
     step: int
@@ -248,6 +279,7 @@ class Estimate:
     effective_sample_size: float = math.nan
     seconds: float = math.nan
     health: Health = field(default_factory=Health)
+    hypotheses: HypothesisEstimate = field(default_factory=HypothesisEstimate.empty)
 
     @classmethod
     def of_pose(

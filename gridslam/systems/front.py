@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate, SurfaceEstimate
-from gridslam.inference.management.readout import estimates, surface_estimate
+from gridslam.inference.management.hypotheses import advance, begun
+from gridslam.inference.management.readout import described, estimates, surface_estimate
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
-from gridslam.inference.state.belief import AGENT, append
+from gridslam.inference.state.belief import append
+from gridslam.inference.state.population import Population
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import FRESH_SINGLE, SETTLED
@@ -36,11 +38,20 @@ Array = NDArray[np.float64]
 
 
 class Moment(NamedTuple):
-    """Where a filter has got to: its state, which measurements led there, and the latest step."""
+    """Where a filter has got to: its hypotheses, which measurements led there, and the latest step."""
 
-    state: State
+    population: Population
     identity: Identity
     info: StepInfo | None = None
+
+    @property
+    def state(self) -> State:
+        """The likeliest hypothesis."""
+        return self.population.best
+
+    def believing(self, state: State) -> Moment:
+        """The same with one hypothesis in place of all."""
+        return self._replace(population=Population.of(state))
 
 
 class SurfaceFilter(ABC):
@@ -59,6 +70,8 @@ class SurfaceFilter(ABC):
     """Whether what an earlier agent left enters its belief."""
     keeps_grid: ClassVar[bool] = False
     """Whether it maps cells."""
+    branches: ClassVar[bool] = True
+    """Whether it holds several hypotheses where one Gaussian won't do."""
 
     def __init__(
         self,
@@ -78,12 +91,17 @@ class SurfaceFilter(ABC):
             prior, _ = fitted(prior_map, scene, same_frame=same_frame)
         self.provenance = _provenance(prior if self.uses_maps else None)
         identity = Identity.of(self.model.anchor_positions)
-        self.now = Moment(self.start(self.model, prior), identity)
+        self.now = Moment(self._population(self.start(self.model, prior)), identity)
 
     @property
     def state(self) -> State:
-        """What is believed after the latest step."""
+        """What is believed after the latest step; of several hypotheses, the likeliest."""
         return self.now.state
+
+    @property
+    def population(self) -> Population:
+        """All hypotheses after the latest step."""
+        return self.now.population
 
     @property
     def info(self) -> StepInfo | None:
@@ -105,8 +123,12 @@ class SurfaceFilter(ABC):
             raise InputError("start", str(pose.tolist()), "finite numbers")
         mean = self.state.belief.mean.copy()
         mean[[0, 1, 4]] = pose
-        belief = replace(self.state.belief, mean=mean)
-        self.now = self.now._replace(state=replace(self.state, belief=belief))
+        state = replace(self.state, belief=replace(self.state.belief, mean=mean))
+        self.now = self.now._replace(population=self._population(state))
+
+    def _population(self, state: State) -> Population:
+        """The hypotheses before the first step."""
+        return begun(state, self.model) if self.branches else Population.of(state)
 
     @staticmethod
     def _model(model: FilterModel) -> FilterModel:
@@ -133,11 +155,18 @@ class SurfaceFilter(ABC):
         """
         began = time.perf_counter()
         scan = scan.checked(len(self.model.anchors), self.state.time_s)
-        state, info = self.advance(self.state, scan, self.model, self.work)
-        estimate = self._estimate(state, scan, info, began)
+        population, info = self._advance(scan)
+        estimate = self._estimate(population, scan, info, began)
         # last and at once: whatever interrupts a step leaves the moment before
-        self.now = Moment(state, self.now.identity.after(scan), info)
+        self.now = Moment(population, self.now.identity.after(scan), info)
         return estimate
+
+    def _advance(self, scan: Scan) -> tuple[Population, StepInfo]:
+        """The hypotheses after a scan, and what happened."""
+        if self.branches:
+            return advance(self.population, scan, self.model, self.work, self.advance)
+        state, info = self.advance(self.state, scan, self.model, self.work)
+        return Population.of(state), info
 
     def map(self) -> Map:
         """The map as it stands: detected surfaces, and a grid of which nothing was observed."""
@@ -165,8 +194,9 @@ class SurfaceFilter(ABC):
         from gridslam.systems.checkpoint import Checkpoint, write_checkpoint
 
         kept = Checkpoint(
-            self.method, self.scene, self.agent, self.seed, self.provenance, self.now.identity, self.state
-        )
+            self.method, self.scene, self.agent, self.seed, self.provenance, self.now.identity,
+            self.population,
+        )  # fmt: skip
         write_checkpoint(kept, path)
 
     @classmethod
@@ -182,7 +212,7 @@ class SurfaceFilter(ABC):
 
         kept = read_checkpoint(path, cls.method, cls.start)
         slam = cls(kept.scene, agent=kept.agent, seed=kept.seed)
-        slam.provenance, slam.now = kept.provenance, Moment(kept.state, kept.identity)
+        slam.provenance, slam.now = kept.provenance, Moment(kept.population, kept.identity)
         return slam
 
     def _strength(self, state: State) -> Callable[[Rays, Array], Array] | None:
@@ -192,17 +222,18 @@ class SurfaceFilter(ABC):
         radio, work = self.model.radio, self.work
         return lambda rays, distance: mean_amplitudes(state, rays, distance, radio, work=work)
 
-    def _estimate(self, state: State, scan: Scan, info: StepInfo, began: float) -> Estimate:
-        """MMSE estimates of agent and surfaces, and the paths believed in."""
+    def _estimate(self, population: Population, scan: Scan, info: StepInfo, began: float) -> Estimate:
+        """MMSE estimates of the agent; surfaces and paths of the likeliest hypothesis; all hypotheses."""
+        state = population.best
         model = self.work.calibrated(self.model, info.turned)
-        mean, covariance = state.belief.mean, state.belief.covariance
+        mean, covariance = population.agent()
         at_1m = model.radio.amplitude_at_1m * info.gain
         table, paths = estimates(state, model, at_1m, self._strength(state), work=self.work)
         return Estimate(
             scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[4])),
-            covariance[:AGENT, :AGENT].copy(), table, paths,
+            covariance, table, paths,
             table.existence > model.settings.detect_above, info.health.effective_sample_size,
-            time.perf_counter() - began, info.health,
+            time.perf_counter() - began, info.health, described(population),
         )  # fmt: skip
 
 

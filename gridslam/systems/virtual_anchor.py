@@ -110,6 +110,7 @@ class VirtualAnchorSlam(SurfaceFilter):
 
     method = "va"
     uses_maps = False
+    branches = False
     start = staticmethod(start)
     advance = staticmethod(step)
 

@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.estimates import PathEstimate, SurfaceEstimate
+from gridslam.estimates import HypothesisEstimate, PathEstimate, SurfaceEstimate
+from gridslam.inference.state.population import Population
 from gridslam.inference.state.rays import Rays, listed_at_most
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import wrap
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
@@ -39,6 +41,17 @@ def estimates(
         Amplitudes (L,) of rays of given distances (L,), if they are known otherwise.
     """
     return _described(state, state.los, model.anchors, model.max_bounces, at_1m, strength, work)
+
+
+def described(population: Population) -> HypothesisEstimate:
+    """Table of all hypotheses."""
+    beliefs = [state.belief for state in population.states]
+    poses = population.poses
+    return HypothesisEstimate(
+        population.weights, poses[:, :2], wrap(poses[:, 2]),
+        np.array([belief.covariance[:2, :2] for belief in beliefs]),
+        np.array([len(state.surfaces) for state in population.states], np.int64),
+    )  # fmt: skip
 
 
 def _described(

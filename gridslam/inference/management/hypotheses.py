@@ -1,0 +1,176 @@
+"""A step of several hypotheses: each is stepped in turn by its system, and weighed by its evidence.
+
+docs/model.md, section 14. One hypothesis is stepped as if there were no others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gridslam import runtime
+from gridslam.estimates import Health
+from gridslam.inference.management.branching import branches_of, linear_width, split, widest
+from gridslam.inference.management.mixture import CAP, places, reduce
+from gridslam.inference.management.pose_recovery import is_vague
+from gridslam.inference.management.pose_score import Snapshot
+from gridslam.inference.management.pose_search import Modes, find_modes
+from gridslam.inference.management.step_info import StepInfo
+from gridslam.inference.messages.motion import predict
+from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.population import NONE, Population
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace.workspace import Workspace
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.scan import Scan
+
+Step = Callable[[State, Scan, FilterModel, Workspace], tuple[State, StepInfo]]
+PURPOSE = 3
+"""Names the stream of random numbers that a search takes."""
+PATIENCE = 10
+"""Scans heard after which the best of an incomplete list must do."""
+NOT_FOUND = "start not found yet"
+
+
+def begun(state: State, model: FilterModel) -> Population:
+    """The hypotheses before the first step: one; where its pose is vague, it is searched for at first."""
+    radio = {"distance", "aoa"} <= set(model.radio.measures)
+    return Population.of(state, searching=radio and not len(state.surfaces) and is_vague(state.belief))
+
+
+def advance(
+    population: Population, scan: Scan, model: FilterModel, work: Workspace, step: Step
+) -> tuple[Population, StepInfo]:
+    """One step of all hypotheses.
+
+    Parameters
+    ----------
+    step : callable
+        The system's: of one state.
+
+    Returns
+    -------
+    (population, info)
+        info: of the likeliest hypothesis, with the health of all.
+    """
+    if population.searching:
+        modes, prior = _search(population, scan, model, work)
+        waited = population.waited + (len(scan) > 0)
+        if modes is None or not (modes.complete or waited >= PATIENCE):
+            waiting = replace(population, states=(replace(prior, step=prior.step + 1),), waited=waited)
+            return waiting, _nothing(population.best, model, work)
+        population = _started(replace(population.best, belief=prior.belief), modes, model)
+    population = _split(population, scan, model)
+    return _stepped(population, scan, model, work, step)
+
+
+def _search(
+    population: Population, scan: Scan, model: FilterModel, work: Workspace
+) -> tuple[Modes | None, State]:
+    """All poses that explain a scan, if anything was heard, and the prior at its time."""
+    work.begin()
+    prior = predict(population.best, scan.time_s, len(scan), model)
+    if not len(scan):
+        return None, prior
+    scans = split_by_anchor(scan, model)
+    with runtime.one_blas_thread():
+        snapshot = Snapshot.of(scans, [prior.calibration.tuned(model.radio, s.anchor) for s in scans], model)
+        stream = [work.seed, prior.step, PURPOSE]
+        return find_modes(snapshot, prior.belief, model.grid, CAP, stream), prior
+
+
+def _started(state: State, modes: Modes, model: FilterModel) -> Population:
+    """A population of the modes that were listed."""
+    states = branches_of(state, modes, float(model.start_variance[2]))
+    if len(states) == 1:
+        return replace(Population.of(states[0]), since=0)
+    return Population(tuple(states), tuple(modes.log_prior.tolist()), since=0).weighed(modes.log_prior)
+
+
+def _nothing(state: State, model: FilterModel, work: Workspace) -> StepInfo:
+    """What is to be said of a step at which nothing was mapped."""
+    calibration = state.calibration
+    clutter = [calibration.estimate(j, model.radio.false_alarms) for j in range(len(model.anchors))]
+    health = Health(
+        False, NOT_FOUND, float(work.particles.count), clutter=np.array(clutter), amplitude=calibration.gain,
+        turned_rad=calibration.turned.copy(), silent_steps=state.monitor.silent,
+    )  # fmt: skip
+    return StepInfo((), health, work.times(), False, calibration.turned, calibration.gain)
+
+
+def _split(population: Population, scan: Scan, model: FilterModel) -> Population:
+    """The population with hypotheses split whose position is too wide to linearise what is heard about it."""
+    from gridslam.inference.management.branching import LEAST_WIDTH_M, TOO_WIDE, WIDEST_M
+
+    if not len(scan):
+        return population
+    spread = [widest(state.belief) for state in population.states]
+    if max(spread) <= TOO_WIDE * LEAST_WIDTH_M:
+        return population
+    width = linear_width(split_by_anchor(scan, model), model.radio)
+    wide = [TOO_WIDE * width < s <= WIDEST_M and k != population.guard for k, s in enumerate(spread)]
+    if not any(wide):
+        return population
+    room = (CAP - (len(population) - sum(wide)) - 1) // sum(wide)
+    states, logs = list[State](), list[float]()
+    for state, log, chosen in zip(population.states, population.log_weight, wide, strict=True):
+        parts: Sequence[tuple[Belief, float]] = split(state.belief, width, room) if chosen else []
+        if len(parts) < 2:
+            states.append(state)
+            logs.append(log)
+            continue
+        states += [replace(state, belief=part) for part, _ in parts]
+        logs += [log + float(np.log(share)) for _, share in parts]
+    guard = population.guard
+    if len(population) == 1 and len(states) > 1:  # the parent stays beside its parts, at even odds
+        logs = [log - float(np.log(2)) for log in logs]
+        states, logs, guard = [*states, population.best], [*logs, -float(np.log(2))], len(states)
+    fresh = replace(population, states=tuple(states), log_weight=tuple(logs), guard=guard, since=0)
+    return fresh.weighed(np.array(logs))
+
+
+def _stepped(
+    population: Population, scan: Scan, model: FilterModel, work: Workspace, step: Step
+) -> tuple[Population, StepInfo]:
+    """All hypotheses a step on, weighed by their evidence, the same ones merged and unlikely ones pruned."""
+    since = population.since + 1
+    if len(population) == 1:
+        state, info = step(population.best, scan, model, work)
+        population = replace(population, states=(state,), since=since, guard=NONE)
+        return population, _judged(population, info, model)
+    calibration, after, infos = population.best.calibration, list[State](), list[StepInfo]()
+    for state in population.states:
+        state, info = step(replace(state, calibration=calibration), scan, model, work)
+        after.append(state)
+        infos.append(info)
+    evidence = [comparable(i, s, model) for i, s in zip(infos, after, strict=True)]
+    log = np.array(population.log_weight) + evidence
+    best = infos[int(np.argmax(log))]
+    population = replace(population, states=tuple(after), since=since).weighed(log)
+    population = reduce(population, model)
+    return population, _judged(population, best, model)
+
+
+def comparable(info: StepInfo, state: State, model: FilterModel) -> float:
+    """Log evidence of a step, such that hypotheses with clutter levels of their own can be compared."""
+    told, log = model.radio.false_alarms, info.log_evidence
+    for exchange in info.exchanges:
+        level = state.calibration.level(exchange.anchor, told)
+        if level != told:
+            log += exchange.measured.shape[1] * float(np.log(level / told)) - (level - told)
+    return log
+
+
+def _judged(population: Population, info: StepInfo, model: FilterModel) -> StepInfo:
+    """What happened at a step, with what there is to say of all hypotheses."""
+    reasons = [info.health.why] if info.health.why else []
+    several = places(population)
+    if several > 1:
+        reasons.append(f"{several} places remain")
+    if not model.grid.holds(population.best.belief.mean[:2]):
+        reasons.append("the agent has left the grid")
+    why = "; ".join(reasons)
+    return info if why == info.health.why else replace(info, health=replace(info.health, ok=False, why=why))

@@ -1,0 +1,133 @@
+"""Reduction of a population: hypotheses that have become one are merged, and unlikely ones pruned."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.inference.state.belief import AGENT, Belief
+from gridslam.inference.state.population import NONE, Population
+from gridslam.inference.state.state import State
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import unit, wrap
+
+Array = NDArray[np.float64]
+POSE = np.array([0, 1, 4])
+SLACK = np.array([0.03, 0.03, 0.02]) ** 2
+"""Added to the pooled variances of two poses, m^2 and rad^2."""
+TOGETHER = 3.0
+"""Squared pooled deviations within which two agents are one."""
+TURN_RAD, SHIFT_M, FOUND = 0.1, 0.3, 0.5
+"""Within which two surfaces are one; existence from which on a surface needs its twin."""
+HOPELESS, CAP, GUARDED = 14.0, 60, 10
+"""Log weight behind the best at which a hypothesis is pruned, hypotheses at most, steps for which the parent
+of a branching is kept whatever its weight."""
+PLACE_COUNTS = 0.01
+"""Weight from which on a place is one that remains."""
+
+
+def reduce(population: Population, model: FilterModel) -> Population:
+    """Merge what has become the same, prune what has become unlikely."""
+    return population if len(population) == 1 else pruned(merged(population, model))
+
+
+def pruned(population: Population) -> Population:
+    """The population without those too far behind the best, and without the last beyond the cap."""
+    best = population.log_weight[0]
+    guarded = population.guard if population.since <= GUARDED else NONE
+    rows = [
+        k for k, log in enumerate(population.log_weight)
+        if k == guarded or (log > best - HOPELESS and k < CAP)
+    ]  # fmt: skip
+    return population if len(rows) == len(population) else population.take(rows)
+
+
+def merged(population: Population, model: FilterModel) -> Population:
+    """The population with hypotheses of one world merged into the likeliest of them, weights added.
+
+    Where both hold the same surfaces, as siblings of a split do, their beliefs are moment-matched.
+    """
+    states, logs = list(population.states), list(population.log_weight)
+    near = together(states)
+    left = list(range(len(states)))
+    guard, kept = population.guard, list[int]()
+    while left:
+        one = left.pop(0)
+        for other in list(left):
+            if guard in (one, other) and population.since <= GUARDED:
+                continue
+            if not near[one, other] or not same_world(states[one], states[other], model):
+                continue
+            if same_identities(states[one], states[other], model):
+                states[one] = moment_matched(states[one], states[other], logs[one], logs[other])
+            logs[one] = float(np.logaddexp(logs[one], logs[other]))
+            left.remove(other)
+            guard = one if guard == other else guard
+        kept.append(one)
+    if len(kept) == len(states):
+        return population
+    whole = replace(population, states=tuple(states), log_weight=tuple(logs), guard=guard)
+    return whole.take(kept)
+
+
+def together(states: list[State]) -> NDArray[np.bool_]:
+    """Which agents (K, K) are within `TOGETHER` squared pooled deviations of each other."""
+    pose = np.array([state.belief.mean[POSE] for state in states])
+    spread = np.array([state.belief.covariance[np.ix_(POSE, POSE)] for state in states])
+    gap = pose[:, None] - pose[None]
+    gap[..., 2] = wrap(gap[..., 2])
+    pooled = 0.5 * (spread[:, None] + spread[None]) + np.diag(SLACK)
+    far = np.einsum("abi,abi->ab", gap, np.linalg.solve(pooled, gap[..., None])[..., 0])
+    return np.asarray(far < TOGETHER)
+
+
+def same_world(one: State, other: State, model: FilterModel) -> bool:
+    """Whether every surface that either believes in has a twin in the other."""
+    for here, there in ((one, other), (other, one)):
+        believed = here.belief.lines[here.surfaces.existence > FOUND]
+        if len(believed) and not twins(believed, there.belief.lines, model.middle).any(1).all():
+            return False
+    return True
+
+
+def same_identities(one: State, other: State, model: FilterModel) -> bool:
+    """Whether both hold the same surfaces, number by number, at the same places."""
+    if not np.array_equal(one.surfaces.identity, other.surfaces.identity):
+        return False
+    return bool(twins(one.belief.lines, other.belief.lines, model.middle).diagonal().all())
+
+
+def twins(these: Array, those: Array, middle: Array) -> NDArray[np.bool_]:
+    """Which lines (A, 2) and (B, 2) agree in angle, and in offset at the middle of the region, (A, B)."""
+    flip = np.cos(these[:, None, 0] - those[None, :, 0]) < 0
+    turn = wrap(these[:, None, 0] - those[None, :, 0] - np.pi * flip)
+    first, second = (lines[:, 1] - unit(lines[:, 0]) @ middle for lines in (these, those))
+    shift = first[:, None] - np.where(flip, -second, second)
+    return np.asarray((np.abs(turn) < TURN_RAD) & (np.abs(shift) < SHIFT_M))
+
+
+def moment_matched(one: State, other: State, log_one: float, log_other: float) -> State:
+    """The first state with the joint belief of both."""
+    share = 1 / (1 + np.exp(log_other - log_one))
+    gap = other.belief.mean - one.belief.mean
+    gap[4] = wrap(gap[4])
+    gap[AGENT::2] = wrap(gap[AGENT::2])
+    mean = one.belief.mean + (1 - share) * gap
+    mean[4] = wrap(mean[4])
+    covariance = share * one.belief.covariance + (1 - share) * other.belief.covariance
+    covariance = covariance + share * (1 - share) * np.outer(gap, gap)
+    return replace(one, belief=Belief(mean, covariance))
+
+
+def places(population: Population) -> int:
+    """How many places the agent may be at: hypotheses that count, merged by pose alone."""
+    rows = [k for k, log in enumerate(population.log_weight) if log > np.log(PLACE_COUNTS)]
+    if len(rows) < 2:
+        return 1
+    near = together([population.states[k] for k in rows])
+    label = np.arange(len(rows))
+    for _ in rows:
+        label = np.array([label[near[k]].min() for k in range(len(rows))])
+    return len(np.unique(label))

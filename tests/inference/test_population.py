@@ -1,0 +1,294 @@
+"""Several hypotheses: splitting, weighing, merging, pruning, and what users are told of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from filter_states import model_of, state_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scene_samples import shortened
+
+import gridslam as gs
+from gridslam.inference.management.branching import NARROW, placed, split, split_along, widest
+from gridslam.inference.management.hypotheses import NOT_FOUND, begun
+from gridslam.inference.management.mixture import (
+    GUARDED,
+    HOPELESS,
+    merged,
+    moment_matched,
+    places,
+    pruned,
+    same_world,
+)
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.population import NONE, Population
+from gridslam.systems.adaptive import AdaptiveSlam
+from gridslam.systems.grid import GridSlam
+
+MODEL = model_of(anchors=[[0.0, 0.0, 0.0]])
+
+
+def random_state(draw, surfaces=2, spread=0.5):
+    mean = draw.normal(size=5 + 2 * surfaces)
+    root = spread * draw.normal(size=(len(mean), len(mean)))
+    return state_of(Belief(mean, root @ root.T + 1e-4 * np.eye(len(mean))), existence=0.9)
+
+
+def mixture(parts):
+    """Mean and covariance of weighted Gaussians, headings near each other."""
+    mean = sum(weight * part.mean for part, weight in parts)
+    spread = sum(
+        weight * (part.covariance + np.outer(part.mean - mean, part.mean - mean)) for part, weight in parts
+    )
+    return mean, spread
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.05, 0.6))
+@settings(max_examples=40, deadline=None)
+def test_a_split_keeps_mean_and_covariance_and_its_parts_are_narrow(seed, width):
+    draw = np.random.default_rng(seed)
+    belief = random_state(draw).belief
+    belief.mean[4] = 0.0
+    axis = np.linalg.eigh(belief.covariance[:2, :2])[1][:, 1]
+    parts = split_along(belief, axis, width)
+    unwrapped = [
+        (replace(part, mean=np.where(np.arange(9) == 4, belief.mean[4] + turned(part, belief), part.mean)), w)
+        for part, w in parts
+    ]
+    mean, covariance = mixture(unwrapped)
+    assert sum(weight for _, weight in parts) == pytest.approx(1)
+    np.testing.assert_allclose(mean, belief.mean, atol=1e-8)
+    np.testing.assert_allclose(covariance, belief.covariance, atol=1e-8)
+    if len(parts) > 1:
+        own = np.sqrt(axis @ parts[0][0].covariance[:2, :2] @ axis)
+        assert own == pytest.approx(NARROW * width)
+        assert np.linalg.eigvalsh(parts[0][0].covariance).min() > -1e-9
+
+
+def turned(part, belief):
+    """How far a part's heading is from the whole's, where it may have gone round."""
+    gain = belief.covariance[4, :2] @ np.linalg.pinv(belief.covariance[:2, :2])
+    return float(gain @ (part.mean[:2] - belief.mean[:2]))
+
+
+def test_parts_are_counted_before_they_are_made_and_coarser_where_too_many():
+    belief = random_state(np.random.default_rng(1), spread=1.0).belief
+    assert widest(belief) > 1
+    many = split(belief, 0.2, 10_000)
+    assert len(many) > 20
+    few = split(belief, 0.2, 12)
+    assert 1 < len(few) <= 12
+    assert split(belief, 0.2, 1) == [(belief, 1.0)]
+
+
+def test_a_split_whose_parts_are_merged_at_once_is_the_parent():
+    state = random_state(np.random.default_rng(2), spread=0.1)
+    state.belief.mean[4] = 0.3
+    parts = split_along(state.belief, np.array([1.0, 0.0]), 0.1)
+    assert len(parts) > 2
+    whole, log = replace(state, belief=parts[0][0]), np.log(parts[0][1])
+    for part, weight in parts[1:]:
+        whole = moment_matched(whole, replace(state, belief=part), log, np.log(weight))
+        log = np.logaddexp(log, np.log(weight))
+    np.testing.assert_allclose(whole.belief.mean, state.belief.mean, atol=1e-9)
+    np.testing.assert_allclose(whole.belief.covariance, state.belief.covariance, atol=1e-9)
+
+
+def test_copies_of_one_hypothesis_are_one():
+    state = random_state(np.random.default_rng(3))
+    twice = Population((state, state), tuple(np.log([0.7, 0.3])))
+    once = merged(twice, MODEL)
+    assert len(once) == 1
+    assert once.log_weight == (0.0,)
+    np.testing.assert_allclose(once.best.belief.mean, state.belief.mean)
+    np.testing.assert_allclose(once.best.belief.covariance, state.belief.covariance)
+    mean, covariance = twice.agent()
+    np.testing.assert_allclose(mean, state.belief.mean[:5])
+    np.testing.assert_allclose(covariance, state.belief.covariance[:5, :5])
+
+
+def test_agents_or_walls_that_differ_keep_worlds_apart():
+    state = random_state(np.random.default_rng(4), spread=0.02)
+    away = placed(state, state.belief.mean[[0, 1, 4]] + [0.5, 0, 0], 1e-4 * np.eye(3), 1e-4)
+    other = state.belief.mean.copy()
+    other[5] += 0.3  # the first wall is turned
+    bent = replace(state, belief=replace(state.belief, mean=other))
+    doubted = replace(bent, surfaces=replace(bent.surfaces, existence=np.array([0.3, 0.9])))
+    assert not same_world(state, bent, MODEL)
+    for rival in (away, bent):
+        assert len(merged(Population((state, rival), (np.log(0.5),) * 2), MODEL)) == 2
+    assert not same_world(state, doubted, MODEL), "the wall that one believes in has no twin"
+    flipped = state.belief.mean.copy()
+    flipped[5], flipped[6] = flipped[5] + np.pi, -flipped[6]
+    assert same_world(state, replace(state, belief=replace(state.belief, mean=flipped)), MODEL)
+
+
+@given(st.permutations(range(4)))
+@settings(max_examples=12, deadline=None)
+def test_the_order_of_hypotheses_changes_nothing(order):
+    draw = np.random.default_rng(5)
+    states = [random_state(draw, spread=0.05) for _ in range(4)]
+    log = np.log([0.5, 0.3, 0.15, 0.05])
+    plain = Population(tuple(states), tuple(log)).weighed(log)
+    mixed = Population(tuple(states[k] for k in order), tuple(log[list(order)]), guard=order.index(2))
+    mixed = mixed.weighed(log[list(order)])
+    assert [id(state) for state in mixed.states] == [id(state) for state in plain.states]
+    assert mixed.states[mixed.guard] is states[2]
+    for here, there in zip(plain.agent(), mixed.agent(), strict=True):
+        np.testing.assert_allclose(here, there)
+
+
+def test_the_mixture_spans_all_places_across_the_turn_of_an_angle():
+    here, there = (state_of(Belief(m, 0.01 * np.eye(5))) for m in np.zeros((2, 5)))
+    here.belief.mean[[0, 4]], there.belief.mean[[0, 4]] = [1.0, 3.1], [-1.0, -3.1]
+    whole = Population((here, there), (np.log(0.5),) * 2)
+    mean, covariance = whole.agent()
+    assert mean[0] == pytest.approx(0)
+    assert abs(np.cos(mean[4]) + 1) < 1e-9, "the headings' middle is pi, not 0"
+    assert covariance[0, 0] == pytest.approx(1.01)
+    assert covariance[4, 4] == pytest.approx(0.01 + (np.pi - 3.1) ** 2)
+    assert places(whole) == 2
+    assert places(Population((here, here), (np.log(0.5),) * 2)) == 1
+    assert places(Population((here, there), tuple(np.log([1 - 1e-4, 1e-4])))) == 1, "too unlikely to count"
+
+
+def test_unlikely_hypotheses_go_and_the_parent_of_a_branching_stays_for_a_while():
+    state = random_state(np.random.default_rng(6))
+    log = np.array([0.0, -HOPELESS + 1, -HOPELESS - 1, -HOPELESS - 2])
+    whole = Population((state,) * 4, (0.0,) * 4, guard=3, since=1).weighed(log)
+    assert len(pruned(whole)) == 3
+    assert pruned(whole).guard == 2
+    late = pruned(replace(whole, since=GUARDED + 1))
+    assert len(late) == 2
+    assert late.guard == NONE
+    assert np.exp(late.log_weight).sum() == pytest.approx(1)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return shortened(gs.Scene.load("room"), 10).with_filter(particles=256)
+
+
+@pytest.fixture(scope="module")
+def scans(scene):
+    return list(gs.simulate(scene, "agent1", seed=2))
+
+
+def vague(scene, position_m=8.0, heading_deg=180.0):
+    """The scene with a start that is known to some metres."""
+    agent = scene.agents[0]
+    prior = agent.prior.model_copy(update={"position_m": position_m, "heading_deg": heading_deg})
+    return scene.model_copy(update={"agents": (agent.model_copy(update={"prior": prior}),)})
+
+
+@pytest.mark.parametrize("system", [GridSlam, AdaptiveSlam])
+def test_one_hypothesis_is_stepped_as_if_there_were_no_others(system, scene, scans):
+    slam = system(scene, seed=3)
+    state = slam.state
+    for scan in scans:
+        estimate = slam.step(scan)
+        state, _ = system.advance(state, scan, slam.model, slam.work)
+        np.testing.assert_array_equal(estimate.position_m, state.belief.mean[:2])
+        np.testing.assert_array_equal(estimate.covariance, state.belief.covariance[:5, :5])
+        assert estimate.hypotheses.weight.tolist() == [1.0]
+    assert len(slam.state.surfaces)
+
+
+@pytest.mark.slow
+def test_a_start_that_is_known_to_nothing_is_found_at_the_first_scan_that_tells(scene, scans):
+    """It is 5 m and half a turn from what the filter is told; nothing is mapped before it is found."""
+    slam = GridSlam(vague(scene), seed=3)
+    track = scene.track("agent1")
+    slam.start_at(track.position_m[0] + [4.0, 3.0], track.heading_rad[0] + 3.0)
+    names = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
+    silent = replace(scans[0], **{name: getattr(scans[0], name)[:0] for name in names})
+    estimate = slam.step(silent)
+    assert not estimate.health.ok
+    assert NOT_FOUND in estimate.health.why
+    assert np.sqrt(np.trace(estimate.covariance[:2, :2])) > 4
+    assert not len(estimate.surfaces)
+    for step, scan in enumerate(scans[1:], 1):
+        estimate = slam.step(scan)
+        off = np.linalg.norm(estimate.position_m - track.position_m[step])
+        assert off < 0.3
+        assert off < 4 * np.sqrt(np.trace(estimate.covariance[:2, :2]))
+    assert estimate.health.ok
+    assert len(slam.population) == 1
+    assert len(estimate.surfaces)
+
+
+def branched(scene, scans):
+    """A filter of two hypotheses, one of them a metre off."""
+    slam = GridSlam(scene, seed=3)
+    for scan in scans[:3]:
+        slam.step(scan)
+    state = slam.state
+    pose = state.belief.mean[[0, 1, 4]]
+    away = placed(state, pose + np.array([1.0, 0.0, 0.0]), 0.01 * np.eye(3), 0.01)
+    both = Population((state, away), (np.log(0.5),) * 2, guard=1, since=0)
+    slam.now = slam.now._replace(population=both)
+    return slam
+
+
+def test_two_places_are_told_and_evidence_decides_between_them(scene, scans):
+    slam, track = branched(scene, scans), scene.track("agent1")
+    assert places(slam.population) == 2
+    before = slam.population
+    estimate = slam.step(scans[3])
+    assert slam.population.weights[0] > 0.9
+    assert np.linalg.norm(estimate.position_m - track.position_m[3]) < 0.2
+    assert estimate.hypotheses.weight.sum() == pytest.approx(1)
+    assert len(estimate.hypotheses) == 2, "the guard stays for a while"
+    assert before.weights.tolist() == [0.5, 0.5]
+    for scan in scans[4:]:
+        slam.step(scan)
+    assert slam.population.weights[0] > 0.9999
+
+
+def test_a_population_goes_on_from_its_checkpoint_bit_for_bit(scene, scans, tmp_path):
+    slam = branched(scene, scans)
+    slam.save(tmp_path / "here.h5")
+    again = GridSlam.resume(tmp_path / "here.h5")
+    assert len(again.population) == 2
+    assert again.population.guard == 1
+    for scan in scans[3:]:
+        here, there = slam.step(scan), again.step(scan)
+        np.testing.assert_array_equal(here.covariance, there.covariance)
+        np.testing.assert_array_equal(here.hypotheses.weight, there.hypotheses.weight)
+
+
+@pytest.mark.parametrize("weight", [[0.0], [0.0, 0.0], [np.nan, 0.0]])
+def test_a_checkpoint_whose_weights_cannot_be_is_refused(scene, scans, tmp_path, monkeypatch, weight):
+    from gridslam.systems import checkpoint
+
+    slam, put = branched(scene, scans), checkpoint.put
+
+    def spoiled(group, name, value, units):
+        put(group, name, np.array(weight) if name == "log_weight" else value, units)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint, "put", spoiled)
+        slam.save(tmp_path / "here.h5")
+    with pytest.raises(gs.InputError):
+        GridSlam.resume(tmp_path / "here.h5")
+
+
+def test_an_agent_that_left_the_grid_says_so(scene, scans):
+    slam = GridSlam(scene, seed=3)
+    mean = slam.state.belief.mean.copy()
+    mean[:2] = [30.0, 0.0]
+    slam.now = slam.now.believing(replace(slam.state, belief=replace(slam.state.belief, mean=mean)))
+    assert "left the grid" in slam.step(scans[0]).health.why
+
+
+def test_radios_without_bearings_and_inherited_maps_search_for_no_start(scene):
+    model = vague(scene).filter_model("agent1")
+    slam = GridSlam(scene, seed=1)
+    assert begun(
+        replace(slam.state, belief=Belief(model.start_mean, np.diag(model.start_variance))), model
+    ).searching
+    deaf = replace(model, radio=replace(model.radio, measures=("distance",)))
+    vague_state = replace(slam.state, belief=Belief(model.start_mean, np.diag(model.start_variance)))
+    assert not begun(vague_state, deaf).searching
+    assert not begun(slam.state, slam.model).searching
