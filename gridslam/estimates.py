@@ -132,6 +132,53 @@ class SurfaceEstimate(_Rows):
         return self.line[:, 1, None, None] * unit(angle)[:, None, :] + along
 
 
+FREE, MIRROR, SCATTERER = 0, 1, 2
+"""Kinds of learned features."""
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureEstimate(_Rows):
+    """Learned features (hybrid SLAM): points that stand for paths, each of one anchor.
+
+    Attributes
+    ----------
+    identity : (F,) int64
+        Number that a feature keeps.
+    anchor : (F,) int64
+        Index of the anchor, in a map that of its provenance's ``anchors``.
+    position_m : (F, 2) float64, m
+    bias_m : (F,) float64, m
+        Length of the path beyond the distance to the point.
+    variance : (F,) float64
+        Mean power at 1 m, in units of the samples squared.
+    noise : (F,) float64
+        Noise power of the anchor's samples where it was learned, which tells another recording's scale.
+    covariance : (F, 4, 4) float64
+        Of x, y, bias (m) and variance.
+    kind : (F,) int64
+        0 free, 1 mirror (an image of the anchor), 2 scatterer.
+    steps_seen, last_step : (F,) int64
+        At how many steps it was heard, and the latest of them.
+    """
+
+    identity: np.ndarray
+    anchor: np.ndarray
+    position_m: np.ndarray
+    bias_m: np.ndarray
+    variance: np.ndarray
+    noise: np.ndarray
+    covariance: np.ndarray
+    kind: np.ndarray
+    steps_seen: np.ndarray
+    last_step: np.ndarray
+
+    @classmethod
+    def empty(cls) -> Self:
+        """Return a table without features."""
+        none, whole = np.zeros(0), np.zeros(0, np.int64)
+        return cls(whole, whole, np.zeros((0, 2)), none, none, none, np.zeros((0, 4, 4)), whole, whole, whole)
+
+
 @dataclass(frozen=True, eq=False)
 class PathEstimate(_Rows):
     """Propagation paths that the filter believes in at one step.

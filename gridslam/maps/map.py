@@ -39,6 +39,10 @@ class Map(MapCells):
         Posterior of each surface's reflection coefficient; rows sum to 1.
     provenance : dict
         Where the map comes from. Lists run parallel, one entry per agent: ``agents``, ``seeds``, ``steps``.
+    features : FeatureEstimate or None
+        Learned features (hybrid SLAM).
+    feature_covariance : (3 F, 3 F) float64 or None
+        Of all features' x, y and bias together; without it they are taken as independent.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.special import expit, logit
 
 from gridslam.errors import InputError
-from gridslam.estimates import SurfaceEstimate
+from gridslam.estimates import FeatureEstimate, SurfaceEstimate
 from gridslam.world.radio import REFLECTION_BINS
 
 ANCHOR_KEYS = ("anchors", "anchor_x_m", "anchor_y_m")
@@ -34,6 +34,8 @@ class MapCells:
     surfaces: SurfaceEstimate | None = None
     surface_reflection: np.ndarray | None = None
     provenance: dict[str, str | int | float | list] = field(default_factory=dict)
+    features: FeatureEstimate | None = None
+    feature_covariance: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         types = {
@@ -62,6 +64,11 @@ class MapCells:
             _require(
                 table.shape == (surfaces, bins), "surface_reflection", table.shape, f"{(surfaces, bins)}"
             )
+        if self.feature_covariance is not None:
+            size = 3 * (len(self.features) if self.features is not None else 0)
+            square = np.ascontiguousarray(self.feature_covariance, dtype=np.float64)
+            object.__setattr__(self, "feature_covariance", square)
+            _require(square.shape == (size, size), "feature_covariance", square.shape, f"{(size, size)}")
 
     @classmethod
     def blank(cls, origin_m: ArrayLike, cell_m: float, shape: tuple[int, int], prior: float) -> Self:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import logit
 
 from gridslam.errors import InputError
-from gridslam.estimates import SurfaceEstimate
+from gridslam.estimates import FeatureEstimate, SurfaceEstimate
 from gridslam.io.files import (
     cannot_write,
     get,
@@ -45,6 +45,19 @@ SURFACE_UNITS = {
     "extent_m": "m",
     "owner": "1",
 }
+FEATURE_UNITS = {
+    "identity": "1",
+    "anchor": "1",
+    "position_m": "m",
+    "bias_m": "m",
+    "variance": "sample^2",
+    "noise": "sample^2",
+    "covariance": "m^2, m sample^2, sample^4",
+    "kind": "1",
+    "steps_seen": "1",
+    "last_step": "1",
+}
+FEATURE_TAILS: dict[str, tuple[int, ...]] = {"position_m": (2,), "covariance": (4, 4)}
 
 
 def write_map(grid: MapCells, path: str | os.PathLike[str]) -> None:
@@ -53,7 +66,8 @@ def write_map(grid: MapCells, path: str | os.PathLike[str]) -> None:
     ``/grid/{occupancy,observed,reflection,reflection_std}`` (ny, nx) with the attributes ``origin_m``,
     ``cell_m`` and ``prior``, beside them what a filter needs to go on: ``evidence`` (ny, nx) and, for the T
     cells with hits, ``coefficient_cell`` (T, 2) [iy, ix] and ``coefficient`` (T, BINS). ``/surfaces`` has one
-    dataset per field of `SurfaceEstimate` and ``reflection_posterior`` (S, BINS); ``/provenance`` attributes.
+    dataset per field of `SurfaceEstimate` and ``reflection_posterior`` (S, BINS); ``/features`` one per field
+    of `FeatureEstimate` and ``joint_covariance`` (3 F, 3 F); ``/provenance`` attributes.
 
     Raises
     ------
@@ -77,6 +91,12 @@ def write_map(grid: MapCells, path: str | os.PathLike[str]) -> None:
                 put(surfaces, name, getattr(grid.surfaces, name), unit)
             if grid.surface_reflection is not None:
                 put(surfaces, "reflection_posterior", grid.surface_reflection, "1")
+        if grid.features is not None:
+            features = file.create_group("features")
+            for name, unit in FEATURE_UNITS.items():
+                put(features, name, getattr(grid.features, name), unit)
+            if grid.feature_covariance is not None:
+                put(features, "joint_covariance", grid.feature_covariance, "m^2")
         put_attributes(file.create_group("provenance"), grid.provenance)
 
 
@@ -111,6 +131,7 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
             "surfaces": surfaces,
             "surface_reflection": posterior,
             "provenance": get_attributes(subgroup(file, "provenance")) if "provenance" in file else {},
+            **(_read_features(subgroup(file, "features")) if "features" in file else {}),
         }
 
 
@@ -165,6 +186,25 @@ def _read_surfaces(group: h5py.Group) -> tuple[SurfaceEstimate, np.ndarray | Non
         else None
     )
     return SurfaceEstimate(**table), posterior
+
+
+def _read_features(group: h5py.Group) -> dict[str, Any]:
+    """Learned features and, where stored, their joint covariance; `identity` and `noise` may be missing."""
+    count = len(get(group, "position_m", (None, 2)))
+    whole = ("identity", "anchor", "kind", "steps_seen", "last_step")
+    table: dict[str, Any] = {"identity": np.arange(count)}
+    for name in FEATURE_UNITS:
+        if name in group or name not in ("identity", "noise"):
+            kind = "iu" if name in whole else "f"
+            table[name] = get(group, name, (count, *FEATURE_TAILS.get(name, ())), kind)
+    table.setdefault("noise", np.full(count, np.nan))
+    for name in ("position_m", "bias_m", "variance", "covariance"):
+        if not np.isfinite(table[name]).all():
+            raise InputError(f"{group.file.filename}: /features/{name}", "NaN or infinity", "finite numbers")
+    if (table["variance"] < 0).any() or (table["anchor"] < 0).any():
+        raise InputError(f"{group.file.filename}: /features", "negative powers or anchors", "0 or more")
+    joint = get(group, "joint_covariance", (3 * count, 3 * count)) if "joint_covariance" in group else None
+    return {"features": FeatureEstimate(**table), "feature_covariance": joint}
 
 
 def read_owner(group: h5py.Group, count: int) -> np.ndarray:

@@ -5,6 +5,12 @@ Each takes what its kernel takes and returns what that writes, worked out anothe
 
 from gridslam.reference.births import initialise_surface, likely, propose, weigh_by_visibility
 from gridslam.reference.cells import cast, cells_of, dense, fold_messages, learn, mark, recall
+from gridslam.reference.feature_likelihood import (
+    back_project,
+    columns,
+    differentiate_features,
+    evaluate_features,
+)
 from gridslam.reference.gaussian import correct, predict
 from gridslam.reference.histograms import listen, walk
 from gridslam.reference.merging import find_duplicates, find_ghosts
@@ -17,16 +23,20 @@ from gridslam.world.geometry import trace
 
 __all__ = [
     "associate",
+    "back_project",
     "cast",
     "cells_of",
+    "columns",
     "correct",
     "dense",
     "densities",
     "describe",
+    "differentiate_features",
     "draw",
     "effective_sample_size",
     "enter",
     "evaluate",
+    "evaluate_features",
     "exist",
     "find_duplicates",
     "find_ghosts",

@@ -1,0 +1,87 @@
+"""What happened at a step of hybrid SLAM, returned beside the new state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.estimates import Health
+from gridslam.inference.messages.learning import Learned
+from gridslam.inference.messages.sight import Moments
+from gridslam.inference.state.hybrid_state import HybridState
+from gridslam.world.signal_model import SignalModel
+
+Array = NDArray[np.float64]
+VAGUE_M = 1.0
+"""Deviation of the position from which on an agent counts as lost."""
+SILENT = 5
+FEW = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class HybridInfo:
+    """Messages, timing and health of one step.
+
+    Attributes
+    ----------
+    agent, agent_covariance : (4,), (4, 4)
+        x, y (m), vx, vy (m/s), before any resampling.
+    heading_rad, heading_variance : float
+        As measured.
+    existence, los_power, noise : (J,)
+        Lines of sight: probability, power at 1 m in units of the samples squared; noise power.
+    log_evidence : float
+        Log density of the step's samples given all before.
+    learned : Learned
+        What the segment taught, at steps that end one.
+    health : Health
+    seconds : mapping of str to float
+    """
+
+    agent: Array
+    agent_covariance: Array
+    heading_rad: float
+    heading_variance: float
+    existence: Array
+    los_power: Array
+    noise: Array
+    log_evidence: float
+    learned: Learned
+    health: Health
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+
+def assess(moments: Moments, silent: int, anchors: int, particles: bool) -> Health:
+    """Whether the agent is still known, by the filter's own word."""
+    spread, reasons = float(np.sqrt(np.trace(moments.covariance[:2, :2]))), []
+    if silent >= SILENT:
+        reasons.append(f"nothing heard for {silent} steps")
+    if spread > VAGUE_M:
+        reasons.append(f"position known to {spread:.1f} m alone")
+    if particles and moments.effective < FEW:
+        reasons.append(f"{moments.effective:.0f} particles carry the weight")
+    return Health(
+        not reasons, "; ".join(reasons), moments.effective, clutter=np.zeros(anchors),
+        turned_rad=np.zeros(anchors), silent_steps=silent,
+    )  # fmt: skip
+
+
+def conclude(
+    state: HybridState, moments: Moments, learned: Learned, heading_rad: float, seconds: Mapping[str, float],
+    model: SignalModel,
+) -> HybridInfo:  # fmt: skip
+    """What a step reports of the state after it."""
+    from gridslam.inference.messages.sight import los_power
+
+    cloud, joint = state.particles, state.joint
+    existence, power, noise = joint.existence, joint.los_power, joint.noise
+    if cloud is not None:
+        existence, power, noise = cloud.existence, los_power(cloud), cloud.noise.mean(1)
+    health = assess(moments, state.silent, len(existence), cloud is not None)
+    return HybridInfo(
+        moments.mean, moments.covariance, heading_rad, model.waveform.heading_std_rad**2, existence, power,
+        noise, moments.log_evidence, learned, health, seconds,
+    )  # fmt: skip

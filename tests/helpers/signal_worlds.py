@@ -1,0 +1,89 @@
+"""Sampled signals of points, made by the reference's own sums."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gridslam.inference.messages.matched_outputs import matched_outputs, pulse_correlation, rows_per_m
+from gridslam.kernels.messages.feature_likelihood import LANES, differentiate_features, evaluate_features
+from gridslam.reference.feature_likelihood import response
+from gridslam.world.radio import SPEED_OF_LIGHT
+
+SQUARE = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]) * np.pi / 2
+LONGEST_M = 29.0
+
+
+class SignalWorld(NamedTuple):
+    """An anchor, features, particles, and the samples (N, M) that the first of these receives."""
+
+    points: np.ndarray
+    features: np.ndarray
+    anchor: np.ndarray
+    element: np.ndarray
+    offset_hz: np.ndarray
+    pulse: np.ndarray
+    samples: np.ndarray
+
+    @property
+    def rate(self):
+        return 2 * np.pi * self.offset_hz / SPEED_OF_LIGHT
+
+    @property
+    def known(self):
+        """What the twins take."""
+        return (
+            self.points, self.features, self.anchor, self.element, self.pulse, self.rate, self.samples
+        )  # fmt: skip
+
+    @property
+    def tables(self):
+        return (
+            matched_outputs(self.samples, self.offset_hz, self.pulse)[None],
+            pulse_correlation(self.offset_hz, self.pulse), rows_per_m(self.offset_hz), LONGEST_M,
+        )  # fmt: skip
+
+    def value(self):
+        """A, |h_lo^H z|^2, |h_lo|^2 (P, 3) by the kernel."""
+        out, many = np.full((len(self.points), 3), np.nan), len(self.features)
+        given = self.points, self.features, self.anchor, self.element
+        evaluate_features(*given, *self.tables, *scratch(many, len(self.element)), out)
+        return out
+
+    def slopes(self):
+        """Slopes (P, D, 4) and A (P,) by the kernel."""
+        out, many = np.full((len(self.points), len(self.features) + 1, 4), np.nan), len(self.features)
+        step = np.zeros(len(self.points), np.int32)
+        given = self.points, step, self.features, self.anchor, self.element
+        differentiate_features(*given, *self.tables, *scratch(many, len(self.element)), out)
+        return out[:, :-1], out[:, -1, 0]
+
+
+def scratch(features, elements):
+    return (
+        np.full((LANES, features + 1, 14 + 3 * elements), np.nan),
+        np.full((LANES, 2 * features + 1, features), np.nan),
+        np.full((LANES, features + 1, 2), np.nan),
+    )
+
+
+def signal_world(draw, features=3, particles=4, antennas=4, frequencies=41, noise=1e-3):
+    """Any of them, with lengths below the one at which paths fold back."""
+    offset = (np.arange(frequencies) - (frequencies - 1) / 2) * 1e7
+    pulse = np.cos(np.pi * offset / (2.2 * offset[-1])).astype(complex)
+    pulse /= np.linalg.norm(pulse)
+    element = SQUARE if antennas == 4 else np.zeros((1, 2))
+    points = np.column_stack(
+        [
+            draw.normal(size=(particles, 2)),
+            draw.uniform(-4, 4, particles),
+            noise * draw.uniform(1, 2, particles),
+        ]
+    )
+    placed = draw.uniform([-8, -8, 0, 0.1], [8, 8, 3, 1.0], (features, 4))
+    anchor, rate = draw.uniform(3, 5, 2), 2 * np.pi * offset / SPEED_OF_LIGHT
+    z = response(points[0], anchor, 0.0, element, pulse, rate)
+    for x, y, extra, power in placed:
+        turn = np.sqrt(power) * np.exp(2j * np.pi * draw.uniform())
+        z = z + turn * response(points[0], np.array([x, y]), extra, element, pulse, rate)
+    z = z + np.sqrt(noise / 2) * (draw.normal(size=z.size) + 1j * draw.normal(size=z.size))
+    return SignalWorld(points, placed, anchor, element, offset, pulse, z.reshape(len(element), -1))

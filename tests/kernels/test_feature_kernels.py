@@ -1,0 +1,125 @@
+"""Likelihood of samples under learned features, its slopes, and back-projection, against their twins."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gridslam import reference, runtime
+
+runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
+seeds = st.integers(0, 2**32 - 1)
+
+
+def world(seed, **shape):
+    from signal_worlds import signal_world
+
+    return signal_world(np.random.default_rng(seed), **shape)
+
+
+@given(seeds, st.integers(1, 5), st.sampled_from([1, 4]))
+@settings(max_examples=25, deadline=None)
+def test_ratios_are_those_of_the_covariance_of_all_samples(seed, features, antennas):
+    one = world(seed, features=features, antennas=antennas)
+    expected = reference.evaluate_features(*one.known)
+    np.testing.assert_allclose(one.value()[:, 1:], expected[:, 1:], rtol=2e-3, atol=1e-6)
+    # tables are 1e-4 of the greatest output off, and log-likelihoods go with its square over the noise
+    np.testing.assert_allclose(one.value()[:, 0], expected[:, 0], rtol=2e-4, atol=2e-3)
+
+
+@given(seeds, st.integers(1, 4))
+@settings(max_examples=15, deadline=None)
+def test_slopes_are_those_of_the_covariance_of_all_samples(seed, features):
+    one = world(seed, features=features)
+    slopes, value = one.slopes()
+    expected = reference.differentiate_features(*one.known)
+    np.testing.assert_allclose(slopes, expected, atol=2e-4 * np.abs(expected).max() + 1e-3)
+    np.testing.assert_allclose(value, one.value()[:, 0], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("entry", range(4))
+def test_the_twin_of_the_slopes_equals_finite_differences(entry):
+    one, step = world(5), 1e-5
+    for n in range(len(one.features)):
+        way = np.zeros_like(one.features)
+        way[n, entry] = step
+        more, less = (
+            reference.evaluate_features(*one._replace(features=one.features + s * way).known)[:, 0]
+            for s in (1, -1)
+        )
+        slope = reference.differentiate_features(*one.known)[:, n, entry]
+        np.testing.assert_allclose((more - less) / (2 * step), slope, rtol=1e-5, atol=1e-5)
+
+
+def test_no_feature_a_faint_one_and_one_in_the_line_of_sight_say_nothing():
+    one = world(1)
+    np.testing.assert_array_equal(one._replace(features=one.features[:0]).value()[:, 0], 0.0)
+    faint = one.features * [1, 1, 1, 1e-9]
+    np.testing.assert_allclose(one._replace(features=faint).value()[:, 0], 0.0, atol=1e-3)
+    hidden = np.array([[*one.anchor, 0.0, 0.5]])
+    np.testing.assert_allclose(one._replace(features=hidden).value()[:, 0], 0.0, atol=1e-6)
+
+
+def test_a_feature_farther_off_than_paths_are_heard_says_nothing():
+    one = world(2, features=1)
+    far = np.array([[25.0, 20.0, 0.0, 1.0]])
+    np.testing.assert_array_equal(one._replace(features=far).value()[:, 0], 0.0)
+    np.testing.assert_array_equal(one._replace(features=far).slopes()[0], 0.0)
+
+
+def test_the_best_power_of_a_feature_is_what_its_output_has_beyond_the_noise():
+    # the maximum over g of A for one feature and one step: (|y|^2 / K - eta) / K
+    one = world(3, features=1, noise=1e-2)
+    point, feature = one.points[0, :3], one.features[0]
+    _, column = reference.columns(point, one.features, one.anchor, one.element, one.pulse, one.rate)
+    energy = np.vdot(column, column).real
+    square, noise = abs(np.vdot(column, one.samples.ravel())) ** 2, one.points[0, 3]
+    best = (square / energy - noise) / energy
+    assert best > 0
+    values = [
+        one._replace(points=one.points[:1], features=np.array([[*feature[:3], g]])).value()[0, 0]
+        for g in best * np.array([0.9, 1.0, 1.1])
+    ]
+    assert values[1] > max(values[0], values[2])
+    there = one._replace(points=one.points[:1], features=np.array([[*feature[:3], best]]))
+    assert abs(there.slopes()[0][0, 0, 3]) < 1e-3 / best
+
+
+@given(seeds)
+@settings(max_examples=10, deadline=None)
+def test_turned_shifted_permuted_and_rescaled_worlds_give_the_same_numbers(seed):
+    one, draw = world(seed), np.random.default_rng(seed)
+    value, angle = one.value(), 1.1
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    shift, points, features = np.array([3.0, -7.0]), one.points.copy(), one.features.copy()
+    points[:, :2] = points[:, :2] @ turn.T + shift
+    points[:, 2] += angle
+    features[:, :2] = features[:, :2] @ turn.T + shift
+    turned = one._replace(points=points, features=features, anchor=turn @ one.anchor + shift)
+    np.testing.assert_allclose(turned.value(), value, rtol=1e-6, atol=1e-6)
+    mixed = one._replace(features=one.features[draw.permutation(3)])
+    np.testing.assert_allclose(mixed.value(), value, rtol=1e-9, atol=1e-9)
+    louder = one._replace(
+        samples=10 * one.samples, points=one.points * [1, 1, 1, 100], features=one.features * [1, 1, 1, 100]
+    )
+    np.testing.assert_allclose(louder.value()[:, 0], value[:, 0], rtol=1e-6, atol=1e-6)
+
+
+def test_back_projection_gains_what_one_feature_does():
+    # far from everything else, the gain of a feature is its A
+    from signal_worlds import LONGEST_M
+
+    from gridslam.kernels.messages.back_projection import POWERS, back_project
+
+    one = world(8, features=1)
+    power = np.geomspace(0.01, 1, POWERS)
+    places = np.concatenate([one.features[:, :3], [[6.0, -6.0, 1.0], [40.0, 0.0, 0.0]]])
+    table, _, per_m, _ = one.tables
+    tables, out = np.concatenate([table] * len(one.points)), np.full((3, 2), np.nan)
+    back_project(places, one.points, one.element, tables, per_m, LONGEST_M, power, out)
+    expected, best = reference.back_project(
+        places[:2], one.points, one.element, one.pulse, one.rate, one.samples, power
+    )
+    np.testing.assert_allclose(out[:2, 0], expected, rtol=1e-3)
+    np.testing.assert_array_equal(out[:2, 1], best)
+    assert out[2, 0] == 0.0
