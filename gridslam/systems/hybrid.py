@@ -1,6 +1,6 @@
 """Hybrid SLAM [HybridSlam]: physics for the line of sight, learned features for all else, from samples.
 
-All formulas stand in docs/model.md, section 12. Ours: agent and features share one belief, so that what is
+All formulas stand in docs/model.md, section 15. Ours: agent and features share one belief, so that what is
 learned stays as uncertain as the agent was that learned it.
 """
 

@@ -1,4 +1,4 @@
-"""What unexplained samples say for a feature at each of many places; docs/model.md, (H10)."""
+"""What unexplained samples say for a feature at each of many places; docs/model.md, (M112)."""
 
 import taichi as ti
 

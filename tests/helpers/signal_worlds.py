@@ -87,3 +87,43 @@ def signal_world(draw, features=3, particles=4, antennas=4, frequencies=41, nois
         z = z + turn * response(points[0], np.array([x, y]), extra, element, pulse, rate)
     z = z + np.sqrt(noise / 2) * (draw.normal(size=z.size) + 1j * draw.normal(size=z.size))
     return SignalWorld(points, placed, anchor, element, offset, pulse, z.reshape(len(element), -1))
+
+
+def signal_model(start=(0.0, 0.0, 0.5, 0.0), spread=(0.3, 0.3, 0.5, 0.5), frequencies=41, **more):
+    """What a filter knows: one anchor at (3, 4), 2 x 2 antennas, 400 MHz; `more` goes into the waveform."""
+    from dataclasses import replace
+
+    import gridslam as gs
+    from gridslam.world.signal_model import SignalModel
+    from gridslam.world.waveform import Waveform
+
+    model = gs.Scene.load("room").filter_model()
+    offset = (np.arange(frequencies) - (frequencies - 1) / 2) * 1e7
+    pulse = np.cos(np.pi * offset / (2.2 * offset[-1])).astype(complex)
+    wavelength = SPEED_OF_LIGHT / 7e9
+    place = SQUARE * wavelength / (2 * np.pi)
+    wave = {"anchor_element_m": np.zeros((1, 1, 2)), "agent_element_m": place, **more}
+    model = replace(
+        model, anchor_names=("A",), anchors=np.array([[3.0, 4.0, 0.0]]),
+        start_mean=np.array([*start, 0.0]), start_variance=np.square([*spread, 0.1]),
+        settings=model.settings.model_copy(update={"acceleration_mps2": 2.0, "particles": 500}),
+    )  # fmt: skip
+    return SignalModel.of(model, Waveform(7e9, offset, pulse, **wave))
+
+
+def received(model, place, heading, points, powers, draw, noise=1.0):
+    """Samples (1, N, M) of paths of constant modulus from `points` [x, y, b] with these powers at 1 m."""
+    wave = model.waveform
+    element, rate = (
+        2 * np.pi / wave.wavelength_m * wave.agent_element_m,
+        2 * np.pi * wave.offset_hz / SPEED_OF_LIGHT,
+    )
+    shape = len(element), len(rate)
+    z = np.sqrt(noise / 2) * (draw.normal(size=shape) + 1j * draw.normal(size=shape))
+    for (x, y, extra), power in zip(points, powers, strict=True):
+        turn = np.sqrt(power) * np.exp(2j * np.pi * draw.uniform())
+        at = np.array([x, y])
+        z = z + turn * response(np.array([*place, heading]), at, extra, element, wave.pulse, rate).reshape(
+            shape
+        )
+    return z[None]

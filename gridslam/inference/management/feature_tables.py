@@ -1,4 +1,4 @@
-"""Learned features as tables that users get and the next agent starts from; docs/model.md, (H16)."""
+"""Learned features as tables that users get and the next agent starts from; docs/model.md, (M118)."""
 
 from __future__ import annotations
 

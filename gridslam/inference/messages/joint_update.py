@@ -1,4 +1,4 @@
-"""Samples into the joint belief of agent and features; docs/model.md, (H5)-(H9).
+"""Samples into the joint belief of agent and features; docs/model.md, (M106)-(M110).
 
 The likelihood is that of one complex Gaussian with a covariance of noise, line of sight and features. Its
 maximum together with the prior is found by Gauss-Newton steps; the curvature counts the power that a path
@@ -131,7 +131,7 @@ def update(
         score, curvature, value = np.zeros(size + 1), np.zeros((size + 1, size + 1)), 0.0
         for j, z in flat.items():
             gain = _powers(belief, existence, j)
-            one, two, three = _slopes(at, belief, j, z, heading_rad, gain, model)
+            one, two, three = slopes(at, belief, j, z, heading_rad, gain, model)
             score, curvature, value = score + one, curvature + two, value + three
         system = np.eye(size + 1) + prior @ curvature
         following = base + np.linalg.solve(system, prior @ (score + curvature @ (at - base)))
@@ -168,7 +168,7 @@ def _powers(belief: JointBelief, existence: Array, anchor: int) -> Array:
     return np.append(los, belief.features.power[rows])
 
 
-def _slopes(
+def slopes(
     at: Array, belief: JointBelief, anchor: int, samples: Complex, heading_rad: float, power: Array,
     model: SignalModel,
 ) -> tuple[Array, Array, float]:  # fmt: skip

@@ -1,4 +1,4 @@
-"""Tables of matched outputs: what of a step's samples the likelihood looks up; docs/model.md, (H2)."""
+"""Tables of matched outputs: what of a step's samples the likelihood looks up; docs/model.md, (M103)."""
 
 from __future__ import annotations
 

@@ -1,0 +1,164 @@
+"""The joint belief of agent and features: slopes, information, and what a step makes of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from signal_worlds import received, signal_model
+
+from gridslam.inference.messages.joint_update import columns, log_likelihood, predict, slopes, update
+from gridslam.inference.state.features import FeatureBank, entries, place_jacobian, places
+from gridslam.inference.state.hybrid_state import JointBelief
+
+POINTS = np.array([[3.0, 4.0, 0.0], [-6.0, 2.0, 0.0], [2.0, -5.0, 3.0]])  # line of sight, image, scatterer
+POWERS = np.array([4000.0, 2000.0, 1200.0])
+HEARD = np.array([True])
+
+
+def belief(agent=(0.0, 0.0, 0.5, 0.0), spread=0.1, features=2, power=POWERS):
+    one = JointBelief(
+        np.array(agent), np.diag(np.full(4, spread**2)), FeatureBank.empty(), np.array([0.9]), power[:1],
+        np.ones(1),
+    )  # fmt: skip
+    for n in range(features):
+        origin = np.array([0.3, -0.2])
+        width = np.diag(np.square([0.05, 0.02, 0.05 * (POINTS[n + 1, 2] > 0)]))
+        one = one.with_feature(0, entries(POINTS[n + 1], origin), width, origin, power[n + 1], n, 0)
+    return one
+
+
+@pytest.mark.parametrize("entry", range(11))
+def test_slopes_are_those_of_the_log_likelihood(entry):
+    model, draw, step = signal_model(), np.random.default_rng(entry), 1e-6
+    z = received(model, (0.05, -0.02), 0.3, POINTS, POWERS, draw)[0].ravel()
+    at = np.append(belief().mean, 0.02)
+    score, _, value = slopes(at, belief(), 0, z, 0.3, POWERS, model)
+
+    def density(x):
+        return log_likelihood(columns(x[:-1], belief(), 0, 0.3 + x[-1], model).value, POWERS, 1.0, z)
+
+    way = step * np.eye(len(at))[entry]
+    assert value == pytest.approx(density(at))
+    assert score[entry] == pytest.approx(
+        (density(at + way) - density(at - way)) / (2 * step), rel=1e-5, abs=1e-3
+    )
+
+
+def test_log_likelihood_is_that_of_the_covariance_of_all_samples():
+    model, draw = signal_model(), np.random.default_rng(0)
+    z = received(model, (0.0, 0.0), 0.3, POINTS, POWERS, draw)[0].ravel()
+    responses = columns(belief().mean, belief(), 0, 0.3, model).value
+    covariance = 1.7 * np.eye(len(z)) + (responses * POWERS) @ responses.conj().T
+    _, logdet = np.linalg.slogdet(np.pi * covariance)
+    expected = -np.vdot(z, np.linalg.solve(covariance, z)).real - logdet
+    assert log_likelihood(responses, POWERS, 1.7, z) == pytest.approx(expected, abs=1e-8)
+
+
+def test_information_is_the_scatter_of_the_score():
+    # at the truth, over noise and phases: E[score score^T] = E[curvature], up to the volume's own share
+    model, draw, one = signal_model(), np.random.default_rng(4), belief()
+    scores, curvature = [], np.zeros((11, 11))
+    for _ in range(400):
+        z = received(model, one.mean[:2], 0.3, POINTS, POWERS, draw)[0].ravel()
+        score, square, _ = slopes(np.append(one.mean, 0.0), one, 0, z, 0.3, POWERS, model)
+        scores.append(score)
+        curvature += square / 400
+    known = [0, 1, 4, 5, 7, 8, 10]
+    scatter = np.var(scores, axis=0)[known] / np.diagonal(curvature)[known]
+    assert (scatter > 0.75).all()
+    assert (scatter < 1.3).all()
+
+
+def test_a_path_that_is_not_heard_says_nothing_of_its_feature():
+    model, draw, one = signal_model(), np.random.default_rng(1), belief()
+    at, there, gone = np.append(one.mean, 0.0), [], []
+    for _ in range(50):
+        z = received(model, (0.0, 0.0), 0.3, POINTS, POWERS, draw)[0].ravel()
+        there.append(slopes(at, one, 0, z, 0.3, POWERS, model)[1][4, 4])
+        z = received(model, (0.0, 0.0), 0.3, POINTS[[0, 2]], POWERS[[0, 2]], draw)[0].ravel()
+        gone.append(slopes(at, one, 0, z, 0.3, POWERS, model)[1][4, 4])
+    assert np.mean(gone) < 0.1 * np.mean(there)
+
+
+def test_errors_are_as_large_as_the_covariance_says():
+    model, squares = signal_model(), []
+    for seed in range(60):
+        draw = np.random.default_rng(seed)
+        one = belief()
+        truth = one.mean + np.linalg.cholesky(one.covariance + 1e-18 * np.eye(10)) @ draw.normal(size=10)
+        points = np.concatenate([POINTS[:1], places(truth, one.features.origin_m)])
+        for step in range(3):
+            z = received(model, truth[:2], 0.3, points, POWERS, draw)
+            one, _ = update(one, z, HEARD, 0.3, model, step)
+        known = [0, 1, 4, 5, 7, 8, 9]
+        off = (one.mean - truth)[known]
+        squares.append(off @ np.linalg.solve(one.covariance[np.ix_(known, known)], off) / len(known))
+    assert 0.75 < np.mean(squares) < 1.3  # 420 squares: a deviation of 0.07 about 1
+
+
+def test_agent_and_features_stay_correlated():
+    model, draw = signal_model(), np.random.default_rng(3)
+    z = received(model, (0.05, 0.05), 0.3, POINTS[1:], POWERS[1:], draw)
+    found, _ = update(belief(spread=0.3), z, HEARD, 0.3, model, 0)
+    correlation = found.covariance[0, 4] / np.sqrt(found.covariance[0, 0] * found.covariance[4, 4])
+    assert abs(correlation) > 0.3
+
+
+def test_a_heading_of_which_nothing_is_sure_turns_nothing():
+    sure, vague = signal_model(), signal_model(heading_std_rad=0.5)
+    draw = np.random.default_rng(5)
+    z = received(sure, (0.0, 0.0), 0.5, POINTS, POWERS, draw)  # 0.2 rad beside what is measured
+    right, _ = update(belief(), z, HEARD, 0.3, vague, 0)
+    wrong, _ = update(belief(), z, HEARD, 0.3, sure, 0)
+    assert np.hypot(*right.mean[:2]) < 0.1
+    assert np.hypot(*right.mean[:2]) < 0.5 * np.hypot(*wrong.mean[:2])
+
+
+def test_a_hidden_line_of_sight_is_noticed_and_one_that_comes_back_too():
+    model, draw, one = signal_model(), np.random.default_rng(6), belief(spread=0.02)
+    for seen, expected in ((True, True), (False, False), (False, False), (True, True)):
+        rows = slice(None) if seen else slice(1, None)
+        one, _ = update(
+            one, received(model, (0, 0), 0.3, POINTS[rows], POWERS[rows], draw), HEARD, 0.3, model, 0
+        )
+        assert (one.existence[0] > 0.5) == expected
+
+
+def test_powers_and_noise_go_to_what_is_received():
+    model, draw = signal_model(), np.random.default_rng(7)
+    one = replace(belief(spread=0.01, power=np.array([400.0, 8000.0, 1200.0])), noise=np.array([3.0]))
+    for step in range(60):
+        one, _ = update(one, received(model, (0, 0), 0.3, POINTS, POWERS, draw), HEARD, 0.3, model, step)
+        one = predict(replace(one, mean=np.array([0, 0, 0.5, 0, *one.mean[4:]])), 0.0, 1.0)
+    np.testing.assert_allclose(one.noise, 1.0, rtol=0.1)
+    np.testing.assert_allclose(one.los_power, POWERS[0], rtol=0.15)
+    np.testing.assert_allclose(one.features.power, POWERS[1:], rtol=0.3)
+    assert (one.features.steps_seen > 50).all()
+
+
+def test_an_anchor_that_was_not_heard_changes_nothing():
+    model, one = signal_model(), belief()
+    found, evidence = update(one, np.zeros((1, 4, 41), complex), np.array([False]), 0.3, model, 0)
+    np.testing.assert_allclose(found.mean, one.mean)
+    np.testing.assert_allclose(found.covariance, one.covariance)
+    assert evidence == 0
+
+
+def test_evidence_falls_with_a_feature_that_is_not_there():
+    model, with_it, without = signal_model(), 0.0, 0.0
+    for seed in range(10):
+        z = received(model, (0, 0), 0.3, POINTS[:2], POWERS[:2], np.random.default_rng(seed))
+        with_it += update(belief(spread=0.02), z, HEARD, 0.3, model, 0)[1]
+        without += update(belief(spread=0.02, features=1), z, HEARD, 0.3, model, 0)[1]
+    assert without > with_it
+
+
+def test_places_and_their_slopes_follow_from_the_entries():
+    one, step = belief(), 1e-6
+    np.testing.assert_allclose(places(one.mean, one.features.origin_m), POINTS[1:], atol=1e-12)
+    jacobian = place_jacobian(one.mean, one.features.origin_m)
+    for entry in range(6):
+        way = step * np.eye(10)[4 + entry]
+        more, less = (places(one.mean + s * way, one.features.origin_m) for s in (1, -1))
+        slope = ((more - less) / (2 * step))[entry // 3]
+        np.testing.assert_allclose(jacobian[entry // 3, :, entry % 3], slope, atol=1e-8)

@@ -1,0 +1,75 @@
+"""New features: found where they are, refused where they foretell nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from signal_worlds import received, signal_model
+
+from gridslam import runtime
+from gridslam.inference.messages.feature_likelihood import Front
+from gridslam.inference.messages.learning import JUDGED, learn
+from gridslam.inference.state.features import FeatureBank, places
+from gridslam.inference.state.hybrid_state import HybridState, JointBelief, Segment
+
+runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
+LOS, LOS_POWER = np.array([3.0, 4.0, 0.0]), 3000.0
+MIRROR, SCATTERER = np.array([-6.0, 2.0, 0.0]), np.array([2.0, -4.0, 8.06])
+STEPS = 20
+
+
+def state_after(points, powers, seed, elsewhere_from=STEPS):
+    """A state whose segment is a way past the points; from `elsewhere_from` on, they are 5 m off."""
+    model, draw = signal_model(spread=(0.1, 0.1, 0.1, 0.1)), np.random.default_rng(seed)
+    belief = JointBelief(
+        model.start_mean[:4], np.diag(model.start_variance[:4]), FeatureBank.empty(), np.array([0.9]),
+        np.array([LOS_POWER]), np.ones(1),
+    )  # fmt: skip
+    segment, heard = Segment.empty(1, 4, 41), np.array([True])
+    for k in range(STEPS):
+        place = np.array([0.1 * k, 0.5 * np.sin(0.2 * k)])
+        rows = points if k < elsewhere_from else [point + np.array([0.0, 5.0, 0.0]) for point in points]
+        z = received(model, place, 0.1 * k, [LOS, *rows], [LOS_POWER, *powers], draw)
+        segment = segment.add(0.1 * k, 0.1 * k, heard, z, np.array([*place, 1.0, 0.0]))
+    return HybridState(belief, belief, segment, step=STEPS, time_s=0.1 * (STEPS - 1)), model
+
+
+@pytest.mark.slow
+def test_a_mirror_image_is_found_where_it_is():
+    state, model = state_after([MIRROR], [1500.0], 0)
+    found, learned = learn(state, Front(model.waveform), model)
+    assert learned.taken >= 1
+    assert learned.gain > 0
+    place = places(found.joint.mean, found.joint.features.origin_m)
+    strongest = np.argmax(found.joint.features.power)
+    assert np.hypot(*(place[strongest] - MIRROR)[:2]) < 0.5
+    assert place[strongest, 2] == 0
+    assert len(found.segment) == 0
+    assert found.before is found.joint
+    assert found.next_identity >= 1
+
+
+@pytest.mark.slow
+def test_nothing_is_learned_of_a_line_of_sight_and_noise_alone():
+    for seed in range(2):
+        state, model = state_after([], [], seed)
+        found, learned = learn(state, Front(model.waveform), model)
+        assert learned.taken == 0
+        assert len(found.joint.features) == 0
+
+
+@pytest.mark.slow
+def test_features_that_do_not_foretell_the_last_steps_are_refused():
+    state, model = state_after([MIRROR], [1500.0], 0, elsewhere_from=STEPS - JUDGED)
+    found, learned = learn(state, Front(model.waveform), model)
+    assert learned.proposed >= 1
+    assert learned.taken == 0
+    assert found.joint is state.joint
+
+
+def test_a_segment_that_is_too_short_is_kept_for_later():
+    state, model = state_after([MIRROR], [1500.0], 0)
+    short = replace(state.segment, **{name: value[:8] for name, value in vars(state.segment).items()})
+    found, learned = learn(replace(state, segment=short), Front(model.waveform), model)
+    assert len(found.segment) == 8
+    assert learned.proposed == 0

@@ -1,0 +1,99 @@
+"""Learned features in a map's file, and from a belief to a map and back."""
+
+from dataclasses import fields, replace
+
+import h5py
+import numpy as np
+import pytest
+from map_samples import random_map
+
+from gridslam.errors import InputError
+from gridslam.estimates import FREE, MIRROR, SCATTERER, FeatureEstimate
+from gridslam.inference.management.feature_tables import classify, feature_estimate, with_features
+from gridslam.inference.state.features import FeatureBank, entries, places
+from gridslam.inference.state.hybrid_state import JointBelief
+from gridslam.maps.map import Map
+
+ANCHORS = np.array([[3.0, 4.0], [-2.0, 1.0]])
+
+
+def belief(seed=0):
+    draw = np.random.default_rng(seed)
+    one = JointBelief(
+        np.array([0.5, -0.3, 1.0, 0.0]), 0.1 * np.eye(4), FeatureBank.empty(), np.full(2, 0.9), np.ones(2),
+        np.array([2.0, 3.0]),
+    )  # fmt: skip
+    for n, point in enumerate(([-6.0, 2.0, 0.0], [2.0, -5.0, 3.0], [9.0, 7.0, 1.0])):
+        origin = draw.normal(size=2)
+        one = one.with_feature(n % 2, entries(np.array(point), origin), np.eye(3), origin, 1.0 + n, 10 + n, 4)
+    root = draw.normal(size=(13, 13)) * [*[0.1] * 4, *[0.1, 0.02, 0.1] * 3]
+    root[:, 6] = 0.0
+    return replace(one, covariance=root.T @ root)
+
+
+def test_features_come_back_from_a_file(tmp_path):
+    table, joint = feature_estimate(belief(), ANCHORS)
+    sheet = replace(random_map(1), features=table, feature_covariance=joint)
+    sheet.save(tmp_path / "map.h5")
+    found = Map.load(tmp_path / "map.h5")
+    for field in fields(FeatureEstimate):
+        np.testing.assert_array_equal(getattr(found.features, field.name), getattr(table, field.name))
+    np.testing.assert_array_equal(found.feature_covariance, joint)
+
+
+def test_a_map_without_features_has_none(tmp_path):
+    random_map(1).save(tmp_path / "map.h5")
+    assert Map.load(tmp_path / "map.h5").features is None
+
+
+@pytest.mark.parametrize(("name", "value"), [("variance", -1.0), ("bias_m", np.nan)])
+def test_features_that_cannot_be_are_refused(tmp_path, name, value):
+    table, joint = feature_estimate(belief(), ANCHORS)
+    replace(random_map(1), features=table, feature_covariance=joint).save(tmp_path / "map.h5")
+    with h5py.File(tmp_path / "map.h5", "r+") as file:
+        file[f"features/{name}"][0] = value
+    with pytest.raises(InputError):
+        Map.load(tmp_path / "map.h5")
+
+
+def test_a_covariance_of_other_features_is_refused():
+    table, joint = feature_estimate(belief(), ANCHORS)
+    with pytest.raises(InputError, match="feature_covariance"):
+        replace(random_map(1), features=table, feature_covariance=joint[:3, :3])
+
+
+def test_the_next_agent_starts_from_the_same_places_and_as_unsure():
+    table, joint = feature_estimate(belief(), ANCHORS)
+    fresh = JointBelief(
+        np.array([1.0, 2.0, 0.0, 0.0]),
+        np.eye(4),
+        FeatureBank.empty(),
+        np.full(2, 0.5),
+        np.ones(2),
+        np.ones(2),
+    )
+    found = with_features(fresh, table, joint, np.array([0, 1, 0]))
+    np.testing.assert_allclose(
+        places(found.mean, found.features.origin_m), np.column_stack([table.position_m, table.bias_m])
+    )
+    again, square = feature_estimate(found, ANCHORS)
+    np.testing.assert_allclose(square, joint, atol=1e-9)
+    np.testing.assert_allclose(again.covariance, table.covariance, atol=1e-9)
+    np.testing.assert_array_equal(found.noise, [2.0, 3.0])
+    np.testing.assert_array_equal(found.covariance[:4, 4:], 0.0)
+
+
+def test_features_of_anchors_that_are_not_here_are_left_out():
+    table, joint = feature_estimate(belief(), ANCHORS)
+    found = with_features(belief().keep(np.zeros(3, bool)), table, joint, np.array([-1, 0, -1]))
+    assert len(found.features) == 1
+    np.testing.assert_allclose(places(found.mean, found.features.origin_m)[0], [2.0, -5.0, 3.0])
+
+
+def test_kinds_follow_from_the_extra_length():
+    anchor, square = np.array([3.0, 4.0]), np.diag([0.01, 0.01, 0.01])
+    sure = np.diag([0.01, 0.01, 0.0])
+    assert classify(np.array([-6.0, 2.0, 0.0]), sure, anchor) == MIRROR
+    assert classify(np.array([-6.0, 2.0, 0.15]), square, anchor) == MIRROR
+    assert classify(np.array([3.0, -2.0, 6.1]), square, anchor) == SCATTERER
+    assert classify(np.array([3.0, -2.0, 3.0]), square, anchor) == FREE
