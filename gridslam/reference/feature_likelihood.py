@@ -10,7 +10,7 @@ Complex = NDArray[np.complex128]
 
 
 def response(point: Array, at: Array, extra: float, element: Array, pulse: Complex, rate: Array) -> Complex:
-    """What a point sends to an agent at 1 m power 1, (N * M,); docs/model.md, (M101).
+    """What a point sends to an agent at 1 m power 1, (N * M,); docs/model.md, (M121).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What unexplained samples say for a feature at each of many places; docs/model.md, (M112)."""
+"""What unexplained samples say for a feature at each of many places; docs/model.md, (M132)."""
 
 import taichi as ti
 

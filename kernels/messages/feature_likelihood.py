@@ -1,4 +1,4 @@
-"""Log-likelihood of sampled signals under learned features, and its gradient; docs/model.md, (M103), (M104).
+"""Log-likelihood of sampled signals under learned features, and its gradient; docs/model.md, (M123), (M124).
 
 A feature is a point with an extra length and a power. The line of sight is projected out of all features, so
 that neither its existence nor its power enters here.
@@ -173,7 +173,7 @@ def evaluate_features(
     solved: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [LANES, D + 1, 2]
     out: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [P, 3] out: A, |h_lo^H z|^2, |h_lo|^2
 ):
-    """A of (M103) and the line of sight's matched output, for every particle."""
+    """A of (M123) and the line of sight's matched output, for every particle."""
     ti.loop_config(block_dim=1)
     for lane in range(LANES):
         each = (points.shape[0] + LANES - 1) // LANES
@@ -207,7 +207,7 @@ def differentiate_features(
     solved: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [LANES, D + 1, 2]
     out: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [Q, D + 1, 4] out: slopes by the features; last row: A
 ):
-    """Slopes of A by every feature's place, extra length and power, (M104), for every point."""
+    """Slopes of A by every feature's place, extra length and power, (M124), for every point."""
     ti.loop_config(block_dim=1)
     for lane in range(LANES):
         each = (points.shape[0] + LANES - 1) // LANES

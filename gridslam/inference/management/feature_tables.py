@@ -1,4 +1,4 @@
-"""Learned features as tables that users get and the next agent starts from; docs/model.md, (M118)."""
+"""Learned features as tables that users get and the next agent starts from; docs/model.md, (M138)."""
 
 from __future__ import annotations
 

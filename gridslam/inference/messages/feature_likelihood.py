@@ -60,7 +60,7 @@ class Front:
         return np.stack([matched_outputs(z, wave.offset_hz, wave.pulse) for z in samples])
 
     def ratios(self, points: Array, features: Array, anchor_m: Array, table: Tables) -> Array:
-        """A of (M103), |h_lo^H z|^2 and |h_lo|^2 (P, 3) at points (P, 4): x, y, heading, noise power.
+        """A of (M123), |h_lo^H z|^2 and |h_lo|^2 (P, 3) at points (P, 4): x, y, heading, noise power.
 
         Parameters
         ----------
@@ -81,7 +81,7 @@ class Front:
     def slopes(
         self, points: Array, steps: NDArray[np.int32], features: Array, anchor_m: Array, tables: Tables
     ) -> tuple[Array, float]:
-        """Slopes (D, 4) of the sum of A over points (Q, 4) by the features, and the sum itself; (M104)."""
+        """Slopes (D, 4) of the sum of A over points (Q, 4) by the features, and the sum itself; (M124)."""
         from gridslam.kernels.messages.feature_likelihood import differentiate_features
 
         out = np.zeros((len(points), len(features) + 1, 4))
@@ -93,7 +93,7 @@ class Front:
         return out[:, :-1].sum(0), float(out[:, -1, 0].sum())
 
     def gains(self, candidates: Array, points: Array, tables: Tables, powers: Array) -> Array:
-        """Gain of a feature at each of the candidates (Q, 3), and its power, (Q, 2); (M112)."""
+        """Gain of a feature at each of the candidates (Q, 3), and its power, (Q, 2); (M132)."""
         from gridslam.kernels.messages.back_projection import back_project
 
         out = np.empty((len(candidates), 2))

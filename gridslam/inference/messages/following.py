@@ -56,7 +56,7 @@ def snapshot(scan: SignalScan, model: SignalModel) -> Snapshot:
 
 
 def predict_agent(state: HybridState, time_s: float, model: SignalModel, seed: int) -> HybridState:
-    """The belief at the time of a scan, (M113); at the first step nothing has moved yet."""
+    """The belief at the time of a scan, (M133); at the first step nothing has moved yet."""
     if state.time_s is None:
         return replace(state, time_s=time_s)
     seconds, jolt = time_s - state.time_s, model.settings.acceleration_mps2
@@ -69,7 +69,7 @@ def predict_agent(state: HybridState, time_s: float, model: SignalModel, seed: i
 def follow_by_particles(
     state: HybridState, got: Snapshot, front: Front, model: SignalModel, seed: int
 ) -> tuple[HybridState, Moments]:
-    """Particles of agent and noise after the samples, (M114)-(M116)."""
+    """Particles of agent and noise after the samples, (M134)-(M136)."""
     tables = [front.tables(z[None]) for z in got.samples]
     cloud = state.particles
     if cloud is None:
@@ -83,7 +83,7 @@ def follow_by_particles(
 
 
 def follow_jointly(state: HybridState, got: Snapshot, model: SignalModel) -> tuple[HybridState, Moments]:
-    """The joint belief after the samples, (M106)-(M110)."""
+    """The joint belief after the samples, (M126)-(M130)."""
     joint, evidence = update(state.joint, got.samples, got.heard, got.heading_rad, model, state.step)
     moments = Moments(joint.mean[:MOVING], joint.agent_covariance, evidence, np.inf)
     return replace(state, joint=joint), moments

@@ -1,4 +1,4 @@
-"""Samples into the joint belief of agent and features; docs/model.md, (M106)-(M110).
+"""Samples into the joint belief of agent and features; docs/model.md, (M126)-(M130).
 
 The likelihood is that of one complex Gaussian with a covariance of noise, line of sight and features. Its
 maximum together with the prior is found by Gauss-Newton steps; the curvature counts the power that a path

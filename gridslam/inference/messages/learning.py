@@ -1,4 +1,4 @@
-"""New features out of what nothing explains yet; docs/model.md, (M112), (M117).
+"""New features out of what nothing explains yet; docs/model.md, (M132), (M137).
 
 Seeded one by one by back-projection, moved up the gradient of the log-likelihood along the track, then taken
 into the joint belief by going through the segment once more, and kept if they foretell its last steps.

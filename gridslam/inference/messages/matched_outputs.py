@@ -1,4 +1,4 @@
-"""Tables of matched outputs: what of a step's samples the likelihood looks up; docs/model.md, (M103)."""
+"""Tables of matched outputs: what of a step's samples the likelihood looks up; docs/model.md, (M123)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Particles of agent and noise; visibility and power of the lines of sight; docs/model.md, (M113)-(M116).
+"""Particles of agent and noise; visibility and power of the lines of sight; docs/model.md, (M133)-(M136).
 
 [HybridSlam], section III. The power is integrated out over a grid, so that it needs no particles.
 """
@@ -79,7 +79,7 @@ def start_particles(
 def predict_particles(
     particles: ParticleBelief, seconds: float, acceleration_mps2: float, seed: int, step: int
 ) -> ParticleBelief:
-    """Motion with white acceleration; noise and power drift, sight comes and goes, (M113)."""
+    """Motion with white acceleration; noise and power drift, sight comes and goes, (M133)."""
     draw = np.random.default_rng([seed, step, MOVE])
     count = len(particles.agent)
     jolt = acceleration_mps2 * draw.standard_normal((count, 2))
@@ -112,7 +112,7 @@ def update_particles(
     particles: ParticleBelief, belief: JointBelief, samples: Complex, tables: list[Tables],
     heard: NDArray[np.bool_], heading_rad: float, front: Front, model: SignalModel, seed: int, step: int,
 ) -> tuple[ParticleBelief, Moments]:  # fmt: skip
-    """Particles after the samples (J, N, M) of a step, with the features as they stand, (M114)-(M116)."""
+    """Particles after the samples (J, N, M) of a step, with the features as they stand, (M134)-(M136)."""
     count, anchors = len(particles.agent), len(heard)
     existence, weight = particles.existence.copy(), particles.weight.copy()
     log_own = np.zeros((anchors, count))

@@ -1,4 +1,4 @@
-"""Learned features: points with an extra length and a power, each of one anchor; docs/model.md, (M105)."""
+"""Learned features: points with an extra length and a power, each of one anchor; docs/model.md, (M125)."""
 
 from __future__ import annotations
 
