@@ -164,7 +164,7 @@ class SurfaceFilter(ABC):
     def _advance(self, scan: Scan) -> tuple[Population, StepInfo]:
         """The hypotheses after a scan, and what happened."""
         if self.branches:
-            return advance(self.population, scan, self.model, self.work, self.advance)
+            return advance(self.population, scan, self.model, self.work, self.start, self.advance)
         state, info = self.advance(self.state, scan, self.model, self.work)
         return Population.of(state), info
 

@@ -13,9 +13,9 @@ import numpy as np
 from gridslam import runtime
 from gridslam.estimates import Health
 from gridslam.inference.management.branching import branches_of, linear_width, split, widest
+from gridslam.inference.management.challenge import challenged, is_low, snapshot_of, watched
 from gridslam.inference.management.mixture import CAP, places, reduce
 from gridslam.inference.management.pose_recovery import is_vague
-from gridslam.inference.management.pose_score import Snapshot
 from gridslam.inference.management.pose_search import Modes, find_modes
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.motion import predict
@@ -27,6 +27,7 @@ from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.scan import Scan
 
+Start = Callable[[FilterModel], State]
 Step = Callable[[State, Scan, FilterModel, Workspace], tuple[State, StepInfo]]
 PURPOSE = 3
 """Names the stream of random numbers that a search takes."""
@@ -42,14 +43,14 @@ def begun(state: State, model: FilterModel) -> Population:
 
 
 def advance(
-    population: Population, scan: Scan, model: FilterModel, work: Workspace, step: Step
+    population: Population, scan: Scan, model: FilterModel, work: Workspace, start: Start, step: Step
 ) -> tuple[Population, StepInfo]:
     """One step of all hypotheses.
 
     Parameters
     ----------
-    step : callable
-        The system's: of one state.
+    start, step : callable
+        The system's: its state before the first step, and a step of one state.
 
     Returns
     -------
@@ -63,6 +64,8 @@ def advance(
             waiting = replace(population, states=(replace(prior, step=prior.step + 1),), waited=waited)
             return waiting, _nothing(population.best, model, work)
         population = _started(replace(population.best, belief=prior.belief), modes, model)
+    if population.watch.doubtful:
+        population = challenged(population, scan, start(model), model, work)
     population = _split(population, scan, model)
     return _stepped(population, scan, model, work, step)
 
@@ -77,9 +80,8 @@ def _search(
         return None, prior
     scans = split_by_anchor(scan, model)
     with runtime.one_blas_thread():
-        snapshot = Snapshot.of(scans, [prior.calibration.tuned(model.radio, s.anchor) for s in scans], model)
         stream = [work.seed, prior.step, PURPOSE]
-        return find_modes(snapshot, prior.belief, model.grid, CAP, stream), prior
+        return find_modes(snapshot_of(scans, prior, model), prior.belief, model.grid, CAP, stream), prior
 
 
 def _started(state: State, modes: Modes, model: FilterModel) -> Population:
@@ -140,6 +142,7 @@ def _stepped(
     if len(population) == 1:
         state, info = step(population.best, scan, model, work)
         population = replace(population, states=(state,), since=since, guard=NONE)
+        population = watched(population, lambda: comparable(info, state, model), scan, model, work)
         return population, _judged(population, info, model)
     calibration, after, infos = population.best.calibration, list[State](), list[StepInfo]()
     for state in population.states:
@@ -148,10 +151,10 @@ def _stepped(
         infos.append(info)
     evidence = [comparable(i, s, model) for i, s in zip(infos, after, strict=True)]
     log = np.array(population.log_weight) + evidence
-    best = infos[int(np.argmax(log))]
+    likeliest = int(np.argmax(log))
     population = replace(population, states=tuple(after), since=since).weighed(log)
-    population = reduce(population, model)
-    return population, _judged(population, best, model)
+    population = watched(reduce(population, model), lambda: evidence[likeliest], scan, model, work)
+    return population, _judged(population, infos[likeliest], model)
 
 
 def comparable(info: StepInfo, state: State, model: FilterModel) -> float:
@@ -170,6 +173,9 @@ def _judged(population: Population, info: StepInfo, model: FilterModel) -> StepI
     several = places(population)
     if several > 1:
         reasons.append(f"{several} places remain")
+    if is_low(population.watch):
+        lead = population.watch.lead / population.watch.loud
+        reasons.append(f"a fresh start explains what is heard nearly as well (lead {lead:.1f} nats)")
     if not model.grid.holds(population.best.belief.mean[:2]):
         reasons.append("the agent has left the grid")
     why = "; ".join(reasons)

@@ -142,20 +142,32 @@ class Bounds:
         return np.asarray(there & (np.abs(wrap(poses[:, 2] - middle)) <= 0.5 * (self.high[2] - self.low[2])))
 
 
-def line_of_sight_poses(terms: SnapshotTerms, draw: np.random.Generator) -> Array:
-    """Poses (N, 3) from which an anchor's measurements would be lines of sight."""
-    poses = [np.zeros((0, 3))]
+def line_of_sight_poses(
+    terms: SnapshotTerms, draw: np.random.Generator, copies: int = COPIES, bearings: int = BEARINGS
+) -> Array:
+    """Poses (N, 3) from which an anchor's measurements would be lines of sight.
+
+    Parameters
+    ----------
+    copies, bearings : int
+        Draws per measurement, and bearings where it tells none.
+    """
     measured = np.isfinite(terms.variance)
-    for row in np.flatnonzero(measured[:, 0] & measured[:, 2]).tolist():
-        count = COPIES if measured[row, 1] else BEARINGS
-        std = np.sqrt(np.where(measured[row], terms.variance[row], 0.0))
-        value = terms.value[row] + std * draw.standard_normal((count, 3))
-        value[0] = terms.value[row]
-        if not measured[row, 1]:
-            value[:, 1] = 2 * np.pi * (np.arange(count) + draw.random()) / count
+    parts = [np.zeros((0, 3))]
+    for rows, count in (
+        (np.flatnonzero(measured.all(1)), copies),
+        (np.flatnonzero(measured[:, 0] & ~measured[:, 1] & measured[:, 2]), bearings),
+    ):
+        std = np.sqrt(np.where(measured[rows], terms.variance[rows], 0.0))[:, None]
+        noise = draw.standard_normal((len(rows), count, 3))
+        noise[:, 0] = 0.0  # as it was measured, to begin with
+        value = terms.value[rows][:, None] + std * noise
+        if rows.size and not measured[rows[0], 1]:
+            value[..., 1] = 2 * np.pi * (np.arange(count) + draw.random()) / count
+        value = value.reshape(-1, 3)
         place = terms.position + value[:, :1] * unit(value[:, 1])
-        poses.append(np.column_stack([place, wrap(value[:, 1] + np.pi - value[:, 2])]))
-    return np.concatenate(poses)
+        parts.append(np.column_stack([place, wrap(value[:, 1] + np.pi - value[:, 2])]))
+    return np.concatenate(parts)
 
 
 def _near(poses: Array, centre: Array, scale: float = 1.0) -> NDArray[np.bool_]:

@@ -32,11 +32,6 @@ class Watch:
     loud: float = 0.0
     doubtful: int = 0
 
-    @property
-    def per_loud(self) -> float:
-        """Lead per loud measurement, nats; infinite where there were too few."""
-        return self.lead / self.loud if self.loud >= 10 else np.inf
-
 
 @dataclass(frozen=True, eq=False)
 class Population:

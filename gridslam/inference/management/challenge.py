@@ -1,0 +1,132 @@
+"""Doubt: what a fresh start would make of the latest scan, against what the present hypotheses make of it.
+
+docs/model.md, section 14. Innovations can't tell a world that is wrong but fits itself; evidence can, if
+there is something to set it against: the best pose by one scan alone, as if nothing had ever been heard.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam import runtime
+from gridslam.inference.management.branching import branches_of
+from gridslam.inference.management.mixture import together
+from gridslam.inference.management.pose_score import Snapshot
+from gridslam.inference.management.pose_search import POSE, find_modes, line_of_sight_poses
+from gridslam.inference.state.anchor_measurements import AnchorScan, split_by_anchor
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.population import Population, Watch
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace.workspace import Workspace
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.scan import Scan
+
+Array = NDArray[np.float64]
+EVERY, KEEP, ENOUGH_LOUD = 10, 0.7, 8.0
+"""Steps from one comparison to the next, forgetting from one to the next, loud measurements needed."""
+LOW_LEAD = 6.0
+"""Lead per loud measurement, nats, below which a fresh start explains what is heard nearly as well."""
+DOUBT_STEPS, SPREAD_M = 50, 0.3
+"""For how long a doubt keeps the search for challengers going; spread of the position that is one."""
+HANDICAP, CHALLENGERS, POSES, LISTED = 7.0, 3, 60_000, 20
+"""Log weight of challengers below the best, how many, uniform poses scored for them, modes listed at most."""
+DRAWN, COPIES = 100, 3
+"""Poses about the best line of sight, and per measurement that may be one, in a comparison."""
+PURPOSE, PURPOSE_OF_LEAD = 4, 5
+"""Names of the streams of random numbers."""
+
+
+def snapshot_of(scans: list[AnchorScan], state: State, model: FilterModel) -> Snapshot:
+    """A scan to score poses by, with the radio as the state has learned it."""
+    radios = [state.calibration.tuned(model.radio, heard.anchor) for heard in scans]
+    return Snapshot.of(scans, radios, model)
+
+
+def best_snapshot(snapshot: Snapshot, believed: Array, draw: np.random.Generator) -> float:
+    """Score of about the best pose by one scan alone: at lines of sight, and where it is believed to be."""
+    asked = [believed[None], *(line_of_sight_poses(terms, draw, COPIES, 24) for terms in snapshot.terms)]
+    poses = np.concatenate(asked)
+    log = snapshot.score(poses, 2.0)
+    pose, std = poses[int(log.argmax())], np.array([0.08, 0.08, 0.04])
+    best = float(snapshot.score(believed[None])[0])
+    for _ in range(2):
+        near = pose + std * draw.standard_normal((DRAWN, 3))
+        near[0] = pose
+        score = snapshot.score(near)
+        pose, std = near[int(score.argmax())], 0.4 * std
+        best = max(best, float(score.max()))
+    return best
+
+
+def watched(
+    population: Population, evidence: Callable[[], float], scan: Scan, model: FilterModel, work: Workspace
+) -> Population:
+    """Take in a step's log evidence: every so often it is set against that of a fresh start."""
+    state, watch = population.best, population.watch
+    x, y = float(state.belief.covariance[0, 0]), float(state.belief.covariance[1, 1])
+    doubtful = max(watch.doubtful - 1, 0)
+    if x + y > SPREAD_M**2 or len(population) > 1:
+        doubtful = DOUBT_STEPS
+    if doubtful != watch.doubtful:
+        watch = replace(watch, doubtful=doubtful)
+    if state.step % EVERY == 0 and len(scan):
+        scans = split_by_anchor(scan, model)
+        loud = sum(int(np.count_nonzero(heard.loud)) for heard in scans)
+        if loud:
+            draw = np.random.default_rng([work.seed, state.step, PURPOSE_OF_LEAD])
+            score = best_snapshot(snapshot_of(scans, state, model), state.belief.mean[POSE], draw)
+            watch = replace(watch, lead=KEEP * watch.lead + evidence() - score, loud=KEEP * watch.loud + loud)
+            watch = replace(watch, doubtful=DOUBT_STEPS) if is_low(watch) else watch
+    return population if watch is population.watch else replace(population, watch=watch)
+
+
+def is_low(watch: Watch) -> bool:
+    """Whether a fresh start would explain what is heard nearly as well."""
+    return watch.loud >= ENOUGH_LOUD and watch.lead < LOW_LEAD * watch.loud
+
+
+def challenged(
+    population: Population, scan: Scan, fresh: State, model: FilterModel, work: Workspace
+) -> Population:
+    """While anything is doubtful, the population with poses that one scan alone lists elsewhere.
+
+    Each comes twice: as a restart, with nothing mapped, and as a relocation, with the best one's map.
+
+    Parameters
+    ----------
+    fresh : State
+        Before a first step.
+    """
+    state = population.best
+    if not population.watch.doubtful or state.step % EVERY or not len(scan):
+        return population
+    scans = split_by_anchor(scan, model)
+    snapshot = snapshot_of(scans, state, model)
+    side = np.array(model.grid.shape[::-1]) * model.grid.cell_m
+    mean, spread = state.belief.mean.copy(), np.diag(np.full(len(state.belief.mean), 10.0))
+    mean[:2], spread[[0, 1], [0, 1]] = model.middle, (0.5 * side) ** 2
+    stream = [work.seed, state.step, PURPOSE]
+    with runtime.one_blas_thread():
+        modes = find_modes(snapshot, Belief(mean, spread), model.grid, LISTED, stream, POSES)
+        present = float(snapshot.score(population.poses).max())
+    leading = np.flatnonzero(modes.score > present)[:CHALLENGERS]
+    if not modes.complete or not len(leading):
+        return population
+    velocity = float(model.start_variance[2])
+    blank = replace(
+        fresh, calibration=state.calibration, monitor=state.monitor, step=state.step,
+        next_identity=state.next_identity,
+    )  # fmt: skip
+    restarts, moved = (branches_of(one, modes, velocity) for one in (blank, state))
+    states = list(population.states)
+    for mode in leading.tolist():
+        if not together([*population.states, moved[mode]])[-1, :-1].any():
+            states += [restarts[mode], moved[mode]] if len(state.surfaces) else [restarts[mode]]
+    added = len(states) - len(population)
+    log = np.array([*population.log_weight, *[population.log_weight[0] - HANDICAP] * added])
+    whole = replace(population, states=tuple(states), log_weight=tuple(log.tolist()))
+    return whole.weighed(log)
