@@ -26,7 +26,7 @@ from gridslam.world.filter_model import FilterModel
 from gridslam.world.scan import Scan
 
 Array = NDArray[np.float64]
-EVERY, KEEP, ENOUGH_LOUD = 10, 0.7, 8.0
+EVERY, KEEP, ENOUGH_LOUD = 10, 0.5, 6.0
 """Steps from one comparison to the next, forgetting from one to the next, loud measurements needed."""
 LOW_LEAD = 6.0
 """Lead per loud measurement, nats, below which a fresh start explains what is heard nearly as well."""
@@ -52,10 +52,10 @@ def best_snapshot(snapshot: Snapshot, believed: Array, draw: np.random.Generator
     poses = np.concatenate(asked)
     log = snapshot.score(poses, 2.0)
     pose, std = poses[int(log.argmax())], np.array([0.08, 0.08, 0.04])
-    best = float(snapshot.score(believed[None])[0])
+    best = -np.inf
     for _ in range(2):
         near = pose + std * draw.standard_normal((DRAWN, 3))
-        near[0] = pose
+        near[:2] = pose, believed
         score = snapshot.score(near)
         pose, std = near[int(score.argmax())], 0.4 * std
         best = max(best, float(score.max()))
