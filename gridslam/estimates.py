@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from gridslam.errors import InputError
 from gridslam.world.geometry import sfv, sfv_covariance, unit, wrap
-from gridslam.world.scan import Scan
+from gridslam.world.observation import Observation
 
 ANY_SPEED_MPS = 10.0
 """Standard deviation of a velocity of which nothing is known."""
@@ -331,7 +331,7 @@ class Estimate:
     @classmethod
     def of_pose(
         cls,
-        scan: Scan,
+        scan: Observation,
         position_m: ArrayLike,
         heading_rad: float,
         covariance: ArrayLike,
@@ -343,7 +343,7 @@ class Estimate:
 
         Parameters
         ----------
-        scan : Scan
+        scan : Scan or SignalScan
             Gives step and time.
         position_m, velocity_mps : (2,); m, m/s
         heading_rad : float, rad

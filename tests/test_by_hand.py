@@ -82,7 +82,7 @@ def test_angles_of_a_drawn_example_in_simulator_and_filter():
     known = replace(gs.GridSlam(scene).map(), surfaces=wall(), surface_reflection=None)
     slam = gs.GridSlam(scene, prior_map=known)
     bank = replace(slam.state.surfaces, single=np.full_like(slam.state.surfaces.single, 0.99))
-    slam.now = slam.now.believing(replace(slam.state, surfaces=bank))
+    slam.now = slam.believing(replace(slam.state, surfaces=bank))
     believed = slam.step(silence()).paths
     for found in (paths, believed):
         assert len(found.distance_m) == 2
@@ -99,7 +99,7 @@ def test_silence_of_a_while_widens_the_belief_by_its_length():
     slam.step(silence(10.0))
     mean = slam.state.belief.mean.copy()
     mean[2:4] = 0.2, -0.1
-    slam.now = slam.now.believing(replace(slam.state, belief=replace(slam.state.belief, mean=mean)))
+    slam.now = slam.believing(replace(slam.state, belief=replace(slam.state.belief, mean=mean)))
     slam.step(silence(12.5))
     # in 2.5 s at (0.2, -0.1) m/s from (3, 4): (3.5, 3.75)
     np.testing.assert_allclose(slam.state.belief.mean[:2], [3.5, 3.75], atol=1e-9)

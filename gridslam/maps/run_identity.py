@@ -13,11 +13,8 @@ from gridslam.errors import InputError
 
 if TYPE_CHECKING:
     from gridslam.maps.map import Map
-    from gridslam.world.scan import Scan
+    from gridslam.world.observation import Observation
 
-FIELDS = (
-    "anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude", "distance_std_m", "aod_std_rad", "aoa_std_rad",
-)  # fmt: skip
 DIGITS = 8
 
 
@@ -49,14 +46,13 @@ class Identity:
         """Before anything is heard of anchors at `places` (J, 2), m."""
         return cls(hashlib.sha256(np.ascontiguousarray(places, "<f8").tobytes()).hexdigest())
 
-    def after(self, scan: Scan) -> Identity:
-        """The identity once a scan was taken in."""
+    def after(self, scan: Observation) -> Identity:
+        """The identity once what was heard at a step was taken in."""
         if not len(scan):
             return self
         link = hashlib.sha256(self.chain.encode())
         link.update(np.array([scan.step, scan.time_s], "<f8").tobytes())
-        for name in FIELDS:
-            column = getattr(scan, name)
+        for column in scan.content():
             link.update(b"-" if column is None else np.ascontiguousarray(column, "<f8").tobytes())
         chain, heard = link.hexdigest(), self.heard + 1
         return Identity(chain, heard, self.text + (chain[:DIGITS] if heard & (heard - 1) == 0 else ""))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -9,12 +11,34 @@ from numpy.typing import NDArray
 
 from gridslam.errors import InputError
 from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
+from gridslam.inference.state.belief import AGENT
+from gridslam.inference.state.grid import BINS
+from gridslam.inference.state.population import Population
+from gridslam.inference.state.rings import BEARINGS, MOVING
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel
 
 Array = NDArray[np.float64]
+Shape = tuple[int, ...]
+MOST_HYPOTHESES = 1000
 SLACK = 1e-6
 """By which sums of probabilities may be off."""
+
+
+def require_sound_population(population: Population, model: FilterModel, where: str) -> None:
+    """Refuse hypotheses whose numbers can't be, or one of whose states can't; see `require_sound`."""
+    count, log = len(population.states), np.array(population.log_weight)
+    claims = [
+        ("log_weight", 0 < count == len(log) <= MOST_HYPOTHESES, "one for each state"),
+        ("log_weight", abs(np.exp(log).sum() - 1) <= SLACK, "logs of probabilities"),
+        ("guard", -1 <= population.guard < count, "one of the hypotheses, or -1"),
+        ("searching", not population.searching or count == 1, "true of one state alone"),
+    ]
+    for part, holds, allowed in claims:
+        if not holds:
+            raise InputError(f"{where}/{part}", "numbers that can't be", allowed)
+    for number, state in enumerate(population.states):
+        require_sound(state, model, f"{where}/states/{number}")
 
 
 def require_sound(state: State, model: FilterModel, where: str) -> None:
@@ -30,11 +54,14 @@ def require_sound(state: State, model: FilterModel, where: str) -> None:
     InputError
         With the part, and what is allowed.
     """
+    for name, shape, wanted in _shapes(state, model):
+        if shape != wanted:
+            raise InputError(f"{where}/{name}", f"shape {shape}", f"shape {wanted}")
     anchors, bank, calibration = len(model.anchors), state.surfaces, state.calibration
     claims = [
-        ("state/step", state.step >= 0, "0 or more"),
+        ("step", state.step >= 0, "0 or more"),
         ("surfaces/identity", len(set(bank.identity.tolist())) == len(bank), "a number for each surface"),
-        ("state/next_identity", state.next_identity > bank.identity.max(initial=-1), "above all identities"),
+        ("next_identity", state.next_identity > bank.identity.max(initial=-1), "above all identities"),
         ("surfaces/owner", _within(bank.owner, -1, anchors - 1), "an anchor's number, or -1"),
         ("surfaces/age", _within(bank.age, 0, np.inf), "0 or more"),
         ("surfaces/seen", _within(bank.seen, 0, np.inf), "0 or more"),
@@ -45,12 +72,45 @@ def require_sound(state: State, model: FilterModel, where: str) -> None:
         ("calibration/listened", _within(calibration.listened, 0, np.inf), "0 or more"),
         *((f"surfaces/{name}", _within(getattr(bank, name), 0, 1), "probabilities")
           for name in ("existence", "single", "double")),
-        ("state/los", _within(state.los, 0, 1), "probabilities"),
+        ("los", _within(state.los, 0, 1), "probabilities"),
         *_claims_of_parts(state, model),
     ]  # fmt: skip
     for part, holds, allowed in claims:
         if not holds:
-            raise InputError(f"{where}: /{part}", "numbers that can't be", allowed)
+            raise InputError(f"{where}/{part}", "numbers that can't be", allowed)
+
+
+def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shape]]:
+    """Parts of a state, their shapes, and what these have to be: all parts speak of the same surfaces."""
+    anchors, surfaces, size = len(model.anchors), len(state.surfaces), len(state.belief.mean)
+    yield "belief/mean", (size,), (AGENT + 2 * surfaces,)
+    yield "belief/covariance", state.belief.covariance.shape, (size, size)
+    yield "los", state.los.shape, (anchors,)
+    for name in ("clutter", "listened", "turn", "turn_weight"):
+        yield f"calibration/{name}", getattr(state.calibration, name).shape, (anchors,)
+    whole: dict[str, Shape] = {
+        "reflection": (surfaces, BINS), "extent": (surfaces, 2), "single": (anchors, surfaces),
+        "double": (anchors, surfaces, surfaces),
+    }  # fmt: skip
+    for field in fields(state.surfaces):
+        found = getattr(state.surfaces, field.name).shape
+        yield f"surfaces/{field.name}", found, whole.get(field.name, (surfaces,))
+    if state.grid is not None:
+        for name in ("evidence", "observed", "row"):
+            yield f"grid/{name}", getattr(state.grid, name).shape, model.grid.shape
+        yield "grid/hit", state.grid.hit.shape, (len(state.grid.hit), BINS)
+    if state.rings is not None:
+        count, entries = len(state.rings.anchor), MOVING + 2
+        mixture: dict[str, Shape] = {
+            "weight": (count, BEARINGS), "mean": (count, BEARINGS, entries),
+            "covariance": (count, BEARINGS, entries, entries),
+        }  # fmt: skip
+        for field in fields(state.rings):
+            yield (
+                f"rings/{field.name}",
+                getattr(state.rings, field.name).shape,
+                mixture.get(field.name, (count,)),
+            )
 
 
 def _claims_of_parts(state: State, model: FilterModel) -> list[tuple[str, bool, str]]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +47,10 @@ class Scan:
 
     def __len__(self) -> int:
         return len(self.anchor)
+
+    def content(self) -> Iterator[NDArray[Any] | None]:
+        """All columns in a fixed order; None where there is none."""
+        return (getattr(self, name) for name in ("anchor", *VALUES, *DEVIATIONS))
 
     def checked(
         self, anchors: int, after: float | None = None, unlabelled: bool = False, pseudo: bool = False

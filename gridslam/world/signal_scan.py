@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +37,12 @@ class SignalScan:
     def __len__(self) -> int:
         """How many anchors were heard."""
         return int(np.count_nonzero(self.heard))
+
+    def content(self) -> Iterator[NDArray[Any] | None]:
+        """Which anchors were heard, the samples of these, and the heading."""
+        yield self.heard
+        yield self.samples[self.heard].view(np.float64)
+        yield None if self.heading_rad is None else np.array([self.heading_rad])
 
     def checked(
         self, anchors: int, after: float | None = None, shape: tuple[int, ...] | None = None

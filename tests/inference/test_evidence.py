@@ -179,7 +179,7 @@ def test_the_evidence_of_a_right_world_is_higher_than_that_of_a_wrong_one(scene,
         slam, log = GridSlam(scene, seed=1), 0.0
         there = slam.model.start_mean + np.array([0.0, off, 0.0, 0.0, 0.0])
         sure = replace(slam.model, start_mean=there, start_variance=np.full(5, 1e-3))
-        slam.now = slam.now.believing(grid.start(sure))
+        slam.now = slam.believing(grid.start(sure))
         for scan in scans[:3]:
             slam.step(scan)
             log += slam.info.log_evidence

@@ -227,7 +227,7 @@ def branched(scene, scans):
     pose = state.belief.mean[[0, 1, 4]]
     away = placed(state, pose + np.array([1.0, 0.0, 0.0]), 0.01 * np.eye(3), 0.01)
     both = Population((state, away), (np.log(0.5),) * 2, guard=1, since=0)
-    slam.now = slam.now._replace(population=both)
+    slam.now = slam.now._replace(believed=both)
     return slam
 
 
@@ -278,7 +278,7 @@ def test_an_agent_that_left_the_grid_says_so(scene, scans):
     slam = GridSlam(scene, seed=3)
     mean = slam.state.belief.mean.copy()
     mean[:2] = [30.0, 0.0]
-    slam.now = slam.now.believing(replace(slam.state, belief=replace(slam.state.belief, mean=mean)))
+    slam.now = slam.believing(replace(slam.state, belief=replace(slam.state.belief, mean=mean)))
     assert "left the grid" in slam.step(scans[0]).health.why
 
 

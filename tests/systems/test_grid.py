@@ -15,7 +15,7 @@ from gridslam.estimates import SurfaceEstimate
 from gridslam.evaluation.bounds import known_map_bound
 from gridslam.inference.state.anchor_measurements import anchor_scans
 from gridslam.io import files
-from gridslam.systems import checkpoint
+from gridslam.systems import values
 from gridslam.systems.registry import METHODS, method_class
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
@@ -118,10 +118,10 @@ def test_a_checkpoint_whose_parts_do_not_fit_is_refused(tmp_path, name, shape):
 
     def spoiled(group, own, value, units):
         found = f"{group.name.strip('/')}/{own}"
-        put(group, own, np.ones(shape) if found == name else value, units)
+        put(group, own, np.ones(shape) if found == f"believed/states/0/{name}" else value, units)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(checkpoint, "put", spoiled)
+        patch.setattr(values, "put", spoiled)
         slam.save(tmp_path / "checkpoint.h5")
     with pytest.raises(gs.InputError, match=name.split("/")[1]):
         gs.GridSlam.resume(tmp_path / "checkpoint.h5")

@@ -172,9 +172,9 @@ def test_every_system_goes_on_from_its_checkpoint_bit_for_bit(system, scene, sca
     ],
 )
 def test_a_checkpoint_whose_numbers_cannot_be_is_refused(name, spoil, scene, scans, tmp_path, monkeypatch):
-    from gridslam.systems import checkpoint
+    from gridslam.systems import checkpoint, values
 
-    slam, put = GridSlam(scene, seed=3), checkpoint.put
+    slam, put = GridSlam(scene, seed=3), values.put
     for scan in scans[:7]:
         slam.step(scan)
 
@@ -183,7 +183,7 @@ def test_a_checkpoint_whose_numbers_cannot_be_is_refused(name, spoil, scene, sca
         put(group, own, spoil(np.asarray(value)) if ours else value, units)
 
     with monkeypatch.context() as patch:
-        patch.setattr(checkpoint, "put", spoiled)
+        patch.setattr(values, "put", spoiled)
         slam.save(tmp_path / "here.h5")
     with h5py.File(tmp_path / "here.h5", "r") as file:
         assert file.attrs["version"] == checkpoint.VERSION

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -122,8 +122,3 @@ class Population:
         gap = each - mean
         own = np.array([state.belief.covariance[:AGENT, :AGENT] for state in self.states])
         return mean, np.einsum("k,kij->ij", weights, own) + (weights[:, None] * gap).T @ gap
-
-
-def numbers() -> tuple[str, ...]:
-    """Numbers of a population beside its states and weights, by name."""
-    return tuple(f.name for f in fields(Population) if f.name not in ("states", "log_weight", "watch"))

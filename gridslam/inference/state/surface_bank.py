@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +49,7 @@ class SurfaceBank:
     seen: NDArray[np.int64]
     single: Array
     double: Array
-    extent: Array
+    extent: Array = field(metadata={"blank": True})
     foot: Array
     owner: NDArray[np.int64]
 

@@ -1,0 +1,221 @@
+"""The front door of all filters: observations in, estimates and maps out, around a pure step.
+
+Nothing here knows what a state holds or what an observation measures. `gridslam.systems.front` is the door of
+systems on path measurements that map by surfaces, `gridslam.systems.signal_front` that of systems on samples.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.errors import InputError
+from gridslam.estimates import Estimate
+from gridslam.maps.frames import fitted
+from gridslam.maps.map import Map
+from gridslam.maps.run_identity import Identity
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.observation import Kind, Observation
+from gridslam.world.scene import Scene
+from gridslam.world.start import require_seed
+
+Array = NDArray[np.float64]
+Heard = TypeVar("Heard", bound=Observation)
+Believed = TypeVar("Believed")
+
+
+class Moment(NamedTuple):
+    """Where a filter has got to: what it believes, which measurements led there, and the latest step."""
+
+    believed: Any
+    identity: Identity
+    info: Any = None
+
+
+class FilterFront(ABC, Generic[Heard, Believed]):
+    """A state, what the filter knows of the scene, and a workspace.
+
+    A system adds `start`, `advance`, `estimate` and `map`, and `moved` if it can be told another start. Its
+    state is a frozen dataclass with `step` and `time_s`; `gridslam.systems.values` says what may stand in it,
+    so that checkpoints hold it.
+
+    Attributes
+    ----------
+    now : Moment
+    model : FilterModel
+    agent : str
+    """
+
+    method: ClassVar[str]
+    """Name by which the system is entered."""
+    takes: ClassVar[Kind] = "paths"
+    """What it is handed: path measurements, or sampled signals."""
+    uses_maps: ClassVar[bool] = True
+    """Whether what an earlier agent left enters its belief."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        prior_map: Map | None = None,
+        agent: str | None = None,
+        seed: int = 0,
+        same_frame: bool = False,
+    ) -> None:
+        require_seed(seed)
+        self.scene, self.seed = scene, seed
+        self.model = self._model(scene.filter_model(agent))
+        self.agent = self.model.agent
+        self.work = self._workspace()
+        prior = None
+        if prior_map is not None:
+            prior, _ = fitted(prior_map, scene, same_frame=same_frame)
+        self.provenance = _provenance(prior if self.uses_maps else None)
+        begun = self._begun(self.start(self.model, prior))
+        self.now = Moment(begun, Identity.of(self.model.anchor_positions))
+
+    @property
+    def state(self) -> Any:
+        """What is believed after the latest step."""
+        return self.now.believed
+
+    def _begun(self, state: Any) -> Believed:
+        """What is believed before the first step, of the state that the system begins with."""
+        believed: Believed = state
+        return believed
+
+    def _model(self, model: FilterModel) -> Any:
+        """What the system takes of the model."""
+        return model
+
+    def _workspace(self) -> Any:
+        """What a step writes to and may forget."""
+        return None
+
+    @staticmethod
+    @abstractmethod
+    def start(model: Any, prior: Map | None = None) -> Any:
+        """The state before the first step."""
+
+    @staticmethod
+    @abstractmethod
+    def advance(state: Any, scan: Any, model: Any, work: Any) -> tuple[Any, Any]:
+        """One step: the state after it, and what happened. The state before stays as it is."""
+
+    @abstractmethod
+    def estimate(self, believed: Believed, scan: Heard, info: Any, began: float) -> Estimate:
+        """What users get of what is believed after a step; the step began at `began`, `time.perf_counter`."""
+
+    @abstractmethod
+    def map(self) -> Map:
+        """The map as it stands."""
+
+    @staticmethod
+    def moved(state: Any, position_m: Array, heading_rad: float) -> Any:
+        """The state before the first step, with its prior about another start (m, rad)."""
+        raise InputError("start", "another than the scene's", "the scene's: this method can't be told")
+
+    @staticmethod
+    def require_sound(believed: Any, model: Any, where: str) -> None:
+        """Refuse what a file holds if its numbers can't be; `gridslam.systems.checkpoint` checks types.
+
+        Raises
+        ------
+        InputError
+            With the part, and what is allowed.
+        """
+
+    @property
+    def info(self) -> Any:
+        """What happened at the latest step; None before the first."""
+        return self.now.info
+
+    def start_at(self, position_m: Array, heading_rad: float) -> None:
+        """Believe in another start (m, rad) than the scene's, as surely as its prior says.
+
+        Raises
+        ------
+        InputError
+            A step was taken already, or the start isn't finite.
+        """
+        state = self.state
+        if state.step or state.time_s is not None:
+            raise InputError("start", f"told after {state.step} steps", "before the first")
+        pose = np.array([*np.reshape(position_m, 2), heading_rad], dtype=np.float64)
+        if not np.isfinite(pose).all():
+            raise InputError("start", str(pose.tolist()), "finite numbers")
+        moved = self._begun(self.moved(state, pose[:2], float(pose[2])))
+        self.now = self.now._replace(believed=moved)
+
+    def step(self, scan: Heard) -> Estimate:
+        """Process what was heard at one step and return the estimates after it.
+
+        Raises
+        ------
+        InputError
+            It makes no sense, see `Scan.checked` and `SignalScan.checked`; the filter stays as it was.
+        """
+        began = time.perf_counter()
+        scan = self._checked(scan, self.state.time_s)
+        believed, info = self._advanced(scan)
+        estimate = self.estimate(believed, scan, info, began)
+        # last and at once: whatever interrupts a step leaves the moment before
+        self.now = Moment(believed, self.now.identity.after(scan), info)
+        return estimate
+
+    def _checked(self, scan: Heard, after: float | None) -> Heard:
+        """What was heard, if it is of the kind that the system takes and makes sense."""
+        return scan.checked(len(self.model.anchors), after)
+
+    def _advanced(self, scan: Heard) -> tuple[Believed, Any]:
+        """What is believed after a scan, and what happened."""
+        return self.advance(self.state, scan, self.model, self.work)
+
+    def latest(self) -> dict[str, Any]:
+        """Provenance of the map as it stands: that of the map it began with, and this run."""
+        own = {
+            "agents": self.agent,
+            "seeds": self.seed,
+            "steps": self.state.step,
+            "runs": self.now.identity.text,
+        }
+        return {key: [*self.provenance[key], value] for key, value in own.items()}
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a checkpoint, from which `resume` goes on bit for bit.
+
+        Raises
+        ------
+        InputError
+            The file can't be written.
+        """
+        from gridslam.systems.checkpoint import write_checkpoint
+
+        write_checkpoint(self, path)
+
+    @classmethod
+    def resume(cls, path: str | os.PathLike[str]) -> Self:
+        """Read a checkpoint of this system.
+
+        Raises
+        ------
+        InputError
+            No such file, or not a checkpoint of this version and system.
+        """
+        from gridslam.systems.checkpoint import read_checkpoint
+
+        slam: Self = read_checkpoint(path, cls)
+        return slam
+
+
+def _provenance(prior: Map | None) -> dict[str, list[Any]]:
+    """Who made the map that a filter starts from, as parallel lists."""
+    earlier = {} if prior is None else prior.provenance
+    lists = {key: earlier.get(key) for key in ("agents", "seeds", "steps", "runs")}
+    known = {key: list(value) if isinstance(value, list) else [] for key, value in lists.items()}
+    unknown = len(known["agents"]) - len(known["runs"])  # maps of earlier versions don't name their runs
+    return known | {"runs": [""] * unknown + known["runs"]}
