@@ -38,6 +38,8 @@ def put_value(group: h5py.Group, name: str, value: Any) -> None:
         put(group, name, value, "1")
     elif isinstance(value, bool | int | float | str | np.generic):
         group.attrs[name] = value
+    elif isinstance(value, tuple) and value and all(isinstance(item, float) for item in value):
+        put(group, name, np.array(value), "1")
     elif isinstance(value, tuple):
         own = group.create_group(name)
         own.attrs["length"] = len(value)
@@ -172,9 +174,14 @@ def _plain(group: h5py.Group, name: str, kind: Any, where: str, blank: bool) -> 
 
 
 def _tuple(group: h5py.Group, name: str, inner: tuple[Any, ...], blank: bool) -> tuple[Any, ...]:
+    endless = len(inner) == 2 and inner[1] is Ellipsis
+    if isinstance(group.get(name), h5py.Dataset) and set(inner) <= {float, Ellipsis}:
+        values = _array(group, name, np.dtype(float), blank)
+        if values.ndim != 1 or not (endless or len(values) == len(inner)):
+            raise InputError(f"{group.file.filename}: {name}/length", str(values.shape), f"{len(inner)}")
+        return tuple(values.tolist())
     own = subgroup(group, name)
     length = own.attrs.get("length")
-    endless = len(inner) == 2 and inner[1] is Ellipsis
     most = len(own) + len(own.attrs)
     if not isinstance(length, np.integer) or not 0 <= length <= most or not (endless or length == len(inner)):
         allowed = f"{len(inner)}" if not endless else f"at most {most}"

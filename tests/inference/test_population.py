@@ -260,15 +260,15 @@ def test_a_population_goes_on_from_its_checkpoint_bit_for_bit(scene, scans, tmp_
 
 @pytest.mark.parametrize("weight", [[0.0], [0.0, 0.0], [np.nan, 0.0]])
 def test_a_checkpoint_whose_weights_cannot_be_is_refused(scene, scans, tmp_path, monkeypatch, weight):
-    from gridslam.systems import checkpoint
+    from gridslam.systems import values
 
-    slam, put = branched(scene, scans), checkpoint.put
+    slam, put = branched(scene, scans), values.put
 
     def spoiled(group, name, value, units):
         put(group, name, np.array(weight) if name == "log_weight" else value, units)
 
     with monkeypatch.context() as patch:
-        patch.setattr(checkpoint, "put", spoiled)
+        patch.setattr(values, "put", spoiled)
         slam.save(tmp_path / "here.h5")
     with pytest.raises(gs.InputError):
         GridSlam.resume(tmp_path / "here.h5")

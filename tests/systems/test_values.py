@@ -37,6 +37,7 @@ class Whole:
     part: Part | Other
     parts: tuple[Part, ...]
     pair: tuple[float, int]
+    shares: tuple[float, ...]
     known: Mapping[tuple[int, int], tuple[NDArray[np.float64], float]]
     maybe: Part | None = None
     time_s: float | None = None
@@ -84,6 +85,7 @@ whole = st.builds(
     part | st.builds(Other, finite),
     st.lists(part, max_size=3).map(tuple),
     st.tuples(finite, st.integers(0, 5)),
+    st.lists(finite, max_size=3).map(tuple),
     st.dictionaries(keys, st.tuples(row, finite), max_size=3),
     st.none() | part,
     st.none() | finite,
