@@ -264,7 +264,7 @@ class HypothesisEstimate(_Rows):
     position_m : (K, 2) float64, m
     heading_rad : (K,) float64, rad
     position_cov_m2 : (K, 2, 2) float64, m^2
-    surfaces : (K,) int64
+    surface_count : (K,) int64
         How many surfaces each has.
     """
 
@@ -272,7 +272,7 @@ class HypothesisEstimate(_Rows):
     position_m: np.ndarray
     heading_rad: np.ndarray
     position_cov_m2: np.ndarray
-    surfaces: np.ndarray
+    surface_count: np.ndarray
 
     @classmethod
     def empty(cls) -> Self:

@@ -105,6 +105,7 @@ class Run:
             "health": {
                 "unwell_steps": sum(not e.health.ok for e in self.estimates),
                 "why": complaints(self.estimates),
+                "most_hypotheses": max((len(e.hypotheses) for e in self.estimates), default=0),
             },
             "seconds_per_step": float(self.seconds_per_step),
             "peak_memory_mb": float(self.peak_memory_mb),

@@ -6,10 +6,11 @@ import math
 import os
 from collections.abc import Sequence
 
+import h5py
 import numpy as np
 
 from gridslam.errors import InputError
-from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
+from gridslam.estimates import Estimate, HypothesisEstimate, PathEstimate, SurfaceEstimate
 from gridslam.io.files import get, put, reading_h5, subgroup, writing_h5
 from gridslam.maps.map_files import SURFACE_UNITS, read_owner
 
@@ -33,10 +34,18 @@ PATH_UNITS = {
     "existence": "1",
     "points": "m",
 }
+HYPOTHESIS_UNITS = {
+    "weight": "1",
+    "position_m": "m",
+    "heading_rad": "rad",
+    "position_cov_m2": "m^2",
+    "surface_count": "1",
+}
 TAILS = {
     "position_m": (2,),
     "velocity_mps": (2,),
     "covariance": (5, 5),
+    "position_cov_m2": (2, 2),
     "sfv_m": (2,),
     "sfv_cov_m2": (2, 2),
     "line": (2,),
@@ -50,9 +59,9 @@ TAILS = {
 def write_steps(path: str | os.PathLike[str], estimates: Sequence[Estimate]) -> None:
     """Write all estimates over time as HDF5.
 
-    ``/steps/<name>`` has one row per step; ``/surfaces/<name>`` and ``/paths/<name>`` hold the rows of all
-    steps below one another, those of step ``n`` from ``offset[n]`` up to ``offset[n + 1]``. How long a step
-    took is left out, so that a run repeated gives the same file.
+    ``/steps/<name>`` has one row per step; ``/surfaces/<name>``, ``/paths/<name>`` and ``/hypotheses/<name>``
+    hold the rows of all steps below one another, those of step ``n`` from ``offset[n]`` up to
+    ``offset[n + 1]``. How long a step took is left out, so that a run repeated gives the same file.
 
     Raises
     ------
@@ -74,6 +83,10 @@ def write_steps(path: str | os.PathLike[str], estimates: Sequence[Estimate]) -> 
             put(surfaces, name, getattr(all_surfaces, name), unit)
         for name, unit in PATH_UNITS.items():
             put(paths, name, getattr(all_paths, name), unit)
+        group, rivals = file.create_group("hypotheses"), [e.hypotheses for e in estimates]
+        put(group, "offset", np.cumsum([0, *map(len, rivals)]), "1")
+        for name, unit in HYPOTHESIS_UNITS.items():
+            put(group, name, getattr(HypothesisEstimate.stack(rivals), name), unit)
 
 
 def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
@@ -98,6 +111,7 @@ def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
         table["owner"] = read_owner(surfaces, total)
         route = {name: get(paths, name, (lines, *TAILS.get(name, ()))) for name in PATH_UNITS}
         detected = get(surfaces, "detected", (total,), "b")
+        rivals = _read_hypotheses(file, count)
     all_surfaces, all_paths = SurfaceEstimate(**table), PathEstimate(**route)
     return [
         Estimate(
@@ -112,6 +126,21 @@ def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
             detected[surface_at[n] : surface_at[n + 1]],
             float(rows["effective_sample_size"][n]),
             math.nan,
+            hypotheses=rivals[n],
         )
         for n in range(count)
     ]
+
+
+def _read_hypotheses(file: h5py.File, count: int) -> list[HypothesisEstimate]:
+    """Hypotheses of every step; none where a file of an earlier version holds none."""
+    if "hypotheses" not in file:
+        return [HypothesisEstimate.empty()] * count
+    group = subgroup(file, "hypotheses")
+    offset = get(group, "offset", (count + 1,), "iu")
+    if offset[0] != 0 or (np.diff(offset) < 0).any():
+        raise InputError(f"{file.filename}: offset", "offsets that fall", "offsets from 0 that never fall")
+    total = int(offset[-1])
+    rows = {name: get(group, name, (total, *TAILS.get(name, ()))) for name in HYPOTHESIS_UNITS}
+    table = HypothesisEstimate(**rows)
+    return [table.take(slice(offset[n], offset[n + 1])) for n in range(count)]

@@ -21,6 +21,7 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from gridslam.estimates import Estimate, HypothesisEstimate
 from gridslam.evaluation.ground_truth import inherited_truth, known_bound, truth_of
 from gridslam.evaluation.metrics import track_errors
 from gridslam.io.files import cannot_write, write_bytes
@@ -29,7 +30,7 @@ from gridslam.runs.run_files import AgentFiles, RunFiles, read_run
 from gridslam.simulation.image_source import Truth
 from gridslam.world.scene import Scene
 
-BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
+BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 """Told apart by every kind of colour vision (Okabe and Ito)."""
 CELLS = ("free", "#ffffff"), ("unexplored", "#d9d9d9"), ("occupied", "#4d4d4d")
 MARGIN = 0.03
@@ -41,7 +42,7 @@ STRENGTH = ListedColormap(colormaps["plasma_r"](np.linspace(0.1, 1, 256)), "stre
 
 
 def draw_map(scene: Scene, found: AgentFiles) -> Figure:
-    """Occupancy, true and estimated track, true walls and detected surfaces."""
+    """Occupancy, true and estimated track, rival hypotheses, true walls and detected surfaces."""
     figure, axes = _region(found.map, scene)
     _occupancy(axes, found.map)
     _walls(axes, scene, GREEN, 1.6)
@@ -50,6 +51,7 @@ def draw_map(scene: Scene, found: AgentFiles) -> Figure:
     if found.truth is not None:
         axes.plot(*found.truth.position_m.T, color="k", lw=0.7, ls=(0, (4, 2)), label="true track")
     axes.plot(*found.trajectory.position_m[0], "o", color=BLUE, mec="w", ms=5, label="start")
+    _rivals(axes, found.estimates)
     _anchors(axes, scene)
     _legend(figure, axes)
     return figure
@@ -315,6 +317,15 @@ def _surfaces(axes: Axes, grid: Map) -> None:
     pieces = LineCollection(list(ends), colors=ORANGE, linewidths=1.0, label="surfaces found", zorder=3)
     pieces.set_linestyle((0, (4, 2)))
     axes.add_collection(pieces)
+
+
+def _rivals(axes: Axes, estimates: Sequence[Estimate]) -> None:
+    """Where else the agent could have been: all hypotheses but the likeliest, the larger the likelier."""
+    rivals = HypothesisEstimate.stack([e.hypotheses.take(slice(1, None)) for e in estimates])
+    if len(rivals):
+        size = 2 + 16 * rivals.weight
+        x, y = rivals.position_m.T
+        axes.scatter(x, y, size, color=PURPLE, lw=0, alpha=0.6, label="other hypotheses", zorder=4)
 
 
 def _anchors(axes: Axes, scene: Scene) -> None:

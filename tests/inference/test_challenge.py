@@ -68,7 +68,7 @@ def test_a_right_world_leads_a_fresh_start_and_is_well(mapped):
     slam, leads = mapped
     known = [watch for watch in leads if watch.loud]
     assert known
-    assert all(watch.lead > 1.3 * LOW_LEAD * watch.loud for watch in known)
+    assert all(watch.lead > 1.5 * LOW_LEAD * watch.loud for watch in known)
     assert slam.info.health.ok
     assert not slam.population.watch.doubtful
 

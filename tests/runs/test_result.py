@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from gridslam.errors import InputError, Unwritten
-from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
+from gridslam.estimates import Estimate, HypothesisEstimate, PathEstimate, SurfaceEstimate
 from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements
 from gridslam.runs.reservation import check_output
@@ -76,9 +76,14 @@ def some_estimate(step, surfaces, paths):
     )
     covariance = draw.normal(size=(5, 5))
     detected = draw.random(surfaces) < 0.5
+    several = HypothesisEstimate(
+        draw.random(step), draw.random((step, 2)), draw.random(step), draw.random((step, 2, 2)),
+        draw.integers(0, 9, step),
+    )  # fmt: skip
     return Estimate(
-        step, 0.1 * step, draw.random(2), draw.random(2), 0.3, covariance, table, rows, detected, 9.5, 0.02
-    )
+        step, 0.1 * step, draw.random(2), draw.random(2), 0.3, covariance, table, rows, detected, 9.5, 0.02,
+        hypotheses=several,
+    )  # fmt: skip
 
 
 def some_run(scene, agent, error=0.0, **changes):
@@ -178,13 +183,23 @@ def test_steps_read_back_equal_with_and_without_rows(tmp_path):
         assert np.isnan(b.seconds)
         for name in ("step", "time_s", "position_m", "velocity_mps", "heading_rad", "covariance", "detected"):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
-        for table in ("surfaces", "paths"):
+        for table in ("surfaces", "paths", "hypotheses"):
             for field in fields(getattr(a, table)):
                 np.testing.assert_array_equal(
                     getattr(getattr(a, table), field.name), getattr(getattr(b, table), field.name)
                 )
     write_steps(tmp_path / "none.h5", [])
     assert read_steps(tmp_path / "none.h5") == []
+
+
+def test_steps_of_a_file_without_hypotheses_have_none(tmp_path):
+    written = [some_estimate(1, 3, 1)]
+    assert len(written[0].hypotheses)
+    write_steps(tmp_path / "steps.h5", written)
+    with h5py.File(tmp_path / "steps.h5", "a") as file:
+        del file["hypotheses"]
+    (again,) = read_steps(tmp_path / "steps.h5")
+    assert not len(again.hypotheses)
 
 
 def test_steps_of_a_file_without_owners_serve_all_anchors(tmp_path):
@@ -200,7 +215,12 @@ def test_steps_of_a_file_without_owners_serve_all_anchors(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "values"),
-    [("surfaces/offset", [0, 3, 0, 3, 5]), ("paths/offset", [0, 0, 2, 7, 99]), ("steps/time_s", [0.0, 1.0])],
+    [
+        ("surfaces/offset", [0, 3, 0, 3, 5]),
+        ("paths/offset", [0, 0, 2, 7, 99]),
+        ("hypotheses/offset", [0, 0, 9, 9, 9]),
+        ("steps/time_s", [0.0, 1.0]),
+    ],
 )
 def test_steps_that_contradict_themselves_are_refused(tmp_path, name, values):
     write_steps(

@@ -28,7 +28,7 @@ from gridslam.world.scan import Scan
 Array = NDArray[np.float64]
 EVERY, KEEP, ENOUGH_LOUD = 10, 0.5, 6.0
 """Steps from one comparison to the next, forgetting from one to the next, loud measurements needed."""
-LOW_LEAD = 6.0
+LOW_LEAD = 5.0
 """Lead per loud measurement, nats, below which a fresh start explains what is heard nearly as well."""
 DOUBT_STEPS, SPREAD_M = 50, 0.3
 """For how long a doubt keeps the search for challengers going; spread of the position that is one."""

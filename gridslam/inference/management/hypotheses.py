@@ -31,6 +31,8 @@ Start = Callable[[FilterModel], State]
 Step = Callable[[State, Scan, FilterModel, Workspace], tuple[State, StepInfo]]
 PURPOSE = 3
 """Names the stream of random numbers that a search takes."""
+PARTICLES = 512
+"""Drawn for each of several hypotheses, at most: particles hardly matter, and one by one they cost time."""
 PATIENCE = 10
 """Scans heard after which the best of an incomplete list must do."""
 NOT_FOUND = "start not found yet"
@@ -139,6 +141,7 @@ def _stepped(
 ) -> tuple[Population, StepInfo]:
     """All hypotheses a step on, weighed by their evidence, the same ones merged and unlikely ones pruned."""
     since = population.since + 1
+    work.particles.limit = None if len(population) == 1 else PARTICLES
     if len(population) == 1:
         state, info = step(population.best, scan, model, work)
         population = replace(population, states=(state,), since=since, guard=NONE)

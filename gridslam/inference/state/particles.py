@@ -197,10 +197,13 @@ class Particles:
     ----------
     count : int
         How many there are at most.
+    limit : int or None
+        As few as this are drawn for now.
     """
 
     def __init__(self, count: int, seed: int, adapt: bool = False) -> None:
         self.count, self.adapt = -(-count // PATH_BLOCK) * PATH_BLOCK, adapt
+        self.limit: int | None = None
         self._seed = seed
         self._points = np.zeros((0, self.count), np.float32)
         self._held: runtime.Resident = self._points
@@ -225,7 +228,7 @@ class Particles:
 
     def ask(self, belief: Belief) -> tuple[int, float]:
         """How many particles to draw of a belief, and the share of the covariance that each keeps."""
-        count = self.count
+        count = self.count if self.limit is None else min(self.count, self.limit)
         if self.adapt:
             count = min(count, -int(-needed(belief) // PORTION) * PORTION)
         return count, _kept(count)
