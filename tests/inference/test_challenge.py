@@ -118,7 +118,7 @@ def test_an_agent_that_is_surely_elsewhere_is_challenged_and_found(mapped, scene
     right = challenged(replace(lost, states=(slam.state,)), scans[20], start(model), model, slam.work)
     near = np.linalg.norm(right.poses[:, :2] - track.position_m[20], axis=1)
     assert np.count_nonzero(near < 0.3) == 1, "what is believed already is no challenge"
-    slam.now = slam.now._replace(population=several)
+    slam.now = slam.now._replace(believed=several)
     for scan in scans[20:]:
         slam.step(scan)
     off = np.linalg.norm(slam.state.belief.mean[:2] - track.position_m[30])
