@@ -46,7 +46,7 @@ def test_deviations_of_a_path_of_amplitude_ten():
     # c / (sqrt(8) pi beta u), beta = 1e9 / sqrt(12) = 288.68 MHz:
     # 299 792 458 / (8.8858 x 288.675e6 x 10) = 11.687 mm
     assert signal.distance_std(np.array(10.0)) == pytest.approx(0.011687, rel=1e-4)
-    assert signal.radio(0)[0] / 10 == pytest.approx(0.011687, rel=1e-4), "as kernels take it"
+    assert signal.numbers[0, 0] / 10 == pytest.approx(0.011687, rel=1e-4), "as kernels take it"
     # 5 antennas in steps of 1/4 wavelength: mean square extent (1/16) (0 + 1 + 1 + 4 + 4) / 5 = 1/8 across
     # any direction; 1 / (sqrt(8) pi 10 sqrt(1/8)) = 1 / (10 pi) = 0.031831 rad = 1.824 degrees
     for angle in (0.0, 0.7, 2.0):

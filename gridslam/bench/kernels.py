@@ -133,7 +133,12 @@ def _path_particles(case: Case) -> int:
 
 
 def _samples(case: Case) -> int:
-    return len(case["heard"]) * len(case["known"]) * min(case["state"].shape[1], case["noise"].shape[1])
+    return (
+        len(case["heard"])
+        * len(case["known"])
+        * len(case["whose"])
+        * min(case["state"].shape[1], case["noise"].shape[1])
+    )
 
 
 def _paths(case: Case) -> int:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.state.belief import Belief, give_birth, slots, update
+from gridslam.inference.state.belief import Belief, give_birth, update
+from gridslam.inference.state.layout import AGENT, StateLayout
 from gridslam.kernels import FAINTEST
 from gridslam.reference.cells import cells_of
+from gridslam.reference.gaussian import late
 from gridslam.reference.messages import clutter, deviations, log_rician
 from gridslam.reference.paths import lines_of
 from gridslam.world.geometry import course, line_between, mirror, trace, unit, wrap
@@ -20,42 +22,58 @@ FAINT, EXPLAINED, USUAL, DOUBLE_SHARE, WIDEST = 1e-3, 1e-3, 0.7, 0.5, 2.5
 
 
 def propose(
-    state: Array, noise: Array, mean: Array, heard: Array, known: Whole, anchor: int, places: Array,
-    radio: Array, rate: float, measured: Array,
+    state: Array, noise: Array, mean: Array, head: int, heard: Array, known: Whole, whose: Whole,
+    places: Array, radio: Array, rate: float, measured: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Twin of `births.propose`: ratio (M, H), and the lines (M, H, 2)."""
-    place, explained = places[anchor], measured[0]
-    silent, double = heard[:, 6] < 0, (known >= 0).any(1)
-    usual = np.where(silent, 0.5 * radio[7] / np.maximum(heard[:, 0], 1e-3), heard[:, 6])
+    """Twin of `births.propose`: ratio (M, A H), and the lines (M, A H, 2), anchor by anchor."""
+    own = [
+        _proposed(state, noise, mean, head, heard, known, int(a), places, radio[a], rate, measured)
+        for a in whose
+    ]
+    ratio, line = zip(*own, strict=True)
+    return np.concatenate(ratio, 1), np.concatenate(line, 1)
+
+
+def _proposed(
+    state: Array, noise: Array, mean: Array, head: int, heard: Array, known: Whole, anchor: int,
+    places: Array, radio: Array, rate: float, measured: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """The same of one anchor: (M, H) and (M, H, 2)."""
+    place, explained, delta = places[anchor], measured[0], late(mean, head, anchor)
+    silent, double, length = heard[:, 6] < 0, (known >= 0).any(1), heard[:, 0] - delta
+    usual = np.where(silent, 0.5 * radio[7] / np.maximum(length, 1e-3), heard[:, 6])
     std = deviations(np.maximum(usual, FAINTEST), heard[:, 1:3], radio)
     std = np.where(heard[:, 3:6] > 0, heard[:, 3:6], np.minimum(std, 1e9))
     std = np.where(heard[:, 3:6] < 0, 1e9, std)
-    nodes = np.multiply.outer(radio[7] / np.maximum(heard[:, 0], 1e-3), np.outer([1.0, USUAL], BINS))
+    nodes = np.multiply.outer(radio[7] / np.maximum(length, 1e-3), np.outer([1.0, USUAL], BINS))
     said = np.exp(log_rician(np.where(silent, 1.0, heard[:, 6])[:, None, None], nodes, radio[8])).mean(2)
     level = np.where(silent[:, None], 1.0, said) / clutter(heard[:, 6], radio)[:, None]
-    common, least = rate * heard[:, 0], np.maximum(FAINT, EXPLAINED * explained)
+    common, least = rate * length, np.maximum(FAINT, EXPLAINED * explained)
     most = common * (level.max(1) if len(known) > 1 else level[:, 0]) / np.sqrt(2 * np.pi)
-    keep = (most > least * np.minimum(std[:, 1], WIDEST)) & (heard[:, [3, 5]] >= 0).all(1)
+    keep = (most > least * np.minimum(std[:, 1], WIDEST)) & (heard[:, [3, 5]] >= 0).all(1) & (length > 0)
+    keep &= (heard[:, 9] < 0) | (heard[:, 9] == anchor)
     weight = np.zeros((len(heard), len(known)))
-    weight[keep] = likely(state, noise, np.concatenate([heard[keep, :3], std[keep]], 1), known, place)
+    clock = state[len(state) - (head - AGENT) + anchor] if head > AGENT else np.zeros(state.shape[1])
+    measurement = np.concatenate([heard[keep, :3], std[keep]], 1)
+    weight[keep] = likely(state[: len(state) - (head - AGENT)], clock, noise, measurement, known, place)
     ratio = common[:, None] * level[:, double.astype(int)] * weight * np.where(double, DOUBLE_SHARE, 1.0)
-    lines, line = mean[5:].reshape(-1, 2), np.zeros((*ratio.shape, 2))
+    lines, line = mean[head:].reshape(-1, 2), np.zeros((*ratio.shape, 2))
     for m, h in np.argwhere(ratio > least[:, None]):
         last, first = known[h]
-        image = mean[:2] + heard[m, 0] * unit(mean[4] + heard[m, 2])
+        image = mean[:2] + length[m] * unit(mean[4] + heard[m, 2])
         source = mirror(lines[first], place[:2]) if first >= 0 else place[:2]
         line[m, h] = line_between(source, mirror(lines[last], image) if last >= 0 else image)
     return np.where(ratio > least[:, None], ratio, 0.0), line
 
 
-def likely(state: Array, noise: Array, heard: Array, known: Whole, place: Array) -> Array:
+def likely(state: Array, clock: Array, noise: Array, heard: Array, known: Whole, place: Array) -> Array:
     """Mean of f(AoD) / span for measurements with deviations (M, 6) and hypotheses, (M, H)."""
     samples = min(state.shape[1], noise.shape[1])
-    state, noise = state[:, :samples], noise[:, :samples]
+    state, clock, noise = state[:, :samples], clock[:samples], noise[:, :samples]
     agent, weight = state[:3], np.zeros((len(heard), len(known)))
     surfaces, anchor = lines_of(state), np.broadcast_to(place[:2], (samples, 2))
     for m, (distance, departure, arrival, distance_std, departure_std, arrival_std) in enumerate(heard):
-        reach = distance + distance_std * noise[0]
+        reach = distance + distance_std * noise[0] - clock
         bearing = arrival + arrival_std * noise[1] + agent[2]
         image = agent[:2].T + reach[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], -1)
         for h, (last, first) in enumerate(known):
@@ -84,13 +102,14 @@ def likely(state: Array, noise: Array, heard: Array, known: Whole, place: Array)
 
 
 def weigh_by_visibility(
-    mean: Array, anchor: int, places: Array, wide: int, occupied: Array, frame: Array, born: Whole,
+    mean: Array, head: int, places: Array, wide: int, occupied: Array, frame: Array, born: Whole,
     told: Array,
 ) -> Array:  # fmt: skip
     """Twin of `births.weigh_by_visibility`: weighed births (B,)."""
     occupied = occupied.reshape(2, -1, wide)
-    lines, place, worth = mean[5:].reshape(-1, 2), places[anchor, :2], 0.3 * told[: born[0, 0], 2]
-    for b, (_, last, first) in enumerate(born[1 : 1 + born[0, 0]]):
+    lines, worth = mean[head:].reshape(-1, 2), 0.3 * told[: born[0, 0], 2]
+    for b, (_, last, first, anchor) in enumerate(born[1 : 1 + born[0, 0]]):
+        place = places[anchor, :2]
         ends = [lines[n] if n >= 0 else told[b, :2] for n in (last, first)]
         count = 2 if last >= 0 or first >= 0 else 1
         drawn = trace(mean[None, :2], place[None], ends[0][None], ends[1][None], np.array([count]))
@@ -106,19 +125,21 @@ def weigh_by_visibility(
 
 
 def initialise_surface(
-    mean: Array, covariance: Array, anchor: int, places: Array, heard: Array, m: int, last: int, first: int,
-    radio: Array,
+    mean: Array, covariance: Array, head: int, anchor: int, places: Array, heard: Array, m: int, last: int,
+    first: int, radio: Array,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """Twin of `initialisation.bear`: mean, covariance, and belief over the coefficient.
 
     Lines are worked out at all inputs at once, and derivatives are differences.
     """
-    value, amplitude, place, facing = heard[m, :3], heard[m, 6], places[anchor, :2], places[anchor, 2]
-    known, new, size = max(last, first), (len(mean) - 5) // 2, len(mean)
+    amplitude, place, facing, radio = heard[m, 6], places[anchor, :2], places[anchor, 2], radio[anchor]
+    value = heard[m, :3] - np.array([late(mean, head, anchor), 0.0, 0.0])
+    known, size, layout = max(last, first), len(mean), StateLayout.of_view(len(mean), head - AGENT)
+    new, line_of = layout.surfaces, layout.line
     strength = amplitude if amplitude >= 0 else 0.5 * radio[7] / max(value[0], 1e-3)
     std = deviations(np.array([max(strength, FAINTEST)]), value[None, 1:], radio)[0]
     std = np.where(heard[m, 3:6] > 0, heard[m, 3:6], std)
-    known_line = mean[5 + 2 * known : 7 + 2 * known] if known >= 0 else np.zeros(2)
+    known_line = mean[line_of(known)] if known >= 0 else np.zeros(2)
 
     def lines_by(inputs: Array) -> Array:
         """Lines (n, 2) by x, y, heading, distance, AoA, and the known line, (n, 7)."""
@@ -148,17 +169,19 @@ def initialise_surface(
     derivative = np.stack([wrap(change[:, 0]), change[:, 1]]) / 2e-5
     by_state = np.zeros((2, size))
     by_state[:, [0, 1, 4]] = derivative[:, :3]
+    if layout.clocks:
+        by_state[:, AGENT + anchor] = -derivative[:, 3]
     if known >= 0:
-        by_state[:, slots(known)] = derivative[:, 5:]
+        by_state[:, line_of(known)] = derivative[:, 5:]
     back = derivative[:, 4] * wrap(inputs[4] - at[4])
-    belief = Belief(mean, covariance)
+    belief = Belief(mean, covariance, layout.clocks)
     fresh = give_birth(belief, line[0] + back, by_state, derivative[:, 3:5], np.square(std[[0, 2]]))
     if departs:
         traced, jacobian = trace(*ends_over(line)), np.zeros((1, size + 2))
         jacobian[0, :2] = traced.jacobian[0, 1, :2]
-        jacobian[0, slots(last if last >= 0 else new)] += traced.jacobian[0, 1, 3:5]
-        jacobian[0, slots(first if first >= 0 else new)] += traced.jacobian[0, 1, 5:7]
-        predicted = traced.departure[0] - facing + jacobian[0, slots(new)] @ back
+        jacobian[0, line_of(last if last >= 0 else new)] += traced.jacobian[0, 1, 3:5]
+        jacobian[0, line_of(first if first >= 0 else new)] += traced.jacobian[0, 1, 5:7]
+        predicted = traced.departure[0] - facing + jacobian[0, line_of(new)] @ back
         gap = wrap(np.array([[value[1] - predicted]]))
         fresh = update(fresh, jacobian, gap, np.array([[std[1] ** 2]]), np.ones(1))
     density = np.ones(len(BINS))

@@ -131,7 +131,7 @@ def recall(
 
 
 def learn(
-    mean: Array, drawn: Array, seen: Array, count: Whole, path: Whole, factor: Array, told: Array,
+    mean: Array, head: int, drawn: Array, seen: Array, count: Whole, path: Whole, factor: Array, told: Array,
     begin: Whole, said: Array, table: Array, step: float, radio: Array, frame: Array, surface: Array,
     where: Whole, held: Array, foot: Array, extent: Array, times: Long,
 ) -> tuple[Array, Array, Array, Array, Long]:  # fmt: skip
@@ -141,6 +141,7 @@ def learn(
     sure = send * told[2, : len(path)]
     marked = mark(
         mean,
+        head,
         path,
         np.pad(seen[: len(path), 2:], ((0, 0), (2, 0)), constant_values=1),
         sure,
@@ -154,13 +155,13 @@ def learn(
 
     def likelihood(row: int, other: float) -> Array:
         chance, share, length = told[1:, row]
-        level = radio[7] / max(length, 1e-3) * other * centre
+        level = radio[path[row, 3], 7] / max(length, 1e-3) * other * centre
         detected = np.interp(level, step * np.arange(len(table)), table)
         log = max(1 - share, 0.0) * np.log(1 - chance * detected + 1e-9)
         for amplitude, weight in said[:, begin[row] : begin[row + 1]].T:
             if amplitude < 0 or weight <= 1e-3:
                 continue
-            log = log + weight * log_rician(amplitude, level, radio[8])
+            log = log + weight * log_rician(amplitude, level, radio[path[row, 3], 8])
         return np.asarray(log)
 
     def tell(row: int, corner: int, log: Array) -> None:
@@ -186,7 +187,7 @@ def learn(
 
 
 def mark(
-    mean: Array, path: Whole, seen: Array, share: Array, foot: Array, extent: Array, times: Long
+    mean: Array, head: int, path: Whole, seen: Array, share: Array, foot: Array, extent: Array, times: Long
 ) -> tuple[Array, Array, Long]:
     """Twin of `detections.mark`: where surfaces were hit, and how often they were seen, afterwards."""
     rows = np.flatnonzero(share * seen[:, 1] > 0.5)
@@ -195,7 +196,7 @@ def mark(
     there = np.arange(2) < path[rows, :1]
     surface, corner = surface[there], seen[rows, 2:].reshape(-1, 2, 2)[there]
     anchor = np.repeat(path[rows, 3], there.sum(1))
-    angle = mean[5 + 2 * surface]
+    angle = mean[head + 2 * surface]
     along = corner[:, 1] * np.cos(angle) - corner[:, 0] * np.sin(angle)
     foot, extent, times = foot.copy(), extent.copy(), times.copy()
     for s in np.unique(surface):

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.inference.state.belief import Belief, update
+from gridslam.inference.state.layout import AGENT, HEADING, StateLayout
 from gridslam.world.geometry import trace, wrap
 
 Array = NDArray[np.float64]
@@ -13,9 +14,18 @@ Whole = NDArray[np.int32]
 UNHEARD, UNMOVED = 1e-3, 1e-6
 
 
-def predict(mean: Array, covariance: Array, path: Whole, places: Array) -> tuple[Array, Array, Array]:
+def late(mean: Array, head: int, anchors: Whole | int) -> Array:
+    """By how much clocks lengthen the distances of anchors, m."""
+    differences = mean[AGENT:head]
+    return differences[anchors] if len(differences) else np.zeros(np.shape(anchors))
+
+
+def predict(
+    mean: Array, covariance: Array, head: int, path: Whole, places: Array
+) -> tuple[Array, Array, Array]:
     """Twin of `gaussian.predict`: values (L, 3), Jacobians (L, 3, N) and covariances (L, 3, 3)."""
-    count, lines = len(path), np.concatenate([mean[5:].reshape(-1, 2), np.zeros((1, 2))])
+    layout = StateLayout.of_view(len(mean), head - AGENT)
+    count, lines = len(path), np.concatenate([mean[layout.lines].reshape(-1, 2), np.zeros((1, 2))])
     bounces, last, first, source = path.T.astype(np.intp)
     place = places[source]
     drawn = trace(
@@ -25,20 +35,23 @@ def predict(mean: Array, covariance: Array, path: Whole, places: Array) -> tuple
         lines[first],
         bounces,
     )
-    value = np.stack([drawn.distance, wrap(drawn.departure - place[:, 2]), wrap(drawn.arrival - mean[4])], -1)
+    far, bearing = drawn.distance + late(mean, head, source), drawn.arrival - mean[HEADING]
+    value = np.stack([far, wrap(drawn.departure - place[:, 2]), wrap(bearing)], -1)
     slope = np.zeros((count, 3, len(mean)))
-    slope[:, :, [0, 1, 4]] = drawn.jacobian[:, :, :3]
+    slope[:, :, [0, 1, HEADING]] = drawn.jacobian[:, :, :3]
+    if layout.clocks:
+        slope[np.arange(count), 0, AGENT + source] = 1.0
     for row in range(count):
         if bounces[row] > 0:
-            slope[row, :, 5 + 2 * last[row] : 7 + 2 * last[row]] += drawn.jacobian[row, :, 3:5]
+            slope[row][:, layout.line(last[row])] += drawn.jacobian[row, :, 3:5]
         if bounces[row] == 2:
-            slope[row, :, 5 + 2 * first[row] : 7 + 2 * first[row]] += drawn.jacobian[row, :, 5:7]
+            slope[row][:, layout.line(first[row])] += drawn.jacobian[row, :, 5:7]
     return value, slope, slope @ covariance @ slope.transpose(0, 2, 1)
 
 
 def correct(
-    mean: Array, covariance: Array, path: Whole, start: Whole, index: Whole, pair: Array, odds: Array,
-    beta: Array, nu: Array, places: Array,
+    mean: Array, covariance: Array, head: int, path: Whole, start: Whole, index: Whole, pair: Array,
+    odds: Array, beta: Array, nu: Array, places: Array,
 ) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
     """Twin of `gaussian.correct`: mean, covariance, probabilities of the associations, and normalisers."""
     count = int(start[-1])
@@ -48,7 +61,7 @@ def correct(
     sure = heard / total
     order = np.argsort(-sure, kind="stable")
     for row in order[sure[order] >= UNHEARD]:
-        value, slope, core = (part[0] for part in predict(mean, covariance, path[row][None], places))
+        value, slope, core = (part[0] for part in predict(mean, covariance, head, path[row][None], places))
         chosen = slice(start[row], start[row + 1])
         variance, density = pair[chosen, 3:6], pair[chosen, 6]
         message = nu[row, index[chosen, 1]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.state.belief import AGENT, slots
+from gridslam.inference.state.layout import AGENT, StateLayout
 from gridslam.world.geometry import mirror, mirror_derivative, unit, wrap
 
 Array = NDArray[np.float64]
@@ -23,10 +23,10 @@ AROUND_M, THROUGH_M, CROSSING = 1.0, 0.15, 0.2
 
 
 def find_duplicates(
-    mean: Array, covariance: Array, foot: Array, owner: Whole
+    mean: Array, covariance: Array, head: int, foot: Array, owner: Whole
 ) -> tuple[int, int, Array, Array] | None:
     """Twin of `merging.duplicate`: older, younger, derivative (2, N) and residual; None for none."""
-    lines = mean[AGENT:].reshape(-1, 2)
+    line, lines = StateLayout.of_view(len(mean), head - AGENT).line, mean[head:].reshape(-1, 2)
     turns = wrap(lines[None, :, 0] - lines[:, None, 0])
     flips = np.where(np.abs(turns) > np.pi / 2, -1.0, 1.0)  # the same line written with the opposite normal
     turns = wrap(turns + np.where(flips < 0, np.pi, 0.0))
@@ -42,7 +42,7 @@ def find_duplicates(
             other = normals[older]
             # derivative of (gap at the place, turn); the place itself moves with the younger line
             jacobian = np.zeros((2, len(mean)))
-            o, y = slots(older), slots(younger)
+            o, y = line(older), line(younger)
             side = np.array([-other[1], other[0]])
             jacobian[0, o] = flip * np.array([place @ side, -1.0])
             by_turn = lines[younger, 1] * tangent - foot[younger] * normal
@@ -56,16 +56,16 @@ def find_duplicates(
 
 
 def find_ghosts(
-    mean: Array, covariance: Array, surface: Array, seen: Whole, single: Array, places: Array
+    mean: Array, covariance: Array, head: int, surface: Array, seen: Whole, single: Array, places: Array
 ) -> NDArray[np.bool_]:
     """Twin of `merging.find_ghosts`: which surfaces are ghosts, (S,)."""
-    variance = covariance[AGENT + 1 :: 2, AGENT + 1 :: 2].diagonal()
+    variance = covariance[head + 1 :: 2, head + 1 :: 2].diagonal()
     sure = np.flatnonzero((surface > SURE) & (seen >= OFTEN) & (variance < SHARP_M**2))
     last, first = (a.ravel() for a in np.meshgrid(sure, sure, indexing="ij"))
     last, first = last[last != first], first[last != first]
     if not len(last):
         return np.zeros(len(surface), dtype=bool)
-    lines, good = mean[AGENT:].reshape(-1, 2), np.ones(len(surface), dtype=bool)
+    lines, good = mean[head:].reshape(-1, 2), np.ones(len(surface), dtype=bool)
     surer = np.minimum(surface[last], surface[first]) > surface[:, None]
     surer &= np.minimum(seen[last], seen[first]) > OFTENER * seen[:, None]
     if not surer.any():
@@ -80,7 +80,7 @@ def find_ghosts(
     for anchor, ghost, pair in np.argwhere(surer & (far < NEAR_M)).tolist():
         if np.delete(single[:, ghost], anchor).max(initial=0.0) >= HEARD_ELSEWHERE:
             continue
-        spread = _spread(mean, covariance, places[anchor], ghost, int(last[pair]), int(first[pair]))
+        spread = _spread(mean, covariance, head, places[anchor], ghost, int(last[pair]), int(first[pair]))
         sharp = np.trace(spread) < NEAR_M**2
         here = gap[anchor, ghost, pair]
         if sharp and here @ np.linalg.solve(spread + SLACK_M**2 * np.eye(2), here) < GATE:
@@ -99,12 +99,15 @@ def _through_corners(lines: Array, last: NDArray[np.intp], first: NDArray[np.int
     return np.asarray((np.abs(normals @ corner.T - lines[:, 1:]) < THROUGH_M) & (np.abs(sine) > CROSSING))
 
 
-def _spread(mean: Array, covariance: Array, place: Array, single: int, last: int, first: int) -> Array:
+def _spread(
+    mean: Array, covariance: Array, head: int, place: Array, single: int, last: int, first: int
+) -> Array:
     """Covariance of the gap between the virtual anchors of a single and a double bounce, (2, 2)."""
-    lines, jacobian = mean[AGENT:].reshape(-1, 2), np.zeros((2, len(mean)))
+    line = StateLayout.of_view(len(mean), head - AGENT).line
+    lines, jacobian = mean[head:].reshape(-1, 2), np.zeros((2, len(mean)))
     normal, image = unit(lines[last, 0]), mirror(lines[first], place)
     turned = np.eye(2) - 2 * np.outer(normal, normal)
-    jacobian[:, slots(single)] += mirror_derivative(lines[single], place)
-    jacobian[:, slots(last)] -= mirror_derivative(lines[last], image)
-    jacobian[:, slots(first)] -= turned @ mirror_derivative(lines[first], place)
+    jacobian[:, line(single)] += mirror_derivative(lines[single], place)
+    jacobian[:, line(last)] -= mirror_derivative(lines[last], image)
+    jacobian[:, line(first)] -= turned @ mirror_derivative(lines[first], place)
     return jacobian @ covariance @ jacobian.T

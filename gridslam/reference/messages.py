@@ -27,7 +27,7 @@ def log_rician(measured: Array, amplitude: Array, samples: float) -> Array:
 
 
 def clutter(amplitude: Array, radio: Array) -> Array:
-    """Density of clutter at amplitudes, negative for none, times its mean number."""
+    """Density of clutter at amplitudes, negative for none, times its mean number, by an anchor's radio."""
     max_distance, threshold, false_alarms = radio[[6, 9, 10]]
     tail = np.log(2 * np.maximum(amplitude, 1e-30)) - (amplitude**2 - threshold**2)
     density = np.exp(np.where(amplitude < 0, 0.0, np.maximum(tail, -25.0)))
@@ -37,8 +37,9 @@ def clutter(amplitude: Array, radio: Array) -> Array:
 def deviations(amplitude: Array, angles: Array, radio: Array) -> Array:
     """Deviations (..., 3) by Fisher information, of paths with AoD and AoA `angles` (..., 2)."""
     std = np.empty((*amplitude.shape, 3))
-    std[..., 0] = radio[1] if radio[1] > 0 else radio[0] / amplitude
-    for q, (across, along) in ((1, radio[2:4]), (2, radio[4:6])):
+    std[..., 0] = np.where(radio[..., 1] > 0, radio[..., 1], radio[..., 0] / amplitude)
+    for q in (1, 2):
+        across, along = radio[..., 2 * q], radio[..., 2 * q + 1]
         square = np.sin(angles[..., q - 1]) ** 2 * across + np.cos(angles[..., q - 1]) ** 2 * along
         with np.errstate(divide="ignore"):
             std[..., q] = 1 / (np.sqrt(8) * np.pi * amplitude * np.sqrt(square))
@@ -46,37 +47,44 @@ def deviations(amplitude: Array, angles: Array, radio: Array) -> Array:
 
 
 def weigh(
-    belief: Array, nodes: Array, spreading: float, predicted: Array, worth: Array, heard: Array,
-    chance: Array, step: float, radio: Array,
+    belief: Array, nodes: Array, spreading: float, path: Whole, predicted: Array, worth: Array,
+    heard: Array, chance: Array, step: float, radio: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Twin of `amplitudes.weigh`: detection probability (L,), and strength (2, L, M)."""
-    far, ranged = heard[:, 0], heard[:, 3] >= 0
+    ranged, late = heard[:, 3] >= 0, predicted[:, 0] - predicted[:, 12]
     loud = heard[:, 6] >= 0
-    own = nodes / np.maximum(predicted[:, :1], 1e-3) if spreading else np.tile(nodes, (len(belief), 1))
+    own = nodes / np.maximum(predicted[:, 12:], 1e-3) if spreading else np.tile(nodes, (len(belief), 1))
     table = np.interp(own, step * np.arange(len(chance)), chance)
     detected = (belief * table).sum(1)
     strength, mean = np.zeros((2, len(belief), len(heard)))
     for m in range(len(heard)):
-        level = nodes / max(far[m], 1e-3) if spreading and ranged[m] else nodes if ranged[m] else own
-        said = np.exp(log_rician(heard[m, 6], level, radio[8])) if loud[m] else table
+        given = (
+            nodes / np.maximum(heard[m, 0] - late[:, None], 1e-3)
+            if spreading
+            else np.tile(nodes, (len(belief), 1))
+        )
+        level = given if ranged[m] else own
+        said = np.exp(log_rician(heard[m, 6], level, radio[0, 8])) if loud[m] else table
         strength[:, m] = (belief * said).sum(1)
         mean[:, m] = (belief * said * (level if loud[m] else own)).sum(1)
     strength[worth <= 1e-6] = mean[worth <= 1e-6] = 0.0
     usual = (belief * own).sum(1)[:, None]
     mean = np.where(strength > NEVER, mean / np.maximum(strength, NEVER), usual)
-    return detected, np.stack([strength / clutter(heard[:, 6], radio), mean])
+    first = radio[path[0, 3]] if len(path) else radio[0]
+    return detected, np.stack([strength / clutter(heard[:, 6], first), mean])
 
 
 def gate(
-    belief: Array, nodes: Array, spreading: float, predicted: Array, heard: Array, chance: Array, step: float,
-    radio: Array, kept: float, odds: Array,
+    belief: Array, nodes: Array, spreading: float, path: Whole, predicted: Array, heard: Array, chance: Array,
+    step: float, radio: Array, kept: float, odds: Array,
 ) -> tuple[Whole, Array, Array, Array, Array]:  # fmt: skip
     """Twin of `gating.gate`: index, table and inverse covariance of the pairs; p_d; strength."""
     worth = odds[:3].prod(0)
-    detected, strength = weigh(belief, nodes, spreading, predicted, worth, heard, chance, step, radio)
-    value, spread = predicted[:, None, :3], predicted[:, 3:].reshape(-1, 3, 3)
+    detected, strength = weigh(belief, nodes, spreading, path, predicted, worth, heard, chance, step, radio)
+    value, spread = predicted[:, None, :3], predicted[:, 3:12].reshape(-1, 3, 3)
     angles = np.broadcast_to(value[..., 1:], (*strength[1].shape, 2))
-    std = deviations(np.maximum(strength[1], FAINTEST), angles, radio)
+    own = radio[path[:, 3]]
+    std = deviations(np.maximum(strength[1], FAINTEST), angles, own[:, None])
     std = np.where(heard[:, 3:6] > 0, heard[:, 3:6], std)
     std[..., :] = np.where(heard[:, 3:6] < 0, np.inf, std)
     missing = np.square(std) >= UNMEASURED
@@ -85,15 +93,17 @@ def gate(
     gap = np.where(heard[:, 3:6] < 0, 0.0, np.abs(gap))
     known = np.where(missing, 0.0, std) ** 2
     reach = GATE * np.sqrt(np.diagonal(spread, axis1=1, axis2=2)[:, None] + known) + MARGIN
-    chosen = (gap < reach).all(-1) & (worth > 1e-6)[:, None] & (strength[0] > 0)
-    path, measurement = np.nonzero(chosen)
+    label = heard[:, 9]
+    ours = (label < 0) | (label == path[:, 3, None])
+    chosen = ours & (gap < reach).all(-1) & (worth > 1e-6)[:, None] & (strength[0] > 0)
+    row, measurement = np.nonzero(chosen)
     std, missing = std[chosen], missing[chosen]
-    flat = np.array([radio[6], 2 * np.pi, 2 * np.pi])
+    flat = np.stack([own[row, 6], *np.full((2, len(row)), 2 * np.pi)], -1)
     density = strength[0][chosen] * np.where(missing, np.sqrt(2 * np.pi * UNMEASURED) / flat, 1.0).prod(1)
     variance = np.where(missing, UNMEASURED, np.maximum(std, 1e-6) ** 2)
-    total = kept * spread[path] + variance[:, :, None] * np.eye(3)
+    total = kept * spread[row] + variance[:, :, None] * np.eye(3)
     pair: Array = np.column_stack([heard[measurement, :3], variance, density, np.linalg.det(total)])
-    index = np.stack([path, measurement], -1).astype(np.int32)
+    index = np.stack([row, measurement], -1).astype(np.int32)
     return index, pair, np.asarray(np.linalg.inv(total), np.float64), detected, strength
 
 
@@ -121,18 +131,20 @@ def enter(
 
 def evaluate(
     belief: Array, nodes: Array, spreading: float, predicted: Array, heard: Array, chance: Array, step: float,
-    radio: Array, kept: float, root: Array, base: Array, points: Array, path: Whole, places: Array,
-    odds: Array, state: Array, message: Array, measured: Array,
+    radio: Array, head: int, kept: float, root: Array, base: Array, points: Array, path: Whole,
+    places: Array, odds: Array, state: Array, message: Array, measured: Array,
 ) -> dict[str, Array | Whole]:  # fmt: skip
     """Twin of `evaluation.evaluate`: what it writes, by the names of its arguments."""
     index, pair, inverse, detected, _ = gate(
-        belief, nodes, spreading, predicted, heard, chance, step, radio, kept, odds
+        belief, nodes, spreading, path, predicted, heard, chance, step, radio, kept, odds
     )
     odds, start = odds.copy(), np.searchsorted(index[:, 0], np.arange(len(path) + 1)).astype(np.int32)
     odds[3] = detected
     apart = inverse[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    state = draw(root, base, points[:, : state.shape[1]])
-    weight, valid = densities(state, path, places, start, np.column_stack([pair[:, :3], apart]), PATH_BLOCK)
+    state = draw(root, base, points[:, : state.shape[1]], head)
+    weight, valid = densities(
+        state, head, path, places, start, np.column_stack([pair[:, :3], apart]), PATH_BLOCK
+    )
     blocks = np.concatenate([valid, weight])
     odds, message, measured = enter(blocks, start, index, pair, odds, message, measured)
     measured[1] = np.where(np.isin(np.arange(len(heard)), index[:, 1]), 0.0, heard[:, 8])

@@ -5,25 +5,28 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.inference.state.layout import AGENT, HEADING
 from gridslam.world.geometry import trace, wrap
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 
 
-def lines_of(state: Array) -> Array:
-    """Lines (angle, offset) of states ``[3 + 3 S, P]``, (S, P, 2)."""
-    return np.stack([np.arctan2(state[4::3], state[3::3]), state[5::3]], -1).astype(np.float64)
+def lines_of(state: Array, head: int = AGENT) -> Array:
+    """Lines (angle, offset) of states ``[3 + 3 S + J, P]``, (S, P, 2)."""
+    lines = state[3 : len(state) - (head - AGENT)]
+    return np.stack([np.arctan2(lines[1::3], lines[::3]), lines[2::3]], -1).astype(np.float64)
 
 
 def densities(
-    state: Array, path: Whole, places: Array, start: Whole, pair: Array, block: int
+    state: Array, head: int, path: Whole, places: Array, start: Whole, pair: Array, block: int
 ) -> tuple[Array, Array]:
     """Twin of `paths.densities`: sums of densities and counts of valid particles, by blocks."""
     particles = state.shape[1]
     blocks = particles // block
     weight, valid = np.zeros((start[-1], blocks)), np.zeros((len(path), blocks))
-    surfaces = lines_of(state) if len(state) > 3 else np.zeros((1, particles, 2))
+    clocks, lines = head - AGENT, lines_of(state, head)
+    surfaces = lines if len(lines) else np.zeros((1, particles, 2))
     position = np.asarray(state[:2].T, np.float64)
     for row, (bounces, last, first, number) in enumerate(path):
         place = places[number]
@@ -33,7 +36,8 @@ def densities(
         )  # fmt: skip
         possible = drawn.valid.astype(np.float64)
         valid[row] = possible.reshape(blocks, block).sum(1)
-        seen = np.stack([drawn.distance, drawn.departure - place[2], drawn.arrival - state[2]], -1)
+        late = state[len(state) - clocks + number] if clocks else 0.0
+        seen = np.stack([drawn.distance + late, drawn.departure - place[2], drawn.arrival - state[2]], -1)
         for n in range(start[row], start[row + 1]):
             gap = pair[n, :3] - seen
             gap[:, 1:] = wrap(gap[:, 1:])
@@ -44,20 +48,23 @@ def densities(
     return weight, valid
 
 
-def draw(root: Array, base: Array, points: Array) -> Array:
-    """Twin of `particles.draw_block`: states (3 + 3 S, P) of ``base + root points``."""
+def draw(root: Array, base: Array, points: Array, head: int = AGENT) -> Array:
+    """Twin of `particles.draw_block`: states (3 + 3 S + J, P) of ``base + root points``."""
     states = base[:, :1].astype(np.float64) + root.astype(np.float64) @ points[: len(root)]
-    surfaces = (len(states) - 5) // 2
-    lines = states[5:].reshape(surfaces, 2, states.shape[1])
+    surfaces = (len(states) - head) // 2
+    lines = states[head:].reshape(surfaces, 2, states.shape[1])
     bent = np.stack([np.cos(lines[:, 0]), np.sin(lines[:, 0]), lines[:, 1]], 1)
-    return np.concatenate([states[[0, 1, 4]], bent.reshape(3 * surfaces, states.shape[1])])
+    flat = bent.reshape(3 * surfaces, states.shape[1])
+    return np.concatenate([states[[0, 1, HEADING]], flat, states[AGENT:head]])
 
 
-def prepare(mean: Array, covariance: Array, share: float, points: Array) -> tuple[Array, Array, Array, Array]:
+def prepare(
+    mean: Array, covariance: Array, head: int, share: float, points: Array
+) -> tuple[Array, Array, Array, Array]:
     """Twin of `particles.ready`: root of the covariance, share of it, base, and samples' states."""
     whole: Array = np.linalg.cholesky(covariance).astype(np.float64)
     base: Array = np.stack([mean, np.cos(mean), np.sin(mean)], -1)
-    return whole, share * whole, base, draw(whole, base, points)
+    return whole, share * whole, base, draw(whole, base, points, head)
 
 
 def polylines(state: Array, path: Whole, places: Array) -> tuple[Array, Array]:

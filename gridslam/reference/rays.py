@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.reference.gaussian import predict
+from gridslam.reference.gaussian import late, predict
 from gridslam.reference.paths import prepare
 from gridslam.world.geometry import wrap
 
@@ -36,44 +36,45 @@ def listed(
 
 
 def list_paths(
-    only: int, bounces: int, stay: float, appear: float, mean: Array, covariance: Array, places: Array,
-    surface: Array, owner: Long, sight: Array, single: Array, double: Array, share: float = 1.0,
-    points: Array | None = None,
+    only: int, bounces: int, stay: float, appear: float, mean: Array, covariance: Array, head: int,
+    places: Array, surface: Array, owner: Long, sight: Array, single: Array, double: Array,
+    share: float = 1.0, points: Array | None = None,
 ) -> tuple[Whole, Array, Array, Array]:  # fmt: skip
-    """Twin of `rays.list_paths`: paths, existence of ray and of surfaces, prediction (L, 12).
+    """Twin of `rays.list_paths`: paths, existence of ray and of surfaces, prediction (L, 13).
 
     What it drafts by `points` is that of `prepare`, and isn't told.
     """
     if points is not None:
-        prepare(mean, covariance, share, points)
+        prepare(mean, covariance, head, share, points)
     anchors = [only] if only >= 0 else range(len(places))
     parts = [listed(anchor, bounces, surface, owner, sight, single, double) for anchor in anchors]
     path, existence, surfaces = (np.concatenate(part) for part in zip(*parts, strict=True))
-    value, _, spread = predict(mean, covariance, path, places)
-    whole = np.concatenate([value, spread.reshape(-1, 9)], 1)
+    value, _, spread = predict(mean, covariance, head, path, places)
+    length = value[:, 0] - late(mean, head, path[:, 3])
+    whole = np.column_stack([value, spread.reshape(-1, 9), length])
     return path, stay * existence + appear * (1 - existence), surfaces, whole
 
 
 def near(
-    mean: Array, covariance: Array, places: Array, surface: Array, owner: Long, start: Whole, heard: Array,
+    mean: Array, covariance: Array, head: int, places: Array, surface: Array, owner: Long, heard: Array,
     radio: Array,
 ) -> NDArray[np.bool_]:  # fmt: skip
     """Twin of `rays.near`: which measurements are loud and lie near a path, (M,)."""
     none = np.zeros((len(places), len(surface)))
     path, _, surfaces, predicted = list_paths(
-        -1, 1, 1.0, 0.0, mean, covariance, places, surface, owner, none.sum(1), none, none[:, None]
+        -1, 1, 1.0, 0.0, mean, covariance, head, places, surface, owner, none.sum(1), none, none[:, None]
     )
-    anchor = np.repeat(np.arange(len(radio)), np.diff(start))
-    amplitude = np.where(heard[:, 6] >= 0, heard[:, 6], radio[anchor, 9])
-    std = np.empty((len(heard), 3))
-    std[:, 0] = np.where(radio[anchor, 1] > 0, radio[anchor, 1], radio[anchor, 0] / amplitude)
+    amplitude = np.where(heard[:, 6] >= 0, heard[:, 6], radio[path[:, 3], 9][:, None])  # (L, M)
+    own = radio[path[:, 3]][:, None]
+    std = np.empty((*amplitude.shape, 3))
+    std[..., 0] = np.where(own[..., 1] > 0, own[..., 1], own[..., 0] / amplitude)
     for q in (1, 2):
-        square = radio[anchor, 2 * q : 2 * q + 2].mean(1)
-        std[:, q] = 1 / (np.sqrt(8) * np.pi * amplitude * np.sqrt(np.maximum(square, 1e-30)))
+        square = own[..., 2 * q : 2 * q + 2].mean(-1)
+        std[..., q] = 1 / (np.sqrt(8) * np.pi * amplitude * np.sqrt(np.maximum(square, 1e-30)))
     std = np.where(heard[:, 3:6] > 0, heard[:, 3:6], std)
     gap = heard[:, :3] - predicted[:, None, :3]
     gap[..., 1:] = wrap(gap[..., 1:])
-    total = predicted[:, None, 3::4] + std**2
+    total = predicted[:, None, 3:12:4] + std**2
     far = np.where(heard[:, 3:6] < 0, 0.0, gap**2 / total).sum(-1)
-    there = (surfaces > STRONG)[:, None] & (path[:, 3, None] == anchor)
+    there = (surfaces > STRONG)[:, None] & ((heard[:, 9] < 0) | (path[:, 3, None] == heard[:, 9]))
     return np.asarray(((far < 16.0) & there).any(0) & (heard[:, 7] > 0.5))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.state.belief import AGENT, Belief
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.layout import AGENT
 from gridslam.inference.state.particles import at_mean
 from gridslam.reference.paths import polylines
 from gridslam.reference.rays import list_paths
@@ -17,13 +18,13 @@ BINS: Array = (np.arange(20) + 0.5) / 20
 
 
 def describe(
-    mean: Array, covariance: Array, extent: Array, reflection: Array, bounces: int, places: Array,
-    surface: Array, owner: NDArray[np.int64], sight: Array, single: Array, double: Array,
+    mean: Array, covariance: Array, head: int, extent: Array, reflection: Array, bounces: int,
+    places: Array, surface: Array, owner: NDArray[np.int64], sight: Array, single: Array, double: Array,
     identity: NDArray[np.int64], at_1m: float,
 ) -> tuple[Array, Whole, NDArray[np.int64], Array]:  # fmt: skip
     """Twin of `readout.describe`: table (S, 16); paths, numbers (T, 3), parameters (T, 13)."""
-    line, count = mean[AGENT:].reshape(-1, 2), len(extent)
-    spread = np.stack([covariance[n : n + 2, n : n + 2] for n in range(AGENT, len(mean), 2)] or [np.eye(2)])[
+    line, count = mean[head:].reshape(-1, 2), len(extent)
+    spread = np.stack([covariance[n : n + 2, n : n + 2] for n in range(head, len(mean), 2)] or [np.eye(2)])[
         :count
     ]
     flip = line[:, 1] < 0
@@ -40,14 +41,14 @@ def describe(
         1,
     )  # fmt: skip
     path, existence, surfaces, predicted = list_paths(
-        -1, bounces, 1.0, 0.0, mean, covariance, places, surface, owner, sight, single, double
+        -1, bounces, 1.0, 0.0, mean, covariance, head, places, surface, owner, sight, single, double
     )
-    corners, valid = polylines(at_mean(Belief(mean, covariance)).state, path, places)
+    corners, valid = polylines(at_mean(Belief(mean, covariance, head - AGENT)).state, path, places)
     told = (existence * surfaces > 0.5) & (valid[:, 0] > 0.5)
-    path, corners, value = path[told], corners[told, 0], predicted[told, :3]
+    path, corners, value, length = path[told], corners[told, 0], predicted[told, :3], predicted[told, 12]
     corners[path[:, 0] < 1, 1], corners[path[:, 0] < 2, 2] = np.nan, np.nan
     coefficient = np.append(first, 1.0)
-    strength = at_1m / np.maximum(value[:, 0], 1e-3) * coefficient[path[:, 1]]
+    strength = at_1m / np.maximum(length, 1e-3) * coefficient[path[:, 1]]
     strength *= np.where(path[:, 0] == 2, coefficient[path[:, 2]], 1.0)
     number = np.column_stack([path[:, 3], np.append(identity, -1)[path[:, 1:3]]])
     there = (existence * surfaces)[told]

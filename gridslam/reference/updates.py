@@ -44,36 +44,38 @@ def exist(
 
 def fit(
     path: Whole, index: Whole, pair: Array, predicted: Array, share: Array, responsible: Array, heard: Array,
-    blocks: Array, radio: Array, anchor: int, turned: Array, sums: Array,
+    blocks: Array, radio: Array, turned: Array, sums: Array,
 ) -> Array:  # fmt: skip
     """Twin of `fitting.fit`: the sums afterwards, (J, 9)."""
     loud, sums = heard[:, 7] > 0.5, sums.copy()
-    own = sums[anchor]
-    own[4] += np.minimum(responsible.sum(0), 1.0)[loud].sum()
-    own[5] += loud.sum()
+    sender = np.maximum(heard[:, 9], 0).astype(int)
+    np.add.at(sums[:, 4], sender[loud], np.minimum(responsible.sum(0), 1.0)[loud])
+    np.add.at(sums[:, 5], sender[loud], 1.0)
     sure = np.flatnonzero(share > SURE)
     rows, heard_rows = index[sure].T
+    anchor = path[rows, 3]
     known = pair[sure, 3:6] < MEASURED
     gap = pair[sure, :3] - predicted[rows, :3]
     gap[:, 1:] = wrap(gap[:, 1:])
     gap = np.where(known, gap, 0.0)
-    spread = predicted[rows, 3:].reshape(-1, 3, 3) + pair[sure, 3:6, None] * np.eye(3)
+    spread = predicted[rows, 3:12].reshape(-1, 3, 3) + pair[sure, 3:6, None] * np.eye(3)
     square = (gap * np.linalg.solve(spread, gap[..., None])[..., 0]).sum(1)
-    own[0] += np.minimum(square, WORST).sum()
-    own[1] += known.sum()
+    np.add.at(sums, (anchor, 0), np.minimum(square, WORST))
+    np.add.at(sums, (anchor, 1), known.sum(1))
     direct = path[rows, 0] == 0
     left = direct & known[:, 1]
-    own[6] += ((turned[anchor] - gap[left, 1]) / spread[left, 1, 1]).sum()
-    own[7] += (1 / spread[left, 1, 1]).sum()
-    amplitude = heard[heard_rows, 6]
+    np.add.at(sums, (anchor[left], 6), (turned[anchor[left]] - gap[left, 1]) / spread[left, 1, 1])
+    np.add.at(sums, (anchor[left], 7), 1 / spread[left, 1, 1])
+    amplitude, own = heard[heard_rows, 6], radio[anchor]
     strong = direct & known[:, 0] & (amplitude >= 0)
-    level = radio[7] / np.maximum(pair[sure, 0][strong], 1e-3)
-    variance = 0.5 + level**2 / (4 * radio[8])
-    measured = np.sqrt(np.maximum(amplitude[strong] ** 2 - variance, 0.0))
-    clear = measured > 2 * radio[9]
-    own[2] += (level * measured / variance)[clear].sum()
-    own[3] += (level**2 / variance)[clear].sum()
-    own[8] = min(own[8], effective_sample_size(blocks[len(path) + sure]).min(initial=np.inf))
+    length = pair[sure, 0] - predicted[rows, 0] + predicted[rows, 12]
+    level = own[:, 7] / np.maximum(length, 1e-3)
+    variance = 0.5 + level**2 / (4 * own[:, 8])
+    measured = np.sqrt(np.maximum(amplitude**2 - variance, 0.0))
+    clear = strong & (measured > 2 * own[:, 9])
+    np.add.at(sums, (anchor[clear], 2), (level * measured / variance)[clear])
+    np.add.at(sums, (anchor[clear], 3), (level**2 / variance)[clear])
+    np.minimum.at(sums, (anchor, 8), effective_sample_size(blocks[len(path) + sure]))
     return sums
 
 
@@ -97,7 +99,7 @@ def note(
     belief, after, more = odds[0] * odds[1], slice(n, n + paths), slice(k, k + pairs)
     noted[after] = path
     factor[after] = np.stack([belief * worth + 1 - belief, belief > 0.1], -1)
-    told[:, after] = odds[1], odds[5], np.bincount(index[:pairs, 0], share[:pairs], paths), predicted[:, 0]
+    told[:, after] = odds[1], odds[5], np.bincount(index[:pairs, 0], share[:pairs], paths), predicted[:, 12]
     begin[n + 1 : n + 1 + paths] = k + start[1:]
     said[:, more] = heard[index[:pairs, 1], 6], share[:pairs]
     count = count + np.array([paths, pairs], np.int32)
@@ -107,8 +109,8 @@ def note(
 
 
 def update(
-    mean: Array, covariance: Array, path: Whole, start: Whole, index: Whole, pair: Array, odds: Array,
-    rounds: int, places: Array, predicted: Array, heard: Array, blocks: Array, radio: Array, anchor: int,
+    mean: Array, covariance: Array, head: int, path: Whole, start: Whole, index: Whole, pair: Array,
+    odds: Array, rounds: int, places: Array, predicted: Array, heard: Array, blocks: Array, radio: Array,
     turned: Array, message: Array, measured: Array, surface: Array, sight: Array, single: Array,
     double: Array, sums: Array, count: Whole, noted: Whole, factor: Array, told: Array, begin: Whole,
     said: Array,
@@ -119,9 +121,9 @@ def update(
     if rounds:
         claim, nu, claimed = associate(odds, message, measured, rounds)
     mean, covariance, share, responsible, total = correct(
-        mean, covariance, path, start, index, pair, odds, beta, nu, places
+        mean, covariance, head, path, start, index, pair, odds, beta, nu, places
     )
-    after = fit(path, index, pair, predicted, share, responsible, heard, blocks, radio, anchor, turned, sums)
+    after = fit(path, index, pair, predicted, share, responsible, heard, blocks, radio, turned, sums)
     there = exist(path, odds, ratio, nu, surface, sight, single, double)
     known: dict[str, NDArray[Any]] = {}
     if len(noted):

@@ -17,6 +17,7 @@ from gridslam.inference.management.readout import described, estimates, surface_
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
 from gridslam.inference.state.belief import append
+from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
@@ -118,7 +119,7 @@ class SurfaceFilter(FilterFront[Scan, Population]):
         at_1m = model.radio.amplitude_at_1m * info.gain
         table, paths = estimates(state, model, at_1m, self._strength(state), work=self.work)
         return Estimate(
-            scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[4])),
+            scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[HEADING])),
             covariance, table, paths,
             table.existence > model.settings.detect_above, info.health.effective_sample_size,
             time.perf_counter() - began, info.health, described(population),

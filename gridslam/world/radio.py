@@ -75,23 +75,15 @@ class SignalModel:
     @cached_property
     def numbers(self) -> Array:
         """What kernels take of the radio, (J, 11), by anchors; see `gridslam.kernels.primitives.radio`."""
-        return np.array([self.radio(anchor) for anchor in range(len(self.anchor_aperture))]).reshape(-1, 11)
-
-    def radio(self, anchor: int) -> Array:
-        """One anchor's row of `numbers`, (11,), read-only."""
-        if anchor not in self._radios:
-            given = 0.0 if self.given_distance_std is None else self.given_distance_std
-            row = np.array([
-                self.distance_scale, given, *self.anchor_aperture[anchor], *self.agent_aperture,
-                self.span_m, self.amplitude_at_1m, self.samples, self.threshold, self.false_alarms,
-            ])  # fmt: skip
-            row.setflags(write=False)
-            self._radios[anchor] = row
-        return self._radios[anchor]
-
-    @cached_property
-    def _radios(self) -> dict[int, Array]:
-        return {}
+        given = 0.0 if self.given_distance_std is None else self.given_distance_std
+        numbers = np.empty((len(self.anchor_aperture), 11))
+        numbers[:] = (
+            self.distance_scale, given, 0.0, 0.0, *self.agent_aperture, self.span_m,
+            self.amplitude_at_1m, self.samples, self.threshold, self.false_alarms,
+        )  # fmt: skip
+        numbers[:, 2:4] = self.anchor_aperture
+        numbers.setflags(write=False)
+        return numbers
 
     def amplitude(self, distance: Array | float, reflection: Array | float = 1.0) -> Array:
         """Predicted normalised amplitude, [Li2026grid], eq. (2)."""

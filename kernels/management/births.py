@@ -18,9 +18,9 @@ from gridslam.kernels.primitives.functions import (
     wrapped,
 )
 from gridslam.kernels.primitives.launching import quick
-from gridslam.kernels.primitives.particles import AGENT
+from gridslam.kernels.primitives.layout import HEADING, anchor_of, clock_row, line_entry, lines_in
 from gridslam.kernels.primitives.radio import AT_1M, FALSE_ALARMS, SAMPLES, clutter_of, deviations_of, rician
-from gridslam.kernels.primitives.tables import EXPLAINED, NEW
+from gridslam.kernels.primitives.tables import EXPLAINED, LABEL, NEW
 from gridslam.kernels.propagation.bundles import lay_leg, meet_cells, rows_alone
 from gridslam.kernels.propagation.coefficients import BINS
 from gridslam.kernels.propagation.paths import draw_path, stand_at
@@ -40,21 +40,22 @@ WIDEST = 2.5
 
 
 @ti.func
-def mean_rician(radio: ti.template(), distance, amplitude, other):
+def mean_rician(radio: ti.template(), anchor, distance, amplitude, other):
     """Density of an amplitude, averaged over the unknown coefficient; 1 if there is none."""
     total = ti.cast(1.0, ti.f64)
     if amplitude >= 0:
         total = 0.0
+        at_1m, samples = radio[anchor, AT_1M], radio[anchor, SAMPLES]
         for n in range(BINS):
-            level = radio[AT_1M] / ti.max(distance, 1e-3) * other * (n + 0.5) / BINS
-            total += rician(amplitude, level, radio[SAMPLES]) / BINS
+            level = at_1m / ti.max(distance, 1e-3) * other * (n + 0.5) / BINS
+            total += rician(amplitude, level, samples) / BINS
     return total
 
 
 @ti.func
-def known_std(radio: ti.template(), heard: ti.template(), m, amplitude):
+def known_std(radio: ti.template(), anchor, heard: ti.template(), m, amplitude):
     """sigma of distance, AoD and AoA: the table's own, by Fisher information, or 1e9 for "not measured"."""
-    std = deviations_of(radio, ti.max(amplitude, FAINTEST), heard[m, 1], heard[m, 2])
+    std = deviations_of(radio, anchor, ti.max(amplitude, FAINTEST), heard[m, 1], heard[m, 2])
     for q in ti.static(range(3)):
         own = heard[m, 3 + q]
         if own > 0:
@@ -64,17 +65,17 @@ def known_std(radio: ti.template(), heard: ti.template(), m, amplitude):
 
 
 @ti.func
-def line_of(mean: ti.template(), heard: ti.template(), ax, ay, m, last, first):
-    """Angle and offset of the new line that explains a measurement at the mean of the belief."""
-    bearing = mean[4] + heard[m, 2]
-    vx, vy = mean[0] + heard[m, 0] * cos_of(bearing), mean[1] + heard[m, 0] * sin_of(bearing)
-    sx, sy = ax, ay
+def line_of(mean: ti.template(), head, length, arrival, place, last, first):
+    """Angle and offset of the new line that explains a length and an AoA at the mean of the belief."""
+    bearing = mean[HEADING] + arrival
+    vx, vy = mean[0] + length * cos_of(bearing), mean[1] + length * sin_of(bearing)
+    sx, sy = place[0], place[1]
     if last >= 0:
-        angle = mean[5 + 2 * last]
-        vx, vy = mirrored(vx, vy, cos_of(angle), sin_of(angle), mean[6 + 2 * last])
+        entry = line_entry(head, last)
+        vx, vy = mirrored(vx, vy, cos_of(mean[entry]), sin_of(mean[entry]), mean[entry + 1])
     if first >= 0:
-        angle = mean[5 + 2 * first]
-        sx, sy = mirrored(sx, sy, cos_of(angle), sin_of(angle), mean[6 + 2 * first])
+        entry = line_entry(head, first)
+        sx, sy = mirrored(sx, sy, cos_of(mean[entry]), sin_of(mean[entry]), mean[entry + 1])
     span = ti.max(ti.sqrt((vx - sx) ** 2 + (vy - sy) ** 2), 1e-12)
     nx, ny = (vx - sx) / span, (vy - sy) / span
     return bearing_of(nx, ny), 0.5 * (nx * (vx + sx) + ny * (vy + sy))
@@ -176,84 +177,95 @@ def sum_up(born: ti.template(), told: ti.template(), measured: ti.template()):
 @quick
 @ti.kernel
 def propose(
-    state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S, P] x, y, heading; per line normal x, y, offset
+    state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S (+ J), P] see `layout`
     noise: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, B] standard normal, for as many states
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `AnchorScan.table`
+    head: ti.i32,  # entry where the lines begin: see `layout`
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] see `AnchorScan.table`
     known: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [H, 2] known surface hit last, first; -1: the new one
-    anchor: ti.i32,
+    whose: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [A] anchors that may have sent the measurements
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
-    radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `radio`
+    radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 11] see `radio`
     rate: ti.f64,  # births per anchor, step and unit of lines (rad m)
-    ratio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, H] scratch
+    ratio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, A H] scratch: anchor by anchor
     measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: see `tables`; `NEW` is out
-    born: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + M H, 3] out: how many there are; of each its
-    # measurement, and its row of `known`
-    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M H, 3] out: the line at the mean; mean number of births
-    # over that of clutter
+    born: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + M A H, 4] out: how many there are; of each its
+    # measurement, its row of `known`, and its anchor
+    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M A H, 3] out: the line at the mean; births over
+    # clutter, as mean numbers
 ):
-    """Draw distance and AoA around the measurement, make the new line, and judge it by AoD and amplitude.
+    """Draw length and AoA around the measurement, make the new line, and judge it by AoD and amplitude.
 
-    The mean of f(AoD) / span is taken over samples of agent, distance and AoA, whole blocks of them;
+    The mean of f(AoD) / span is taken over samples of agent, clocks, distance and AoA, whole blocks of them;
     amplitude and clutter are the same for all. An AoD that wasn't measured has the density 1 / (2 pi).
     """
     ti.loop_config(serialize=ON_CPU)  # too little work to wake other threads for
-    for m in range(heard.shape[0]):
+    for item in range(heard.shape[0] * whose.shape[0]):
+        m, own = item // whose.shape[0], item % whose.shape[0]
         hypotheses, blocks = known.shape[0], ti.min(noise.shape[1], state.shape[1]) // BLOCK
-        for h in range(hypotheses):
-            ratio[m, h] = 0.0
-        common = rate * heard[m, 0]
         least = ti.max(ti.cast(FAINT, ti.f64), SLIGHT * measured[EXPLAINED, m])
-        keep = heard[m, 3] >= 0 and heard[m, 5] >= 0 and hypotheses > 0
+        anchor, begin = whose[own], own * hypotheses
+        for h in range(hypotheses):
+            ratio[m, begin + h] = 0.0
+        place, clock = anchor_of(places, mean, head, anchor), clock_row(head, anchor, state.shape[0])
+        length = heard[m, 0] - place[3]
+        common = rate * length
+        keep = heard[m, 3] >= 0 and heard[m, 5] >= 0 and hypotheses > 0 and length > 0
+        keep = keep and (heard[m, LABEL] < 0 or heard[m, LABEL] == anchor)
         std, level = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64), ti.Vector([0.0, 0.0], dt=ti.f64)
         if keep:
             amplitude = heard[m, 6]
-            usual = amplitude if amplitude >= 0 else radio[AT_1M] / ti.max(heard[m, 0], 1e-3) * 0.5
-            std = known_std(radio, heard, m, usual)
-            clutter = radio[FALSE_ALARMS] * clutter_of(radio, amplitude)
-            level[0] = mean_rician(radio, heard[m, 0], amplitude, 1.0) / clutter
-            level[1] = mean_rician(radio, heard[m, 0], amplitude, USUAL_REFLECTION) / clutter
+            usual = amplitude if amplitude >= 0 else radio[anchor, AT_1M] / ti.max(length, 1e-3) * 0.5
+            std = known_std(radio, anchor, heard, m, usual)
+            clutter = radio[anchor, FALSE_ALARMS] * clutter_of(radio, anchor, amplitude)
+            level[0] = mean_rician(radio, anchor, length, amplitude, 1.0) / clutter
+            level[1] = mean_rician(radio, anchor, length, amplitude, USUAL_REFLECTION) / clutter
             # what a hypothesis could be worth at most: the AoD right on, the image next to the anchor
             most = ti.max(level[0], level[1]) if hypotheses > 1 else level[0]
             keep = common * most / ROOT_TURN > least * ti.min(std[1], WIDEST)
         reach, reach_std = ti.cast(heard[m, 0], ti.f32), ti.cast(std[0], ti.f32)
         arrival, arrival_std = ti.cast(heard[m, 2], ti.f32), ti.cast(std[2], ti.f32)
-        departure, departure_std = ti.cast(heard[m, 1] + places[anchor, 2], ti.f32), ti.cast(std[1], ti.f32)
-        ax, ay = ti.cast(places[anchor, 0], ti.f32), ti.cast(places[anchor, 1], ti.f32)
+        departure, departure_std = ti.cast(heard[m, 1] + place[2], ti.f32), ti.cast(std[1], ti.f32)
+        ax, ay = ti.cast(place[0], ti.f32), ti.cast(place[1], ti.f32)
         for block in range(blocks if keep else 0):
-            at, there = block * BLOCK, ti.Vector([0.0] * BLOCK)
+            at, there, late = block * BLOCK, ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
             end_x, end_y = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+            if clock >= 0:
+                for i in range(BLOCK):
+                    late[i] = state[clock, at + i]
             for i in range(BLOCK):
                 k = at + i
-                distance = reach + reach_std * ti.cast(noise[0, k], ti.f32)
+                distance = reach + reach_std * ti.cast(noise[0, k], ti.f32) - late[i]
                 turned = arrival + arrival_std * ti.cast(noise[1, k], ti.f32)
                 cosine, sine = turn_of(wrapped(turned + state[2, k]))
                 end_x[i], end_y[i] = state[0, k] + distance * cosine, state[1, k] + distance * sine
                 there[i] = ti.select(distance > 0, 1.0, 0.0)
             for h in range(hypotheses):
-                so_far = ratio[m, h]
+                last, first, so_far = known[h, 0], known[h, 1], ratio[m, begin + h]
                 more = likely(
-                    at, known[h, 0], known[h, 1], state, end_x, end_y, there, ax, ay, departure, departure_std
-                )
-                ratio[m, h] = so_far + more / (blocks * BLOCK)
+                    at, last, first, state, end_x, end_y, there, ax, ay, departure, departure_std
+                )  # fmt: skip
+                ratio[m, begin + h] = so_far + more / (blocks * BLOCK)
         for h in range(hypotheses if keep else 0):
             last, first = known[h, 0], known[h, 1]
-            worth = common * level[0] * ratio[m, h]
+            worth = common * level[0] * ratio[m, begin + h]
             if last >= 0 or first >= 0:
-                worth = common * level[1] * DOUBLE_SHARE * ratio[m, h]
-            ratio[m, h] = worth if worth > least else 0.0
+                worth = common * level[1] * DOUBLE_SHARE * ratio[m, begin + h]
+            ratio[m, begin + h] = worth if worth > least else 0.0
     ti.loop_config(serialize=True)
     for _ in range(1):
         count = 0
         for m in range(heard.shape[0]):
-            for h in range(known.shape[0]):
-                if ratio[m, h] > 0:
-                    last, first = known[h, 0], known[h, 1]
-                    ax, ay = places[anchor, 0], places[anchor, 1]
-                    told[count, 0], told[count, 1] = line_of(mean, heard, ax, ay, m, last, first)
-                    told[count, 2] = ratio[m, h]
+            for n in range(ratio.shape[1]):
+                if ratio[m, n] > 0:
+                    h, anchor = n % known.shape[0], whose[n // known.shape[0]]
+                    last, first, place = known[h, 0], known[h, 1], anchor_of(places, mean, head, anchor)
+                    length, arrival = heard[m, 0] - place[3], heard[m, 2]
+                    angle, offset = line_of(mean, head, length, arrival, place, last, first)
+                    told[count, 0], told[count, 1], told[count, 2] = angle, offset, ratio[m, n]
                     count += 1
                     born[count, 0], born[count, 1], born[count, 2] = m, last, first
+                    born[count, 3] = anchor
         born[0, 0] = count
         sum_up(born, told, measured)
 
@@ -262,7 +274,7 @@ def propose(
 @ti.kernel
 def weigh_by_visibility(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
-    anchor: ti.i32,
+    head: ti.i32,  # entry where the lines begin: see `layout`
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
     wide: ti.i32,  # cells of a row
     occupied: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [2, ny nx] o of a traversed cell, of a hit one in V
@@ -272,7 +284,7 @@ def weigh_by_visibility(
     state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 (S + 1), 1] scratch
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1, 4] scratch
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [1, 14] scratch
-    born: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + B or more, 3] as `propose` leaves them
+    born: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + B or more, 4] as `propose` leaves them
     told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [B or more, 3] in/out: as `propose` leaves them
     measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: see `tables`; `NEW` is out
 ):
@@ -282,14 +294,14 @@ def weigh_by_visibility(
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
-        surfaces = (mean.shape[0] - AGENT) // 2
-        stand_at(mean, state)
+        surfaces = lines_in(head, mean.shape[0])
+        stand_at(mean, head, state)
         own = 3 + 3 * surfaces
         for b in range(born[0, 0]):
             last, first, worth = born[b + 1, 1], born[b + 1, 2], told[b, 2]
             state[own, 0], state[own + 1, 0] = cos_of(told[b, 0]), sin_of(told[b, 0])
             state[own + 2, 0] = told[b, 1]
-            path[0, 0], path[0, 3] = (1 if last < 0 and first < 0 else 2), anchor
+            path[0, 0], path[0, 3] = (1 if last < 0 and first < 0 else 2), born[b + 1, 3]
             path[0, 1], path[0, 2] = (surfaces if last < 0 else last), (surfaces if first < 0 else first)
             draw_path(state, path, places, 0, 0, drawn)
             told[b, 2] = UNTOLD * worth

@@ -16,7 +16,7 @@ from gridslam.kernels.primitives.functions import (
 )
 from gridslam.kernels.primitives.gaussian import entry_of, mirror_of, path_of
 from gridslam.kernels.primitives.launching import quick
-from gridslam.kernels.primitives.particles import AGENT
+from gridslam.kernels.primitives.layout import HEADING, anchor_of, clock_entry, line_entry, lines_in
 from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, log_rician
 from gridslam.kernels.propagation.coefficients import BINS
 
@@ -31,10 +31,12 @@ VAGUE = 1e-6
 
 
 @ti.func
-def misfit_of(arrival, mean: ti.template(), place, known, last, first, heard: ti.template(), m, std, wide):
+def misfit_of(
+    arrival, mean: ti.template(), place, known, last, first, length, heard: ti.template(), m, std, wide
+):  # fmt: skip
     """How badly a direction of arrival explains AoA and AoD; `known` is the normal and offset of a line."""
-    px, py, bearing = mean[0], mean[1], mean[4] + arrival
-    vx, vy = px + heard[m, 0] * cos_of(bearing), py + heard[m, 0] * sin_of(bearing)
+    px, py, bearing = mean[0], mean[1], mean[HEADING] + arrival
+    vx, vy = px + length * cos_of(bearing), py + length * sin_of(bearing)
     sx, sy = place[0], place[1]
     if last >= 0:
         vx, vy = mirrored(vx, vy, known[0], known[1], known[2])
@@ -59,8 +61,8 @@ def misfit_of(arrival, mean: ti.template(), place, known, last, first, heard: ti
 
 @ti.func
 def line_at(arrival, mean: ti.template(), place, known, last, first, distance):
-    """The new line's angle and offset, and their derivatives by x, y, heading, distance, AoA, known line."""
-    bearing = mean[4] + arrival
+    """The new line's angle and offset, and their derivatives by x, y, heading, length, AoA, known line."""
+    bearing = mean[HEADING] + arrival
     u = ti.Vector([cos_of(bearing), sin_of(bearing)], dt=ti.f64)
     across = ti.Vector([-u[1], u[0]], dt=ti.f64)
     image = ti.Vector([mean[0], mean[1]], dt=ti.f64) + distance * u
@@ -95,13 +97,13 @@ def line_at(arrival, mean: ti.template(), place, known, last, first, distance):
 
 @ti.func
 def correct_by_departure(
-    mean: ti.template(), covariance: ti.template(), spread: ti.template(), departure, std, place, bounces,
-    last, first, back,
+    mean: ti.template(), covariance: ti.template(), head, spread: ti.template(), departure, std, place,
+    bounces, last, first, back,
 ):  # fmt: skip
     """Correct the belief by an AoD, of a path linearised before the newest line was moved `back`."""
-    size, newest = mean.shape[0], (mean.shape[0] - 2 - AGENT) // 2
-    value, slope = path_of(mean, place, bounces, last, first)
-    entry = entry_of(bounces, last, first)
+    size, newest = mean.shape[0], lines_in(head, mean.shape[0]) - 1
+    value, slope = path_of(mean, head, place, bounces, last, first)
+    entry = entry_of(head, bounces, last, first)
     at = 3 if last == newest else 5
     gap = wrapped(departure - value[1] - slope[1, at] * back[0] - slope[1, at + 1] * back[1])
     core = std * std
@@ -120,18 +122,29 @@ def correct_by_departure(
             covariance[i, j] = so_far - spread[i] * spread[j] / core
 
 
+@ti.func
+def share_clock(joint: ti.template(), covariance: ti.template(), slope, clock):
+    """Correlate the new line with all else by the clocks, whose difference shortens its path."""
+    size = covariance.shape[0]
+    for i in range(size):
+        for r in ti.static(range(2)):
+            cross = joint[size + r, i] - slope[r, 3] * covariance[clock, i]
+            joint[size + r, i], joint[i, size + r] = cross, cross
+
+
 @quick
 @ti.kernel
 def initialise_surface(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
     covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
+    head: ti.i32,  # entry where the lines begin: see `layout`
     anchor: ti.i32,
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `AnchorScan.table`
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] see `AnchorScan.table`
     m: ti.i32,  # the measurement
     last: ti.i32,  # known surface hit last, first; -1: the new one
     first: ti.i32,
-    radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `radio`
+    radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 11] see `radio`
     spread: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N + 2] scratch
     fresh: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N + 2] out: mean with the new line
     joint: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N + 2, N + 2] out: covariance
@@ -145,24 +158,25 @@ def initialise_surface(
     ti.loop_config(serialize=True)
     for _ in range(ti.min(heard.shape[0], 1)):
         size, surface = mean.shape[0], ti.max(last, first)
-        newest, known = (size - AGENT) // 2, (AGENT + 2 * surface if surface >= 0 else 0)
+        newest, known = lines_in(head, size), (line_entry(head, surface) if surface >= 0 else 0)
         bounces = 1 if surface < 0 else 2
-        place = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)
+        place, clock = anchor_of(places, mean, head, anchor), clock_entry(head, anchor)
         wall = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64)
         if surface >= 0:
             wall[0], wall[1], wall[2] = cos_of(mean[known]), sin_of(mean[known]), mean[known + 1]
-        distance, amplitude = heard[m, 0], heard[m, 6]
-        at_1m = radio[AT_1M] / ti.max(distance, 1e-3)
-        std = known_std(radio, heard, m, ti.max(amplitude if amplitude >= 0 else 0.5 * at_1m, FAINTEST))
+        distance, amplitude = heard[m, 0] - place[3], heard[m, 6]  # a length, whatever clocks made of it
+        at_1m = radio[anchor, AT_1M] / ti.max(distance, 1e-3)
+        strength = ti.max(amplitude if amplitude >= 0 else 0.5 * at_1m, FAINTEST)
+        std = known_std(radio, anchor, heard, m, strength)
         # where to linearise
         departs, arrival = heard[m, 4] >= 0 and std[1] < UNTOLD, heard[m, 2]
-        wide = ti.sqrt(std[2] * std[2] + covariance[4, 4])
+        wide = ti.sqrt(std[2] * std[2] + covariance[HEADING, HEADING])
         for stage in range(2 if departs else 0):
             reach = wide * (REACH if stage == 0 else 2 * REACH / TRIALS)
             middle, best, least = arrival, arrival, ti.cast(1e30, ti.f64)
             for k in range(TRIALS):
                 trial = middle + reach * (2 * ti.cast(k, ti.f64) / (TRIALS - 1) - 1)
-                misfit = misfit_of(trial, mean, place, wall, last, first, heard, m, std, wide)
+                misfit = misfit_of(trial, mean, place, wall, last, first, distance, heard, m, std, wide)
                 if misfit < least:
                     best, least = trial, misfit
             arrival = best
@@ -170,7 +184,7 @@ def initialise_surface(
         off = wrapped(heard[m, 2] - arrival)
         back = ti.Vector([slope[0, 4] * off, slope[1, 4] * off], dt=ti.f64)
         # the line as a function of state and measurement
-        entry = ti.Vector([0, 1, 4, 0, 0, known, (known + 1 if surface >= 0 else 0)])
+        entry = ti.Vector([0, 1, HEADING, 0, 0, known, (known + 1 if surface >= 0 else 0)])
         for i in range(size):
             fresh[i] = mean[i]
             for j in range(size):
@@ -180,29 +194,37 @@ def initialise_surface(
                 for e in ti.static((0, 1, 2, 5, 6)):
                     cross += slope[r, e] * covariance[entry[e], i]
                 joint[size + r, i], joint[i, size + r] = cross, cross
+        if clock >= 0:
+            share_clock(joint, covariance, slope, clock)
         for r in ti.static(range(2)):
             for q in ti.static(range(2)):
                 own = slope[r, 3] * slope[q, 3] * std[0] ** 2 + slope[r, 4] * slope[q, 4] * std[2] ** 2
                 for e in ti.static((0, 1, 2, 5, 6)):
                     own += joint[size + ti.max(r, q), entry[e]] * slope[ti.min(r, q), e]
                 joint[size + r, size + q] = own
+        if clock >= 0:
+            for r in ti.static(range(2)):
+                for q in ti.static(range(2)):
+                    so_far = joint[size + r, size + q]
+                    own = joint[size + ti.max(r, q), clock] * slope[ti.min(r, q), 3]
+                    joint[size + r, size + q] = so_far - own
         fresh[size], fresh[size + 1] = angle, offset
         if departs:
             ends = (newest if last < 0 else last), (newest if first < 0 else first)
             correct_by_departure(
-                fresh, joint, spread, heard[m, 1], std[1], place, bounces, ends[0], ends[1], back
+                fresh, joint, head, spread, heard[m, 1], std[1], place, bounces, ends[0], ends[1], back
             )
         moved_angle, moved_offset = fresh[size], fresh[size + 1]
         fresh[size], fresh[size + 1] = moved_angle + back[0], moved_offset + back[1]
-        heading = fresh[4]
-        fresh[4] = wrapped(heading)
+        heading = fresh[HEADING]
+        fresh[HEADING] = wrapped(heading)
         # its coefficient, by the amplitude alone
         total, other = ti.cast(0.0, ti.f64), (1.0 if surface < 0 else USUAL_REFLECTION)
         for n in range(BINS):
             density = ti.cast(1.0, ti.f64)
             if amplitude >= 0:
                 level = at_1m * other * (n + 0.5) / BINS
-                density = decay_of(log_rician(amplitude, level, radio[SAMPLES])) + VAGUE
+                density = decay_of(log_rician(amplitude, level, radio[anchor, SAMPLES])) + VAGUE
             reflection[n] = density
             total += density
         for n in range(BINS):

@@ -6,6 +6,7 @@ from gridslam.kernels import OFTEN, OFTENER
 from gridslam.kernels.primitives.functions import PI, cos_of, sin_of, wrapped
 from gridslam.kernels.primitives.gaussian import mirror_of
 from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.layout import line_entry
 
 ALIKE = 0.5
 """Turn (rad) and gap (m) within which two surfaces may be one."""
@@ -26,6 +27,7 @@ AROUND_M, THROUGH_M, CROSSING = 1.0, 0.15, 0.2
 def find_duplicates(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
     covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
+    head: ti.i32,  # entry where the lines begin: see `layout`
     foot: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] tangential coordinate of the latest hit
     owner: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] the one anchor that a surface serves; -1 for all
     found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] out: older and younger, -1 for none
@@ -40,23 +42,24 @@ def find_duplicates(
             y = count - 1 - back
             for o in range(y):
                 if found[0] < 0 and owner[y] == owner[o]:
-                    here, there = mean[5 + 2 * y], mean[5 + 2 * o]
+                    young, old = line_entry(head, y), line_entry(head, o)
+                    here, there = mean[young], mean[old]
                     turn, flip = wrapped(there - here), ti.cast(1.0, ti.f64)
                     if ti.abs(turn) > 0.5 * PI:  # the same line written with the opposite normal
                         turn, flip = wrapped(turn + PI), -flip
                     n = ti.Vector([cos_of(here), sin_of(here)], dt=ti.f64)
                     m = ti.Vector([cos_of(there), sin_of(there)], dt=ti.f64)
                     along, side = ti.Vector([-n[1], n[0]], dt=ti.f64), ti.Vector([-m[1], m[0]], dt=ti.f64)
-                    place = mean[6 + 2 * y] * n + foot[y] * along
-                    gap = flip * (place.dot(m) - mean[6 + 2 * o])
+                    place = mean[young + 1] * n + foot[y] * along
+                    gap = flip * (place.dot(m) - mean[old + 1])
                     if ti.abs(turn) <= ALIKE and ti.abs(gap) <= ALIKE:
                         # the place itself moves with the younger line
-                        by_turn = mean[6 + 2 * y] * along - foot[y] * n
+                        by_turn = mean[young + 1] * along - foot[y] * n
                         slope = ti.Matrix.zero(ti.f64, 2, 4)
                         slope[0, 0], slope[0, 1] = flip * place.dot(side), -flip
                         slope[0, 2], slope[0, 3] = flip * m.dot(by_turn), flip * n.dot(m)
                         slope[1, 0], slope[1, 2] = 1.0, -1.0
-                        entry = ti.Vector([5 + 2 * o, 6 + 2 * o, 5 + 2 * y, 6 + 2 * y])
+                        entry = ti.Vector([old, old + 1, young, young + 1])
                         own = ti.Matrix.zero(ti.f64, 4, 4)
                         for i in ti.static(range(4)):
                             for j in ti.static(range(4)):
@@ -77,6 +80,7 @@ def find_duplicates(
 def find_ghosts(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
     covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
+    head: ti.i32,  # entry where the lines begin: see `layout`
     surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
     seen: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] detections
     single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] existence of rays over one surface
@@ -90,35 +94,40 @@ def find_ghosts(
         for g in range(count):
             ghost[g] = 0
         for s in range(count):
-            for r in range(count if fit_for_it(s, covariance, surface, seen) else 0):
-                if s != r and fit_for_it(r, covariance, surface, seen):
+            for r in range(count if fit_for_it(s, covariance, head, surface, seen) else 0):
+                if s != r and fit_for_it(r, covariance, head, surface, seen):
                     chance, often = ti.min(surface[s], surface[r]), ti.min(seen[s], seen[r])
                     for g in range(count):
                         if ghost[g] == 0 and chance > surface[g] and often > OFTENER * seen[g]:
-                            if explains(g, s, r, mean, covariance, single, places):
+                            if explains(g, s, r, mean, covariance, head, single, places):
                                 ghost[g] = 1
 
 
 @ti.func
-def fit_for_it(s, covariance: ti.template(), surface: ti.template(), seen: ti.template()):
+def fit_for_it(s, covariance: ti.template(), head, surface: ti.template(), seen: ti.template()):
     """Whether a surface may take another's place."""
-    return surface[s] > SURE and seen[s] >= OFTEN and covariance[6 + 2 * s, 6 + 2 * s] < SHARP_M * SHARP_M
+    offset = line_entry(head, s) + 1
+    return surface[s] > SURE and seen[s] >= OFTEN and covariance[offset, offset] < SHARP_M * SHARP_M
 
 
 @ti.func
 def explains(
-    g, s, r, mean: ti.template(), covariance: ti.template(), single: ti.template(), places: ti.template()
-):
+    g, s, r, mean: ti.template(), covariance: ti.template(), head, single: ti.template(),
+    places: ti.template(),
+):  # fmt: skip
     """Whether the double bounce over last `s` and first `r` makes the virtual anchor of `g`, any anchor's."""
+    own_line, by_last_line, by_first_line = line_entry(head, g), line_entry(head, s), line_entry(head, r)
     yes, most = False, ti.cast(0.0, ti.f64)
     for anchor in range(places.shape[0]):
         most = ti.max(most, single[anchor, g])
-    corner = through_corner(g, s, r, mean)
+    corner = through_corner(g, s, r, mean, head)
     for anchor in range(places.shape[0]):
         x, y = places[anchor, 0], places[anchor, 1]
-        own, by_own, by_offset = mirror_of(x, y, mean[5 + 2 * g], mean[6 + 2 * g])
-        image, by_first, by_first_offset = mirror_of(x, y, mean[5 + 2 * r], mean[6 + 2 * r])
-        image, by_last, by_last_offset = mirror_of(image[0], image[1], mean[5 + 2 * s], mean[6 + 2 * s])
+        own, by_own, by_offset = mirror_of(x, y, mean[own_line], mean[own_line + 1])
+        image, by_first, by_first_offset = mirror_of(x, y, mean[by_first_line], mean[by_first_line + 1])
+        image, by_last, by_last_offset = mirror_of(
+            image[0], image[1], mean[by_last_line], mean[by_last_line + 1]
+        )
         gap = own - image
         far, elsewhere = gap.norm(), ti.cast(0.0, ti.f64)
         for other in range(places.shape[0]):
@@ -128,7 +137,7 @@ def explains(
         if far < AROUND_M and corner and most < HEARD_ELSEWHERE:
             yes = True
         elif far < NEAR_M and elsewhere < HEARD_ELSEWHERE:
-            n = ti.Vector([cos_of(mean[5 + 2 * s]), sin_of(mean[5 + 2 * s])], dt=ti.f64)
+            n = ti.Vector([cos_of(mean[by_last_line]), sin_of(mean[by_last_line])], dt=ti.f64)
             by_first -= 2 * n.dot(by_first) * n
             by_first_offset -= 2 * n.dot(by_first_offset) * n
             slope = ti.Matrix.zero(ti.f64, 2, 6)
@@ -136,7 +145,9 @@ def explains(
                 slope[i, 0], slope[i, 1] = by_own[i], by_offset[i]
                 slope[i, 2], slope[i, 3] = -by_last[i], -by_last_offset[i]
                 slope[i, 4], slope[i, 5] = -by_first[i], -by_first_offset[i]
-            entry = ti.Vector([5 + 2 * g, 6 + 2 * g, 5 + 2 * s, 6 + 2 * s, 5 + 2 * r, 6 + 2 * r])
+            entry = ti.Vector([
+                own_line, own_line + 1, by_last_line, by_last_line + 1, by_first_line, by_first_line + 1
+            ])  # fmt: skip
             spread = ti.Matrix.zero(ti.f64, 2, 2)
             for m in range(6):
                 for n2 in range(6):
@@ -153,14 +164,14 @@ def explains(
 
 
 @ti.func
-def through_corner(g, s, r, mean: ti.template()):
+def through_corner(g, s, r, mean: ti.template(), head):
     """Whether a line passes through the corner of two others."""
-    a, b = mean[6 + 2 * s], mean[6 + 2 * r]
-    n = ti.Vector([cos_of(mean[5 + 2 * s]), sin_of(mean[5 + 2 * s])], dt=ti.f64)
-    m = ti.Vector([cos_of(mean[5 + 2 * r]), sin_of(mean[5 + 2 * r])], dt=ti.f64)
+    one, other, own = line_entry(head, s), line_entry(head, r), line_entry(head, g)
+    a, b = mean[one + 1], mean[other + 1]
+    n = ti.Vector([cos_of(mean[one]), sin_of(mean[one])], dt=ti.f64)
+    m = ti.Vector([cos_of(mean[other]), sin_of(mean[other])], dt=ti.f64)
     sine, through = n[0] * m[1] - n[1] * m[0], False
     if ti.abs(sine) > CROSSING:
         x, y = (a * m[1] - b * n[1]) / sine, (b * n[0] - a * m[0]) / sine
-        angle = mean[5 + 2 * g]
-        through = ti.abs(cos_of(angle) * x + sin_of(angle) * y - mean[6 + 2 * g]) < THROUGH_M
+        through = ti.abs(cos_of(mean[own]) * x + sin_of(mean[own]) * y - mean[own + 1]) < THROUGH_M
     return through

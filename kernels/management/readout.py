@@ -5,7 +5,7 @@ import taichi as ti
 from gridslam.kernels.primitives.functions import cos_of, sin_of
 from gridslam.kernels.primitives.gaussian import path_of
 from gridslam.kernels.primitives.launching import quick
-from gridslam.kernels.primitives.particles import AGENT
+from gridslam.kernels.primitives.layout import anchor_of, line_entry
 from gridslam.kernels.propagation.coefficients import BINS
 from gridslam.kernels.propagation.paths import draw_path, stand_at
 from gridslam.kernels.propagation.rays import enter_path, listed
@@ -20,12 +20,12 @@ PI_HIGH, PI_LOW = 3.1415927410125732, 8.742277657347586e-08
 
 @ti.func
 def tell_surface(
-    s, mean: ti.template(), covariance: ti.template(), extent: ti.template(), reflection: ti.template(),
+    s, mean: ti.template(), covariance: ti.template(), head, extent: ti.template(), reflection: ti.template(),
     table: ti.template(),
 ):  # fmt: skip
     """Write one surface's row."""
     pi = ti.cast(PI_HIGH, ti.f64) - ti.cast(PI_LOW, ti.f64)
-    at = AGENT + 2 * s
+    at = line_entry(head, s)
     angle, offset = mean[at], mean[at + 1]
     cosine, sine = cos_of(angle), sin_of(angle)
     turned = offset < 0  # the same line with the normal the other way round
@@ -55,13 +55,14 @@ def tell_surface(
 
 @ti.func
 def tell_path(
-    row, existence, mean: ti.template(), path: ti.template(), places: ti.template(), identity: ti.template(),
-    at_1m, table: ti.template(), drawn: ti.template(), number: ti.template(), told: ti.template(),
+    row, existence, mean: ti.template(), head, path: ti.template(), places: ti.template(),
+    identity: ti.template(), at_1m, table: ti.template(), drawn: ti.template(), number: ti.template(),
+    told: ti.template(),
 ):  # fmt: skip
     """Write one path's row: by which surfaces, and its parameters; `drawn` has its corners."""
     bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
-    place = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)
-    value, _slope = path_of(mean, place, bounces, last, first)
+    place = anchor_of(places, mean, head, anchor)
+    value, _slope = path_of(mean, head, place, bounces, last, first)
     coefficient = ti.cast(1.0, ti.f64)
     number[row, 0], number[row, 1], number[row, 2] = anchor, -1, -1
     if bounces > 0:
@@ -69,7 +70,7 @@ def tell_path(
         coefficient = table[last, 12] * (table[first, 12] if bounces == 2 else 1.0)
     for i in ti.static(range(3)):
         told[row, i] = value[i]
-    told[row, 3], told[row, 4] = at_1m / ti.max(value[0], 1e-3) * coefficient, existence
+    told[row, 3], told[row, 4] = at_1m / ti.max(value[0] - place[3], 1e-3) * coefficient, existence
     for n in ti.static(range(8)):
         told[row, 5 + n] = drawn[row, n]
         if ti.static(2 <= n < 6) and bounces < (1 if ti.static(n < 4) else 2):
@@ -81,6 +82,7 @@ def tell_path(
 def describe(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
     covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
+    head: ti.i32,  # entry where the lines begin: see `layout`
     extent: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 2] stretch of each surface that was hit
     reflection: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] belief over its coefficient
     bounces: ti.i32,  # of a path at most
@@ -98,8 +100,8 @@ def describe(
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + J (1 + S S), 4] out: bounces, last, first, anchor
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [1 + J (1 + S S), 13] scratch: see `draw_path`
     number: ti.types.ndarray(dtype=ti.i64, ndim=2),  # [J (1 + S S), 3] out: anchor, identities of last, first
-    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J (1 + S S), 13] out: distance, AoD, AoA; amplitude by
-    # coefficients; existence of ray and surfaces; corners (8), NaN for bounces that it doesn't have
+    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J (1 + S S), 13] out: distance with clocks, AoD, AoA;
+    # amplitude by coefficients; existence of ray and surfaces; corners (8), NaN for bounces that there aren't
     found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: number of paths
 ):
     """Describe all surfaces, and the believed paths that are possible, at the mean of the belief."""
@@ -107,8 +109,8 @@ def describe(
     for _ in range(1):
         count, n = surface.shape[0], 0
         for s in range(count):
-            tell_surface(s, mean, covariance, extent, reflection, table)
-        stand_at(mean, state)
+            tell_surface(s, mean, covariance, head, extent, reflection, table)
+        stand_at(mean, head, state)
         for anchor in range(places.shape[0]):
             for kind in range(3 if bounces > 1 else 2):
                 for s in range(1 if kind == 0 else count):
@@ -121,8 +123,8 @@ def describe(
                             draw_path(state, path, places, n, 0, drawn)
                             if drawn[n, 12] > 0.5:
                                 tell_path(
-                                    n, chance * together, mean, path, places, identity, at_1m, table, drawn,
-                                    number, told,
+                                    n, chance * together, mean, head, path, places, identity, at_1m, table,
+                                    drawn, number, told,
                                 )  # fmt: skip
                                 n += 1
         found[0] = n

@@ -1,4 +1,4 @@
-"""Measurement evaluation: an anchor's measurements under every path; docs/model.md, (M23)."""
+"""Measurement evaluation: measurements under every path of one anchor, or of all; docs/model.md, (M23)."""
 
 import taichi as ti
 
@@ -17,11 +17,12 @@ def evaluate(
     belief: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] of every path's amplitude over the nodes
     nodes: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K] amplitudes, or those at 1 m
     spreading: ti.f64,  # 1 if amplitudes fall with the path's length, else 0
-    predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 12] value (3) and spread (9) of every path
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `AnchorScan.table`
+    predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 13] value, spread and length of every path
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] see `AnchorScan.table`
     chance: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [T] p_d over ``0, step, ...``
     step: ti.f64,
-    radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `radio`
+    radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 11] see `radio`
+    head: ti.i32,  # entry of the belief where the lines begin: see `layout`
     kept: ti.f64,  # bandwidth: share of the belief's covariance
     root: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, N] of the covariance, lower triangular
     base: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, 3] mean, and its cosine and sine
@@ -35,7 +36,7 @@ def evaluate(
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [L + 1] out: where the pairs of each path begin
     index: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L M, 2] out: path and measurement
     pair: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L M, 8] out: z, variances, density, determinant
-    state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S, P] out: x, y, heading; per line normal, offset
+    state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S (+ J), P] out: see `layout`
     blocks: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [L + L M, P / BLOCK] out: by blocks of particles, at
     # how many each path is possible; sums of each pair's densities
     message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [5, L, M] out: the first two of `tables`
@@ -44,15 +45,15 @@ def evaluate(
     """Pick the pairs that may belong together, draw the particles, and evaluate pairs and paths at them."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        weigh(belief, nodes, spreading, predicted, heard, chance, step, radio, density, strength, odds)
-        gate(predicted, heard, radio, kept, odds, strength, start, index, pair, table, measured)
+        weigh(belief, nodes, spreading, path, predicted, heard, chance, step, radio, density, strength, odds)
+        gate(path, predicted, heard, radio, kept, odds, strength, start, index, pair, table, measured)
     for item in range(ti.min(blocks.shape[1], TASKS) * SPREAD):
         if item % SPREAD == 0:
             share = (blocks.shape[1] + TASKS - 1) // TASKS
             first = item // SPREAD * share
             for block in range(first, ti.min(first + share, blocks.shape[1])):
-                draw_block(block * BLOCK, root, base, points, state)
-                densities(block, state, path, places, start, table, blocks)
+                draw_block(block * BLOCK, head, root, base, points, state)
+                densities(block, head, state, path, places, start, table, blocks)
     ti.loop_config(serialize=True)
     for _ in range(1):
         enter(blocks, start, index, pair, odds, message, measured)

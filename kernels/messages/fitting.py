@@ -5,7 +5,7 @@ import taichi as ti
 from gridslam.kernels import PATH_BLOCK
 from gridslam.kernels.primitives.gaussian import MEASURED, innovation_of, inverse_of
 from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, THRESHOLD
-from gridslam.kernels.primitives.tables import RESPONSIBLE
+from gridslam.kernels.primitives.tables import ANCHOR, LABEL, LENGTH, RESPONSIBLE
 
 SURE = 0.9
 """Probability from which an association counts as sure."""
@@ -14,28 +14,39 @@ WORST = 30.0
 
 
 @ti.func
+def book(sums: ti.template(), anchor, add):
+    """Add to an anchor's sums; read, then written, since an addition in place would be atomic."""
+    for n in ti.static(range(8)):
+        before = sums[anchor, n]
+        sums[anchor, n] = before + add[n]
+
+
+@ti.func
 def fit(
     path: ti.template(), start: ti.template(), index: ti.template(), pair: ti.template(),
     predicted: ti.template(), share: ti.template(), message: ti.template(), heard: ti.template(),
-    blocks: ti.template(), radio: ti.template(), anchor, turned: ti.template(), sums: ti.template(),
+    blocks: ti.template(), radio: ti.template(), turned: ti.template(), sums: ti.template(),
 ):  # fmt: skip
     """Add what the pairs say that are sure; explained are the loud measurements that some path caused.
+
+    Each is booked for the anchor of its path; how many are loud for the anchor that sent them, or, where that
+    isn't known, for the first.
 
     The line of sight says how an anchor faces and how strong it sends: no wall takes part. Arguments: see
     `updates.update`.
     """
     paths, count = path.shape[0], blocks.shape[1]
-    add = ti.Vector.zero(ti.f64, 8)
     for m in range(heard.shape[0]):
         if heard[m, 7] > 0.5:
-            total = ti.cast(0.0, ti.f64)
+            total, add = ti.cast(0.0, ti.f64), ti.Vector.zero(ti.f64, 8)
             for row in range(paths):
                 total += message[RESPONSIBLE, row, m]
-            add[4] += ti.min(total, 1.0)
-            add[5] += 1.0
+            add[4], add[5] = ti.min(total, 1.0), 1.0
+            book(sums, ti.cast(ti.max(heard[m, LABEL], 0.0), ti.i32), add)
     for k in range(start[paths]):
         if share[k] > SURE:
-            row, m = index[k, 0], index[k, 1]
+            row, m, add = index[k, 0], index[k, 1], ti.Vector.zero(ti.f64, 8)
+            anchor = path[row, ANCHOR]
             core, value = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)
             for i in range(3):
                 value[i] = predicted[row, i]
@@ -43,21 +54,22 @@ def fit(
                     core[i, j] = predicted[row, 3 + 3 * i + j]
             gap, noisy = innovation_of(pair, k, value, core)
             inverse, _determinant = inverse_of(noisy)
-            add[0] += ti.min(gap.dot(inverse @ gap), WORST)
+            add[0] = ti.min(gap.dot(inverse @ gap), WORST)
             for i in range(3):
                 add[1] += 1.0 if pair[k, 3 + i] < MEASURED else 0.0
             if path[row, 0] == 0:
                 if pair[k, 4] < MEASURED:
-                    add[6] += (turned[anchor] - gap[1]) / noisy[1, 1]
-                    add[7] += 1 / noisy[1, 1]
+                    add[6] = (turned[anchor] - gap[1]) / noisy[1, 1]
+                    add[7] = 1 / noisy[1, 1]
                 amplitude = heard[m, 6]
                 if pair[k, 3] < MEASURED and amplitude >= 0:
-                    level = radio[AT_1M] / ti.max(pair[k, 0], 1e-3)
-                    square = 0.5 + level * level / (4 * radio[SAMPLES])
+                    late = predicted[row, 0] - predicted[row, LENGTH]
+                    level = radio[anchor, AT_1M] / ti.max(pair[k, 0] - late, 1e-3)
+                    square = 0.5 + level * level / (4 * radio[anchor, SAMPLES])
                     measured = ti.sqrt(ti.max(amplitude * amplitude - square, 0.0))
-                    if measured > 2 * radio[THRESHOLD]:  # fainter ones are biased by the threshold
-                        add[2] += level * measured / square
-                        add[3] += level * level / square
+                    if measured > 2 * radio[anchor, THRESHOLD]:  # fainter ones are biased by the threshold
+                        add[2] = level * measured / square
+                        add[3] = level * level / square
             mean, squares = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
             for block in range(count):
                 mean += blocks[paths + k, block] / count
@@ -69,6 +81,4 @@ def fit(
             number = ti.max(count * PATH_BLOCK / (1 + spread), 1.0)
             fewest = sums[anchor, 8]
             sums[anchor, 8] = ti.min(fewest, number)
-    for n in range(8):
-        before = sums[anchor, n]
-        sums[anchor, n] = before + add[n]
+            book(sums, anchor, add)

@@ -5,7 +5,7 @@ import taichi as ti
 from gridslam.kernels import FAINTEST, UNMEASURED
 from gridslam.kernels.primitives.functions import wrapped
 from gridslam.kernels.primitives.radio import SPAN, deviations_of
-from gridslam.kernels.primitives.tables import UNEXPLAINED
+from gridslam.kernels.primitives.tables import ANCHOR, LABEL, UNEXPLAINED
 from gridslam.kernels.propagation.amplitudes import NEGLIGIBLE, worth_of
 
 ROOT_TURN = 2.5066282746310002
@@ -18,38 +18,41 @@ LEAST_STD = 1e-6
 
 @ti.func
 def gate(
-    predicted: ti.template(), heard: ti.template(), radio: ti.template(), kept, odds: ti.template(),
-    strength: ti.template(), start: ti.template(), index: ti.template(), pair: ti.template(),
-    table: ti.template(), measured: ti.template(),
+    path: ti.template(), predicted: ti.template(), heard: ti.template(), radio: ti.template(), kept,
+    odds: ti.template(), strength: ti.template(), start: ti.template(), index: ti.template(),
+    pair: ti.template(), table: ti.template(), measured: ti.template(),
 ):  # fmt: skip
     """Pick the pairs whose distance and angles lie within reach of what is predicted, path by path.
 
-    `strength` is as `amplitudes.weigh` leaves it; arguments: see `evaluation.evaluate`.
+    What one anchor is known to have sent belongs to none of the others' paths. `strength` is as
+    `amplitudes.weigh` leaves it; arguments: see `evaluation.evaluate`.
     """
     known = 0
     for m in range(heard.shape[0]):
         measured[UNEXPLAINED, m] = heard[m, 8]
     start[0] = 0
     for row in range(predicted.shape[0]):
+        anchor = path[row, ANCHOR]
         for m in range(heard.shape[0]):
             ratio = strength[0, row, m]
-            if ratio > 0 and worth_of(odds, row) > NEGLIGIBLE:
+            own = heard[m, LABEL] < 0 or heard[m, LABEL] == anchor
+            if own and ratio > 0 and worth_of(odds, row) > NEGLIGIBLE:
                 amplitude = ti.max(strength[1, row, m], FAINTEST)
-                std = deviations_of(radio, amplitude, predicted[row, 1], predicted[row, 2])
+                std = deviations_of(radio, anchor, amplitude, predicted[row, 1], predicted[row, 2])
                 near, absent = True, ti.cast(1.0, ti.f64)
                 variance = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64)
                 for q in ti.static(range(3)):
-                    own, gap = heard[m, 3 + q], ti.cast(0.0, ti.f64)
-                    if own > 0:
-                        std[q] = own
-                    if own >= 0:
+                    given, gap = heard[m, 3 + q], ti.cast(0.0, ti.f64)
+                    if given > 0:
+                        std[q] = given
+                    if given >= 0:
                         gap = heard[m, q] - predicted[row, q]
                         if ti.static(q > 0):
                             gap = wrapped(gap)
                     variance[q] = ti.max(std[q], LEAST_STD) ** 2
-                    if own < 0 or variance[q] >= UNMEASURED:
+                    if given < 0 or variance[q] >= UNMEASURED:
                         # a factor left out on both sides: its clutter density cancels
-                        flat = radio[SPAN] if ti.static(q == 0) else ROOT_TURN * ROOT_TURN
+                        flat = radio[anchor, SPAN] if ti.static(q == 0) else ROOT_TURN * ROOT_TURN
                         absent *= ROOT_TURN * ti.sqrt(ti.cast(UNMEASURED, ti.f64)) / flat
                         variance[q] = UNMEASURED
                         std[q] = 0.0

@@ -1,13 +1,25 @@
 """Paths linearised at the mean of the joint belief: their prediction, and its correction by them.
 
-State: [x, y, vx, vy, heading, angle_1, offset_1, ...]. A path depends on seven of its entries at most.
+State: see `layout`. A path depends on seven of its entries at most, and on the difference of two clocks,
+which lengthens its distance and nothing else.
 """
 
 import taichi as ti
 
 from gridslam.kernels import UNMEASURED
 from gridslam.kernels.primitives.functions import PI, bearing_of, cos_of, decay_of, sin_of, wrapped
-from gridslam.kernels.primitives.tables import BETA, MISSED, NU, ORDER, RESPONSIBLE, SURE, THERE, TOTAL
+from gridslam.kernels.primitives.layout import anchor_of, clock_entry, line_entry
+from gridslam.kernels.primitives.tables import (
+    BETA,
+    LENGTH,
+    MISSED,
+    NU,
+    ORDER,
+    RESPONSIBLE,
+    SURE,
+    THERE,
+    TOTAL,
+)
 
 MEASURED = 0.1 * UNMEASURED
 """A variance from here on stands for "not measured"."""
@@ -29,18 +41,22 @@ def mirror_of(x, y, angle, offset):
 
 
 @ti.func
-def path_of(mean: ti.template(), place, bounces, last, first):
-    """Distance, AoD and AoA of a path, and their derivatives by the seven entries of `entry_of`."""
+def path_of(mean: ti.template(), head, place, bounces, last, first):
+    """Distance, AoD and AoA of a path, and their derivatives by the seven entries of `entry_of`.
+
+    `place` is that of `anchor_of`; by a difference of clocks, the distance has the derivative 1.
+    """
+    by_first_line, by_last_line = line_entry(head, first), line_entry(head, last)
     zero = ti.Vector([0.0, 0.0], dt=ti.f64)
     image = ti.Vector([place[0], place[1]], dt=ti.f64)
     by_last, by_first, by_c, by_d = zero, zero, zero, zero  # of the image, by angles and offsets
     turn_last, turn_first = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
     if bounces == 2:
-        image, by_first, by_d = mirror_of(image[0], image[1], mean[5 + 2 * first], mean[6 + 2 * first])
+        image, by_first, by_d = mirror_of(image[0], image[1], mean[by_first_line], mean[by_first_line + 1])
         turn_last, turn_first = ti.cast(-2.0, ti.f64), ti.cast(2.0, ti.f64)
     if bounces >= 1:
-        angle = mean[5 + 2 * last]
-        image, by_last, by_c = mirror_of(image[0], image[1], angle, mean[6 + 2 * last])
+        angle = mean[by_last_line]
+        image, by_last, by_c = mirror_of(image[0], image[1], angle, mean[by_last_line + 1])
         if bounces == 2:
             n = ti.Vector([cos_of(angle), sin_of(angle)], dt=ti.f64)
             by_first = by_first - 2 * n.dot(by_first) * n
@@ -56,10 +72,12 @@ def path_of(mean: ti.template(), place, bounces, last, first):
     sense = ti.cast(-1.0 if bounces == 1 else 1.0, ti.f64)
     departure = sense * arrival + (0.0 if bounces == 1 else PI)
     if bounces >= 1:
-        departure += turn_last * mean[5 + 2 * last]
+        departure += turn_last * mean[by_last_line]
     if bounces == 2:
-        departure += turn_first * mean[5 + 2 * first]
-    value = ti.Vector([distance, wrapped(departure - place[2]), wrapped(arrival - mean[4])], dt=ti.f64)
+        departure += turn_first * mean[by_first_line]
+    value = ti.Vector(
+        [distance + place[3], wrapped(departure - place[2]), wrapped(arrival - mean[4])], dt=ti.f64
+    )
     slope = ti.Matrix.zero(ti.f64, 3, 7)
     slope[0, 0], slope[0, 1] = -toward[0], -toward[1]
     slope[2, 0], slope[2, 1], slope[2, 2] = -across[0], -across[1], -1.0
@@ -76,15 +94,15 @@ def path_of(mean: ti.template(), place, bounces, last, first):
 
 
 @ti.func
-def entry_of(bounces, last, first):
+def entry_of(head, bounces, last, first):
     """Entries of the state that a path depends on; unused ones repeat the first (their derivative is 0)."""
-    a, b = (5 + 2 * last if bounces >= 1 else 0), (5 + 2 * first if bounces == 2 else 0)
+    a, b = (line_entry(head, last) if bounces >= 1 else 0), (line_entry(head, first) if bounces == 2 else 0)
     return ti.Vector([0, 1, 4, a, (a + 1 if a > 0 else 0), b, (b + 1 if b > 0 else 0)])
 
 
 @ti.func
 def spread_of(slope, entry, covariance: ti.template()):
-    """Covariance of the path's parameters, 3 x 3."""
+    """Covariance of the path's parameters, 3 x 3, but for what its clocks add."""
     total = ti.Matrix.zero(ti.f64, 3, 3)
     for m in range(7):
         for n in range(7):
@@ -92,6 +110,19 @@ def spread_of(slope, entry, covariance: ti.template()):
             for i in ti.static(range(3)):
                 for j in ti.static(range(3)):
                     total[i, j] += slope[i, m] * p * slope[j, n]
+    return total
+
+
+@ti.func
+def spread_by_clocks(slope, entry, clock, covariance: ti.template()):
+    """What the difference of two clocks at entry `clock` adds to it: distance has the derivative 1 by it."""
+    total = ti.Matrix.zero(ti.f64, 3, 3)
+    total[0, 0] += covariance[clock, clock]
+    for m in range(7):
+        p = covariance[clock, entry[m]]
+        for j in ti.static(range(3)):
+            total[0, j] += p * slope[j, m]
+            total[j, 0] += p * slope[j, m]
     return total
 
 
@@ -122,18 +153,26 @@ def innovation_of(pair: ti.template(), k, value, core):
 
 @ti.func
 def predict_by(
-    mean: ti.template(), covariance: ti.template(), path: ti.template(), places: ti.template(), row,
+    mean: ti.template(), covariance: ti.template(), head, path: ti.template(), places: ti.template(), row,
     out: ti.template(),
 ):  # fmt: skip
     """Predict one path."""
-    anchor = path[row, 3]
-    place = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)
-    value, slope = path_of(mean, place, path[row, 0], path[row, 1], path[row, 2])
-    spread = spread_of(slope, entry_of(path[row, 0], path[row, 1], path[row, 2]), covariance)
+    bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
+    place = anchor_of(places, mean, head, anchor)
+    value, slope = path_of(mean, head, place, bounces, last, first)
+    entry = entry_of(head, bounces, last, first)
+    spread, clock = spread_of(slope, entry, covariance), clock_entry(head, anchor)
+    out[row, LENGTH] = value[0] - place[3]
     for i in ti.static(range(3)):
         out[row, i] = value[i]
         for j in ti.static(range(3)):
             out[row, 3 + 3 * i + j] = spread[i, j]
+    if clock >= 0:
+        more = spread_by_clocks(slope, entry, clock, covariance)
+        for i in ti.static(range(3)):
+            for j in ti.static(range(3)):
+                total = out[row, 3 + 3 * i + j] + more[i, j]
+                out[row, 3 + 3 * i + j] = total
 
 
 @ti.func
@@ -156,17 +195,18 @@ def sorted_by(rank: ti.template(), least, among):
 
 @ti.func
 def correct_by(
-    row, mean: ti.template(), covariance: ti.template(), path: ti.template(), start: ti.template(),
+    row, mean: ti.template(), covariance: ti.template(), head, path: ti.template(), start: ti.template(),
     index: ti.template(), pair: ti.template(), odds: ti.template(), message: ti.template(),
-    places: ti.template(), scratch: ti.template(), share: ti.template(),
+    places: ti.template(), scratch: ti.template(), share: ti.template(), clocks: ti.template(),
 ):  # fmt: skip
     """Correct by one path."""
     size = mean.shape[0]
     bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
-    here = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)
-    value, slope = path_of(mean, here, bounces, last, first)
-    entry = entry_of(bounces, last, first)
+    value, slope = path_of(mean, head, anchor_of(places, mean, head, anchor), bounces, last, first)
+    entry, clock = entry_of(head, bounces, last, first), clock_entry(head, anchor)
     core = spread_of(slope, entry, covariance)
+    if ti.static(clocks):
+        core += spread_by_clocks(slope, entry, clock, covariance)
     total = odds[MISSED, row]
     change, shift = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)
     moved = False
@@ -197,6 +237,8 @@ def correct_by(
                 p = covariance[n, entry[m]]
                 for i in ti.static(range(3)):
                     spread[i] += p * slope[i, m]
+            if ti.static(clocks):
+                spread[0] += covariance[n, clock]
             pushed = change @ spread
             for i in ti.static(range(3)):
                 scratch[n, i], scratch[n, 3 + i] = spread[i], pushed[i]
@@ -216,15 +258,15 @@ def correct_by(
 
 @ti.func
 def correct(
-    mean: ti.template(), covariance: ti.template(), path: ti.template(), start: ti.template(),
+    mean: ti.template(), covariance: ti.template(), head, path: ti.template(), start: ti.template(),
     index: ti.template(), pair: ti.template(), odds: ti.template(), message: ti.template(),
-    places: ti.template(), scratch: ti.template(), share: ti.template(),
+    places: ti.template(), scratch: ti.template(), share: ti.template(), clocks: ti.template(),
 ):  # fmt: skip
     """Correct by the paths one after the other, surest first, each moment-matched over its measurements.
 
     Several measurements may have come from the path, or none. With S = P J', a measurement moves the state
-    by S g, and all of them together change the covariance by S C S', where C is 3 x 3. Arguments: see
-    `updates.update`.
+    by S g, and all of them together change the covariance by S C S', where C is 3 x 3. `clocks` says whether
+    they are part of the state; arguments: see `updates.update`.
     """
     for k in range(start[path.shape[0]]):
         share[k] = 0.0
@@ -237,6 +279,9 @@ def correct(
         odds[SURE, row] = total / odds[TOTAL, row]
     for turn in range(sorted_by(odds, UNHEARD, path.shape[0])):
         row = ti.cast(odds[ORDER, turn], ti.i32)
-        correct_by(row, mean, covariance, path, start, index, pair, odds, message, places, scratch, share)
+        correct_by(
+            row, mean, covariance, head, path, start, index, pair, odds, message, places, scratch, share,
+            clocks,
+        )  # fmt: skip
     for k in range(start[path.shape[0]]):
         message[RESPONSIBLE, index[k, 0], index[k, 1]] = share[k]

@@ -25,7 +25,7 @@ from gridslam.kernels.primitives.device import ON_CPU
 _one_at_a_time = threading.RLock()
 _verdict: list[bool] = []
 ndarray, NOTHING = np.ndarray, object()
-MOST_KEPT, KEYS = 8, ("anchor", "only", "path", "radio")
+MOST_KEPT, KEYS = 8, ("only", "start", "whose", "anchor", "path", "radio")
 """Launches of a kernel that a thread keeps side by side; arguments that tell them apart, anchors mostly."""
 PRIVATE = ("arguments", "compiled_kernels", "runtime")
 """What a kernel of Taichi 1.7 keeps of itself."""

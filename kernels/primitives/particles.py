@@ -4,14 +4,28 @@ import taichi as ti
 
 from gridslam.kernels import PATH_BLOCK, STATE_GIVEN, TAKE_ROOT
 from gridslam.kernels.primitives.functions import cos_of, sin_of, turn_of, wrapped
+from gridslam.kernels.primitives.layout import CLOCKS, HEADING, lines_in
 
 BLOCK = PATH_BLOCK
-AGENT = 5
-"""Entries of the agent's state; velocities (2 and 3) aren't drawn, since no path depends on them."""
 
 
 @ti.func
-def draw_block(at, root: ti.template(), base: ti.template(), points: ti.template(), state: ti.template()):
+def row_of(entry, head, size):
+    """Row of particles for an entry of a view: of three for a line, the angle's first and the offset's third.
+
+    Velocities, which no path depends on, have none.
+    """
+    lines = lines_in(head, size)
+    row = ti.select(entry < HEADING, entry, 2)
+    row = ti.select(entry >= CLOCKS, 3 + 3 * lines + entry - CLOCKS, row)
+    of_line = 3 + (entry - head) // 2 * 3 + (entry - head) % 2 * 2
+    return ti.select(entry >= head, of_line, row)
+
+
+@ti.func
+def draw_block(
+    at, head, root: ti.template(), base: ti.template(), points: ti.template(), state: ti.template()
+):
     """Write the states ``base + root points`` of the particles from `at` on, lines by their normals."""
     size = root.shape[0]
     for row in range(size):
@@ -30,12 +44,11 @@ def draw_block(at, root: ti.template(), base: ti.template(), points: ti.template
                 for i in range(BLOCK):
                     gap[i] += a * points[n, at + i]
             mean, cosine, sine = base[row, 0], base[row, 1], base[row, 2]
-            if row < 2 or row == 4:
-                out = ti.min(row, 2)
+            out = row_of(row, head, size)
+            if row < head or (row - head) % 2 == 1:
                 for i in range(BLOCK):
                     state[out, at + i] = mean + gap[i]
-            elif row % 2 == 1:
-                out = 3 + (row - AGENT) // 2 * 3
+            else:
                 x, y = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
                 for i in range(BLOCK):
                     c, s = turn_of(wrapped(gap[i]))
@@ -44,15 +57,11 @@ def draw_block(at, root: ti.template(), base: ti.template(), points: ti.template
                     state[out, at + i] = x[i]
                 for i in range(BLOCK):
                     state[out + 1, at + i] = y[i]
-            else:
-                out = 5 + (row - AGENT) // 2 * 3
-                for i in range(BLOCK):
-                    state[out, at + i] = mean + gap[i]
 
 
 @ti.func
 def ready(
-    mean: ti.template(), covariance: ti.template(), share, points: ti.template(), offset, rooted,
+    mean: ti.template(), covariance: ti.template(), head, share, points: ti.template(), offset, rooted,
     whole: ti.template(), root: ti.template(), base: ti.template(), state: ti.template(),
     failed: ti.template(),
 ):  # fmt: skip
@@ -84,10 +93,8 @@ def ready(
             at, column = mean[i], (offset + k) % points.shape[1]
             for j in range(i + 1):
                 at += whole[i, j] * points[j, column]
-            if i < AGENT:
-                state[ti.min(i, 2), k] = at
-            elif i % 2 == 1:
-                out = 3 + (i - AGENT) // 2 * 3
-                state[out, k], state[out + 1, k] = cos_of(at), sin_of(at)
+            out = row_of(i, head, size)
+            if i < head or (i - head) % 2 == 1:
+                state[out, k] = at
             else:
-                state[5 + (i - AGENT) // 2 * 3, k] = at
+                state[out, k], state[out + 1, k] = cos_of(at), sin_of(at)

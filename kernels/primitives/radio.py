@@ -5,8 +5,9 @@ import taichi as ti
 from gridslam.kernels.primitives.functions import cos_of, decay_of, logarithm_of, sin_of
 
 SCALE, GIVEN, THERE, HERE, SPAN, AT_1M, SAMPLES, THRESHOLD, FALSE_ALARMS = 0, 1, 2, 4, 6, 7, 8, 9, 10
-"""Places of `SignalModel.numbers`: sigma_d times u; sigma_d if given, else 0; apertures of anchor and agent
-(2 each); longest distance; u at 1 m; number of samples; threshold; mean clutter."""
+"""Columns of `SignalModel.numbers`, a row for each anchor: sigma_d times u; sigma_d if given, else 0;
+apertures of anchor and agent (2 each); longest distance; u at 1 m; number of samples; threshold; mean
+clutter."""
 FLOOR = -25.0
 """Log of the Rayleigh density that clutter has at least, or a ratio to it would overflow."""
 TURN_SQUARED = 39.47841760435743
@@ -20,13 +21,13 @@ def angle_std(angle, across, along, amplitude):
 
 
 @ti.func
-def deviations_of(radio: ti.template(), amplitude, departure, arrival):
+def deviations_of(radio: ti.template(), anchor, amplitude, departure, arrival):
     """sigma of distance, AoD and AoA by Fisher information."""
-    std = ti.Vector([radio[SCALE] / amplitude, 0.0, 0.0], dt=ti.f64)
-    if radio[GIVEN] > 0:
-        std[0] = radio[GIVEN]
-    std[1] = angle_std(departure, radio[THERE], radio[THERE + 1], amplitude)
-    std[2] = angle_std(arrival, radio[HERE], radio[HERE + 1], amplitude)
+    std = ti.Vector([radio[anchor, SCALE] / amplitude, 0.0, 0.0], dt=ti.f64)
+    if radio[anchor, GIVEN] > 0:
+        std[0] = radio[anchor, GIVEN]
+    std[1] = angle_std(departure, radio[anchor, THERE], radio[anchor, THERE + 1], amplitude)
+    std[2] = angle_std(arrival, radio[anchor, HERE], radio[anchor, HERE + 1], amplitude)
     return std
 
 
@@ -67,10 +68,10 @@ def log_rician(measured, amplitude, samples):
 
 
 @ti.func
-def clutter_of(radio: ti.template(), amplitude):
+def clutter_of(radio: ti.template(), anchor, amplitude):
     """Density of a clutter measurement over distance, both angles and amplitude (negative: not measured)."""
     tail = ti.cast(0.0, ti.f64)
     if amplitude >= 0:
-        excess = amplitude * amplitude - radio[THRESHOLD] * radio[THRESHOLD]
+        excess = amplitude * amplitude - radio[anchor, THRESHOLD] * radio[anchor, THRESHOLD]
         tail = ti.max(logarithm_of(2 * ti.max(amplitude, 1e-30)) - excess, FLOOR)
-    return decay_of(tail) / (radio[SPAN] * TURN_SQUARED)
+    return decay_of(tail) / (radio[anchor, SPAN] * TURN_SQUARED)

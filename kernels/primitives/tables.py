@@ -1,4 +1,19 @@
-"""Rows of the tables that evaluation, association and updates share: by path, by pair, by measurement."""
+"""Rows and columns of the tables that kernels share, by name."""
+
+BOUNCES, LAST, FIRST, ANCHOR = range(4)
+"""By path, columns of `path`: number of bounces, surfaces hit last and first (-1 for none), anchor."""
+
+LENGTH = 12
+"""By path, column of `predicted` after value (3) and spread (9): the path's length, m. The distance that is
+measured is longer by the difference of two clocks."""
+PREDICTED = 13
+"""Columns of `predicted`."""
+
+LABEL = 9
+"""By measurement, column of `heard`: the anchor that sent it, -1 if that isn't known; others: see
+`AnchorScan.table`."""
+HEARD = 10
+"""Columns of `heard`."""
 
 EXISTENCE, SURFACES, OPEN, DETECTED, POSSIBLE, CHANCE, THERE, MISSED, WORTH = range(9)
 SURE, ORDER, TOTAL = range(9, 12)

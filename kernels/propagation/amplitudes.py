@@ -3,7 +3,7 @@
 import taichi as ti
 
 from gridslam.kernels.primitives.radio import FALSE_ALARMS, SAMPLES, clutter_of, rician
-from gridslam.kernels.primitives.tables import DETECTED, EXISTENCE, OPEN, SURFACES
+from gridslam.kernels.primitives.tables import ANCHOR, DETECTED, EXISTENCE, LENGTH, OPEN, SURFACES
 
 NEGLIGIBLE = 1e-6
 """Probability of being there below which a path is left out."""
@@ -27,25 +27,29 @@ def worth_of(odds: ti.template(), row):
 
 @ti.func
 def weigh(
-    belief: ti.template(), nodes: ti.template(), spreading, predicted: ti.template(), heard: ti.template(),
-    table: ti.template(), step, radio: ti.template(), density: ti.template(), strength: ti.template(),
-    odds: ti.template(),
+    belief: ti.template(), nodes: ti.template(), spreading, path: ti.template(), predicted: ti.template(),
+    heard: ti.template(), table: ti.template(), step, radio: ti.template(), density: ti.template(),
+    strength: ti.template(), odds: ti.template(),
 ):  # fmt: skip
     """Mean likelihood of every amplitude under every path, and the path's mean amplitude given it.
 
-    A path whose length is measured has that length; a measurement without amplitude has the likelihood p_d.
+    A path whose length is measured has that length: the distance less the difference of the clocks. A
+    measurement without amplitude has the likelihood p_d. All paths have the first one's level of clutter.
     Arguments are those of `evaluation.evaluate`.
     """
-    count, one = nodes.shape[0], ti.cast(1.0, ti.f64)
-    for m in range(heard.shape[0]):
-        if heard[m, 3] >= 0 and heard[m, 6] >= 0:
-            per_metre = 1 / ti.max(heard[m, 0], 1e-3) if spreading > 0.5 else one
-            for n in range(count):
-                level = nodes[n] * per_metre
-                said = rician(heard[m, 6], level, radio[SAMPLES])
-                density[0, m, n], density[1, m, n] = said, said * level
+    count, one, known = nodes.shape[0], ti.cast(1.0, ti.f64), -1
     for row in range(belief.shape[0]):
-        per_metre = 1 / ti.max(predicted[row, 0], 1e-3) if spreading > 0.5 else one
+        anchor, late = path[row, ANCHOR], predicted[row, 0] - predicted[row, LENGTH]
+        if known < 0 or (known != anchor and spreading > 0.5):
+            known, samples = anchor, radio[anchor, SAMPLES]
+            for m in range(heard.shape[0]):
+                if heard[m, 3] >= 0 and heard[m, 6] >= 0:
+                    per_metre = 1 / ti.max(heard[m, 0] - late, 1e-3) if spreading > 0.5 else one
+                    for n in range(count):
+                        level = nodes[n] * per_metre
+                        said = rician(heard[m, 6], level, samples)
+                        density[0, m, n], density[1, m, n] = said, said * level
+        per_metre = 1 / ti.max(predicted[row, LENGTH], 1e-3) if spreading > 0.5 else one
         usual, seen, both = 0 * one, 0 * one, 0 * one
         for n in range(count):
             p = belief[row, n]
@@ -68,13 +72,16 @@ def weigh(
                 else:
                     for n in range(count):
                         level = nodes[n] * per_metre
-                        said = belief[row, n] * rician(heard[m, 6], level, radio[SAMPLES])
+                        said = belief[row, n] * rician(heard[m, 6], level, radio[anchor, SAMPLES])
                         total += said
                         mean += said * level
             strength[0, row, m] = total
             strength[1, row, m] = mean / total if total > NEVER else usual
     for m in range(heard.shape[0]):
-        clutter = radio[FALSE_ALARMS] * clutter_of(radio, heard[m, 6])
+        clutter = ti.cast(1.0, ti.f64)
+        if belief.shape[0] > 0:
+            first = path[0, ANCHOR]
+            clutter = radio[first, FALSE_ALARMS] * clutter_of(radio, first, heard[m, 6])
         for row in range(belief.shape[0]):
             before = strength[0, row, m]
             strength[0, row, m] = before / clutter

@@ -94,12 +94,13 @@ def settle(
 @quick
 @ti.kernel
 def cast(
-    only: ti.i32,  # these 26: see `rays.list_paths`
+    only: ti.i32,  # these 27: see `rays.list_paths`
     bounces: ti.i32,
     stay: ti.f64,
     appear: ti.f64,
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),
     covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    head: ti.i32,
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),
     surface: ti.types.ndarray(dtype=ti.f64, ndim=1),
     owner: ti.types.ndarray(dtype=ti.i64, ndim=1),
@@ -151,9 +152,9 @@ def cast(
     for _ in range(1):
         if ti.static(ON_CPU):  # Taichi's SPIR-V compiler can't take both in one: see `Cells`
             list_and_predict(
-                only, bounces, stay, appear, mean, covariance, places, surface, owner, sight, single, double,
-                share, points, offset, rooted, whole, root, base, state, failed, path, existence, surfaces,
-                predicted, found,
+                only, bounces, stay, appear, mean, covariance, head, places, surface, owner, sight, single,
+                double, share, points, offset, rooted, whole, root, base, state, failed, path, existence,
+                surfaces, predicted, found,
             )  # fmt: skip
     for item in range(message.shape[0] * SPREAD):
         if item % SPREAD == 0:

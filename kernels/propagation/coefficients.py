@@ -83,7 +83,7 @@ def recall(
 
 @ti.func
 def say(
-    log: ti.template(), told: ti.template(), begin: ti.template(), said: ti.template(),
+    log: ti.template(), path: ti.template(), told: ti.template(), begin: ti.template(), said: ti.template(),
     table: ti.template(), step, radio: ti.template(), row, other,
 ):  # fmt: skip
     """Log-likelihood over one coefficient of a path, `other` the product of the rest, softly by association.
@@ -92,12 +92,13 @@ def say(
     (docs/model.md, (M42)).
     """
     missed = ti.max(1 - told[SHARE, row], 0.0)
+    at_1m, samples = radio[path[row, 3], AT_1M], radio[path[row, 3], SAMPLES]
     for n in range(BINS):
-        level = radio[AT_1M] / ti.max(told[LENGTH, row], 1e-3) * other * (n + 0.5) / BINS
+        level = at_1m / ti.max(told[LENGTH, row], 1e-3) * other * (n + 0.5) / BINS
         log[n] = missed * logarithm_of(1 - told[CHANCE, row] * detection_of(level, table, step) + 1e-9)
         for k in range(begin[row], begin[row + 1]):
             if said[0, k] >= 0 and said[1, k] > FAINT:
-                log[n] += said[1, k] * log_rician(said[0, k], level, radio[SAMPLES])
+                log[n] += said[1, k] * log_rician(said[0, k], level, samples)
 
 
 @ti.func
@@ -144,6 +145,7 @@ def add_to_cells(
 @ti.kernel
 def learn(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
+    head: ti.i32,  # entry where the lines begin: see `layout`
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room R, 14] as cast
     seen: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room, 6] as `cast` leaves them
     count: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] L and K: these six: see `path_messages`
@@ -154,7 +156,7 @@ def learn(
     said: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, room] amplitude, negative for none; probability
     table: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [T] p_d over ``0, step, ...``
     step: ti.f64,
-    radio: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [11] see `radio`
+    radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 11] see `radio`
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] see `cells.cast`
     usual: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] scratch: mean coefficient of every surface
     surface: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] in/out: beliefs of surfaces
@@ -186,9 +188,9 @@ def learn(
             heard = told[SHARE, row] > AUDIBLE
             send = factor[row, 1] > 0.5 and seen[row, 1] > frame[LEAST]
             if send and told[SHARE, row] > LIKELIER_THAN_NOT:
-                spot(path, row, seen, mean, foot, extent, times, latest)
+                spot(path, row, seen, mean, head, foot, extent, times, latest)
             if bounces == 1 and (heard or send):
-                say(log, told, begin, said, table, step, radio, row, 1.0)
+                say(log, path, told, begin, said, table, step, radio, row, 1.0)
                 if heard:
                     most, total = ti.cast(-1e30, ti.f64), ti.cast(0.0, ti.f64)
                     for n in range(BINS):
@@ -202,7 +204,7 @@ def learn(
                 if send:
                     add_to_cells(log, told[THERE, row], drawn, where, held, used, frame, row, rays, 1)
             elif bounces == 2 and heard and send:
-                say(log, told, begin, said, table, step, radio, row, usual[first])
+                say(log, path, told, begin, said, table, step, radio, row, usual[first])
                 add_to_cells(log, told[THERE, row], drawn, where, held, used, frame, row, rays, 2)
-                say(log, told, begin, said, table, step, radio, row, usual[last])
+                say(log, path, told, begin, said, table, step, radio, row, usual[last])
                 add_to_cells(log, told[THERE, row], drawn, where, held, used, frame, row, rays, 1)

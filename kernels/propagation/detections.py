@@ -4,7 +4,7 @@ import taichi as ti
 
 from gridslam.kernels.primitives.functions import cos_of, sin_of
 from gridslam.kernels.primitives.launching import quick
-from gridslam.kernels.primitives.particles import AGENT
+from gridslam.kernels.primitives.layout import line_entry
 
 LIKELIER_THAN_NOT = 0.5
 """Probability of having caused a measurement above which a path shows that its surfaces are there."""
@@ -20,7 +20,7 @@ def known(value):
 
 @ti.func
 def spot(
-    path: ti.template(), row, seen: ti.template(), mean: ti.template(), foot: ti.template(),
+    path: ti.template(), row, seen: ti.template(), mean: ti.template(), head, foot: ti.template(),
     extent: ti.template(), times: ti.template(), latest: ti.template(),
 ):  # fmt: skip
     """Remember where a path hit its surfaces, and that its anchor saw them, once each.
@@ -30,7 +30,7 @@ def spot(
     bounces, anchor = path[row, 0], path[row, 3]
     for corner in range(bounces):  # of a double bounce, the surface that is hit first comes first
         s = path[row, 1] if corner == bounces - 1 else path[row, 2]
-        angle = mean[AGENT + 2 * s]
+        angle = mean[line_entry(head, s)]
         along = cos_of(angle) * seen[row, 3 + 2 * corner] - sin_of(angle) * seen[row, 2 + 2 * corner]
         before, low, high = times[s], extent[s, 0], extent[s, 1]
         foot[s] = ti.select(
@@ -46,6 +46,7 @@ def spot(
 @ti.kernel
 def mark(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
+    head: ti.i32,  # entry where the lines begin: see `layout`
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
     seen: ti.types.ndarray(
         dtype=ti.f64, ndim=2
@@ -65,4 +66,4 @@ def mark(
             latest[s] = -1
         for row in range(path.shape[0]):
             if share[row] * seen[row, 1] > LIKELIER_THAN_NOT:
-                spot(path, row, seen, mean, foot, extent, times, latest)
+                spot(path, row, seen, mean, head, foot, extent, times, latest)

@@ -4,6 +4,7 @@ import taichi as ti
 
 from gridslam.kernels.primitives.tables import CHANCE as CHANCE_BEFORE
 from gridslam.kernels.primitives.tables import EXISTENCE, SURFACES, WORTH
+from gridslam.kernels.primitives.tables import LENGTH as LENGTH_COLUMN
 
 THERE, CHANCE, SHARE, LENGTH = range(4)
 """Rows of `told`: existence of a path's surfaces; chance that it is there, if they are; probability that it
@@ -39,7 +40,7 @@ def note(
             k += 1
         told[THERE, n] = ti.select(fresh, odds[SURFACES, row], told[THERE, n])
         told[CHANCE, n], told[SHARE, n] = odds[CHANCE_BEFORE, row], total
-        told[LENGTH, n] = predicted[row, 0]
+        told[LENGTH, n] = predicted[row, LENGTH_COLUMN]
         n += 1
         begin[n] = ti.select(fresh, k, begin[n])
     count[0], count[1] = n, k

@@ -18,7 +18,7 @@ from gridslam.kernels.primitives.functions import (
     wrapped,
 )
 from gridslam.kernels.primitives.launching import quick
-from gridslam.kernels.primitives.particles import AGENT
+from gridslam.kernels.primitives.layout import HEADING, clock_row, line_entry, lines_in
 
 BLOCK = PATH_BLOCK
 FINE = 4096.0
@@ -26,7 +26,7 @@ FINE = 4096.0
 
 @ti.func
 def densities(
-    block, state: ti.template(), path: ti.template(), places: ti.template(), start: ti.template(),
+    block, head, state: ti.template(), path: ti.template(), places: ti.template(), start: ti.template(),
     pair: ti.template(), out: ti.template(),
 ):  # fmt: skip
     """Sum, over a block of particles, the density of every gated pair where the path is possible.
@@ -61,10 +61,14 @@ def densities(
                     state[r, k], state[r + 1, k], state[r + 2, k],
                 )  # fmt: skip
                 tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
-        low, high = 1 << 30, 0  # range interval in fixed point: integer extrema vectorise
+        low, high = 1 << 30, -(1 << 30)  # range interval in fixed point: integer extrema vectorise
         count = 0.0
         for i in range(BLOCK):
             far[i] = ti.sqrt(tx[i] * tx[i] + ty[i] * ty[i])
+        clock = clock_row(head, anchor, state.shape[0])
+        if clock >= 0:
+            for i in range(BLOCK):
+                far[i] += state[clock, at + i]
         for i in range(BLOCK):
             fixed = ti.cast(far[i] * FINE, ti.i32)
             low, high = ti.min(low, fixed), ti.max(high, fixed)
@@ -143,19 +147,19 @@ def draw_path(state: ti.template(), path: ti.template(), places: ti.template(), 
 
 
 @ti.func
-def stand_at(mean: ti.template(), state: ti.template()):
-    """Write the first state as the mean of a belief."""
-    state[0, 0], state[1, 0], state[2, 0] = mean[0], mean[1], mean[4]
-    for s in range((mean.shape[0] - AGENT) // 2):
-        angle = mean[AGENT + 2 * s]
-        state[3 + 3 * s, 0], state[4 + 3 * s, 0] = cos_of(angle), sin_of(angle)
-        state[5 + 3 * s, 0] = mean[AGENT + 2 * s + 1]
+def stand_at(mean: ti.template(), head, state: ti.template()):
+    """Write the first state as the mean of a belief, without clocks, by which no path is drawn."""
+    state[0, 0], state[1, 0], state[2, 0] = mean[0], mean[1], mean[HEADING]
+    for s in range(lines_in(head, mean.shape[0])):
+        entry = line_entry(head, s)
+        state[3 + 3 * s, 0], state[4 + 3 * s, 0] = cos_of(mean[entry]), sin_of(mean[entry])
+        state[5 + 3 * s, 0] = mean[entry + 1]
 
 
 @quick
 @ti.kernel
 def polylines(
-    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, R] as above
+    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S or more, R] see `layout`
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 13] out

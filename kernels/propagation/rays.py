@@ -4,10 +4,12 @@ import taichi as ti
 
 from gridslam.kernels import ALREADY_LISTED
 from gridslam.kernels.primitives.functions import wrapped
-from gridslam.kernels.primitives.gaussian import entry_of, path_of, predict_by, spread_of
+from gridslam.kernels.primitives.gaussian import entry_of, path_of, predict_by, spread_by_clocks, spread_of
 from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.layout import anchor_of, clock_entry
 from gridslam.kernels.primitives.particles import ready
 from gridslam.kernels.primitives.radio import GIVEN, HERE, SCALE, THERE, THRESHOLD
+from gridslam.kernels.primitives.tables import LABEL
 
 STRONG = 0.3
 """Existence from which on a surface may take part in a double bounce, and explain a loud measurement."""
@@ -41,7 +43,7 @@ def enter_path(path: ti.template(), row, kind, s, r, anchor):
 
 @ti.func
 def list_and_predict(
-    only, bounces, stay, appear, mean: ti.template(), covariance: ti.template(), places: ti.template(),
+    only, bounces, stay, appear, mean: ti.template(), covariance: ti.template(), head, places: ti.template(),
     surface: ti.template(), owner: ti.template(), sight: ti.template(), single: ti.template(),
     double: ti.template(), share, points: ti.template(), offset, rooted, whole: ti.template(),
     root: ti.template(), base: ti.template(), state: ti.template(), failed: ti.template(),
@@ -52,7 +54,7 @@ def list_and_predict(
 
     Arguments are those of `list_paths`.
     """
-    ready(mean, covariance, share, points, offset, rooted, whole, root, base, state, failed)
+    ready(mean, covariance, head, share, points, offset, rooted, whole, root, base, state, failed)
     count, n, known = surface.shape[0], 0, only == ALREADY_LISTED
     end = 0 if known else (places.shape[0] if only < 0 else only + 1)
     for anchor in range(ti.max(only, 0), end):
@@ -67,7 +69,7 @@ def list_and_predict(
                         existence[n], surfaces[n] = appear + chance * (stay - appear), together
                         n += 1
     for row in range(n):
-        predict_by(mean, covariance, path, places, row, predicted)
+        predict_by(mean, covariance, head, path, places, row, predicted)
     found[0] = found[0] if known else n
 
 
@@ -80,6 +82,7 @@ def list_paths(
     appear: ti.f64,
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]
     covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
+    head: ti.i32,  # entry of the mean where the lines begin: see `layout`
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
     surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
     owner: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] the one anchor that a surface serves; -1 for all
@@ -93,25 +96,24 @@ def list_paths(
     whole: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N] in/out: root of the covariance, lower triangular
     root: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, N] out: share of it, for `draw_block`
     base: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, 3] out: mean, and its cosine and sine
-    state: ti.types.ndarray(
-        dtype=ti.f64, ndim=2
-    ),  # [3 + 3 S, R] samples: given, or out: ``mean + whole points``
+    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S (+ J), R] samples, rows as in `layout`: given,
+    # or out: ``mean + whole points``
     failed: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: whether the covariance is singular
     path: ti.types.ndarray(
         dtype=ti.i32, ndim=2
     ),  # [J (1 + S S), 4] bounces, last, first, anchor: out, or given
     existence: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J (1 + S S)] out: of the ray
     surfaces: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J (1 + S S)] out: of all surfaces involved
-    predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J (1 + S S), 12] out: value (3), spread (9)
+    predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J (1 + S S), 13] out: value (3), spread (9), length
     found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] how many there are: out, or given
 ):
     """List and predict paths: line of sight, single bounces, double bounces. Make ready to draw particles."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         list_and_predict(
-            only, bounces, stay, appear, mean, covariance, places, surface, owner, sight, single, double,
-            share, points, offset, rooted, whole, root, base, state, failed, path, existence, surfaces,
-            predicted, found,
+            only, bounces, stay, appear, mean, covariance, head, places, surface, owner, sight, single,
+            double, share, points, offset, rooted, whole, root, base, state, failed, path, existence,
+            surfaces, predicted, found,
         )  # fmt: skip
 
 
@@ -142,11 +144,11 @@ def lies_near(m, value, spread, heard: ti.template(), radio: ti.template(), anch
 def near(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]
     covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
+    head: ti.i32,  # entry of the mean where the lines begin: see `layout`
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
     surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
     owner: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] the one anchor that a surface serves; -1 for all
-    start: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [J + 1] where the measurements of each anchor begin
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `AnchorScan.table`
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] of all anchors: see `AnchorScan.table`
     radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 11] see `radio`
     claimed: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [M] out: 1 where a loud measurement lies near a path
 ):
@@ -156,14 +158,18 @@ def near(
         for m in range(heard.shape[0]):
             claimed[m] = 0
         for anchor in range(places.shape[0]):
-            place = ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2]], dt=ti.f64)
+            place = anchor_of(places, mean, head, anchor)
             for n in range(surface.shape[0] + 1):
                 s, bounces, there = n - 1, (0 if n == 0 else 1), True
                 if n > 0:
                     there = surface[s] > STRONG and (owner[s] == -1 or owner[s] == anchor)
                 if there:
-                    value, slope = path_of(mean, place, bounces, s, s)
-                    spread = spread_of(slope, entry_of(bounces, s, s), covariance)
-                    for m in range(start[anchor], start[anchor + 1]):
-                        if heard[m, 7] > 0.5 and lies_near(m, value, spread, heard, radio, anchor):
-                            claimed[m] = 1
+                    value, slope = path_of(mean, head, place, bounces, s, s)
+                    entry, clock = entry_of(head, bounces, s, s), clock_entry(head, anchor)
+                    spread = spread_of(slope, entry, covariance)
+                    if clock >= 0:
+                        spread += spread_by_clocks(slope, entry, clock, covariance)
+                    for m in range(heard.shape[0]):
+                        if heard[m, 7] > 0.5 and (heard[m, LABEL] < 0 or heard[m, LABEL] == anchor):
+                            if lies_near(m, value, spread, heard, radio, anchor):
+                                claimed[m] = 1

@@ -19,20 +19,22 @@ def stages():
 
     @ti.kernel
     def gated(
-        belief: double, nodes: line, spreading: ti.f64, predicted: double, heard: double, chance: line,
-        step: ti.f64, radio: line, kept: ti.f64, density: cube, strength: cube, odds: double, start: row,
-        index: whole, pair: double, table: single, measured: double,
+        belief: double, nodes: line, spreading: ti.f64, path: whole, predicted: double, heard: double,
+        chance: line, step: ti.f64, radio: double, kept: ti.f64, density: cube, strength: cube, odds: double,
+        start: row, index: whole, pair: double, table: single, measured: double,
     ):  # fmt: skip
         for _ in range(1):
             weigh(
-                belief, nodes, spreading, predicted, heard, chance, step, radio, density, strength, odds
+                belief, nodes, spreading, path, predicted, heard, chance, step, radio, density, strength, odds
             )  # fmt: skip
-            gate(predicted, heard, radio, kept, odds, strength, start, index, pair, table, measured)
+            gate(path, predicted, heard, radio, kept, odds, strength, start, index, pair, table, measured)
 
     @ti.kernel
-    def summed(state: single, path: whole, places: double, start: row, table: single, blocks: single):
+    def summed(
+        state: single, head: ti.i32, path: whole, places: double, start: row, table: single, blocks: single
+    ):
         for block in range(blocks.shape[1]):
-            densities(block, state, path, places, start, table, blocks)
+            densities(block, head, state, path, places, start, table, blocks)
 
     @ti.kernel
     def entered(

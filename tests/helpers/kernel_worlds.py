@@ -19,9 +19,10 @@ def random_world(draw, particles, kind, spread=0.05, surfaces=4):
     return state, np.array(path, np.int32), place
 
 
-def random_belief(draw, surfaces):
-    """Mean and correlated covariance of an agent and some surfaces, and all paths over them."""
+def random_belief(draw, surfaces, clocks=0):
+    """Mean and correlated covariance of an agent, clocks and some surfaces, and all paths over them."""
     mean = np.concatenate([draw.uniform(-4, 4, 2), draw.normal(0, 0.1, 2), draw.uniform(-3, 3, 1)])
+    mean = np.append(mean, draw.uniform(-30, 30, clocks))
     lines = np.stack([draw.uniform(-3, 3, surfaces), draw.uniform(1, 6, surfaces)], -1)
     mean = np.concatenate([mean, lines.ravel()])
     root = 0.03 * draw.normal(size=(len(mean), len(mean)))
@@ -40,15 +41,21 @@ def random_bank(draw, surfaces, anchors):
     )  # fmt: skip
 
 
-def random_radio(draw, given_std=False, flat_array=False):
-    """What kernels take of a radio."""
+def random_radio(draw, given_std=False, flat_array=False, anchors=2):
+    """What kernels take of a radio, by anchors."""
     here = [0.0, 0.0] if flat_array else [0.3, 0.1]
-    return np.array([0.5, 0.02 * given_std, 0.4, 0.2, *here, 30.0, draw.uniform(20, 90), 200.0, 2.0, 1.5])
+    row = [0.5, 0.02 * given_std, 0.4, 0.2, *here, 30.0, draw.uniform(20, 90), 200.0, 2.0, 1.5]
+    radio = np.tile(row, (anchors, 1))
+    radio[:, 2:4] *= draw.uniform(0.5, 2, (anchors, 1))  # arrays differ, the rest is the agent's
+    return radio
 
 
-def random_table(draw, count, near=None, off=0.05):
-    """Measurements as kernels take them, every second one next to one of the values `near` (L, 3)."""
-    table = np.zeros((count, 9))
+def random_table(draw, count, near=None, off=0.05, anchors=2):
+    """Measurements as kernels take them, every second one next to one of the values `near` (L, 3).
+
+    Of some it is known which anchor sent them.
+    """
+    table = np.zeros((count, 10))
     table[:, :3] = draw.uniform([1, -3, -3], [9, 3, 3], (count, 3))
     if near is not None and len(near) and count:  # across the wrap of an angle, too
         chosen = near[draw.integers(0, len(near), len(table[::2]))]
@@ -57,6 +64,7 @@ def random_table(draw, count, near=None, off=0.05):
     table[:, :3][table[:, 3:6] < 0] = 0.0
     table[:, 6] = draw.choice([-1.0, 2.5, 8.0, 30.0], count)
     table[:, 7], table[:, 8] = draw.integers(0, 2, count), draw.uniform(0, 1, count)
+    table[:, 9] = draw.choice([-1, -1, *range(anchors)], count)
     return table
 
 

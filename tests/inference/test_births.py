@@ -22,7 +22,8 @@ KNOWN, NEW = np.array([np.pi, 3.0]), np.array([0.5 * np.pi, 5.0])  # x = -3, y =
 def hypotheses(measurement, ratio):
     count = len(ratio)
     none = np.full((count, 2), -1, np.int32)
-    return Births(np.asarray(measurement), none, np.zeros((count, 2)), np.asarray(ratio, float))
+    anchor = np.zeros(count, np.int32)
+    return Births(np.asarray(measurement), none, np.zeros((count, 2)), np.asarray(ratio, float), anchor)
 
 
 def test_a_fair_rival_is_followed_and_a_poor_one_is_not():
@@ -53,7 +54,7 @@ def born(off_deg, double):
     spread = np.diag(np.square([0.02, 0.02, 0.05, 0.05, np.radians(0.5)]))
     belief = append(Belief(np.array([*AGENT, 0, 0, HEADING]), spread), KNOWN, np.diag([1e-6, 1e-6]))
     hit = np.array([[0 if double else -1, -1]], np.int32)
-    births = Births(np.zeros(1, int), hit, NEW[None], np.ones(1))
+    births = Births(np.zeros(1, int), hit, NEW[None], np.ones(1), np.zeros(1, np.int32))
     model = model_of("alcove", [[*PLACE, 0.0]])
     return initialise_surface(births, 0, heard, belief, SIGNAL, model)[0], value[0, 0]
 
@@ -87,44 +88,45 @@ def test_a_new_line_is_consistent_with_its_covariance(double):
     assert np.mean(gaps) < 2
 
 
-def worth_a_birth(draw, surfaces):
+def worth_a_birth(draw, surfaces, clocks):
     """A belief, and a measurement of the path over a new line, maybe with one of its surfaces."""
-    mean, covariance, _ = random_belief(draw, surfaces)
+    mean, covariance, _ = random_belief(draw, surfaces, clocks)
     covariance *= draw.choice([1e-4, 0.01, 1.0])
     places = np.column_stack([draw.uniform(-5, 5, (2, 2)), draw.uniform(-3, 3, 2)])
     ends = [(-1, -1), *(pair for s in range(surfaces) for pair in ((s, -1), (-1, s)))]
     last, first = ends[draw.integers(len(ends))]
     line = np.array([draw.uniform(-np.pi, np.pi), draw.choice([-1, 1]) * draw.uniform(1, 6)])
-    lines = np.concatenate([mean[5:].reshape(-1, 2), line[None]])
+    lines = np.concatenate([mean[5 + clocks :].reshape(-1, 2), line[None]])
     bounces = np.array([1 if last == first else 2])
     path = trace(mean[None, :2], places[1:, :2], lines[[last]], lines[[first]], bounces)
     value = np.array([path.distance[0], path.departure[0] - places[1, 2], path.arrival[0] - mean[4]])
     heard = random_table(draw, 3)
     heard[1, :3] = value + draw.normal(0, [0.02, 0.1, 0.2])
+    heard[1, 0] += mean[6] if clocks else 0.0
     heard[1, 1:3] = wrap(heard[1, 1:3])
     heard[1, 3:6] = draw.choice([0.0, 0.05], 3)
     heard[1, 4] = draw.choice([-1.0, 0.0, 0.05])
     radio = random_radio(draw)
-    radio[2:4] *= draw.choice([0.0, 1.0], p=[0.2, 0.8])  # an array without extent tells no AoD
-    return mean, covariance, 1, places, heard, 1, last, first, radio
+    radio[:, 2:4] *= draw.choice([0.0, 1.0], p=[0.2, 0.8])  # an array without extent tells no AoD
+    return mean, covariance, 5 + clocks, 1, places, heard, 1, last, first, radio
 
 
 def nudged(into):
     """The same with a measured distance that is a millimetre longer."""
-    heard = into[4].copy()
-    heard[into[5], 0] += 1e-3
-    return *into[:4], heard, *into[5:]
+    heard = into[5].copy()
+    heard[into[6], 0] += 1e-3
+    return *into[:5], heard, *into[6:]
 
 
 @pytest.mark.slow
-@given(st.integers(0, 2**32 - 1), st.integers(0, 3))
+@given(st.integers(0, 2**32 - 1), st.integers(0, 3), st.sampled_from([0, 2]))
 @settings(max_examples=200, deadline=None)
-def test_a_new_surface_joins_the_belief_as_in_its_twin(seed, surfaces):
+def test_a_new_surface_joins_the_belief_as_in_its_twin(seed, surfaces, clocks):
     runtime.start()
     from gridslam.kernels.management.initialisation import initialise_surface as launch
 
     draw = np.random.default_rng(seed)
-    into = worth_a_birth(draw, surfaces)
+    into = worth_a_birth(draw, surfaces, clocks)
     size = len(into[0]) + 2
     mean, covariance, reflection = np.full(size, np.nan), np.full((size, size), np.nan), np.full(20, np.nan)
     launch(*into, np.full(size, np.nan), mean, covariance, reflection)
@@ -146,9 +148,9 @@ def test_a_birth_of_what_is_not_there_is_refused():
     belief, anchors = Belief(np.zeros(5), np.eye(5)), np.array([[*PLACE, 0.0]])
     row, line, ratio = np.zeros(1, int), NEW[None], np.ones(1)
     for births, places in (
-        (Births(row, np.array([[0, -1]]), line, ratio), anchors),
-        (Births(row + 1, np.array([[-1, -1]]), line, ratio), anchors),
-        (Births(row, np.array([[-1, -1]]), line, ratio), anchors[:0]),
+        (Births(row, np.array([[0, -1]]), line, ratio, row), anchors),
+        (Births(row + 1, np.array([[-1, -1]]), line, ratio, row), anchors),
+        (Births(row, np.array([[-1, -1]]), line, ratio, row), anchors[:0]),
     ):
         with pytest.raises(ValueError, match="doesn't exist"):
             initialise_surface(births, 0, heard, belief, SIGNAL, model_of("alcove", places))

@@ -15,7 +15,8 @@ from gridslam.evaluation.bounds import known_map_bound
 from gridslam.inference.messages.association import associate
 from gridslam.inference.messages.cells import cast_messages
 from gridslam.inference.state import path_messages as messages_module
-from gridslam.inference.state.belief import AGENT, Belief, separated, update
+from gridslam.inference.state.belief import Belief, separated, update
+from gridslam.inference.state.layout import AGENT
 from gridslam.inference.state.particles import (
     BIN_M,
     DIVERGENCE,
@@ -369,7 +370,7 @@ def test_capacity_for_messages_is_there_after_whatever_interrupted_its_making(mo
 @pytest.mark.parametrize(("particles", "anchors"), [(32, 3), (192, 4), (384, 8), (10_016, 4)])
 def test_samples_are_spread_evenly_over_the_points_whatever_the_number_of_anchors(particles, anchors):
     cloud, belief = Particles(particles, seed=1), Belief(np.zeros(5), np.eye(5))
-    draft = Draft.of(5, 48)
+    draft = Draft.of(belief.layout, 48)
     firsts = [cloud.samples(belief, anchors * step + 1, draft).first for step in range(4 * particles)]
     assert min(firsts) == 0
     assert max(firsts) == particles - 1

@@ -15,7 +15,8 @@ from gridslam.inference.messages.exact_association import MOST_CONTESTED, associ
 from gridslam.inference.messages.likelihood import DetectionTable
 from gridslam.inference.state import rings
 from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.belief import AGENT, Belief, append, slots, update
+from gridslam.inference.state.belief import Belief, append, update
+from gridslam.inference.state.layout import AGENT
 from gridslam.simulation.image_source import simulate_labelled, true_paths
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
 from gridslam.world.geometry import mirror, mirror_derivative
@@ -194,7 +195,7 @@ def test_a_ring_that_joins_leaves_the_belief_with_its_agent_and_its_image():
     bank.covariance[0, 0] *= 0.01
     belief = append(belief, np.array([0.4, 2.0]), np.diag([0.01, 0.02]))
     joined = rings.join(bank, 0, belief, PLACE)
-    line, entry = joined.lines[-1], slots(np.intp(1))
+    line, entry = joined.lines[-1], joined.layout.line(1)
     np.testing.assert_allclose(mirror(line, PLACE), [6.0, -2.0], atol=1e-9)
     np.testing.assert_allclose(joined.mean[:4], bank.mean[0, 0, :4], atol=1e-9)
     derivative = np.zeros((6, len(joined.mean)))

@@ -25,7 +25,7 @@ def launch_densities(state, path, start, pair, place):
     _, densities, _ = stages()
     out = np.full((len(path) + start[-1], state.shape[1] // PATH_BLOCK), np.nan, np.float32)
     pair = pair if len(pair) else np.zeros((1, 11), np.float32)
-    densities(state, with_anchor(path), place[None].astype(float), start, pair, out)
+    densities(state, 5, with_anchor(path), place[None].astype(float), start, pair, out)
     return out[len(path) :], out[: len(path)]
 
 
@@ -34,7 +34,9 @@ def with_anchor(path):
 
 
 def expected_densities(state, path, start, pair, place):
-    return reference.densities(state, with_anchor(path), place[None].astype(float), start, pair, PATH_BLOCK)
+    return reference.densities(
+        state, 5, with_anchor(path), place[None].astype(float), start, pair, PATH_BLOCK
+    )
 
 
 @pytest.mark.slow
@@ -204,24 +206,26 @@ def test_a_kernel_of_another_taichi_is_launched_as_it_is():
 
 
 @pytest.mark.parametrize("surfaces", [0, 1, 7])
+@pytest.mark.parametrize("clocks", [0, 3])
 @pytest.mark.parametrize("spread", [0.01, 3.0])
-def test_particles_equal_their_twin_however_far_they_turn(surfaces, spread):
+def test_particles_equal_their_twin_however_far_they_turn(surfaces, clocks, spread):
     from gridslam.kernels.messages.evaluation import evaluate
 
-    random, size = np.random.default_rng(5), 5 + 2 * surfaces
+    random, size = np.random.default_rng(5), 5 + clocks + 2 * surfaces
     root = np.tril(spread * random.normal(size=(size, size)) / np.sqrt(size)).astype(np.float32)
     mean = random.normal(size=size) * 3
     base = np.stack([mean, np.cos(mean), np.sin(mean)], -1, dtype=np.float32)
     points = random.normal(size=(size + 2, 3 * PATH_BLOCK)).astype(np.float32)  # more than are needed
-    state = np.full((3 + 3 * surfaces, points.shape[1]), np.nan, np.float32)
-    none = np.zeros((0, 1))
+    state = np.full((3 + 3 * surfaces + clocks, points.shape[1]), np.nan, np.float32)
+    none = np.zeros((0, 13))
     evaluate(
-        none, np.zeros(1), 0.0, none, none, np.zeros(2), 1.0, np.zeros(11), 0.1, root, base, points,
+        none, np.zeros(1), 0.0, none, none, np.zeros(2), 1.0, np.zeros((1, 11)), 5 + clocks, 0.1, root, base,
+        points,
         np.zeros((0, 4), np.int32), np.zeros((1, 3)), np.zeros((2, 0, 1)), np.zeros((2, 0, 0)),
         np.zeros((1, 11), np.float32), np.zeros((12, 0)), np.zeros(1, np.int32), np.zeros((1, 2), np.int32),
         np.zeros((1, 8)), state, np.zeros((0, 3), np.float32), np.zeros((5, 0, 0)), np.zeros((4, 0)),
     )  # fmt: skip
-    np.testing.assert_allclose(state, reference.draw(root, base, points), atol=1e-5)
+    np.testing.assert_allclose(state, reference.draw(root, base, points, 5 + clocks), atol=1e-5)
 
 
 def drawn_by(belief, points, first, samples):
@@ -230,8 +234,8 @@ def drawn_by(belief, points, first, samples):
 
     model = model_of(anchors=np.zeros((1, 3)))
     query = PathQuery.of(state_of(belief), 0, model, samples, 0, Workspace(model, seed=1))
-    few = Sampling.of(belief, points, first, Draft.of(len(belief.mean), samples))
-    query = replace(query, before=(*query.before[:12], 0.9, points, first), sampling=few)
+    few = Sampling.of(belief, points, first, Draft.of(belief.layout, samples))
+    query = replace(query, before=(*query.before[:13], 0.9, points, first), sampling=few)
     for arguments in query.attempts():
         list_paths(*arguments)
     return few.draft
@@ -247,7 +251,7 @@ def test_a_root_and_its_samples_equal_their_twin(seed, surfaces, count):
     draft = drawn_by(Belief(mean, covariance), points, first, count)
     assert draft.failed[0] == 0
     taken = points[:size, (first + np.arange(count)) % 64].astype(float)  # after the last comes the first
-    for found, wanted in zip(draft, reference.prepare(mean, covariance, 0.9, taken), strict=False):
+    for found, wanted in zip(draft, reference.prepare(mean, covariance, 5, 0.9, taken), strict=False):
         np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-6)
 
 

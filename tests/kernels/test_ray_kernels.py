@@ -42,7 +42,7 @@ def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0):
     roots = square, square.astype(np.float32), square.astype(np.float32)
     found = np.array([len(path)], np.int32)
     cast(
-        ALREADY_LISTED, 0, 0.0, 0.0, row, square, np.append(place, 0.0)[None], row, entries, row, square,
+        ALREADY_LISTED, 0, 0.0, 0.0, row, square, 0, np.append(place, 0.0)[None], row, entries, row, square,
         np.empty((0, 0, 0)), 1.0, roots[1], 0, STATE_GIVEN, *roots, state, np.full(1, 9, np.int32), table,
         row, row, square, found, factor, occupied, frame, where, held, surface, drawn, seen, belief, line,
         spot, sums, touched, met, message, news,

@@ -23,35 +23,36 @@ from gridslam.world.radio import REFLECTION_BINS
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 seeds = st.integers(0, 2**32 - 1)
+clocks = st.sampled_from([0, 2])
 
 
 def places_of(draw, anchors):
     return np.column_stack([draw.uniform(-5, 5, (anchors, 2)), draw.uniform(-3, 3, anchors)])
 
 
-@given(seeds, st.integers(0, 4), st.integers(0, 2), st.sampled_from([-1, 0, 1]))
+@given(seeds, st.integers(0, 4), st.integers(0, 2), st.sampled_from([-1, 0, 1]), clocks)
 @settings(max_examples=60, deadline=None)
-def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, only):
+def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, only, clocks):
     from gridslam.kernels.propagation.rays import list_paths
 
     draw, anchors = np.random.default_rng(seed), 2
-    mean, covariance, _ = random_belief(draw, surfaces)
+    mean, covariance, _ = random_belief(draw, surfaces, clocks)
     surface, owner, _, sight, single, double = random_bank(draw, surfaces, anchors)
     change = (0.95, 0.005) if only >= 0 else (1.0, 0.0)
     bank = surface, owner, sight, single, double
-    into = only, bounces, *change, mean, covariance, places_of(draw, anchors), *bank
+    into = only, bounces, *change, mean, covariance, 5 + clocks, places_of(draw, anchors), *bank
     room = anchors * (1 + surfaces**2)
     path, existence, together = np.zeros((room, 4), np.int32), np.zeros(room), np.zeros(room)
-    predicted, found = np.zeros((room, 12)), np.zeros(1, np.int32)
+    predicted, found = np.zeros((room, 13)), np.zeros(1, np.int32)
     size, samples = len(mean), 3
     points, whole = draw.normal(size=(size, samples)).astype(np.float32), np.full((size, size), np.nan)
     root, base = np.full((size, size), np.nan, np.float32), np.full((size, 3), np.nan, np.float32)
-    state, failed = np.full((3 + 3 * surfaces, samples), np.nan), np.full(1, 9, np.int32)
+    state, failed = np.full((3 + 3 * surfaces + clocks, samples), np.nan), np.full(1, 9, np.int32)
     drafts = whole, root, base, state
     list_paths(*into, 0.9, points, 0, TAKE_ROOT, *drafts, failed, path, existence, together, predicted, found)
     assert failed[0] == 0
     for told, wanted in zip(
-        drafts, reference.prepare(mean, covariance, 0.9, points.astype(float)), strict=True
+        drafts, reference.prepare(mean, covariance, 5 + clocks, 0.9, points.astype(float)), strict=True
     ):
         np.testing.assert_allclose(told, wanted, rtol=1e-5, atol=1e-6)
     count = int(found[0])
@@ -59,55 +60,60 @@ def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, onl
     np.testing.assert_array_equal(path[:count], rays)
     np.testing.assert_allclose(existence[:count], own, rtol=1e-6)
     np.testing.assert_allclose(together[:count], both, rtol=1e-9)
-    far = whole[:, 0] > 0.1  # next to its image, an agent has no direction to it
+    far = whole[:, 12] > 0.1  # next to its image, an agent has no direction to it
     predicted = predicted[:count][far]
     np.testing.assert_allclose(predicted[:, 0], whole[far, 0], rtol=1e-9)
     np.testing.assert_allclose(wrap(predicted[:, 1:3] - whole[far, 1:3]), 0, atol=1e-6)
     np.testing.assert_allclose(predicted[:, 3:], whole[far, 3:], rtol=1e-6, atol=1e-9)
 
 
-@given(seeds, st.integers(0, 3), st.booleans())
+@given(seeds, st.integers(0, 3), st.booleans(), clocks)
 @settings(max_examples=60, deadline=None)
-def test_loud_measurements_near_a_path_equal_their_twin(seed, surfaces, given_std):
+def test_loud_measurements_near_a_path_equal_their_twin(seed, surfaces, given_std, clocks):
     from gridslam.kernels.propagation.rays import near
 
     draw, anchors = np.random.default_rng(seed), 2
-    mean, covariance, _ = random_belief(draw, surfaces)
-    bank = random_bank(draw, surfaces, anchors)
+    mean, covariance, _ = random_belief(draw, surfaces, clocks)
+    head, bank = 5 + clocks, random_bank(draw, surfaces, anchors)
     places = places_of(draw, anchors)
-    _, _, _, predicted = reference.list_paths(-1, 1, 1.0, 0.0, mean, covariance, places, *bank[:2], *bank[3:])
-    start = np.append(0, np.cumsum(draw.integers(0, 4, anchors))).astype(np.int32)
-    heard = random_table(draw, int(start[-1]), predicted[:, :3], draw.choice([0.01, 0.4]))
-    radio = np.stack([random_radio(draw, given_std) for _ in range(anchors)])
+    _, _, _, predicted = reference.list_paths(
+        -1, 1, 1.0, 0.0, mean, covariance, head, places, *bank[:2], *bank[3:]
+    )
+    heard = random_table(draw, int(draw.integers(0, 8)), predicted[:, :3], draw.choice([0.01, 0.4]))
+    radio = random_radio(draw, given_std)
     claimed = np.full(len(heard), -1, np.int32)
-    into = mean, covariance, places, *bank[:2], start, heard, radio
+    into = mean, covariance, head, places, *bank[:2], heard, radio
     near(*into, claimed)
     np.testing.assert_array_equal(claimed, reference.near(*into))
 
 
-@given(seeds, st.booleans(), st.sampled_from([SAMPLES // 2, SAMPLES, 2 * SAMPLES]))
+@given(seeds, st.booleans(), st.sampled_from([SAMPLES // 2, SAMPLES, 2 * SAMPLES]), clocks)
 @settings(max_examples=25, deadline=None)
-def test_birth_proposals_equal_their_twin(seed, with_departure, particles):
+def test_birth_proposals_equal_their_twin(seed, with_departure, particles, clocks):
     from gridslam.kernels.management.births import propose
 
     draw, count = np.random.default_rng(seed), 5
     state, _, place = random_world(draw, particles, np.float32, surfaces=2)
     places, radio = np.stack([places_of(draw, 1)[0], place.astype(np.float64)]), random_radio(draw)
     mean = np.concatenate([state[:2, 0], [0.0, 0.0], state[2:3, 0], reference.lines_of(state)[:, 0].ravel()])
-    mean = mean.astype(np.float64)
+    late = draw.uniform(-3, 3, clocks)  # longer than some distances
+    mean = np.insert(mean.astype(np.float64), 5, late)
+    spread = (late[:, None] + 0.05 * draw.normal(size=(clocks, particles))).astype(np.float32)
+    state, head = np.concatenate([state, spread]), 5 + clocks
     heard = random_table(draw, count)
     heard[:, 4] = 0.3 if with_departure else -1.0
     known = np.array([[-1, -1], [-1, 0], [0, -1], [1, -1], [-1, 1]], np.int32)[: draw.choice([0, 1, 5])]
     noise, measured = draw.normal(size=(2, SAMPLES)), np.full((4, count), 7.0)
     measured[0] = draw.choice([0.0, 1.0, 1e4], count)
-    into = state, noise, mean, heard, known, 1, places, radio, 0.1 / (4 * np.pi * 8)
+    whose = np.array([[1], [0, 1]][draw.integers(2)], np.int32)
+    into = state, noise, mean, head, heard, known, whose, places, radio, 0.1 / (4 * np.pi * 8)
     expected, lines = reference.propose(*into, measured)
-    born, told = np.full((1 + expected.size, 3), -9, np.int32), np.full((expected.size, 3), np.nan)
+    born, told = np.full((1 + expected.size, 4), -9, np.int32), np.full((expected.size, 3), np.nan)
     propose(*into, np.empty(expected.shape), measured, born, told)
     born, told = born[1 : 1 + born[0, 0]], told[: born[0, 0]]
     ratio, line = np.zeros(expected.shape), np.zeros((*expected.shape, 2))
-    number = {tuple(row): h for h, row in enumerate(known.tolist())}
-    column = [number[tuple(row)] for row in born[:, 1:].tolist()]
+    every = [(*pair, anchor) for anchor in whose.tolist() for pair in known.tolist()]
+    column = [every.index(tuple(row)) for row in born[:, 1:].tolist()]
     ratio[born[:, 0], column], line[born[:, 0], column] = told[:, 2], told[:, :2]
     np.testing.assert_allclose(measured[2], 1 + ratio.sum(1))
     sure = (
@@ -120,26 +126,27 @@ def test_birth_proposals_equal_their_twin(seed, with_departure, particles):
     np.testing.assert_allclose(np.sign(turned) * line[both][:, 1], lines[both][:, 1], atol=1e-5)
 
 
-@given(seeds, st.integers(0, 3))
+@given(seeds, st.integers(0, 3), clocks)
 @settings(max_examples=40, deadline=None)
-def test_a_glance_at_births_equals_its_twin(seed, surfaces):
+def test_a_glance_at_births_equals_its_twin(seed, surfaces, clocks):
     from gridslam.kernels.management.births import weigh_by_visibility
     from gridslam.kernels.propagation.bundles import LANES, LINES, PLACES
 
     draw = np.random.default_rng(seed)
-    mean, _, _ = random_belief(draw, surfaces)
+    mean, _, _ = random_belief(draw, surfaces, clocks)
     places, shape = places_of(draw, 2), (17, 23)
     occupied = draw.uniform(0.001, 0.5, (2, shape[0] * shape[1])).astype(np.float32)
     frame = np.array([-4.0, -3.0, 0.41, 0.1])  # much is outside
     hit = np.array([[-1, -1]] * 3 + [p for s in range(surfaces) for p in ((-1, s), (s, -1))], np.int32)
     count = len(hit)
     measurement = draw.integers(0, 4, count)
-    born = np.concatenate([[[count, 0, 0]], np.column_stack([measurement, hit])]).astype(np.int32)
+    whose = draw.integers(0, 2, count)
+    born = np.concatenate([[[count, 0, 0, 0]], np.column_stack([measurement, hit, whose])]).astype(np.int32)
     told = np.column_stack(
         [draw.uniform(-3, 3, count), draw.uniform(-5, 5, count), draw.exponential(1.0, count)]
     )
     measured = np.full((4, 4), 7.0)
-    into = mean, 1, places, shape[1], occupied, frame
+    into = mean, 5 + clocks, places, shape[1], occupied, frame
     expected = reference.weigh_by_visibility(*into, born, told)
     weigh_by_visibility(
         *into, np.empty((1, LINES, LANES)), np.empty((1, PLACES, LANES), np.int32),
@@ -150,50 +157,52 @@ def test_a_glance_at_births_equals_its_twin(seed, surfaces):
     np.testing.assert_array_equal(measured[[0, 1, 3]], 7.0)
 
 
-@given(seeds, st.integers(0, 5))
+@given(seeds, st.integers(0, 5), clocks)
 @settings(max_examples=80, deadline=None)
-def test_duplicates_equal_their_twin(seed, surfaces):
+def test_duplicates_equal_their_twin(seed, surfaces, clocks):
     from gridslam.kernels.management.merging import find_duplicates
 
     draw = np.random.default_rng(seed)
-    mean, covariance, _ = random_belief(draw, surfaces)
+    mean, covariance, _ = random_belief(draw, surfaces, clocks)
+    head = 5 + clocks
+    lines = mean[head:].reshape(-1, 2)
     foot, owner = draw.uniform(-3, 3, surfaces), draw.choice([-1, 0], surfaces).astype(np.int64)
     for copy in range(1, surfaces, 2):  # nearly one line with the one before, maybe by its opposite normal
-        mean[5 + 2 * copy : 7 + 2 * copy] = mean[3 + 2 * copy : 5 + 2 * copy] + 0.1 * draw.normal(size=2)
+        lines[copy] = lines[copy - 1] + 0.1 * draw.normal(size=2)
         if draw.random() < 0.5:
-            mean[5 + 2 * copy], mean[6 + 2 * copy] = wrap(mean[5 + 2 * copy] + np.pi), -mean[6 + 2 * copy]
+            lines[copy] = wrap(lines[copy, 0] + np.pi), -lines[copy, 1]
     found, tie = np.full(2, -9, np.int32), np.full((2, 5), np.nan)
-    find_duplicates(mean, covariance, foot, owner, found, tie)
-    expected = reference.find_duplicates(mean, covariance, foot, owner)
+    find_duplicates(mean, covariance, head, foot, owner, found, tie)
+    expected = reference.find_duplicates(mean, covariance, head, foot, owner)
     if expected is None:
         assert found.tolist() == [-1, -1]
         return
     older, younger, jacobian, residual = expected
     assert found.tolist() == [older, younger]
-    entry = [5 + 2 * older, 6 + 2 * older, 5 + 2 * younger, 6 + 2 * younger]
+    entry = head + np.array([2 * older, 2 * older + 1, 2 * younger, 2 * younger + 1])
     np.testing.assert_allclose(tie[:, :4], jacobian[:, entry], atol=1e-6)
     np.testing.assert_allclose(tie[:, 4], residual, atol=1e-6)
 
 
-@given(seeds, st.integers(2, 6))
+@given(seeds, st.integers(2, 6), clocks)
 @settings(max_examples=80, deadline=None)
-def test_ghosts_equal_their_twin(seed, surfaces):
+def test_ghosts_equal_their_twin(seed, surfaces, clocks):
     from gridslam.kernels.management.merging import find_ghosts
 
     draw, anchors = np.random.default_rng(seed), 2
-    mean, covariance, _ = random_belief(draw, surfaces)
+    mean, covariance, _ = random_belief(draw, surfaces, clocks)
     existence, _, _, _, single, _ = random_bank(draw, surfaces, anchors)
     covariance *= draw.choice([0.01, 1.0, 30.0])
     places, seen = places_of(draw, anchors)[:, :2].copy(), draw.choice([3, 12, 60], surfaces)
     existence[:2], seen[:2], single[:] = 0.999, 60, draw.choice([0.05, 0.9], single.shape, p=[0.8, 0.2])
-    lines = mean[5:].reshape(-1, 2)
+    lines = mean[5 + clocks :].reshape(-1, 2)
     for ghost in range(2, surfaces):  # at or near where the double bounce of the first two seems to come from
         image = mirror(lines[0], mirror(lines[1], places[0]))
         line = line_between(places[0], image + draw.choice([0.0, 0.1, 0.6]) * draw.normal(size=2))
-        mean[5 + 2 * ghost : 7 + 2 * ghost] = line
+        lines[ghost] = line
         existence[ghost] = draw.choice([0.5, 0.99])
     ghosts = np.full(surfaces, -1, np.int32)
-    into = mean, covariance, existence, seen.astype(np.int64), single, places
+    into = mean, covariance, 5 + clocks, existence, seen.astype(np.int64), single, places
     find_ghosts(*into, ghosts)
     np.testing.assert_array_equal(ghosts, reference.find_ghosts(*into))
 
@@ -225,7 +234,8 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
     said = np.stack([draw.choice([-1.0, 2.5, 9.0, 40.0], 9), draw.choice([1e-5, 0.3, 1.0], 9)])
     (table, step), radio, count = detection_table(), random_radio(draw), np.array([room - 2, 9], np.int32)
     into = (
-        draw.normal(size=11),
+        draw.normal(size=13),
+        7,
         drawn,
         seen,
         count,
@@ -252,13 +262,16 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
         np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
 
 
-@given(seeds, st.integers(0, 4), st.integers(0, 12))
+@given(seeds, st.integers(0, 4), st.integers(0, 12), clocks)
 @settings(max_examples=60, deadline=None)
-def test_sightings_of_surfaces_equal_their_twin(seed, surfaces, paths):
+def test_sightings_of_surfaces_equal_their_twin(seed, surfaces, paths, clocks):
     from gridslam.kernels.propagation.detections import mark
 
     draw = np.random.default_rng(seed)
-    mean, bounces = draw.normal(0, 3, 5 + 2 * surfaces), draw.integers(0, 3 if surfaces else 1, paths)
+    mean, bounces = (
+        draw.normal(0, 3, 5 + clocks + 2 * surfaces),
+        draw.integers(0, 3 if surfaces else 1, paths),
+    )
     last, first = draw.integers(0, max(surfaces, 1), (2, paths))
     first = np.where(bounces == 1, last, first)
     path = np.stack([bounces, last, first, np.sort(draw.integers(0, 3, paths))], -1).astype(np.int32)
@@ -267,8 +280,8 @@ def test_sightings_of_surfaces_equal_their_twin(seed, surfaces, paths):
     seen[:, 1] = draw.choice([0.0, 0.7, 1.0], paths)
     extent = np.sort(draw.normal(size=(surfaces, 2))) * draw.choice([np.nan, 1.0], (surfaces, 1))
     sights = draw.normal(size=surfaces), extent, draw.integers(0, 9, surfaces)
-    expected = reference.mark(mean, path, seen, share, *sights)
-    mark(mean, path, seen, share, np.full(surfaces, 9, np.int32), *sights)
+    expected = reference.mark(mean, 5 + clocks, path, seen, share, *sights)
+    mark(mean, 5 + clocks, path, seen, share, np.full(surfaces, 9, np.int32), *sights)
     for found, wanted in zip(sights, expected, strict=True):
         np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
 
@@ -310,20 +323,21 @@ def test_cells_that_nothing_is_told_keep_their_occupancy():
     np.testing.assert_array_equal(evidence, np.where(told, 12.0, 20.0))
 
 
-@given(seeds, st.integers(0, 5))
+@given(seeds, st.integers(0, 5), clocks)
 @settings(max_examples=60, deadline=None)
-def test_what_users_are_told_equals_its_twin(seed, surfaces):
+def test_what_users_are_told_equals_its_twin(seed, surfaces, clocks):
     from gridslam.kernels.management.readout import describe
 
     draw, anchors = np.random.default_rng(seed), 2
-    mean, covariance, _ = random_belief(draw, surfaces)
-    mean[5::2] += draw.choice([-7.0, 0.0, 9.0], surfaces)  # angles aren't kept wrapped
-    mean[6::2] *= draw.choice([-1, 1], surfaces)
+    mean, covariance, _ = random_belief(draw, surfaces, clocks)
+    mean[5 + clocks :: 2] += draw.choice([-7.0, 0.0, 9.0], surfaces)  # angles aren't kept wrapped
+    mean[6 + clocks :: 2] *= draw.choice([-1, 1], surfaces)
     existence, owner, _, sight, single, double = random_bank(draw, surfaces, anchors)
     places = places_of(draw, anchors)
     extent = draw.choice([np.nan, 1.0], (surfaces, 1)) * np.sort(draw.normal(size=(surfaces, 2)))
     single[:, ::2], double[:, ::2] = 0.9, 0.95
-    into = mean, covariance, extent, draw.dirichlet(np.ones(BINS), surfaces), 2, places, existence, owner
+    head, reflection = 5 + clocks, draw.dirichlet(np.ones(BINS), surfaces)
+    into = mean, covariance, head, extent, reflection, 2, places, existence, owner
     bank, room = (sight, single, double), 1 + anchors * (1 + surfaces**2)
     names = draw.permutation(surfaces).astype(np.int64), 5.0
     table, path = np.full((surfaces, 16), np.nan), np.full((room, 4), -9, np.int32)
@@ -337,7 +351,8 @@ def test_what_users_are_told_equals_its_twin(seed, surfaces):
     count = found[0]
     np.testing.assert_array_equal(path[:count], paths)
     np.testing.assert_array_equal(number[:count], numbers)
-    far = values[:, 0] > 0.1  # next to its image, an agent has no direction to it
+    late = mean[5:head][paths[:, 3]] if clocks else 0.0
+    far = values[:, 0] - late > 0.1  # next to its image, an agent has no direction to it
     np.testing.assert_allclose(told[:count, :3][far], values[far, :3], rtol=1e-6, atol=4e-6)
     np.testing.assert_allclose(told[:count, 3:5], values[:, 3:5], rtol=1e-6)
     np.testing.assert_allclose(told[:count, 5:], values[:, 5:], rtol=1e-9, atol=1e-9)

@@ -46,7 +46,7 @@ def heard(*amplitudes, distance=np.nan):
 
 
 def one_path(existence, distance):
-    return PredictedPaths(one_ray(existence), Prediction(np.full((1, 12), distance)), None)
+    return PredictedPaths(one_ray(existence), Prediction(np.full((1, 13), distance)), None)
 
 
 def ahead(state, existence, distance):

@@ -37,7 +37,8 @@ def drop_ghosts(bank: SurfaceBank, belief: Belief, places: Array) -> tuple[Surfa
     if len(often) < 3 or often[-2] < OFTEN or often[-2] <= OFTENER * often[0]:
         return bank, belief  # no two that were seen so much more often than a third
     ghost = np.empty(len(bank), np.int32)
-    find_ghosts(belief.mean, belief.covariance, bank.existence, bank.seen, bank.single, places, ghost)
+    head = belief.layout.head
+    find_ghosts(belief.mean, belief.covariance, head, bank.existence, bank.seen, bank.single, places, ghost)
     if not ghost.any():
         return bank, belief
     return bank.take(ghost == 0), keep(belief, ghost == 0)

@@ -9,7 +9,7 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.inference.management.ghosts import drop_ghosts
-from gridslam.inference.state.belief import Belief, keep, slots, update
+from gridslam.inference.state.belief import Belief, keep, update
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.filter_model import FilterModel
@@ -53,12 +53,13 @@ def merge(bank: SurfaceBank, belief: Belief) -> tuple[SurfaceBank, Belief]:
         raise ValueError("belief and bank don't hold the same surfaces")
     for _ in range(MOST_SURFACES + 1):
         found, tie = np.empty(2, np.int32), np.empty((2, 5))
-        find_duplicates(belief.mean, belief.covariance, bank.foot, bank.owner, found, tie)
+        find_duplicates(belief.mean, belief.covariance, belief.layout.head, bank.foot, bank.owner, found, tie)
         older, younger = found.tolist()
         if older < 0:
             break
         jacobian = np.zeros((2, len(belief.mean)))
-        jacobian[:, slots(older)], jacobian[:, slots(younger)] = tie[:, :2], tie[:, 2:4]
+        line = belief.layout.line
+        jacobian[:, line(older)], jacobian[:, line(younger)] = tie[:, :2], tie[:, 2:4]
         belief = update(belief, jacobian, tie[None, :, 4], np.array([[1e-4, 1e-6]]), np.ones(1))
         rest = np.arange(len(bank)) != younger
         bank, belief = _united(bank, older, younger).take(rest), keep(belief, rest)

@@ -20,8 +20,9 @@ from gridslam import runtime
 from gridslam.inference.messages.likelihood import DetectionTable, detection_table, deviations
 from gridslam.inference.messages.prediction import paths_now
 from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.belief import AGENT, Belief
+from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.health import ENOUGH, MOST_LOUD
+from gridslam.inference.state.layout import AGENT, HEADING
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
@@ -32,7 +33,7 @@ from gridslam.world.radio import REFLECTION_BINS, SignalModel
 Array = NDArray[np.float64]
 PURPOSE = 2
 """Names the stream of random numbers that a search takes."""
-POSE = np.array([0, 1, 4])
+POSE = np.array([0, 1, HEADING])
 """Entries of the agent's pose in the state."""
 COPIES, KEPT, REFINED = 10, 150, 400
 """Draws per hypothesis, of the belief, and about the best pose."""
@@ -164,13 +165,11 @@ def near_paths(scans: Sequence[AnchorScan], state: State, model: FilterModel) ->
     from gridslam.kernels.propagation.rays import near
 
     belief, bank = state.belief, state.surfaces
-    bank.check(belief, len(scans), len(model.anchors))
-    start = np.zeros(len(scans) + 1, np.int32)
-    np.cumsum([len(heard) for heard in scans], out=start[1:])
+    bank.check(belief, len(model.anchors), len(state.los))
     table = np.concatenate([heard.table for heard in scans])
     claimed = np.empty(len(table), np.int32)
     near(
-        belief.mean, belief.covariance, model.anchors, bank.existence, bank.owner, start, table,
+        belief.mean, belief.covariance, belief.layout.head, model.anchors, bank.existence, bank.owner, table,
         model.radio.numbers, claimed,
     )  # fmt: skip
     return int(claimed.sum())
@@ -190,8 +189,8 @@ def freed(belief: Belief, elapsed: float, acceleration: float) -> Belief:
         entry = np.array([axis, axis + 2])
         covariance[np.ix_(entry, entry)] += (FREEDOM * acceleration) ** 2 * np.outer(push, push)
         covariance[axis, axis] += MAP_M**2
-    covariance[4, 4] += FREE_TURN**2
-    return Belief(belief.mean, covariance)
+    covariance[HEADING, HEADING] += FREE_TURN**2
+    return replace(belief, covariance=covariance)
 
 
 def moved(belief: Belief, fix: Fix, velocity: float) -> Belief:
@@ -219,8 +218,8 @@ def moved(belief: Belief, fix: Fix, velocity: float) -> Belief:
         covariance[:AGENT], covariance[:, :AGENT] = 0.0, 0.0
         covariance[np.ix_(POSE, POSE)] = blurred
         covariance[2, 2] = covariance[3, 3] = velocity
-    mean[4] = wrap(mean[4])
-    return Belief(mean, 0.5 * (covariance + covariance.T))
+    mean[HEADING] = wrap(mean[HEADING])
+    return replace(belief, mean=mean, covariance=0.5 * (covariance + covariance.T))
 
 
 def crowd(scan: Sequence[AnchorScan]) -> int:

@@ -38,7 +38,7 @@ def estimates(
     at_1m : float
         Amplitude of a line of sight 1 m long: others follow from coefficients, [Li2026grid], eq. (2).
     strength : callable, optional
-        Amplitudes (L,) of rays of given distances (L,), if they are known otherwise.
+        Amplitudes (L,) of rays of given lengths (L,), if they are known otherwise.
     """
     return _described(state, state.los, model.anchors, model.max_bounces, at_1m, strength, work)
 
@@ -69,9 +69,9 @@ def _described(
     most = 1 + places * listed_at_most(count, max_bounces)
     sample, path, drawn, number, told, found = work.buffers(_buffers, places, most, count)
     describe(
-        belief.mean, belief.covariance, bank.extent, bank.reflection, max_bounces, anchors, bank.existence,
-        bank.owner, los, bank.single, bank.double, bank.identity, at_1m, sample, table, path, drawn, number,
-        told, found,
+        belief.mean, belief.covariance, belief.layout.head, bank.extent, bank.reflection, max_bounces,
+        anchors, bank.existence, bank.owner, los, bank.single, bank.double, bank.identity, at_1m, sample,
+        table, path, drawn, number, told, found,
     )  # fmt: skip
     several = int(found[0])
     surfaces = SurfaceEstimate(
@@ -83,7 +83,7 @@ def _described(
     amplitude = told[:, 3]
     if strength is not None:
         rays = Rays(path[:several], told[:, 4].copy(), np.ones(several), (count, places))
-        amplitude = strength(rays, told[:, 0].copy())
+        amplitude = strength(rays, told[:, 0] - belief.late(number[:, 0]))
     return surfaces, PathEstimate(
         number[:, 0], number[:, 1:], told[:, 0], told[:, 1], told[:, 2], amplitude, told[:, 4],
         told[:, 5:].reshape(-1, 4, 2),

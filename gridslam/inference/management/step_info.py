@@ -61,7 +61,7 @@ def conclude(
     reckoned : Calibration
         The calibration that the step used.
     """
-    fits = np.stack([exchange.fit for exchange in exchanges])
+    fits = np.concatenate([exchange.fit for exchange in exchanges])
     monitor, calibration = state.monitor.fitted(fits), state.calibration.fitted(fits)
     spread = np.sqrt(float(state.belief.covariance[0, 0] + state.belief.covariance[1, 1]))
     effective = min((exchange.effective_sample_size for exchange in exchanges), default=np.inf)

@@ -12,7 +12,7 @@ from gridslam import runtime
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.likelihood_ratios import PORTION, LikelihoodRatios
 from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.belief import AGENT, Belief
+from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.particles import Cloud
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
@@ -29,7 +29,7 @@ def partners(bank: SurfaceBank, belief: Belief, most_bounces: int) -> NDArray[np
     """Pairs (last, first) of known surfaces with which a new one may form a path, -1 for the new, (H, 2)."""
     if most_bounces < 2:
         return _known(b"", most_bounces)
-    sure = belief.covariance.diagonal()[AGENT + 1 :: 2] < CONVERGED_STD_M**2
+    sure = belief.covariance.diagonal()[belief.layout.offsets] < CONVERGED_STD_M**2
     return _known((sure & (bank.existence > 0.9) & (bank.seen >= 3)).tobytes(), most_bounces)
 
 
@@ -55,7 +55,7 @@ class ProposalBuffers(NamedTuple):
         """Room for so many."""
         most = measurements * hypotheses
         return cls(
-            np.empty((1 + most, 3), np.int32), np.empty((most, 3)), np.empty((measurements, hypotheses))
+            np.empty((1 + most, 4), np.int32), np.empty((most, 3)), np.empty((measurements, hypotheses))
         )
 
 
@@ -67,10 +67,13 @@ def propose_births(
     ratios: LikelihoodRatios,
     signal: SignalModel,
     model: FilterModel,
+    senders: NDArray[np.int32] | None = None,
     *,
     work: Workspace,
 ) -> Births:
     """All birth hypotheses above a least ratio, of the measurements that carry distance and AoA.
+
+    If nobody told which anchor sent a measurement, each may have: one hypothesis for each of them.
 
     Surfaces are born uniformly over all lines that cross the region (angle and offset): a measure that
     doesn't depend on the frame. The sums over each measurement's births are written to `ratios.new`. With a
@@ -81,42 +84,52 @@ def propose_births(
     ----------
     signal : SignalModel
         The calibrated radio.
+    senders : (A,) int32, optional
+        Anchors that may have sent measurements of which nobody knows; default: all.
     """
     runtime.start()
     from gridslam.kernels.management.births import propose as launch
 
     belief, bank, anchor = state.belief, state.surfaces, heard.anchor
     known, surfaces = partners(bank, belief, model.max_bounces), len(belief.lines)
-    if len(bank) != surfaces or cloud.surfaces != surfaces or not 0 <= anchor < len(model.anchors):
+    if len(bank) != surfaces or cloud.surfaces != surfaces or not -1 <= anchor < len(model.anchors):
         raise ValueError("surfaces or anchors don't belong together")
-    capacity, hypotheses = -(-len(heard) // PORTION) * PORTION, len(known)
+    if senders is None or anchor >= 0:
+        senders = _senders(anchor, len(model.anchors))
+    capacity, hypotheses = -(-len(heard) // PORTION) * PORTION, len(known) * len(senders)
     buffers = work.buffers(ProposalBuffers.of, 0, capacity, hypotheses)
     born, told, ratio = buffers
     launch(
-        cloud.state, _noise(hypotheses), belief.mean, heard.table, known, anchor, model.anchors,
-        signal.radio(anchor), model.birth_rate, ratio, ratios.measured, born, told,
+        cloud.state, _noise(len(known)), belief.mean, belief.layout.head, heard.table, known, senders,
+        model.anchors, signal.numbers, model.birth_rate, ratio, ratios.measured, born, told,
     )  # fmt: skip
     if state.grid is not None and born[0, 0]:
-        _weigh_by_visibility(state, anchor, buffers, ratios, model, work)
+        _weigh_by_visibility(state, buffers, ratios, model, work)
     found = int(born[0, 0])
     if not found:
         return Births.none()
-    return Births(born[1 : 1 + found, 0], born[1 : 1 + found, 1:], told[:found, :2], told[:found, 2])
+    rows = born[1 : 1 + found]
+    return Births(rows[:, 0], rows[:, 1:3], told[:found, :2], told[:found, 2], rows[:, 3])
 
 
 def _weigh_by_visibility(
-    state: State, anchor: int, births: ProposalBuffers, ratios: LikelihoodRatios, model: FilterModel,
-    work: Workspace,
+    state: State, births: ProposalBuffers, ratios: LikelihoodRatios, model: FilterModel, work: Workspace
 ) -> None:  # fmt: skip
     """Weigh births, where they were proposed, by V of their paths at the mean of the belief."""
     from gridslam.kernels.management.births import weigh_by_visibility
 
-    grid, cells, mean = state.require_grid(), work.require_cells(), state.belief.mean
+    grid, cells, layout = state.require_grid(), work.require_cells(), state.belief.layout
     weigh_by_visibility(
-        mean, anchor, model.anchors, grid.shape[1], cells.occupancy(grid), cells.frame, cells.scratch.line,
-        cells.scratch.place, np.empty(((len(mean) - AGENT) // 2 * 3 + 6, 1)), np.empty((1, 4), np.int32),
-        np.empty((1, 14)), births.born, births.told, ratios.measured,
+        state.belief.mean, layout.head, model.anchors, grid.shape[1], cells.occupancy(grid), cells.frame,
+        cells.scratch.line, cells.scratch.place, np.empty((6 + 3 * layout.surfaces, 1)),
+        np.empty((1, 4), np.int32), np.empty((1, 14)), births.born, births.told, ratios.measured,
     )  # fmt: skip
+
+
+@cache
+def _senders(anchor: int, anchors: int) -> NDArray[np.int32]:
+    """Anchors that may have sent what is known to come from one of them, or from any."""
+    return np.arange(anchors, dtype=np.int32) if anchor < 0 else np.array([anchor], np.int32)
 
 
 @cache

@@ -41,12 +41,15 @@ class Births:
     line : (B, 2)
     ratio : (B,)
         I: mean number of such births over that of clutter, weighed by V of their paths.
+    anchor : (B,) int32
+        The anchor that sent the measurement, if so.
     """
 
     measurement: NDArray[np.int32]
     hit: NDArray[np.int32]
     line: Array
     ratio: Array
+    anchor: NDArray[np.int32]
 
     def __len__(self) -> int:
         return len(self.ratio)
@@ -55,7 +58,8 @@ class Births:
     @cache
     def none(cls) -> Births:
         """No hypotheses."""
-        return cls(np.zeros(0, np.int32), np.zeros((0, 2), np.int32), np.zeros((0, 2)), np.zeros(0))
+        none = np.zeros(0, np.int32)
+        return cls(none, np.zeros((0, 2), np.int32), np.zeros((0, 2)), np.zeros(0), none)
 
     def chosen(self, claimed: Array, least: float) -> list[tuple[int, float]]:
         """Hypotheses to follow and the existence of each new surface, surest measurement first.
@@ -124,19 +128,19 @@ def add_births(
         belief, reflection = initialise_surface(births, number, heard, state.belief, signal, model)
         if belief.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not np.isfinite(belief.mean).all():
             continue
-        ends = births.hit[number].tolist()
+        ends, anchor = births.hit[number].tolist(), int(births.anchor[number])
         bank = state.surfaces.add(
             state.next_identity,
             existence,
             reflection,
             float(belief.mean[:2] @ unit(belief.lines[-1, 0] + 0.5 * np.pi)),
-            (heard.anchor, *ends),
-            -1 if shared else heard.anchor,
+            (anchor, *ends),
+            -1 if shared else anchor,
         )
         state = replace(state, belief=belief, surfaces=bank, next_identity=state.next_identity + 1)
         last, first = (int(bank.identity[s]) for s in ends)  # -1 is the last, which is the new one
         measurement = int(births.measurement[number])
-        bearers.append(((heard.anchor, last, first), measurement))
+        bearers.append(((anchor, last, first), measurement))
         born.append((measurement, existence))
     return state, replace(exchange, born=np.array(born).reshape(-1, 2)), bearers
 
@@ -155,12 +159,13 @@ def initialise_surface(
     from gridslam.kernels.management.initialisation import initialise_surface as launch
 
     row, (last, first), size = int(births.measurement[number]), births.hit[number].tolist(), len(belief.mean)
-    if max(last, first) >= len(belief.lines) or row >= len(heard) or heard.anchor >= len(model.anchors):
+    anchor = int(births.anchor[number])
+    if max(last, first) >= len(belief.lines) or row >= len(heard) or anchor >= len(model.anchors):
         raise ValueError("a birth names a surface, measurement or anchor that doesn't exist")
     mean, covariance = np.empty(size + 2), np.empty((size + 2, size + 2))
     reflection = np.empty(len(REFLECTION_BINS))
     launch(
-        belief.mean, belief.covariance, heard.anchor, model.anchors, heard.table, row, last, first,
-        signal.radio(heard.anchor), np.empty(size + 2), mean, covariance, reflection,
+        belief.mean, belief.covariance, belief.layout.head, anchor, model.anchors, heard.table, row, last,
+        first, signal.numbers, np.empty(size + 2), mean, covariance, reflection,
     )  # fmt: skip
-    return Belief(mean, covariance), reflection
+    return replace(belief, mean=mean, covariance=covariance), reflection

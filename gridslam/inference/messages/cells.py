@@ -28,7 +28,7 @@ BINS = len(REFLECTION_BINS)
 RAYS = 48
 """Sampled rays per path, from which validity and cell messages are averaged."""
 NO_BANK = np.empty(0), np.empty(0, np.int64), np.empty(0), np.empty((0, 0)), np.empty((0, 0, 0))
-NO_PATHS = np.empty(0), np.empty(0), np.empty((0, 12))
+NO_PATHS = np.empty(0), np.empty(0), np.empty((0, 13))
 """Empty placeholders for a kernel's arguments where paths are listed already."""
 
 
@@ -90,7 +90,7 @@ def cast_messages(state: State, model: FilterModel, *, work: Workspace) -> Polyl
     messages, anchors = work.messages, len(model.anchors)
     if messages.among[0] > len(state.surfaces) or messages.among[1] > anchors:
         raise ValueError("messages are of surfaces or anchors that don't exist")
-    draft = work.buffers(Draft.of, anchors, len(state.belief.mean), RAYS)
+    draft = work.buffers(Draft.of, anchors, state.belief.layout, RAYS)
     samples = work.particles.samples(state.belief, _number(state, anchors, model), draft)
     cast = work.buffers(CastBuffers.of, anchors, len(messages.path), RAYS, 0)
     cast_at(samples, state.require_grid(), cast, model.anchors, work)
@@ -101,8 +101,8 @@ def cast_at(samples: Sampling, grid: Grid, cast: CastBuffers, anchors: Array, wo
     """Cast the paths of the workspace's messages at sampled states, and add their messages to the cells'."""
     messages = work.messages
     before = (
-        ALREADY_LISTED, 0, 0.0, 0.0, samples.belief.mean, samples.belief.covariance, anchors, *NO_BANK, 1.0,
-        samples.points, samples.first,
+        ALREADY_LISTED, 0, 0.0, 0.0, samples.belief.mean, samples.belief.covariance, samples.head, anchors,
+        *NO_BANK, 1.0, samples.points, samples.first,
     )  # fmt: skip
     after = messages.path, *NO_PATHS, messages.count
     attempts = ((*before, *way, *after) for way in samples.attempts())

@@ -37,7 +37,7 @@ def mark_detections(state: State, rays: Rays, share: Array, model: FilterModel, 
         raise ValueError("belief, bank, rays and what was drawn of them don't belong together")
     foot, extent, seen = bank.foot.copy(), bank.extent.copy(), bank.seen.copy()
     latest = work.buffers(latest_hits, 0, len(bank))
-    mark(belief.mean, rays.table, lines.seen, share, latest, foot, extent, seen)
+    mark(belief.mean, belief.layout.head, rays.table, lines.seen, share, latest, foot, extent, seen)
     return replace(state, surfaces=replace(bank, foot=foot, extent=extent, seen=seen))
 
 

@@ -84,7 +84,8 @@ def deviations(
     amplitude = np.maximum(amplitude, FAINTEST)
     fisher = np.empty((len(value), 3))
     fisher[:, 0] = signal.distance_std(amplitude)
-    fisher[:, 1] = signal.angle_std(amplitude, angles[:, 0], signal.anchor_aperture[heard.anchor])
+    aperture = signal.anchor_aperture.mean(0) if heard.anchor < 0 else signal.anchor_aperture[heard.anchor]
+    fisher[:, 1] = signal.angle_std(amplitude, angles[:, 0], aperture)
     fisher[:, 2] = signal.angle_std(amplitude, angles[:, 1], signal.agent_aperture)
     std = np.where(np.isnan(own_std), fisher, own_std)
     return np.where(np.isnan(value), np.inf, std)

@@ -53,7 +53,7 @@ class Pairs:
 
 @dataclass(frozen=True)
 class LikelihoodRatios:
-    """Likelihood ratios of an anchor's measurements under its paths, and the messages from them.
+    """Likelihood ratios of measurements under paths of one anchor, or of all, and the messages from them.
 
     Attributes
     ----------
@@ -171,7 +171,7 @@ def evaluate(
     count, (rows, particles), nodes = len(heard), recipe.room, amplitudes.nodes
     if particles % PATH_BLOCK:
         raise ValueError(f"{particles} particles: whole blocks of {PATH_BLOCK} are needed")
-    rays.check(rows // 3 - 1, len(model.anchors))
+    rays.check(recipe.layout.surfaces, len(model.anchors))
     broad = -(-count // PORTION) * PORTION  # shapes that last
     buffers = work.buffers(RatioBuffers.of, heard.anchor, len(rays), broad, len(nodes), particles)
     start, index, pair, blocks = buffers.told
@@ -182,9 +182,11 @@ def evaluate(
     odds[tables.EXISTENCE], odds[tables.SURFACES], odds[tables.OPEN] = rays.existence, rays.surfaces, validity
     launch(
         amplitudes.probability, nodes, 1.0 if amplitudes.spreading else 0.0, paths.prediction.whole,
-        heard.table, table.chance, table.step, signal.radio(heard.anchor), recipe.kept, recipe.root,
+        heard.table, table.chance, table.step, signal.numbers, recipe.layout.head, recipe.kept, recipe.root,
         recipe.base, recipe.points, rays.table, model.anchors, *buffers.scratch, odds, start, index, pair,
         state, blocks, message, measured,
     )  # fmt: skip
     pairs = Pairs(int(start[-1]), start, index, pair)
-    return Cloud(state, recipe.kept), LikelihoodRatios(pairs, blocks, odds, message, measured)
+    return Cloud(state, recipe.kept, recipe.layout.clocks), LikelihoodRatios(
+        pairs, blocks, odds, message, measured
+    )

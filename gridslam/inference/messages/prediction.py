@@ -31,21 +31,26 @@ class Prediction:
 
     Attributes
     ----------
-    whole : (L, 12)
-        Both of the following, as the kernel leaves them.
+    whole : (L, 13)
+        All of the following, as the kernel leaves them.
     """
 
     whole: Array
 
     @property
     def value(self) -> Array:
-        """Distance (m), AoD and AoA relative to anchor and heading (rad), (L, 3)."""
+        """Distance with clocks (m), AoD and AoA relative to anchor and heading (rad), (L, 3)."""
         return self.whole[:, :3]
 
     @property
     def spread(self) -> Array:
         """Covariance from the belief alone, (L, 3, 3)."""
-        return self.whole[:, 3:].reshape(-1, 3, 3)
+        return self.whole[:, 3:12].reshape(-1, 3, 3)
+
+    @property
+    def length(self) -> Array:
+        """How long the paths are, m, (L,)."""
+        return self.whole[:, 12]
 
 
 class PathBuffers(NamedTuple):
@@ -53,7 +58,7 @@ class PathBuffers(NamedTuple):
 
     Attributes
     ----------
-    table, existence, surfaces, predicted : (most, 4), (most,), (most,), (most, 12)
+    table, existence, surfaces, predicted : (most, 4), (most,), (most,), (most, 13)
         Paths, existence of ray and of surfaces, and prediction.
     found : (1,) int32
         How many there are.
@@ -69,7 +74,7 @@ class PathBuffers(NamedTuple):
     def of(cls, most: int) -> Self:
         """Room for so many."""
         table, found = np.empty((most, 4), np.int32), np.empty(1, np.int32)
-        return cls(table, np.empty(most), np.empty(most), np.empty((most, 12)), found)
+        return cls(table, np.empty(most), np.empty(most), np.empty((most, 13)), found)
 
 
 @dataclass(frozen=True)
@@ -115,15 +120,15 @@ class PathQuery:
             raise ValueError("there is no such anchor")
         most = (places if anchor == EVERY_ANCHOR else 1) * listed_at_most(surfaces, model.max_bounces)
         buffers = work.buffers(PathBuffers.of, anchor, most)
-        draft = work.buffers(Draft.of, anchor, len(belief.mean), samples)
+        draft = work.buffers(Draft.of, anchor, belief.layout, samples)
         sampling = work.particles.samples(belief, number, draft)
         count, bandwidth = work.particles.ask(belief)
         before = (
-            anchor, model.max_bounces, *change, belief.mean, belief.covariance, anchors, bank.existence,
-            bank.owner, state.los, bank.single, bank.double, _share(bandwidth), sampling.points,
-            sampling.first,
+            anchor, model.max_bounces, *change, belief.mean, belief.covariance, belief.layout.head, anchors,
+            bank.existence, bank.owner, state.los, bank.single, bank.double, _share(bandwidth),
+            sampling.points, sampling.first,
         )  # fmt: skip
-        recipe = Recipe(draft.root, draft.base, sampling.points, count, bandwidth)
+        recipe = Recipe(belief.layout, draft.root, draft.base, sampling.points, count, bandwidth)
         return cls(before, sampling, buffers, (surfaces, places), recipe)
 
     def attempts(self) -> Iterator[tuple[Any, ...]]:

@@ -106,8 +106,8 @@ def predict_amplitudes(
     amplitude doubles within a few steps. One that appears now may have any amplitude up to that of free space
     at its length.
     """
-    distance = paths.prediction.value[:, 0]
-    return Histogram(_walked(state, paths.rays, distance, signal, work)[0], AmplitudeModel.of(signal).nodes)
+    length = paths.prediction.length
+    return Histogram(_walked(state, paths.rays, length, signal, work)[0], AmplitudeModel.of(signal).nodes)
 
 
 def mean_amplitudes(
@@ -147,8 +147,8 @@ def update_amplitudes(
         float(signal.samples), scratch, after,
     )  # fmt: skip
     worth = (rays.existence * rays.surfaces > WORTH_KEEPING).tolist()
-    distance, keys = paths.prediction.value[:, 0].tolist(), RayAmplitudes.keys(rays, state.surfaces.identity)
-    rows = enumerate(zip(keys, distance, worth, strict=True))
+    lengths, keys = paths.prediction.length.tolist(), RayAmplitudes.keys(rays, state.surfaces.identity)
+    rows = enumerate(zip(keys, lengths, worth, strict=True))
     changes = {key: (after[row], length) for row, (key, length, kept) in rows if kept}
     return replace(state, amplitudes=amplitudes.having(changes))
 
@@ -164,7 +164,8 @@ def start_amplitudes(
     """
     model, changes = AmplitudeModel.of(signal), dict[Key, tuple[Array, float]]()
     for key, measurement in born:
-        length, amplitude = float(heard.value[measurement, 0]), float(heard.amplitude[measurement])
+        length = float(heard.value[measurement, 0] - state.belief.late(key[0]))
+        amplitude = float(heard.amplitude[measurement])
         if np.isfinite(amplitude) and np.isfinite(length):
             log = signal.log_rician(np.minimum(amplitude, model.nodes[-1]), model.nodes)
             density = model.gap * np.exp(log - log.max())

@@ -74,11 +74,12 @@ def update_coefficients(state: State, drawn: Polylines, model: FilterModel, *, w
     row, used = grid.row.copy(), np.array([len(grid.hit)], np.int32)
     hit = np.empty((len(grid.hit) + 2 * drawn.count * RAYS, BINS), np.float32)
     hit[: len(grid.hit)] = grid.hit
-    detection, radio = detection_table(model.radio), state.calibration.tuned(model.radio, 0).radio(0)
+    detection, radio = detection_table(model.radio), state.calibration.tuned(model.radio, 0).numbers
     usual, latest = work.buffers(_usual, 0, surfaces), work.buffers(latest_hits, 0, surfaces)
     learn(
-        belief.mean, drawn.drawn, drawn.seen, *messages.arrays, detection.chance, detection.step, radio,
-        work.require_cells().frame_of_messages, usual, reflection, row, hit, used, latest, foot, extent, seen,
+        belief.mean, belief.layout.head, drawn.drawn, drawn.seen, *messages.arrays, detection.chance,
+        detection.step, radio, work.require_cells().frame_of_messages, usual, reflection, row, hit, used,
+        latest, foot, extent, seen,
     )  # fmt: skip
     bank = replace(bank, reflection=reflection, foot=foot, extent=extent, seen=seen)
     return replace(state, surfaces=bank, grid=replace(grid, row=row, hit=hit[: int(used[0])].copy()))

@@ -25,18 +25,19 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Exchange:
-    """Messages between an anchor's measurements and the filter's paths at one step.
+    """Messages between the measurements of an anchor, or of all, and the filter's paths at one step.
 
     Attributes
     ----------
     anchor : int
+        -1 for all of them.
     rays : Rays
         The L paths, with their existence one step ahead.
     odds : (12, L)
         By path, `message` (5, L, M) by path and measurement, `measured` (4, M) by measurement: rows as in
         `gridslam.kernels.primitives.tables`.
-    fit : (9,)
-        How the measurements fitted; see `gridslam.kernels.SUMS`.
+    fit : (1 or J, 9)
+        How the measurements of each anchor fitted; see `gridslam.kernels.SUMS`.
     particles : int
         How many the paths were evaluated at.
     born : (B, 2)
@@ -68,7 +69,7 @@ class Exchange:
     @property
     def effective_sample_size(self) -> float:
         """Least effective number of particles behind a sure association; all if there is none."""
-        return float(min(self.fit[8], self.particles))
+        return float(min(self.fit[:, 8].min(), self.particles))
 
     @cached_property
     def log_evidence(self) -> float:
@@ -105,12 +106,12 @@ def update_surfaces_and_agent(
     """
     if runtime.start() == "gpu" and given is None:
         given = Association.alone(*associate(ratios.beta, ratios.missed, ratios.new), ratios.new)
-    from gridslam.kernels.messages.updates import update as launch
+    from gridslam.kernels.messages.updates import update, update_with_clocks
 
     rays, bank, anchor, messages = paths.rays, state.surfaces, heard.anchor, work.messages
     surfaces, anchors = len(bank), len(model.anchors)
     rays.check(surfaces, min(len(state.los), anchors))
-    if not 0 <= anchor < len(turned):
+    if not -1 <= anchor < len(turned) or heard.label.max(initial=-1) >= len(turned):
         raise ValueError("there is no such anchor")
     belief, los, existence = state.belief.copy(), state.los.copy(), bank.existence.copy()
     single, double, pairs, rounds = bank.single.copy(), bank.double.copy(), ratios.pairs, ROUNDS
@@ -120,16 +121,18 @@ def update_surfaces_and_agent(
         ratios.message[tables.NU], ratios.measured[tables.CLAIMED] = given.nu, given.claimed
         ratios.measured[tables.NEW], rounds = given.new, 0
     messages.reserve(len(rays), len(pairs), (surfaces, anchors))
+    launch = update_with_clocks() if belief.clocks else update
     launch(
-        belief.mean, belief.covariance, rays.table, pairs.start, pairs.index, pairs.pair, ratios.odds, rounds,
-        model.anchors, paths.prediction.whole, heard.table, ratios.blocks, model.radio.radio(anchor), anchor,
-        turned, scratch, ratios.message, ratios.measured, existence, los, single, double, share, fits,
-        *messages.arrays,
+        belief.mean, belief.covariance, belief.layout.head, rays.table, pairs.start, pairs.index, pairs.pair,
+        ratios.odds, rounds, model.anchors, paths.prediction.whole, heard.table, ratios.blocks,
+        model.radio.numbers, turned, scratch, ratios.message, ratios.measured, existence, los, single, double,
+        share, fits, *messages.arrays,
     )  # fmt: skip
     bank = replace(bank, existence=existence, single=single, double=double)
     listed = Rays(rays.table.copy(), rays.existence.copy(), rays.surfaces.copy(), rays.among)
+    own = slice(anchor, anchor + 1) if anchor >= 0 else slice(None)
     exchange = Exchange(
-        anchor, listed, ratios.odds, ratios.message, ratios.measured, fits[anchor], paths.recipe.count,
+        anchor, listed, ratios.odds, ratios.message, ratios.measured, fits[own], paths.recipe.count,
         np.zeros((0, 2)), given,
     )  # fmt: skip
     return replace(state, belief=belief, surfaces=bank, los=los), exchange

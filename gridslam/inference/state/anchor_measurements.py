@@ -1,4 +1,4 @@
-"""Measurements of one anchor in a scan, as arrays."""
+"""Measurements of one anchor in a scan, or of all of them, as arrays."""
 
 from __future__ import annotations
 
@@ -19,26 +19,32 @@ QUIET = np.log(20.0)
 CLUTTER_PER_QUIET = 1 / (1 - np.exp(-QUIET))
 """How much clutter one stands for that is quieter than that."""
 LEAST_STD = 1e-6
+UNKNOWN = -1
+"""Stands for an anchor that nobody has told."""
 
 
 @dataclass(frozen=True)
 class AnchorScan:
-    """Measurements of one anchor at one step; NaN stands for not measured.
+    """Measurements of one anchor at one step, or of all anchors; NaN stands for not measured.
 
     Attributes
     ----------
     anchor : int
+        `UNKNOWN` for measurements of any anchors.
     position : (2,) m
     orientation : float, rad
+        Of the anchor; NaN where it is unknown.
     value : (M, 3)
         Distance (m), AoD and AoA (rad).
     own_std : (M, 3)
         Deviations that came with the table.
     amplitude : (M,)
-    table : (M, 9)
+    label : (M,) int
+        The anchor that sent each, `UNKNOWN` if that isn't known.
+    table : (M, 10)
         The same as kernels take it: value, 0 for none; deviations, 0 for what follows from the amplitude, -1
         where there is no value; amplitude, -1 for none; whether it is loud; if it is as quiet as clutter is,
-        how much of that it stands for.
+        how much of that it stands for; label.
     """
 
     anchor: int
@@ -47,6 +53,7 @@ class AnchorScan:
     value: Array
     own_std: Array
     amplitude: Array
+    label: NDArray[np.intp]
     table: Array
 
     def __len__(self) -> int:
@@ -63,8 +70,9 @@ class AnchorScan:
         threshold: float = 0.0,
     ) -> AnchorScan:  # fmt: skip
         """Measurements given one by one; `threshold` is the amplitude from which on the radio detects."""
-        table = _table(value, own_std, amplitude, threshold)
-        return cls(anchor, position, orientation, value, own_std, amplitude, table)
+        label = np.full(len(amplitude), anchor)
+        table = _table(value, own_std, amplitude, label, threshold)
+        return cls(anchor, position, orientation, value, own_std, amplitude, label, table)
 
 
 def split_by_anchor(scan: Scan, model: FilterModel) -> list[AnchorScan]:
@@ -86,30 +94,45 @@ def anchor_scans(scan: Scan, places: Array, facings: Array, threshold: float = 0
     order = whose.argsort(kind="stable")
     ends = whose[order].searchsorted(np.arange(len(places) + 1)).tolist()
     rows = slice(ends[0], ends[-1])  # others belong to no anchor of the scene
-    order = order[rows]
-    value = np.array([scan.distance_m, scan.aod_rad, scan.aoa_rad]).T[order]
-    own = np.full((len(order), 3), np.nan)
-    for column, std in enumerate((scan.distance_std_m, scan.aod_std_rad, scan.aoa_std_rad)):
-        if std is not None:
-            own[:, column] = std[order]
-    amplitude = scan.amplitude[order]
-    table = _table(value, own, amplitude, threshold)
+    value, own, amplitude, label = _columns(scan, order[rows])
+    table = _table(value, own, amplitude, label, threshold)
     parts = (slice(begin - rows.start, end - rows.start) for begin, end in itertools.pairwise(ends))
     return [
-        AnchorScan(anchor, places[anchor], facing, value[part], own[part], amplitude[part], table[part])
+        AnchorScan(
+            anchor, places[anchor], facing, value[part], own[part], amplitude[part], label[part], table[part]
+        )
         for anchor, (facing, part) in enumerate(zip(facings.tolist(), parts, strict=True))
     ]
 
 
-def _table(value: Array, own_std: Array, amplitude: Array, threshold: float) -> Array:
-    table = np.empty((len(amplitude), 9))
+def of_all_anchors(scan: Scan, threshold: float = 0.0) -> AnchorScan:
+    """A whole scan, of which some rows or all don't say which anchor sent them: its `anchor` is -1 there."""
+    value, own, amplitude, label = _columns(scan, np.arange(len(scan)))
+    table = _table(value, own, amplitude, label, threshold)
+    return AnchorScan(UNKNOWN, np.full(2, np.nan), np.nan, value, own, amplitude, label, table)
+
+
+def _columns(scan: Scan, rows: NDArray[np.intp]) -> tuple[Array, Array, Array, NDArray[np.intp]]:
+    """Values (M, 3), deviations (M, 3), amplitudes (M,) and labels (M,) of some rows."""
+    value = np.array([scan.distance_m, scan.aod_rad, scan.aoa_rad]).T[rows]
+    own = np.full((len(rows), 3), np.nan)
+    for column, std in enumerate((scan.distance_std_m, scan.aod_std_rad, scan.aoa_std_rad)):
+        if std is not None:
+            own[:, column] = std[rows]
+    return value, own, scan.amplitude[rows], np.asarray(scan.anchor, np.intp)[rows]
+
+
+def _table(
+    value: Array, own_std: Array, amplitude: Array, label: NDArray[np.intp], threshold: float
+) -> Array:
+    table = np.empty((len(amplitude), 10))
     missing, silent = np.isnan(value), np.isnan(amplitude)
     excess = amplitude * amplitude - threshold * threshold
     table[:, :3], table[:, 6], table[:, 7] = value, amplitude, excess > LOUD
     table[:, 3:6] = np.where(np.isnan(own_std), 0.0, np.maximum(own_std, LEAST_STD))
-    table[:, 8] = CLUTTER_PER_QUIET * (excess < QUIET)
+    table[:, 8], table[:, 9] = CLUTTER_PER_QUIET * (excess < QUIET), label
     if missing.any():
         table[:, :3][missing], table[:, 3:6][missing] = 0.0, -1.0
     if silent.any():
-        table[silent, 6:] = -1.0, 1.0, 1.0
+        table[silent, 6:9] = -1.0, 1.0, 1.0
     return table

@@ -1,49 +1,63 @@
 """One correlated Gaussian belief about the agent and all surfaces (docs/model.md, (M15)).
 
 Separate beliefs forget that the map was built from the agent's own error. Here agent and surfaces stay
-correlated: the state is [x, y, vx, vy, heading, angle_1, offset_1, angle_2, ...].
+correlated: the state is [x, y, vx, vy, heading, angle_1, offset_1, angle_2, ...], see `layout`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf
 
+from gridslam.inference.state.layout import HEADING, StateLayout
 from gridslam.world.geometry import wrap
 
 Array = NDArray[np.float64]
-AGENT = 5
-"""Entries of the agent's state; surface i stands at AGENT + 2 i."""
 
 
 @dataclass(frozen=True)
 class Belief:
-    """Gaussian belief.
+    """Gaussian belief about one agent, and what it shares with all that it hears.
 
     Attributes
     ----------
-    mean : (5 + 2 S,) float64
-    covariance : (5 + 2 S, 5 + 2 S) float64
+    mean : (N,) float64
+        N = 5 + 2 S, or 5 + J + 2 S with clocks.
+    covariance : (N, N) float64
+    clocks : int
+        How many differences of clocks follow the agent's pose: J, or 0 if clocks are known.
     """
 
     mean: Array
     covariance: Array
+    clocks: int = 0
+
+    @cached_property
+    def layout(self) -> StateLayout:
+        """Where things stand in it."""
+        return StateLayout.of_view(len(self.mean), self.clocks)
 
     def copy(self) -> Belief:
         """The same in arrays of its own."""
-        return Belief(self.mean.copy(), self.covariance.copy())
+        return replace(self, mean=self.mean.copy(), covariance=self.covariance.copy())
 
     @property
     def lines(self) -> Array:
         """Mean lines of the surfaces, (S, 2): normal angle (rad) and offset (m)."""
-        return self.mean[AGENT:].reshape(-1, 2)
+        return self.mean[self.layout.lines].reshape(-1, 2)
+
+    def late(self, anchors: NDArray[np.intp] | int) -> Array:
+        """By how much clocks lengthen the distances of anchors (...,), m; 0 where they are known."""
+        known = np.zeros(np.shape(anchors))
+        return np.asarray(self.mean[self.layout.anchor_clocks][anchors]) if self.clocks else known
 
     @property
     def root(self) -> Array:
-        """Lower triangular root of the covariance (Cholesky's), which may be singular, (5 + 2 S, 5 + 2 S).
+        """Lower triangular root of the covariance (Cholesky's), which may be singular, (N, N).
 
         Unlike eigenvectors or their signs it is a continuous function of a regular covariance: particles of
         two computers whose rounding differs stay next to each other.
@@ -54,11 +68,6 @@ class Belief:
             _, upper = np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0))).T)
             root = upper.T * np.where(np.diagonal(upper) < 0, -1.0, 1.0)
         return np.asarray(root)
-
-
-def slots(surfaces: ArrayLike) -> NDArray[np.intp]:
-    """State entries of the lines of `surfaces` (...,), shape ``(..., 2)``."""
-    return AGENT + 2 * np.asarray(surfaces)[..., None] + np.arange(2)
 
 
 def predict(
@@ -83,16 +92,17 @@ def predict(
         covariance[axis + 2, axis + 2] += speed**2
         covariance[axis, axis + 2] += place * speed
         covariance[axis + 2, axis] += place * speed
-    covariance[4, 4] += heading**2
+    covariance[HEADING, HEADING] += heading**2
     # a turn by w about the point at tangential coordinate t changes the offset by t w
     size, turn = len(mean), (shift / 5.0) ** 2
     entries, on, lever = covariance.reshape(-1), 2 * (size + 1), turn * feet
-    angle = AGENT * (size + 1)  # where angle, and offset after it, of the first surface stand on the diagonal
+    # where angle, and offset after it, of the first surface stand on the diagonal
+    angle = belief.layout.head * (size + 1)
     entries[angle::on] += turn
     entries[angle + 1 :: on][: len(feet)] += lever
     entries[angle + size :: on] += lever
     entries[angle + size + 1 :: on] += lever * feet + shift**2
-    return Belief(mean, covariance)
+    return replace(belief, mean=mean, covariance=covariance)
 
 
 def update(belief: Belief, jacobian: Array, residuals: Array, noises: Array, weights: Array) -> Belief:
@@ -122,8 +132,8 @@ def update(belief: Belief, jacobian: Array, residuals: Array, noises: Array, wei
         outer += weight * np.outer(step, step)
     covariance = belief.covariance - spread @ inner @ spread.T + outer - np.outer(shift, shift)
     mean = belief.mean + shift
-    mean[4] = wrap(mean[4])
-    return Belief(mean, 0.5 * (covariance + covariance.T))
+    mean[HEADING] = wrap(mean[HEADING])
+    return replace(belief, mean=mean, covariance=0.5 * (covariance + covariance.T))
 
 
 def give_birth(belief: Belief, line: Array, by_state: Array, by_measurement: Array, noise: Array) -> Belief:
@@ -141,7 +151,9 @@ def give_birth(belief: Belief, line: Array, by_state: Array, by_measurement: Arr
     cross = by_state @ belief.covariance
     own = cross @ by_state.T + by_measurement @ np.diag(noise) @ by_measurement.T
     covariance = np.block([[belief.covariance, cross.T], [cross, own]])
-    return Belief(np.concatenate([belief.mean, line]), 0.5 * (covariance + covariance.T))
+    return replace(
+        belief, mean=np.concatenate([belief.mean, line]), covariance=0.5 * (covariance + covariance.T)
+    )
 
 
 def append(belief: Belief, line: Array, covariance: Array) -> Belief:
@@ -149,13 +161,13 @@ def append(belief: Belief, line: Array, covariance: Array) -> Belief:
     size = len(belief.mean)
     joint = np.zeros((size + 2, size + 2))
     joint[:size, :size], joint[size:, size:] = belief.covariance, covariance
-    return Belief(np.concatenate([belief.mean, line]), joint)
+    return replace(belief, mean=np.concatenate([belief.mean, line]), covariance=joint)
 
 
 def keep(belief: Belief, surfaces: NDArray[np.bool_]) -> Belief:
     """Marginalise out the surfaces that aren't kept."""
-    rows = np.concatenate([np.ones(AGENT, dtype=bool), np.repeat(surfaces, 2)])
-    return Belief(belief.mean[rows], belief.covariance[np.ix_(rows, rows)])
+    rows = np.concatenate([np.ones(belief.layout.head, dtype=bool), np.repeat(surfaces, 2)])
+    return replace(belief, mean=belief.mean[rows], covariance=belief.covariance[np.ix_(rows, rows)])
 
 
 def separated(belief: Belief) -> Belief:
@@ -163,5 +175,5 @@ def separated(belief: Belief) -> Belief:
 
     Every belief keeps its marginal, and forgets whose errors it was built from.
     """
-    owner = np.concatenate([np.zeros(AGENT, np.intp), 1 + np.repeat(np.arange(len(belief.lines)), 2)])
-    return Belief(belief.mean, belief.covariance * (owner[:, None] == owner))
+    owner = belief.layout.owner
+    return replace(belief, covariance=belief.covariance * (owner[:, None] == owner))

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.inference.state.belief import AGENT, Belief
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.layout import HEADING, StateLayout
 from gridslam.kernels import PATH_BLOCK, ROOT_GIVEN, STATE_GIVEN, TAKE_ROOT
 
 Array = NDArray[np.float64]
@@ -34,6 +35,7 @@ PORTION = 512
 GOLDEN = 2654435769
 """2^32 over the golden ratio: its multiples, and theirs, are spread evenly over the remainders."""
 NO_POINTS = np.empty((0, 0), np.float32)
+NO_BELIEF = Belief(np.empty(0), np.empty((0, 0)))
 
 
 @dataclass(frozen=True)
@@ -42,20 +44,28 @@ class Cloud:
 
     Attributes
     ----------
-    state : (3 + 3 S, P) float32 or float64
-        x, y (m) and heading (rad); then unit normal and offset (m) of every surface. Particles stay on the
-        device that computes.
+    state : (3 + 3 S + J, P) float32 or float64
+        x, y (m) and heading (rad); unit normal and offset (m) of every surface; differences of clocks (m) if
+        these are unknown. Particles stay on the device that computes.
     kept : float
         h^2: bandwidth, as a share of the covariance.
+    clocks : int
+        J, or 0 if clocks are known.
     """
 
     state: runtime.Resident
     kept: float
+    clocks: int = 0
 
     @property
     def surfaces(self) -> int:
         """Number of surfaces S."""
-        return self.state.shape[0] // 3 - 1
+        return (self.state.shape[0] - self.clocks) // 3 - 1
+
+
+def rows_of(layout: StateLayout) -> int:
+    """Rows of particles: the agent's pose, every line's normal and offset, and clocks."""
+    return 3 + 3 * layout.surfaces + layout.clocks
 
 
 @dataclass(frozen=True)
@@ -64,6 +74,7 @@ class Recipe:
 
     Attributes
     ----------
+    layout : StateLayout
     root : (N, N) float32
         Root of the share of the covariance that is drawn.
     base : (N, 3) float32
@@ -76,6 +87,7 @@ class Recipe:
         Bandwidth, as a share of the covariance.
     """
 
+    layout: StateLayout
     root: Single
     base: Single
     points: runtime.Resident
@@ -85,15 +97,15 @@ class Recipe:
     @property
     def room(self) -> tuple[int, int]:
         """Shape of the states."""
-        return 3 + 3 * ((len(self.root) - AGENT) // 2), self.count
+        return rows_of(self.layout), self.count
 
 
 def at_mean(belief: Belief) -> Cloud:
-    """The belief's mean as a single sample."""
-    mean = belief.mean
+    """The belief's mean as a single sample, without clocks."""
+    mean, layout = belief.mean, belief.layout
     state = np.empty((3 + 3 * len(belief.lines), 1))
-    state[:2, 0], state[2, 0], angle = mean[:2], mean[4], mean[AGENT::2]
-    state[3::3, 0], state[4::3, 0], state[5::3, 0] = np.cos(angle), np.sin(angle), mean[AGENT + 1 :: 2]
+    state[:2, 0], state[2, 0], angle = mean[:2], mean[HEADING], mean[layout.angles]
+    state[3::3, 0], state[4::3, 0], state[5::3, 0] = np.cos(angle), np.sin(angle), mean[layout.offsets]
     return Cloud(state, 0.0)
 
 
@@ -107,9 +119,10 @@ class Draft(NamedTuple):
     failed: NDArray[np.int32]
 
     @classmethod
-    def of(cls, size: int, samples: int) -> Draft:
-        """Room for a belief of so many entries, and so many exact samples."""
-        square, state = (size, size), np.empty((3 + 3 * ((size - AGENT) // 2), samples))
+    def of(cls, layout: StateLayout, samples: int) -> Draft:
+        """Room for a belief of this layout, and so many exact samples."""
+        size = layout.size
+        square, state = (size, size), np.empty((rows_of(layout), samples))
         root, base = np.empty(square, np.float32), np.empty((size, 3), np.float32)
         return cls(np.empty(square), root, base, state, np.empty(1, np.int32))
 
@@ -153,9 +166,14 @@ class Sampling:
     @classmethod
     def at(cls, cloud: Cloud) -> Sampling:
         """Samples that are there already."""
-        belief, draft = Belief(np.empty(0), np.empty((0, 0))), Draft.of(AGENT, 0)._replace(state=cloud.state)
+        draft = Draft.of(StateLayout(), 0)._replace(state=cloud.state)
         draft.failed[0] = 0
-        return cls(belief, NO_POINTS, 0, draft, given=True)
+        return cls(NO_BELIEF, NO_POINTS, 0, draft, given=True)
+
+    @property
+    def head(self) -> int:
+        """First entry of the lines."""
+        return 0 if self.given else self.belief.layout.head
 
     def attempts(self) -> Iterator[tuple[Any, ...]]:
         """Arguments of a kernel; if the covariance is singular, once more with another root."""
@@ -170,7 +188,9 @@ def needed(belief: Belief) -> float:
     As in [Fox2003kld], eq. (7), over the bins within three deviations of the pose that is believed in.
     """
     spread = np.linalg.eigvalsh(belief.covariance[:2, :2])
-    spans = 6 * np.sqrt(np.maximum(np.append(spread / BIN_M**2, belief.covariance[4, 4] / BIN_RAD**2), 0))
+    spans = 6 * np.sqrt(
+        np.maximum(np.append(spread / BIN_M**2, belief.covariance[HEADING, HEADING] / BIN_RAD**2), 0)
+    )
     free = max(float(np.ceil(spans).prod()) - 1, 1.0)
     part = 2 / (9 * free)
     return float(free / (2 * DIVERGENCE) * (1 - part + np.sqrt(part) * SURE) ** 3)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.state.belief import AGENT, Belief
+from gridslam.inference.state.belief import Belief
 from gridslam.world.radio import REFLECTION_BINS
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ class SurfaceBank:
         """Refuse a belief or anchors that this isn't the bank of: a kernel would read past its arrays."""
         count = len(self)
         if not (
-            len(belief.mean) == AGENT + 2 * count
+            belief.layout.surfaces == count
             and len(self.existence) == len(self.owner) == count
             and sights == places <= len(self.single)
             and self.single.shape[1:] == (count,)
