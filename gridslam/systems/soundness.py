@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from gridslam.errors import InputError
 from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
-from gridslam.inference.state.belief import AGENT
 from gridslam.inference.state.grid import BINS
+from gridslam.inference.state.layout import StateLayout
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rings import BEARINGS, MOVING
 from gridslam.inference.state.state import State
@@ -83,7 +83,7 @@ def require_sound(state: State, model: FilterModel, where: str) -> None:
 def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shape]]:
     """Parts of a state, their shapes, and what these have to be: all parts speak of the same surfaces."""
     anchors, surfaces, size = len(model.anchors), len(state.surfaces), len(state.belief.mean)
-    yield "belief/mean", (size,), (AGENT + 2 * surfaces,)
+    yield "belief/mean", (size,), (StateLayout(1, state.belief.clocks, surfaces).size,)
     yield "belief/covariance", state.belief.covariance.shape, (size, size)
     yield "los", state.los.shape, (anchors,)
     for name in ("clutter", "listened", "turn", "turn_weight"):

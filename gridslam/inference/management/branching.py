@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from gridslam.inference.management.pose_search import Modes
 from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.belief import AGENT, Belief
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.layout import AGENT
 from gridslam.inference.state.state import State
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import SignalModel
@@ -41,7 +42,7 @@ def placed(state: State, pose: Array, covariance: Array, velocity: float) -> Sta
     joint[:AGENT], joint[:, :AGENT] = 0.0, 0.0
     joint[np.ix_(POSE, POSE)] = covariance
     joint[2, 2] = joint[3, 3] = velocity
-    return replace(state, belief=Belief(mean, joint))
+    return replace(state, belief=replace(state.belief, mean=mean, covariance=joint))
 
 
 def branches_of(state: State, modes: Modes, velocity: float) -> list[State]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.state.belief import AGENT, Belief
+from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.population import NONE, Population
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel
@@ -112,13 +112,13 @@ def moment_matched(one: State, other: State, log_one: float, log_other: float) -
     """The first state with the joint belief of both."""
     share = 1 / (1 + np.exp(log_other - log_one))
     gap = other.belief.mean - one.belief.mean
-    gap[4] = wrap(gap[4])
-    gap[AGENT::2] = wrap(gap[AGENT::2])
+    angles = one.belief.layout.angles
+    gap[HEADING], gap[angles] = wrap(gap[HEADING]), wrap(gap[angles])
     mean = one.belief.mean + (1 - share) * gap
-    mean[4] = wrap(mean[4])
+    mean[HEADING] = wrap(mean[HEADING])
     covariance = share * one.belief.covariance + (1 - share) * other.belief.covariance
     covariance = covariance + share * (1 - share) * np.outer(gap, gap)
-    return replace(one, belief=Belief(mean, covariance))
+    return replace(one, belief=replace(one.belief, mean=mean, covariance=covariance))
 
 
 def places(population: Population) -> int:

@@ -1,4 +1,4 @@
-"""Setting clocks: what all agents heard, as evidence about the offset of each open one; docs/model.md, (M103)."""
+"""Setting clocks: what all agents heard, as evidence about each open one's offset; docs/model.md, (M103)."""
 
 from __future__ import annotations
 

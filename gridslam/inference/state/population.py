@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.state.belief import AGENT
+from gridslam.inference.state.layout import AGENT
 from gridslam.inference.state.state import State
 from gridslam.world.geometry import wrap
 
