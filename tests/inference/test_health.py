@@ -1,10 +1,12 @@
 """What a filter says of itself, what it learns of its radio, and finding the agent again."""
 
 import copy
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from filter_states import model_of, state_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
@@ -14,6 +16,7 @@ from gridslam.estimates import Health
 from gridslam.evaluation.bounds import known_map_bound
 from gridslam.evaluation.consistency import complaints
 from gridslam.inference.management import pose_recovery
+from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.messages.likelihood import DetectionTable
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios, Pairs
 from gridslam.inference.state.anchor_measurements import anchor_scans
@@ -300,3 +303,24 @@ def test_bad_words_to_robustness_are_one_line(say, words):
     said = say("robustness", *words)
     assert said.code == 2
     assert len(said.complaints) == 1
+
+
+@pytest.mark.parametrize(("walls", "sure", "said"), [(24, 24, 0), (27, 27, 3), (27, 20, 0)])
+def test_surfaces_that_are_dropped_for_want_of_room_are_told(walls, sure, said):
+    """Of 24 at most, those believed in; a tentative one that goes is no loss."""
+    draw = np.random.default_rng(1)
+    mean = np.concatenate(
+        [np.zeros(5), np.stack([np.linspace(-3, 3, walls), np.full(walls, 5.0)], -1).ravel()]
+    )
+    state = state_of(Belief(mean, 1e-6 * np.eye(len(mean))))
+    bank = state.surfaces
+    existence = np.where(np.arange(walls) < sure, draw.uniform(0.8, 0.99, walls), 0.4)
+    seen = np.full(walls, 100)
+    state = replace(state, surfaces=replace(bank, existence=existence, seen=seen, age=seen))
+    after = merge_and_prune(state, model_of(anchors=[[0.0, 0.0, 0.0]]))
+    assert len(after.surfaces) == 24
+    assert after.monitor.dropped == said
+    assert after.monitor.begun(3).dropped == 0
+    model = model_of(anchors=[[0.0, 0.0, 0.0]])
+    health, _ = after.monitor.assess(after.calibration, np.zeros(1), model, 0.1, 100.0)
+    assert ("want of room" in health.why) == (said > 0)

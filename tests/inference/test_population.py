@@ -25,6 +25,7 @@ from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.population import NONE, Population
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
+from gridslam.world.start import told_start
 
 MODEL = model_of(anchors=[[0.0, 0.0, 0.0]])
 
@@ -292,3 +293,28 @@ def test_radios_without_bearings_and_inherited_maps_search_for_no_start(scene):
     vague_state = replace(slam.state, belief=Belief(model.start_mean, np.diag(model.start_variance)))
     assert not begun(vague_state, deaf).searching
     assert not begun(slam.state, slam.model).searching
+
+
+@pytest.mark.slow
+def test_vague_starts_end_right_and_never_silently_wrong():
+    """Known to 8 m and any heading: by one anchor, or by two that tell no angle of departure."""
+    for seed, (name, anchors, measures) in enumerate(
+        [
+            ("room", 1, ("distance", "aod", "aoa", "amplitude")),
+            ("alcove", 2, ("distance", "aoa", "amplitude")),
+        ]
+        * 2
+    ):
+        scene = shortened(gs.Scene.load(name), 30).with_filter(particles=256)
+        radio = scene.radio.model_copy(update={"measures": measures})
+        scene = vague(scene.model_copy(update={"radio": radio, "anchors": scene.anchors[:anchors]}))
+        track, slam, wrong = scene.track("agent1"), GridSlam(scene, seed=seed), 0
+        start = told_start(scene, "agent1", seed)
+        slam.start_at(start.position_m, start.heading_rad)
+        for step, scan in enumerate(gs.simulate(scene, "agent1", seed=seed + 900)):
+            estimate = slam.step(scan)
+            gap = estimate.position_m - track.position_m[step]
+            off, square = np.linalg.norm(gap), gap @ np.linalg.solve(estimate.covariance[:2, :2], gap)
+            wrong += off > 0.5 and square > 16 and estimate.health.ok
+        assert off < 0.3
+        assert wrong <= 2

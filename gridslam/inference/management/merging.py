@@ -85,5 +85,11 @@ def merge_and_prune(state: State, model: FilterModel) -> State:
     bank, belief = merge(state.surfaces, state.belief)
     if model.max_bounces > 1:
         bank, belief = drop_ghosts(bank, belief, model.anchor_positions)
+    before = bank
     bank, belief = prune(bank, belief, model.settings.prune_below)
-    return replace(state, surfaces=bank, belief=belief)
+    monitor = state.monitor
+    if len(bank) == MOST_SURFACES < len(before):
+        dropped = ~np.isin(before.identity, bank.identity)
+        crowded = int(np.count_nonzero(dropped & (before.existence > model.settings.detect_above)))
+        monitor = replace(monitor, dropped=crowded)
+    return replace(state, surfaces=bank, belief=belief, monitor=monitor)

@@ -46,6 +46,8 @@ class HealthMonitor:
         Steps of silence so far; steps since the agent was found again.
     crowd : int
         Loud measurements of one anchor at this step, if too many for all to propose poses; else 0.
+    dropped : int
+        Surfaces believed in that were dropped at this step, since only so many are kept.
     """
 
     misfit: float = 0.0
@@ -57,6 +59,7 @@ class HealthMonitor:
     silent: int = 0
     since: int = 1_000_000
     crowd: int = 0
+    dropped: int = 0
 
     def begun(self, scan_size: int) -> Self:
         """A new step with `scan_size` measurements."""
@@ -69,6 +72,7 @@ class HealthMonitor:
             silent=0 if scan_size else self.silent + 1,
             since=self.since + 1,
             crowd=0,
+            dropped=0,
         )
 
     def fitted(self, fits: Array) -> Self:
@@ -139,6 +143,8 @@ class HealthMonitor:
             reasons.append(f"{effective:.0f} particles carry the weight")
         if self.crowd:
             reasons.append(f"{self.crowd} loud paths of one anchor: {MOST_LOUD} of them propose poses")
+        if self.dropped:
+            reasons.append(f"{self.dropped} surfaces dropped for want of room")
         health = Health(
             not reasons, "; ".join(reasons), effective, ratio, (low, high), share, np.array(heard),
             calibration.gain, calibration.turned.copy(), self.silent,
