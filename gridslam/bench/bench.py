@@ -20,7 +20,7 @@ from gridslam.bench.start import Machine, StartUp, machine, start_up
 from gridslam.estimates import Estimate
 from gridslam.inference.workspace.workspace import OTHER
 from gridslam.systems.front import SurfaceFilter
-from gridslam.systems.registry import method_class, method_name
+from gridslam.systems.registry import method_class, method_name, taken_by
 from gridslam.systems.slam import Slam, built, stepped
 from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
@@ -29,6 +29,8 @@ Tell = Callable[[str, int, int], None]
 Kind = tuple[str | type[Slam], str, int, int]
 """Method, scene, particles, steps before any is timed."""
 VERSION = 4
+SAMPLED = "overlap"
+"""Scene on which methods that take sampled signals are timed."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,8 @@ def measure(
     tell : callable, optional
         Gets (what comes next, parts done, parts in all).
     methods : sequence of str or class, optional
-        Measure whole steps of these methods alone, as `gridslam.map_scene` takes them, on `alcove`.
+        Measure whole steps of these methods alone, as `gridslam.map_scene` takes them, on `alcove`; of those
+        on sampled signals, on `overlap`.
 
     Returns
     -------
@@ -168,7 +171,12 @@ def _chosen(
     if any(issubclass(found, SurfaceFilter) for found in classes):
         alcove = Scene.load("alcove").with_filter(particles=plan.kernel_particles)
         idle = IdleLaunches(largest_launches(alcove, plan.kernel_before))
-    kinds: list[Kind] = [(method, "alcove", n, plan.before) for method in methods for n in plan.particles]
+    on = {found: SAMPLED if taken_by(found) == "signal" else "alcove" for found in classes}
+    kinds: list[Kind] = [
+        (method, on[found], n, plan.before)
+        for method, found in zip(methods, classes, strict=True)
+        for n in plan.particles
+    ]
     next_part, steps = _parts([*map(_title, kinds)], tell), []
     for kind in kinds:
         next_part()
@@ -196,9 +204,11 @@ def _parts(names: Sequence[str], tell: Tell | None) -> Callable[[], None]:
 def _steps(kind: Kind, plan: Plan, idle: IdleLaunches | None) -> StepSpeed:
     """Run a method from the start, time the steps after so many, and split some more by stage."""
     method, name, particles, before = kind
-    scene = Scene.load(name).with_filter(particles=particles)
-    scans = heard(scene, before + plan.timed + plan.watched)
-    memory, slam = PeakMemory(), built(method_class(method), scene, seed=1)
+    scene, found = Scene.load(name).with_filter(particles=particles), method_class(method)
+    takes = taken_by(found)
+    scans = heard(scene, before + plan.timed + plan.watched, takes)
+    waveform = scene.waveform() if takes == "signal" else None
+    memory, slam = PeakMemory(), built(found, scene, seed=1, waveform=waveform)
     course = run(partial(stepped, slam), scans[: -plan.watched], memory)
     if isinstance(slam, SurfaceFilter) and idle is not None:
         stages = _stages(slam, scans[-plan.watched :], memory, idle)

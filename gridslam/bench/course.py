@@ -13,8 +13,8 @@ from typing import Any
 import psutil
 import tomli_w
 
-from gridslam.measurements.table import Scan
-from gridslam.simulation.image_source import simulate
+from gridslam.simulation.simulate import heard_by
+from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
 
 
@@ -49,10 +49,10 @@ def changed(scene: Scene, **sections: dict[str, Any]) -> Scene:
     return Scene.from_toml(tomli_w.dumps(data), scene.name)
 
 
-def heard(scene: Scene, steps: int) -> list[Scan]:
-    """What the scene's first agent hears in its first steps."""
+def heard(scene: Scene, steps: int, takes: Kind = "paths") -> list[Any]:
+    """What the scene's first agent hears in its first steps, of the kind that a method takes."""
     name = scene.agents[0].name
-    return list(simulate(changed(scene, agents={"steps": steps}), name, seed=1))
+    return list(heard_by(changed(scene, agents={"steps": steps}), name, 1, takes))
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Course:
     peak: list[float]
 
 
-def run(step: Callable[[Scan], Any], scans: Iterable[Scan], memory: PeakMemory) -> Course:
+def run(step: Callable[[Any], Any], scans: Iterable[Any], memory: PeakMemory) -> Course:
     """Take in all scans, and measure each step."""
     course = Course([], [], [], [])
     for scan in scans:

@@ -12,16 +12,17 @@ from rich.console import Console
 from rich.table import Table
 
 from gridslam.cli import bench, files, scene
+from gridslam.cli.observed import given_file, recorded, source
 from gridslam.cli.output import ended, interruptible, reserved
 from gridslam.cli.resume import as_saved, refuse_contradictions, unfinished
 from gridslam.cli.robustness import robustness
 from gridslam.cli.study import study
 from gridslam.errors import InputError, Unwritten
-from gridslam.systems.registry import DEFAULT, method_class, method_help
+from gridslam.systems.registry import DEFAULT, method_class, method_help, taken_by
 
 if TYPE_CHECKING:
     from gridslam.maps.map import Map
-    from gridslam.measurements.table import Measurements
+    from gridslam.measurements.heard import Heard
     from gridslam.runs.reservation import Place
     from gridslam.runs.run import Run
     from gridslam.runs.unfinished import Unfinished
@@ -48,7 +49,10 @@ def run(
     measurements: Annotated[
         Path | None, typer.Option(help="CSV, MATLAB or HDF5 file of the one agent")
     ] = None,
-    truth: Annotated[Path | None, typer.Option(help="TUM track to score --measurements by")] = None,
+    signal: Annotated[
+        Path | None, typer.Option(help="sampled signals of the one agent, for methods that take them")
+    ] = None,
+    truth: Annotated[Path | None, typer.Option(help="TUM track to score what was recorded by")] = None,
     map_file: Annotated[Path | None, typer.Option("--map", help="map to start from")] = None,
     same_frame: Annotated[
         bool, typer.Option("--same-frame", help="the map is in the scene's frame, though it shares no anchor")
@@ -89,13 +93,17 @@ def run(
     world = Scene.load(scene)
     world = world if particles is None else world.with_filter(particles=particles)
     system = method_class(method, "--method")
-    names = _agents(world, agent, measurements)
-    how = _start(start, measurements)
+    takes = taken_by(system)
+    file = given_file(measurements, signal, takes, method)
+    names = _agents(world, agent, file)
+    if file is None and takes == "signal":
+        world.waveform(names[0])
+    how = _start(start, file)
     going_on = resume is not None
     with interruptible() as termination, reserved(output, world.name, overwrite, going_on) as (folder, place):
-        recorded = _recorded(world, measurements, truth)
-        if recorded is not None:
-            check_anchors(world, recorded)
+        heard = recorded(world, file, truth, takes)
+        if heard is not None:
+            check_anchors(world, heard)
         prior = Map.load(map_file) if map_file else None
         given, note = fitted(prior, world, str(map_file), same_frame) if prior is not None else (None, None)
         with _view(world, names, rerun_to, overwrite) if rerun or rerun_to else nullcontext() as view:
@@ -105,7 +113,7 @@ def run(
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
             resolved = {"agent": names, "particles": world.filter.particles, "start": how}
             kept = unfinished(context, place, world, system, resolved)
-            runs, heards = _explore(world, names, method, seed, how, recorded, given, view, kept)
+            runs, heards = _explore(world, names, method, seed, how, heard, given, view, kept)
             stopped = len(runs) < len(names) or runs[-1].interrupted
             scores = []
             try:
@@ -118,7 +126,7 @@ def run(
                 line = f"{ended(termination)} after {kept.where()}; to go on: gridslam run --resume {folder}"
                 err.print(line, highlight=False, markup=False, soft_wrap=True)
                 sys.exit(143 if termination.asked else 130)
-            stopped = not _finish(folder, place, world, runs, heards, scores) or stopped
+            stopped = not _finish(folder, place, world, runs, heards, scores, source(file)) or stopped
         if stopped:
             done = f"{len(runs[-1].estimates)} of {len(heards[-1])} steps of {runs[-1].agent}"
             line = f"{ended(termination)} after {done}: {folder} holds what was done"
@@ -136,12 +144,15 @@ def simulate(
     unlabelled: Annotated[
         bool, typer.Option("--unlabelled", help="nothing says which anchor a measurement is of")
     ] = False,
+    signal: Annotated[
+        bool, typer.Option("--signal", help="sampled signals instead of paths, into FILE.h5")
+    ] = False,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace files of these names")] = False,
 ) -> None:
     """Write what an agent would hear, or several agents at once."""
     from gridslam.io.files import refuse_taken
-    from gridslam.simulation.network import simulate as hear
+    from gridslam.simulation.simulate import simulate as hear
     from gridslam.world.scene import Scene
 
     if output.suffix not in (".csv", ".h5"):
@@ -149,7 +160,15 @@ def simulate(
     world = Scene.load(scene)
     names = _agents(world, agent or [a.name for a in world.agents[:1]], None)
     refuse_taken([output], overwrite)
-    if len(names) == 1 and not unlabelled:
+    if signal:
+        if len(names) > 1 or unlabelled:
+            raise InputError("--signal", "several agents" if len(names) > 1 else "--unlabelled", "one agent")
+        if output.suffix != ".h5":
+            raise InputError("-o", repr(output.name), "a name that ends in .h5, with --signal")
+        samples = hear(world, names[0], seed, what="signal")
+        samples.to_h5(output)
+        counts = f"{len(samples)} steps, samples {' x '.join(map(str, samples.waveform.shape))}"
+    elif len(names) == 1 and not unlabelled:
         heard = hear(world, names[0], seed)
         (heard.to_csv if output.suffix == ".csv" else heard.to_h5)(output)
         counts = f"{len(heard)} steps, {len(heard.step)} measurements"
@@ -213,7 +232,11 @@ def _agents(world: Scene, chosen: list[str] | None, measurements: Path | None) -
     for name in names:
         world.agent(name)
         if measurements is None and not world.walls:
-            raise InputError(f"{world.name}: walls", "none", "walls to simulate from, or --measurements FILE")
+            raise InputError(
+                f"{world.name}: walls",
+                "none",
+                "walls to simulate from, or --measurements FILE (--signal FILE)",
+            )
         if measurements is None:
             world.track(name)
     return names
@@ -230,22 +253,6 @@ def _start(asked: str | None, measurements: Path | None) -> str:
     return asked or ("drawn" if measurements is None else "exact")
 
 
-def _recorded(world: Scene, file: Path | None, truth: Path | None) -> Measurements | None:
-    """Measurements from a file, with the truth that goes with them."""
-    from gridslam.evaluation.ground_truth import with_truth
-    from gridslam.measurements.table import Measurements
-    from gridslam.world.trajectory import Trajectory
-
-    if file is None:
-        if truth is not None:
-            raise InputError("--truth", str(truth), "only together with --measurements")
-        return None
-    heard = Measurements.load(file, world.anchor_names, world.clocks is not None)
-    if truth is None:
-        return with_truth(heard, None, f"{file}: /truth")
-    return with_truth(heard, Trajectory.from_tum(truth), str(truth))
-
-
 def _view(
     world: Scene, names: list[str], where: str | None, overwrite: bool
 ) -> AbstractContextManager[RunView]:
@@ -260,28 +267,30 @@ def _explore(
     method: str,
     seed: int,
     how: str,
-    recorded: Measurements | None,
+    recorded: Heard | None,
     given: Map | None,
     view: RunView | None = None,
     kept: Unfinished | None = None,
-) -> tuple[list[Run], list[Measurements]]:
+) -> tuple[list[Run], list[Heard]]:
     """Run the agents one after the other; Ctrl-C ends the list early.
 
     It raises only if that is empty and nothing is kept to go on from.
     """
     from gridslam.runs.map_scene import map_scene
     from gridslam.runs.progress import progress_bar
-    from gridslam.simulation.image_source import simulate as hear
+    from gridslam.simulation.simulate import heard_by
     from gridslam.world.start import told_start
 
+    takes = taken_by(method_class(method))
+
     runs: list[Run] = []
-    heards: list[Measurements] = []
+    heards: list[Heard] = []
     try:
         for number, name in enumerate(names):
             with _busy(f"simulating {name}"):
                 heard = kept.measurements(number) if kept else recorded
                 heard = recorded if heard is None else heard
-                heard = hear(world, name, seed) if heard is None else heard
+                heard = heard_by(world, name, seed, takes) if heard is None else heard
             own = kept.agent(number, name, heard) if kept else None
             watch = view.follow(name, heard.truth) if view else None
             with progress_bar(name, heard.truth, err) as tell:
@@ -302,9 +311,7 @@ def _explore(
     return runs, heards[: len(runs)]
 
 
-def _scores(
-    world: Scene, runs: list[Run], heards: list[Measurements], given: Map | None
-) -> list[dict[str, Any]]:
+def _scores(world: Scene, runs: list[Run], heards: list[Heard], given: Map | None) -> list[dict[str, Any]]:
     """Score each run against its own track and the walls that any agent so far could hear of."""
     from gridslam.evaluation.ground_truth import inherited_truth, truth_of
     from gridslam.simulation.image_source import Truth
@@ -324,8 +331,9 @@ def _finish(
     place: Place,
     world: Scene,
     runs: list[Run],
-    heards: list[Measurements],
+    heards: list[Heard],
     scores: list[dict[str, Any]],
+    settings: dict[str, Any],
 ) -> bool:
     """Write the folder and say what is in it; False if Ctrl-C ended the writing or drawing."""
     from gridslam.runs.run_files import write_run
@@ -343,7 +351,7 @@ def _finish(
 
     fault: InputError | None = None
     try:
-        write_run(folder, world, runs, heards, scores, {}, place.overwrite, draw, place)
+        write_run(folder, world, runs, heards, scores, settings, place.overwrite, draw, place)
     except KeyboardInterrupt:
         whole = False
     except InputError as error:  # the table is worth seeing all the same

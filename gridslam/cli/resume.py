@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 SETTLED = {
     "scene": "SCENE", "agent": "--agent", "method": "--method", "particles": "--particles", "seed": "--seed",
-    "measurements": "--measurements", "truth": "--truth", "map_file": "--map", "same_frame": "--same-frame",
-    "start": "--start", "device": "--device",
+    "measurements": "--measurements", "signal": "--signal", "truth": "--truth", "map_file": "--map",
+    "same_frame": "--same-frame", "start": "--start", "device": "--device",
 }  # fmt: skip
 """Options on which the result depends, by the names of their parameters: as they were, or left out."""
 FREE = ("threads", "checkpoint", "overwrite")
 """Options that may be given anew."""
-SOURCES = ("measurements", "truth", "map_file")
+SOURCES = ("measurements", "signal", "truth", "map_file")
 
 
 def as_saved(context: typer.Context, folder: Path | None) -> Path | None:

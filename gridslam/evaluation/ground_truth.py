@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
 from gridslam.errors import InputError
 from gridslam.evaluation.bounds import Bound, known_map_bound
 from gridslam.maps.map import Map
+from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.image_source import Truth, ground_truth
 from gridslam.world.scene import Scene
@@ -18,12 +20,15 @@ SAME_WAY_M = 1e-6
 """Deviation up to which a recorded track is the scene's own, written to a file and read again."""
 
 
-def with_truth(heard: Measurements, track: Trajectory | None, where: str) -> Measurements:
+Known = TypeVar("Known", Measurements, Recording)
+
+
+def with_truth(heard: Known, track: Trajectory | None, where: str) -> Known:
     """Return the measurements with a true track that has one pose per step.
 
     Parameters
     ----------
-    heard : Measurements
+    heard : Measurements or Recording
     track : Trajectory or None
         At any times, between which it is interpolated; None keeps the measurements' own, if any.
     where : str
@@ -34,18 +39,19 @@ def with_truth(heard: Measurements, track: Trajectory | None, where: str) -> Mea
     InputError
         The track doesn't cover the times of the steps.
     """
-    track = heard.truth if track is None else track
-    if track is None:
+    known = heard.truth if track is None else track
+    if known is None:
         return heard
-    time = np.array([scan.time_s for scan in heard])
+    way: Trajectory = known
+    time = heard.times_s
     slack = 1e-6 * max(heard.interval_s, 1e-3)
-    if len(time) and (time[0] < track.time_s[0] - slack or time[-1] > track.time_s[-1] + slack):
-        found = f"a track from {track.time_s[0]:g} to {track.time_s[-1]:g} s"
+    if len(time) and (time[0] < way.time_s[0] - slack or time[-1] > way.time_s[-1] + slack):
+        found = f"a track from {way.time_s[0]:g} to {way.time_s[-1]:g} s"
         raise InputError(where, found, f"one that covers the steps, {time[0]:g} to {time[-1]:g} s")
-    if len(time) == len(track) and np.allclose(time, track.time_s, rtol=0, atol=slack):
-        return replace(heard, truth=replace(track, time_s=time))
-    columns = [*track.position_m.T, *track.velocity_mps.T, np.unwrap(track.heading_rad)]
-    x, y, vx, vy, heading = (np.interp(time, track.time_s, column) for column in columns)
+    if len(time) == len(way) and np.allclose(time, way.time_s, rtol=0, atol=slack):
+        return replace(heard, truth=replace(way, time_s=time))
+    columns = [*way.position_m.T, *way.velocity_mps.T, np.unwrap(way.heading_rad)]
+    x, y, vx, vy, heading = (np.interp(time, way.time_s, column) for column in columns)
     return replace(heard, truth=Trajectory(time, np.stack([x, y], -1), np.stack([vx, vy], -1), heading))
 
 

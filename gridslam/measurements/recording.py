@@ -103,6 +103,16 @@ class Recording:
     def __len__(self) -> int:
         return len(self.time_s)
 
+    @property
+    def times_s(self) -> Array:
+        """Times of all steps, as of `Measurements`, (K,) s."""
+        return self.time_s
+
+    @property
+    def interval_s(self) -> float:
+        """Median time between steps; 1 s of a single one."""
+        return float(np.median(np.diff(self.time_s))) if len(self) > 1 else 1.0
+
     def __iter__(self) -> Iterator[SignalScan]:
         return map(self.scan, range(len(self)))
 
@@ -231,6 +241,17 @@ class Recording:
             "heading_std_rad": form.heading_std_rad, "truth": self.truth,
         }  # fmt: skip
         write_signal(path, content)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Recording:
+        """Read a file of any known kind.
+
+        Raises
+        ------
+        InputError
+            As the reader of its kind.
+        """
+        return cls.from_h5(path)
 
     @classmethod
     def from_h5(cls, path: str | os.PathLike[str]) -> Recording:

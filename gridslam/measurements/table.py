@@ -139,6 +139,11 @@ class Measurements:
         cut = {name: values[rows] for name, values in self.columns.items() if name not in ("step", "time_s")}
         return Scan(step=step, time_s=self._time(step, rows), **cut)
 
+    @property
+    def times_s(self) -> Array:
+        """Times of all steps, (steps,) s."""
+        return np.array([scan.time_s for scan in self])
+
     def _time(self, step: int, rows: slice) -> float:
         """Time of a step: its own, between its neighbours, or at `interval_s` beyond the ends."""
         if rows.start < rows.stop:

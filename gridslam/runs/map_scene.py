@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from itertools import islice
 
@@ -15,23 +15,26 @@ from gridslam.errors import InputError
 from gridslam.estimates import Estimate
 from gridslam.maps.frames import SAME_PLACE_M, fitted, stamped
 from gridslam.maps.map import Map
-from gridslam.measurements.table import Measurements
+from gridslam.measurements.heard import Heard, require_kind
+from gridslam.measurements.recording import Recording
 from gridslam.runs.run import Run
 from gridslam.runs.stopping import asked_to_stop
 from gridslam.runs.unfinished import AgentCheckpoint
-from gridslam.systems.registry import DEFAULT, method_class, method_name
+from gridslam.systems.registry import DEFAULT, method_class, method_name, taken_by
 from gridslam.systems.slam import Slam, built, mapped, stepped
 from gridslam.world.geometry import wrap
+from gridslam.world.observation import Observation
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start
 from gridslam.world.trajectory import Trajectory
+from gridslam.world.waveform import Waveform
 
 SAME_FACING_RAD = 1e-3
 
 
 def map_scene(
     scene: Scene,
-    measurements: Measurements,
+    measurements: Heard,
     method: str | type[Slam] = DEFAULT,
     agent: str | None = None,
     seed: int = 0,
@@ -48,8 +51,9 @@ def map_scene(
     Parameters
     ----------
     scene : Scene
-    measurements : Measurements
-        Its truth, if it has one, is never read by the filter.
+    measurements : Measurements or Recording
+        As the method takes: path measurements, or sampled signals. Its truth, if it has one, is never read by
+        the filter.
     method : str or class
         One of `gridslam.systems.registry.METHODS` ("grid" and others), a class of your own (`Slam` says what
         it needs), "package.module:Class", or the name of an entry point of the group "gridslam.methods".
@@ -83,13 +87,15 @@ def map_scene(
     ------
     InputError
         Unknown method or agent, a class that is no method, a step that returns no estimate, a number of
-        particles out of range, a map of another frame, or measurements of anchors that aren't the scene's.
+        particles out of range, a map of another frame, measurements of anchors that aren't the scene's, or of
+        the kind that the method doesn't take.
     """
     found = method_class(method)
     if particles is not None:
         scene = scene.with_filter(particles=particles)
     if agent is None and not scene.agents:
         raise InputError(f"{scene.name}: agents", "none", "at least one, to say where it starts")
+    require_kind(measurements, taken_by(found), method_name(method))
     check_anchors(scene, measurements)
     if prior_map is not None:
         prior_map, _ = fitted(prior_map, scene, same_frame=same_frame)
@@ -101,10 +107,12 @@ def map_scene(
         slam, estimates = resumed
         peak, spent = checkpoint.progress.peak_mb, checkpoint.progress.seconds
     else:
-        slam = _started(found, scene, prior_map, agent, seed, start)
+        waveform = measurements.waveform if isinstance(measurements, Recording) else None
+        slam = _started(found, scene, prior_map, agent, seed, start, waveform)
     began = time.perf_counter() - spent
     with _watcher(progress, slam.agent, measurements) as tell, asked_to_stop() as stopped:
-        for scan in islice(measurements, len(estimates), None):
+        observations: Iterator[Observation] = iter(measurements)
+        for scan in islice(observations, len(estimates), None):
             estimates.append(stepped(slam, scan))
             peak = max(peak, psutil.Process().memory_info().rss / 2**20)
             try:
@@ -146,19 +154,25 @@ def map_scene(
 
 
 def _started(
-    method: type[Slam], scene: Scene, prior_map: Map | None, agent: str | None, seed: int, start: Start | None
+    method: type[Slam],
+    scene: Scene,
+    prior_map: Map | None,
+    agent: str | None,
+    seed: int,
+    start: Start | None,
+    waveform: Waveform | None,
 ) -> Slam:
     """A method's object, told of a start: by `start_at` where it has one, else by its scene."""
     told = getattr(method, "start_at", None)
     if start is not None and told is None:
         scene = scene.starting(agent, start.position_m, start.heading_rad)
-    slam = built(method, scene, prior_map, agent, seed)
+    slam = built(method, scene, prior_map, agent, seed, waveform)
     if start is not None and told is not None:
         told(slam, start.position_m, start.heading_rad)
     return slam
 
 
-def check_anchors(scene: Scene, measurements: Measurements) -> None:
+def check_anchors(scene: Scene, measurements: Heard) -> None:
     """Refuse measurements of other anchors than the scene's.
 
     Raises
@@ -182,7 +196,7 @@ def check_anchors(scene: Scene, measurements: Measurements) -> None:
 
 
 def _watcher(
-    progress: bool | Callable[[Estimate, int, int], None], name: str, measurements: Measurements
+    progress: bool | Callable[[Estimate, int, int], None], name: str, measurements: Heard
 ) -> AbstractContextManager[Callable[[Estimate, int, int], None] | None]:
     """Whoever is told of each step, if anyone."""
     if progress is True:

@@ -20,7 +20,7 @@ from gridslam.errors import InputError, Unwritten
 from gridslam.estimates import Estimate
 from gridslam.io.files import cannot_write, write_bytes
 from gridslam.maps.map import Map
-from gridslam.measurements.table import Measurements
+from gridslam.measurements.heard import NAMES, Heard, kind_of, read_heard
 from gridslam.runs.parts import holds_checkpoint
 from gridslam.runs.reservation import Place, reserve
 from gridslam.runs.run import Run
@@ -39,7 +39,7 @@ class AgentFiles:
 
     Attributes
     ----------
-    measurements : Measurements
+    measurements : Measurements or Recording
     trajectory : Trajectory
         Estimated track.
     truth : Trajectory or None
@@ -50,7 +50,7 @@ class AgentFiles:
         Map at the end.
     """
 
-    measurements: Measurements
+    measurements: Heard
     trajectory: Trajectory
     truth: Trajectory | None
     estimates: list[Estimate]
@@ -80,7 +80,7 @@ def write_run(
     directory: str | os.PathLike[str],
     scene: Scene,
     runs: Sequence[Run],
-    measurements: Sequence[Measurements],
+    measurements: Sequence[Heard],
     scores: Sequence[Mapping[str, Any] | None],
     settings: Mapping[str, Any],
     overwrite: bool = False,
@@ -186,7 +186,7 @@ def read_run(directory: str | os.PathLike[str]) -> RunFiles:
         own = folder / name
         truth = own / "truth.tum"
         agents[name] = AgentFiles(
-            Measurements.from_h5(own / "measurements.h5"),
+            read_heard(own),
             Trajectory.from_tum(own / "trajectory.tum"),
             Trajectory.from_tum(truth) if truth.exists() else None,
             read_steps(own / "steps.h5"),
@@ -199,7 +199,7 @@ def _fill(
     place: Place,
     scene: Scene,
     runs: Sequence[Run],
-    measurements: Sequence[Measurements],
+    measurements: Sequence[Heard],
     scores: Sequence[Mapping[str, Any] | None],
     settings: Mapping[str, Any],
 ) -> list[InputError]:
@@ -222,7 +222,7 @@ def _fill(
             attempt("run.json", lambda _, run=run: agents[run.agent].update(run.score(None)))  # type: ignore[misc]
         if not attempt(own, Path.mkdir):
             continue
-        attempt(f"{own}/measurements.h5", heard.to_h5)
+        attempt(f"{own}/{NAMES[kind_of(heard)]}", heard.to_h5)
         attempt(f"{own}/trajectory.tum", run.trajectory.to_tum)
         if heard.truth is not None:
             attempt(f"{own}/truth.tum", heard.truth.to_tum)

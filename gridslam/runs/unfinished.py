@@ -22,7 +22,7 @@ import numpy as np
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate, Health
 from gridslam.io.files import cannot_write, put_in_place, settle_folder, write_bytes
-from gridslam.measurements.table import Measurements
+from gridslam.measurements.heard import NAMES, Heard, kind_of, read_heard
 from gridslam.runs.parts import INDEX, UNFINISHED, unfinished_part
 from gridslam.runs.reservation import Place
 from gridslam.runs.step_files import read_steps, write_steps
@@ -167,13 +167,13 @@ class Unfinished:
             _require(self.folder / name, known, "damaged content", ANEW)
         self._sweep()
 
-    def measurements(self, number: int) -> Measurements | None:
+    def measurements(self, number: int) -> Heard | None:
         """What agent `number` hears, if it has begun."""
         if number >= len(self.agents):
             return None
-        return Measurements.from_h5(self.folder / f"{number}-measurements.h5")
+        return read_heard(self.folder, f"{number}-")
 
-    def agent(self, number: int, name: str, heard: Measurements) -> AgentCheckpoint:
+    def agent(self, number: int, name: str, heard: Heard) -> AgentCheckpoint:
         """Keep agent `number`, from its beginning or from where it has got to.
 
         Raises
@@ -182,7 +182,7 @@ class Unfinished:
             Nothing can be written.
         """
         if number == len(self.agents):
-            own = f"{number}-measurements.h5"
+            own = f"{number}-{NAMES[kind_of(heard)]}"
             heard.to_h5(self.folder / own)
             self._commit([*self.agents, Progress(name, len(heard))], {own: _checksum(self.folder / own)})
         return AgentCheckpoint(self, number)

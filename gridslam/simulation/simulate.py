@@ -5,14 +5,25 @@ from __future__ import annotations
 from typing import Literal, overload
 
 from gridslam.errors import InputError
+from gridslam.measurements.heard import Heard
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements
-from gridslam.simulation import network
+from gridslam.simulation import image_source, network
 from gridslam.simulation.samples import simulate_samples
+from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
 
 Names = list[str] | tuple[str, ...]
+
+
+def heard_by(scene: Scene, agent: str, seed: int, takes: Kind) -> Heard:
+    """What an agent hears on its track, of the kind that a method takes."""
+    return (
+        simulate_samples(scene, agent, seed)
+        if takes == "signal"
+        else image_source.simulate(scene, agent, seed)
+    )
 
 
 @overload

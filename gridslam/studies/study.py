@@ -21,10 +21,11 @@ from gridslam.errors import InputError
 from gridslam.evaluation.consistency import follow
 from gridslam.maps.map import Map
 from gridslam.runs.map_scene import map_scene
-from gridslam.simulation.image_source import Truth, ground_truth, simulate
+from gridslam.simulation.image_source import Truth, ground_truth
+from gridslam.simulation.simulate import heard_by
 from gridslam.studies.files import FORMAT, VERSION, Results
 from gridslam.studies.workers import LocalWorkers, Workers
-from gridslam.systems.registry import DEFAULT, portable_name
+from gridslam.systems.registry import DEFAULT, method_class, portable_name, taken_by
 from gridslam.world.scene import Scene
 from gridslam.world.start import HOWS, told_start
 
@@ -274,11 +275,12 @@ def run_job(job: Job) -> dict[str, Any]:
     with _ONE_AT_A_TIME:
         runtime.start("cpu", threads=1)
         scene = Scene.from_toml(job.variant.scene, job.variant.name)
+        takes = taken_by(method_class(job.method))
         carried: Map | None = None
         earlier: list[Truth] = []
         found = {}
         for name in job.agents:
-            heard = simulate(scene, name, job.seed)
+            heard = heard_by(scene, name, job.seed, takes)
             start = told_start(scene, name, job.seed, job.start)
             done = map_scene(scene, heard, job.method, name, job.seed, carried, start=start)
             if done.interrupted:

@@ -17,6 +17,7 @@ from gridslam.errors import InputError
 
 if TYPE_CHECKING:
     from gridslam.systems.slam import Slam
+    from gridslam.world.observation import Kind
 
 GROUP = "gridslam.methods"
 """Of the entry points by which other packages enter methods of theirs."""
@@ -39,6 +40,8 @@ class Method:
         Where ``docs/`` has its model.
     measures : str
         What it takes of what a radio measures.
+    takes : "paths" or "signal"
+        The kind of observation: path measurements, or sampled signals.
     takes_map : bool
         Whether it goes on from the map that an earlier agent left.
     """
@@ -49,6 +52,7 @@ class Method:
     page: str
     measures: str = "paths: distances, with angles and amplitudes where measured"
     takes_map: bool = True
+    takes: Kind = "paths"
 
 
 _ENTERED = (
@@ -79,6 +83,20 @@ DEFAULT = "grid"
 def method_help(more: str = "") -> str:
     """What ``--method`` takes, for the command line's help."""
     return f"{', '.join(METHODS)}, or a class of your own, {OWN}{more}"
+
+
+def taken_by(method: type) -> Kind:
+    """What a method's class takes: its attribute `takes`, or path measurements.
+
+    Raises
+    ------
+    InputError
+        The attribute is something else.
+    """
+    found = getattr(method, "takes", "paths")
+    if found not in ("paths", "signal"):
+        raise InputError(f"{method.__name__}.takes", repr(found), "'paths' or 'signal'")
+    return cast("Kind", found)
 
 
 def method_name(method: str | type) -> str:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import inspect
-from typing import Protocol, cast, runtime_checkable
+from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
 from gridslam.maps.map import Map
+from gridslam.world.observation import Observation
 from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
+from gridslam.world.waveform import Waveform
 
 POSE = "position_m", "velocity_mps", "heading_rad"
 CONSTRUCTOR = "one that takes (scene, prior_map=None, agent=None, seed=0)"
@@ -47,6 +49,9 @@ class Slam(Protocol):
     frame; `map_scene` vouches for that itself and never passes it. A method that has
     ``start_at(position_m, heading_rad)`` is told by it where the agent starts, (2,) m and rad; of any other
     method, the scene's agent starts there.
+
+    A class with ``takes = "signal"`` is handed sampled signals, a `SignalScan` a step; its constructor takes
+    ``waveform=None``, too: the `Waveform` of the recording.
     """
 
     agent: str
@@ -93,10 +98,12 @@ def require_slam(found: object, where: str, name: str) -> type[Slam]:
             raise InputError(where, f"{name} without {member}()", "a class with step(scan) and map()")
     if inspect.isabstract(found):
         raise InputError(where, f"{name}, of which no object can be made", "a class without abstract methods")
+    more = {"waveform": None} if getattr(found, "takes", "paths") == "signal" else {}
     try:
-        inspect.signature(found).bind(None, prior_map=None, agent=None, seed=0)
+        inspect.signature(found).bind(None, prior_map=None, agent=None, seed=0, **more)
     except TypeError as error:
-        raise InputError(where, f"{name} with a constructor that differs ({error})", CONSTRUCTOR) from None
+        allowed = CONSTRUCTOR.replace("seed=0", "seed=0, waveform=None") if more else CONSTRUCTOR
+        raise InputError(where, f"{name} with a constructor that differs ({error})", allowed) from None
     except ValueError:  # written in C: it can't be asked
         pass
     return cast(type[Slam], found)
@@ -108,6 +115,7 @@ def built(
     prior_map: Map | None = None,
     agent: str | None = None,
     seed: int = 0,
+    waveform: Waveform | None = None,
 ) -> Slam:
     """Make a method's object, and see that it says whom it follows.
 
@@ -116,7 +124,8 @@ def built(
     InputError
         `agent` isn't the name of the agent that was asked for; and whatever the constructor raises.
     """
-    slam = method(scene, prior_map=prior_map, agent=agent, seed=seed)
+    more: dict[str, Any] = {} if waveform is None else {"waveform": waveform}
+    slam = method(scene, prior_map=prior_map, agent=agent, seed=seed, **more)
     wanted = agent if agent is not None else scene.agents[0].name
     found = getattr(slam, "agent", None)
     if found != wanted:
@@ -124,7 +133,7 @@ def built(
     return slam
 
 
-def stepped(slam: Slam, scan: Scan) -> Estimate:
+def stepped(slam: Slam, scan: Observation) -> Estimate:
     """Let a method take one step, and see that what it returns is an estimate.
 
     Raises
@@ -132,7 +141,7 @@ def stepped(slam: Slam, scan: Scan) -> Estimate:
     InputError
         It isn't, is of another step, or holds arrays of other shapes or a pose that isn't finite.
     """
-    estimate: object = slam.step(scan)
+    estimate: object = slam.step(cast(Any, scan))  # of the kind that it takes
     where, allowed = f"{type(slam).__name__}.step", "an Estimate, e.g. by Estimate.of_pose"
     if not isinstance(estimate, Estimate):
         raise InputError(where, f"a result of type {type(estimate).__name__}", allowed)

@@ -121,7 +121,9 @@ def test_our_methods_are_what_a_method_has_to_be(name):
     found = method_class(name)
     assert method_class(found) is found
     assert registry.method_name(found) == name
-    assert isinstance(found(SCENE), gs.Slam)
+    assert registry.taken_by(found) == METHODS[name].takes
+    link = "[radio]\nfrequencies = 41\nfrequency_step_hz = 1e7\n" if METHODS[name].takes == "signal" else ""
+    assert isinstance(found(gs.Scene.from_toml(TINY + link, "tiny")), gs.Slam)
     assert METHODS[name].takes_map == ("prior_map" in inspect.signature(found).parameters)
 
 

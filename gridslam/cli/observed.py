@@ -1,0 +1,59 @@
+"""Command line: what an agent heard, of either kind, from a file or simulated."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gridslam.errors import InputError
+
+if TYPE_CHECKING:
+    from gridslam.measurements.heard import Heard
+    from gridslam.world.observation import Kind
+    from gridslam.world.scene import Scene
+
+
+def given_file(measurements: Path | None, signal: Path | None, takes: Kind, method: str) -> Path | None:
+    """The file that holds what was heard, if one was given: of the kind that the method takes.
+
+    Raises
+    ------
+    InputError
+        It is of the other kind, or there are two.
+    """
+    if measurements is not None and signal is not None:
+        raise InputError("--signal", f"{signal} together with --measurements", "one of them")
+    if signal is not None and takes == "paths":
+        way = f"--measurements FILE: gridslam extract {signal} -o FILE.csv makes it"
+        raise InputError("--signal", f"{signal}, with method {method!r}, which takes path measurements", way)
+    if measurements is not None and takes == "signal":
+        found = f"{measurements}, with method {method!r}, which takes sampled signals"
+        raise InputError("--measurements", found, "--signal FILE, or a method that takes path measurements")
+    return measurements or signal
+
+
+def recorded(world: Scene, file: Path | None, truth: Path | None, takes: Kind) -> Heard | None:
+    """What was heard by a file, with the truth that goes with it."""
+    from gridslam.evaluation.ground_truth import with_truth
+    from gridslam.measurements.recording import Recording
+    from gridslam.measurements.table import Measurements
+    from gridslam.world.trajectory import Trajectory
+
+    if file is None:
+        if truth is not None:
+            raise InputError("--truth", str(truth), "only together with --measurements or --signal")
+        return None
+    track = Trajectory.from_tum(truth) if truth is not None else None
+    where = f"{file}: /truth" if truth is None else str(truth)
+    if takes == "signal":
+        return with_truth(Recording.load(file), track, where)
+    return with_truth(Measurements.load(file, world.anchor_names, world.clocks is not None), track, where)
+
+
+def source(file: Path | None) -> dict[str, Any]:
+    """What ``run.json`` says of a file that was given: its name and checksum."""
+    if file is None:
+        return {}
+    with file.open("rb") as content:
+        return {"source": {"file": file.name, "sha256": hashlib.file_digest(content, "sha256").hexdigest()}}
