@@ -49,3 +49,7 @@ def _line(text: str, longest: int = 500) -> str:
     """The text on one line, whatever a hostile file put into it."""
     plain = "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text[: 2 * longest])
     return plain if len(plain) <= longest else f"{plain[: longest - 3]}..."
+
+
+class Note(UserWarning):
+    """Something that a person should know, and that stops nothing: a line of its own on the command line."""

@@ -58,6 +58,8 @@ def inner(module: str) -> set[str]:
 
 def room(module: str) -> str:
     parts = module.split(".")[1:] or [""]
+    if parts == ["__main__"]:
+        return "cli"
     return "/".join(parts[: 2 if parts[0] in ("inference", "kernels") else 1])
 
 

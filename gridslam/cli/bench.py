@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from gridslam.cli.help import COMPARE
 from gridslam.errors import InputError
 from gridslam.systems.registry import method_class, method_help
 
@@ -27,7 +28,7 @@ WIDEST_TABLE = 160
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
-    app.command()(bench)
+    app.command(rich_help_panel=COMPARE)(bench)
 
 
 def bench(

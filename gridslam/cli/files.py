@@ -4,24 +4,26 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.console import Console
 
+from gridslam.cli.help import LOOK, SCENES
 from gridslam.errors import InputError
 
-if TYPE_CHECKING:
-    from gridslam.maps.map import Map
-
 out = Console()
-KINDS = "a scene (.toml), measurements (.csv, .mat, .h5), a map (.h5) or a run's folder"
+KINDS = (
+    "a scene (.toml or a bundled name), measurements (.csv, .mat, .h5), a map or steps (.h5), "
+    "a track (.tum), a nav2 map (.yaml) or a folder of a run or a study"
+)
 
 
 def register(app: typer.Typer) -> None:
     """Add the commands."""
-    for command in (check, export, fuse, plot, scenes):
-        app.command()(command)
+    for command in (check, plot, export, fuse):
+        app.command(rich_help_panel=LOOK)(command)
+    app.command(rich_help_panel=SCENES)(scenes)
 
 
 def check(
@@ -29,7 +31,7 @@ def check(
     scene: Annotated[str | None, typer.Option(help="compares measurements with a scene's anchors")] = None,
     agent: Annotated[str | None, typer.Option(help="whose measurements; default: the first")] = None,
 ) -> None:
-    """Say what a scene, measurement or map file (or a run's folder) is, or what is wrong with it.
+    """Say what a file or folder is (scene, measurements, map, steps, track, run), or what is wrong with it.
 
     Exit code 0: nothing is wrong with it; 1: something looks wrong (lines that begin with "suspect:"); 2: it
     can't be read.
@@ -110,11 +112,16 @@ def fuse(
         raise InputError("fuse", f"{len(maps)} map", "two or more maps")
     whole = fused([Map.load(path) for path in maps], same_frame, [str(path) for path in maps])
     whole.save(output)
-    _say(f"wrote {output}: {_summary(whole)}")
+    _say(f"wrote {output}: map {whole.told()}")
 
 
 def plot(
     directory: Annotated[Path, typer.Argument(help="a run's folder")],
+    form: Annotated[str, typer.Option("--format", help="png, pdf or svg")] = "png",
+    width: Annotated[
+        float | None,
+        typer.Option(min=5, max=50, help="of the figures, cm: 8.8 suits a column (default: 18.3)"),
+    ] = None,
     rerun: Annotated[bool, typer.Option("--rerun", help="show it in the Rerun viewer instead")] = False,
     rerun_to: Annotated[str | None, typer.Option(help="as that of run")] = None,
 ) -> None:
@@ -125,9 +132,12 @@ def plot(
 
         replay(read_run(directory), rerun_to)
         return
+    from gridslam.drawing.map_figure import FORMATS, PAGE_IN
     from gridslam.viewers.plots import draw_all
 
-    for path in draw_all(directory):
+    if form not in FORMATS:
+        raise InputError("--format", repr(form), ", ".join(FORMATS))
+    for path in draw_all(directory, form=form, width=PAGE_IN if width is None else width / 2.54):
         _say(str(path))
 
 
@@ -144,37 +154,48 @@ def _say(text: str) -> None:
 
 
 def _describe(file: Path) -> str:
+    from gridslam.checks import other_files
     from gridslam.maps.map import Map
-    from gridslam.runs.run_files import read_run
-    from gridslam.world.scene import Scene
 
     if file.is_dir():
-        found = read_run(file)
-        return f"run of {found.scene.name}: {', '.join(found.agents)}"
-    if file.suffix.lower() == ".toml":
-        world = Scene.load(file)
-        size = " x ".join(str(n) for n in reversed(world.grid.shape))
-        counts = f"{len(world.anchors)} anchors, {len(world.walls)} walls, {len(world.agents)} agents"
-        return f"scene {world.name}: {counts}, {size} cells of {world.grid.cell_m:g} m"
-    kind = _kind(file)
-    if kind == "gridslam-map":
-        return _summary(Map.load(file))
-    raise InputError(str(file), f"an HDF5 file of format {kind!r}", KINDS)
+        study = (file / "study.jsonl").is_file() and not (file / "run.json").exists()
+        return other_files.study_line(file) if study else other_files.run_line(file)
+    kind = file.suffix.lower()
+    if kind == ".toml" or _is_bundled(file):
+        return _scene_line(file)
+    if kind in other_files.TRACKS:
+        return other_files.track_line(file)
+    if kind in other_files.NAV2:
+        return other_files.nav2_line(file)
+    if file.name == "run.json":
+        return other_files.run_line(file.parent)
+    held = _kind(file)
+    if held == "gridslam-map":
+        return f"map {Map.load(file).told()}"
+    if held == "gridslam-steps":
+        return other_files.steps_line(file)
+    raise InputError(str(file), f"an HDF5 file of format {held!r}", KINDS)
 
 
-def _summary(grid: Map) -> str:
-    """A map in one line."""
-    height, width = grid.shape
-    surfaces = len(grid.surfaces) if grid.surfaces is not None else 0
-    who = ", ".join(map(str, grid.provenance.get("agents", []))) or "unknown agents"  # type: ignore[arg-type]
-    return (
-        f"map by {who}: {width} x {height} cells of {grid.cell_m:g} m, {grid.observed.mean():.0%} "
-        f"observed, {grid.occupied.sum()} occupied, {surfaces} surfaces"
-    )
+def _scene_line(file: Path) -> str:
+    from gridslam.world.scene import Scene
+
+    world = Scene.load(file)
+    size = " x ".join(str(n) for n in reversed(world.grid.shape))
+    counts = f"{len(world.anchors)} anchors, {len(world.walls)} walls, {len(world.agents)} agents"
+    return f"scene {world.name}: {counts}, {size} cells of {world.grid.cell_m:g} m"
+
+
+def _is_bundled(file: Path) -> bool:
+    """Whether it is the name of a bundled scene, not of a file."""
+    from gridslam.world.scene import bundled_scenes
+
+    return not file.exists() and str(file) in bundled_scenes()
 
 
 def _is_table(file: Path) -> bool:
-    if file.is_dir() or file.suffix.lower() == ".toml":
+    others = (".toml", ".tum", ".yaml", ".yml", ".pgm", ".json")
+    if file.is_dir() or file.suffix.lower() in others or _is_bundled(file):
         return False
     return file.suffix.lower() in (".csv", ".mat") or _kind(file) == "gridslam-measurements"
 

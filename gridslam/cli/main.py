@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,12 +13,13 @@ from rich.console import Console
 from rich.table import Table
 
 from gridslam.cli import bench, files, scene
-from gridslam.cli.observed import given_file, recorded, source
+from gridslam.cli.help import COMPARE, MAP, SCENE_HELP, about, method_names, scene_names
+from gridslam.cli.observed import angles_hint, given_file, recorded, source
 from gridslam.cli.output import ended, interruptible, reserved
 from gridslam.cli.resume import as_saved, refuse_contradictions, unfinished
 from gridslam.cli.robustness import robustness
 from gridslam.cli.study import study
-from gridslam.errors import InputError, Unwritten
+from gridslam.errors import InputError, Note, Unwritten
 from gridslam.systems.registry import DEFAULT, method_class, method_help, taken_by
 
 if TYPE_CHECKING:
@@ -29,21 +31,24 @@ if TYPE_CHECKING:
     from gridslam.viewers.rerun_view import RunView
     from gridslam.world.scene import Scene
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 out, err = Console(), Console(stderr=True)
-MAIN_SCENE = "canyon"
+MAIN_SCENE = "hall"
 WIDEST_TABLE = 160
 """Columns up to which the table is printed whole, whatever the terminal."""
-app.command()(study)
-app.command()(robustness)
+app.callback()(about)
 
 
-@app.command()
+@app.command(rich_help_panel=MAP)
 def run(
     context: typer.Context,
-    scene: Annotated[str, typer.Argument(help="bundled name or path")] = MAIN_SCENE,
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, autocompletion=scene_names)] = MAIN_SCENE,
     agent: Annotated[list[str] | None, typer.Option(help="agents, in order")] = None,
-    method: Annotated[str, typer.Option(help=method_help())] = DEFAULT,
+    method: Annotated[str, typer.Option(help=method_help(), autocompletion=method_names)] = DEFAULT,
     particles: Annotated[int | None, typer.Option(help="instead of the scene's filter.particles")] = None,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     measurements: Annotated[
@@ -108,7 +113,7 @@ def run(
         given, note = fitted(prior, world, str(map_file), same_frame) if prior is not None else (None, None)
         with _view(world, names, rerun_to, overwrite) if rerun or rerun_to else nullcontext() as view:
             runtime.start(device, threads)
-            for line in (*place.notes, note):
+            for line in (*place.notes, note, angles_hint(world, method, heard)):
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
             resolved = {"agent": names, "particles": world.filter.particles, "start": how}
@@ -134,9 +139,9 @@ def run(
             sys.exit(143 if termination.asked else 130)
 
 
-@app.command()
+@app.command(rich_help_panel=MAP)
 def simulate(
-    scene: Annotated[str, typer.Argument(help="bundled name or path")],
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, autocompletion=scene_names)],
     output: Annotated[Path, typer.Option("-o", "--output", help="FILE.csv or FILE.h5")],
     agent: Annotated[
         list[str] | None, typer.Option(help="default: the first; several go into one file")
@@ -181,13 +186,28 @@ def simulate(
 
 files.register(app)
 scene.register(app)
+app.command(rich_help_panel=COMPARE)(study)
+app.command(rich_help_panel=COMPARE)(robustness)
 bench.register(app)
 
 
 def main() -> None:
     """Entry point: bad input is one line and exit code 2, Ctrl-C is 130, never a traceback for either."""
+    said: set[str] = set()
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        if str(message) not in said:  # a file may be read twice
+            said.add(str(message))
+            err.print(f"note: {message}", highlight=False, markup=False, soft_wrap=True)
+
     try:
-        code = app(standalone_mode=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", Note)
+            shown = warnings.showwarning
+            warnings.showwarning = lambda message, kind, *rest: (
+                show(message) if issubclass(kind, Note) else shown(message, kind, *rest)
+            )
+            code = app(standalone_mode=False)
     except Unwritten as error:
         for fault in error.faults[:-1]:
             err.print(f"error: {fault}", highlight=False, markup=False, soft_wrap=True)
@@ -373,20 +393,23 @@ def _table(runs: list[Run], scores: list[dict[str, Any]]) -> Table:
     """One line per agent; units in the titles."""
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     titles = "agent", "steps", "position\nRMSE cm", "bound\ncm", "heading\nRMSE deg", "bound\ndeg"
-    for title in (*titles, "surfaces\nof true", "map\nprecision", "map\nrecall", "s/step"):
+    for title in (*titles, "surfaces\nfound true", "map\nprecision", "map\nrecall", "s/step"):
         table.add_column(title, justify="left" if title == "agent" else "right", no_wrap=True)
 
-    def number(value: float | None, form: str, scale: float = 1) -> str:
+    def number(value: float | None, form: str, scale: float = 1, own: float | None = None) -> str:
+        if value is None and own is not None:  # without a truth, what the filter says itself
+            return f"+-{format(scale * own, form)}"
         return "-" if value is None else format(scale * value, form)
 
     for done, score in zip(runs, scores, strict=True):
-        of = "" if score["surfaces_true"] is None else f"/{score['surfaces_true']}"
+        matched, true = score["surfaces_matched"], score["surfaces_true"]
+        of = "" if true is None else f" {matched}/{true}"
         table.add_row(
             done.agent,
             str(score["steps"]),
-            number(score["position_rmse_m"], ".2f", 100),
+            number(score["position_rmse_m"], ".2f", 100, score["position_std_m"]),
             number(score["position_bound_m"], ".2f", 100),
-            number(score["heading_rmse_deg"], ".2f"),
+            number(score["heading_rmse_deg"], ".2f", 1, score["heading_std_deg"]),
             number(score["heading_bound_deg"], ".2f"),
             f"{score['surfaces_detected']}{of}",
             number(score["map"]["occupied_precision"], ".1%"),

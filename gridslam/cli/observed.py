@@ -6,6 +6,8 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from gridslam.errors import InputError
 
 if TYPE_CHECKING:
@@ -57,3 +59,16 @@ def source(file: Path | None) -> dict[str, Any]:
         return {}
     with file.open("rb") as content:
         return {"source": {"file": file.name, "sha256": hashlib.file_digest(content, "sha256").hexdigest()}}
+
+
+def angles_hint(world: Scene, method: str, heard: Heard | None) -> str | None:
+    """What to say where a method that lives on angles gets none."""
+    from gridslam.measurements.table import Measurements
+
+    if method not in ("grid", "adaptive"):
+        return None
+    if isinstance(heard, Measurements):
+        told = any(bool(np.isfinite(angle).any()) for angle in (heard.aod_rad, heard.aoa_rad))
+    else:
+        told = bool({"aod", "aoa"} & set(world.radio.measures))
+    return None if told else f"distances alone, no angles: --method va is made for them, {method} is not"

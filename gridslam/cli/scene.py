@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from gridslam.cli.help import LOOK, SCENES
 from gridslam.errors import InputError
 
 out = Console()
@@ -17,8 +18,8 @@ KINDS = "FILE.geojson, FILE.json or FILE.dxf"
 
 def register(app: typer.Typer) -> None:
     """Add the commands."""
-    app.add_typer(scene_app, name="scene")
-    app.command()(report)
+    app.add_typer(scene_app, name="scene", rich_help_panel=SCENES)
+    app.command(rich_help_panel=LOOK)(report)
 
 
 @scene_app.callback()

@@ -15,6 +15,8 @@ from gridslam.simulation.image_source import Truth
 from gridslam.world.geometry import line_through, sfv
 
 Array = NDArray[np.float64]
+MATCHED_M = 0.5
+"""Distance of feature vectors within which a surface that was found is a true one."""
 NEVER = np.iinfo(np.intp).max
 
 
@@ -88,6 +90,15 @@ class HeardSurfaces:
                 each.append(self._distance(found.sfv_m[mine], own))
         return float(np.mean(each))
 
+    def matched(self, found: SurfaceEstimate) -> int:
+        """How many of them some found surface lies at, one for each: within 0.5 m as feature vectors."""
+        from scipy.optimize import linear_sum_assignment
+
+        distance = np.linalg.norm(found.sfv_m[:, None] - self.feature, axis=-1)
+        which, whom = linear_sum_assignment(np.minimum(distance, OSPA_CUTOFF_M))
+        there = self.curve[whom[distance[which, whom] < MATCHED_M]]
+        return int((there < 0).sum() + len(np.unique(there[there >= 0])))
+
     def _distance(self, found: Array, there: NDArray[np.bool_]) -> float:
         """OSPA against some of the surfaces; of a curved wall, the facets that lines were found for."""
         from scipy.optimize import linear_sum_assignment
@@ -125,6 +136,10 @@ def assigned_error(found: Array, truth: Array, cutoff: float = OSPA_CUTOFF_M) ->
 
 
 def surface_scores(found: SurfaceEstimate, truth: Truth) -> dict[str, float | int]:
-    """Compare detected surfaces with all that the truth's paths hit: how many these are, and the OSPA."""
+    """Compare detected surfaces with all that the truth's paths hit: how many, how many found, the OSPA."""
     heard = HeardSurfaces.of(truth)
-    return {"surfaces_true": heard.count(), "surface_ospa_m": heard.ospa(found)}
+    return {
+        "surfaces_matched": heard.matched(found),
+        "surfaces_true": heard.count(),
+        "surface_ospa_m": heard.ospa(found),
+    }

@@ -56,6 +56,25 @@ class Map(MapCells):
         grid, free_path_m = scene.grid, scene.filter.mean_free_path_m
         return cls.blank(grid.origin_m, grid.cell_m, grid.shape, -math.expm1(-grid.cell_m / free_path_m))
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"<Map {self.told()}>"
+
+    def told(self) -> str:
+        """Who made it, and what is in it, in a line."""
+        (height, width), who = self.shape, self.provenance.get("agents")
+        names = ", ".join(map(str, who)) if isinstance(who, list) and who else "unknown agents"
+        surfaces = len(self.surfaces) if self.surfaces is not None else 0
+        return (
+            f"by {names}: {width} x {height} cells of {self.cell_m:g} m, {self.observed.mean():.0%} "
+            f"observed, {self.occupied.sum()} occupied, {surfaces} surfaces"
+        )
+
+    def _repr_html_(self) -> str:
+        from gridslam.drawing.map_figure import draw_map, inlined
+
+        return inlined(draw_map(self), f"Map {self.told()}")
+
     def wall_segments(self) -> WallSegments:
         """Stretches of the surfaces where there is a wall, see `gridslam.maps.walls.wall_segments`."""
         return self._walls

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import difflib
 import io
 import os
+import warnings
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -14,7 +16,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from gridslam.errors import InputError
+from gridslam.errors import InputError, Note
 from gridslam.io.files import get, put, reading_h5, subgroup, write_bytes, writing_h5
 from gridslam.world.columns import DEVIATIONS, KEYS, MOST_STEPS, VALUES, Columns, check_columns
 from gridslam.world.trajectory import Trajectory
@@ -85,7 +87,8 @@ def read_csv(
     """Read and check a CSV table.
 
     Cells may be set apart by semicolons, with decimal commas, as spreadsheets of some countries write them;
-    ``nan`` is an empty cell; angles may be in columns that end in ``_deg``.
+    ``nan`` is an empty cell; angles may be in columns that end in ``_deg``. Columns of other names are passed
+    over with a `Note`, unless they look like one of these misspelt.
 
     Parameters
     ----------
@@ -120,7 +123,10 @@ def read_csv(
         written = [name.strip() for name in next(reader, [])]
         comma = reader.dialect.delimiter == ";"
         header = [IN_DEGREES.get(name, name) for name in written]
-        _check_header(header, str(path), several)
+        extra = _check_header(header, str(path), several)
+        if extra:
+            columns_are = f"column{'s' if len(extra) > 1 else ''} {', '.join(extra)}"
+            warnings.warn(Note(f"{path}: {columns_are} not used"), stacklevel=2)
         for cells in reader:
             where = f"{path}: line {reader.line_num}"
             if len(cells) not in (0, len(header)):
@@ -130,9 +136,11 @@ def read_csv(
                 table.extend(
                     _number(_point(cell, name) if comma else cell.strip(), name, names.get(name), where)
                     for cell, name in zip(cells, header, strict=True)
+                    if name not in extra
                 )
     if not table:
         raise InputError(str(path), "no rows", "at least one measurement")
+    header = [name for name in header if name not in extra]
     columns = dict(zip(header, np.array(table).reshape(-1, len(header)).T, strict=True))
     if several:
         columns.setdefault("anchor", np.full(len(lines), -1.0))
@@ -204,12 +212,13 @@ def _point(cell: str, name: str) -> str:
     return cell.strip() if name in ("anchor", "agent") else cell.strip().replace(",", ".")
 
 
-def _check_header(header: list[str], where: str, several: bool) -> None:
+def _check_header(header: list[str], where: str, several: bool) -> list[str]:
+    """Columns that aren't known, and don't look like one that is, misspelt."""
     known = (*KEYS, "agent", *VALUES, *DEVIATIONS)
     if not header:
         raise InputError(where, "an empty file", f"a header line {','.join((*KEYS, *VALUES))}")
     for name in header:
-        if name not in known:
+        if not name or (name not in known and difflib.get_close_matches(name.lower(), known)):
             raise InputError(f"{where}: line 1", f"an unknown column {name!r}", nearest(name, known))
         if header.count(name) > 1:
             raise InputError(f"{where}: line 1", f"column {name!r} twice", "each column once")
@@ -219,6 +228,7 @@ def _check_header(header: list[str], where: str, several: bool) -> None:
             raise InputError(f"{where}: line 1", f"no column {name!r}", f"all of {','.join(needed)}")
     if not set(header) & set(VALUES):
         raise InputError(f"{where}: line 1", "no measured column", f"at least one of {','.join(VALUES)}")
+    return [name for name in header if name not in known]
 
 
 def _number(cell: str, name: str, names: _Names | None, where: str) -> float:

@@ -119,6 +119,12 @@ class Measurements:
         gaps = np.diff(self.time_s[first]) / np.diff(steps)
         return float(np.median(gaps)) if len(gaps) else 1.0
 
+    def __repr__(self) -> str:
+        """One line."""
+        known = "" if self.truth is None else ", true track known"
+        who = ", ".join(self.anchors)
+        return f"<Measurements of {len(self.step)} paths in {len(self)} steps, anchors {who}{known}>"
+
     def __len__(self) -> int:
         return self.steps
 

@@ -1,4 +1,4 @@
-"""A progress bar for a run, on a terminal alone."""
+"""How far a run is: a bar on a terminal, a line now and then elsewhere."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from gridslam.estimates import Estimate
 from gridslam.world.trajectory import Trajectory
 
 Tell = Callable[[Estimate, int, int], None]
+LINES, LEAST_STEPS = 10, 100
+"""Lines that a run writes where there is no terminal, and steps below which it writes none."""
 
 
 @contextmanager
@@ -56,5 +58,9 @@ def progress_bar(
             if count:
                 state += f", error {100 * (square / count) ** 0.5:.1f} cm"
             bar.update(task, completed=done, total=total, state=state)
+            due = total >= LEAST_STEPS and done * LINES // total > (done - 1) * LINES // total
+            if due and not console.is_terminal:
+                line = f"{name}: step {done} of {total}, {state}"
+                console.print(line, highlight=False, markup=False, soft_wrap=True)
 
         yield tell

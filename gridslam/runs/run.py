@@ -14,6 +14,8 @@ from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from gridslam.simulation.image_source import Truth
 
 
@@ -62,6 +64,31 @@ class Run:
     interrupted: bool = False
     start: str = "exact"
 
+    def __repr__(self) -> str:
+        """One line."""
+        whole = ", interrupted" if self.interrupted else ""
+        who = f"{self.agent} in {self.scene.name} by {self.method}, seed {self.seed}"
+        return f"<Run of {who}: {len(self.estimates)} steps, {len(self.surfaces)} surfaces{whole}>"
+
+    def plot(self, truth: Truth | Trajectory | None = None) -> Figure:
+        """A figure of the map and the track, with the true track if there is one.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Notebooks show it; ``savefig`` writes it.
+        """
+        from gridslam.drawing.map_figure import draw_map
+        from gridslam.simulation.image_source import Truth
+
+        went = truth.trajectory if isinstance(truth, Truth) else truth
+        return draw_map(self.map, self.scene, self.trajectory, went, self.estimates)
+
+    def _repr_html_(self) -> str:
+        from gridslam.drawing.map_figure import inlined
+
+        return inlined(self.plot(), repr(self)[1:-1])
+
     def score(self, truth: Truth | Trajectory | None = None, earlier: Sequence[Truth] = ()) -> dict[str, Any]:
         """Score the run; the keys are those of one agent in ``run.json``.
 
@@ -100,6 +127,8 @@ class Run:
         scores: dict[str, Any] = dict.fromkeys(AGENT_KEYS) | {
             "steps": len(self.trajectory),
             "interrupted": self.interrupted,
+            "position_std_m": float(np.sqrt(np.trace(self.covariance[:, :2, :2], axis1=1, axis2=2).mean())),
+            "heading_std_deg": float(np.degrees(np.sqrt(self.covariance[:, 4, 4].mean()))),
             "surfaces_detected": len(found),
             "map": dict.fromkeys(MAP_KEYS),
             "health": {
@@ -126,7 +155,7 @@ class Run:
             scores["position_bound_m"] = rmse(bound.position_m[done])
             scores["heading_bound_deg"] = float(np.degrees(rmse(bound.heading_rad[done])))
         if "aoa" not in self.scene.radio.measures:  # nothing tells of the heading then
-            scores |= dict.fromkeys(("heading_rmse_deg", "heading_bound_deg"))
+            scores |= dict.fromkeys(("heading_rmse_deg", "heading_bound_deg", "heading_std_deg"))
         if isinstance(truth, Truth):
             whole = truth.first(len(self.trajectory)).joined(earlier)
             scores |= surface_scores(found, whole)
@@ -146,7 +175,10 @@ AGENT_KEYS = (
     "heading_bound_deg",
     "final_position_error_m",
     "diverged",
+    "position_std_m",
+    "heading_std_deg",
     "surfaces_detected",
+    "surfaces_matched",
     "surfaces_true",
     "surface_ospa_m",
     "reflection_mae",

@@ -17,6 +17,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
+from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
 from gridslam.io.files import cannot_write, put_in_place
@@ -25,7 +26,6 @@ from gridslam.viewers.plots import STRENGTH
 from gridslam.world.geometry import unit
 from gridslam.world.scene import Scene
 
-BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
 FRAMES, FRAMES_PER_SECOND, DPI = 60, 10, 80
 SIGMAS = 3.0
 GIF_INSTEAD = "a name that ends in .gif, or pip install 'gridslam[video]'"

@@ -270,11 +270,12 @@ def test_tables_geojson_and_the_command_line_show_the_stretches(say, tmp_path):
 
 
 def test_figure_draws_the_stretches(tmp_path, monkeypatch):
+    from gridslam.drawing import map_figure
     from gridslam.viewers import plots
 
     grid = changed(street(), (4, 7), (1.8, 2.4), CLEAR, 0.0, True)
     drawn = []
-    monkeypatch.setattr(plots, "LineCollection", lambda lines, **_: drawn.append(lines) or _Mute())
+    monkeypatch.setattr(map_figure, "LineCollection", lambda lines, **_: drawn.append(lines) or _Mute())
     with pytest.raises(_Enough):
         plots.draw_export(grid, tmp_path)
     np.testing.assert_allclose(np.sort(np.array(drawn[0])[:, :, 0].ravel()), [0, 4, 7, 12], atol=0.11)

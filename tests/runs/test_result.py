@@ -149,7 +149,7 @@ def test_score_without_truth_is_null_where_it_needs_truth(scene):
     assert scores["surfaces_detected"] == 1
     assert scores["steps"] == len(scene.track("agent1"))
     known = {"surfaces_detected", "steps", "interrupted", "seconds_per_step", "peak_memory_mb", "map"}
-    known |= {"health"}
+    known |= {"health", "position_std_m", "heading_std_deg"}
     assert {key for key, value in scores.items() if value is not None} == known
     assert set(scores["map"].values()) == {None}
 

@@ -1,0 +1,5 @@
+"""`python -m gridslam`: the command line."""
+
+from gridslam.cli.main import main
+
+main()

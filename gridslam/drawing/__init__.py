@@ -1,0 +1,1 @@
+"""Figures of maps, below everything that runs: cells, walls, tracks."""

@@ -1,0 +1,255 @@
+"""A map as a figure: cells, true walls, surfaces found, track and anchors."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from html import escape
+from typing import Any, Protocol
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from gridslam.estimates import Estimate, HypothesisEstimate
+from gridslam.world.scene import Scene
+from gridslam.world.trajectory import Trajectory
+
+BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
+"""Told apart by every kind of colour vision (Okabe and Ito)."""
+CELLS = ("free", "#ffffff"), ("unexplored", "#d9d9d9"), ("occupied", "#4d4d4d")
+MARGIN = 0.03
+"""Of the larger side of what is shown, around it."""
+PAGE_IN, COLUMN_IN = 7.2, 3.5
+"""Widths of a journal's page and of one of its two columns, inches."""
+WIDE_IN = 5.0
+"""From which width on there is room for large letters."""
+FORMATS = ("png", "pdf", "svg")
+STILL: dict[str, dict[str, Any]] = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+"""No time of drawing in a file: the same run gives the same figures."""
+OUTLINE = 0.8
+"""Width of true walls, points."""
+
+
+class Walls(Protocol):
+    """Stretches of surfaces: ends (W, 2, 2) in m, indexed [stretch, end, xy]."""
+
+    @property
+    def ends_m(self) -> NDArray[np.float64]: ...  # noqa: D102
+
+
+class Cells(Protocol):
+    """What is drawn of a `gridslam.Map`."""
+
+    @property
+    def origin_m(self) -> NDArray[np.float64]: ...  # noqa: D102
+    @property
+    def corner_m(self) -> NDArray[np.float64]: ...  # noqa: D102
+    @property
+    def cell_m(self) -> float: ...  # noqa: D102
+    @property
+    def observed(self) -> NDArray[np.bool_]: ...  # noqa: D102
+    @property
+    def occupied(self) -> NDArray[np.bool_]: ...  # noqa: D102
+    @property
+    def reflection(self) -> NDArray[np.float64]: ...  # noqa: D102
+
+    def wall_segments(self) -> Walls: ...  # noqa: D102
+
+
+def draw_map(
+    grid: Cells,
+    scene: Scene | None = None,
+    track: Trajectory | None = None,
+    truth: Trajectory | None = None,
+    estimates: Sequence[Estimate] = (),
+    width: float = PAGE_IN,
+) -> Figure:
+    """Occupancy and detected surfaces and, where given, estimated and true track, true walls and anchors.
+
+    Parameters
+    ----------
+    grid : Cells
+    scene : Scene, optional
+    track, truth : Trajectory, optional
+    estimates : sequence of Estimate
+        Their rival hypotheses are shown.
+    width : float, inches
+    """
+    figure, axes = region(grid, scene, width)
+    occupancy(axes, grid)
+    if scene is not None:
+        true_walls(axes, scene, GREEN, OUTLINE)
+    surfaces(axes, grid)
+    if track is not None:
+        axes.plot(*track.position_m.T, color=BLUE, lw=1.8, label="estimated track", zorder=4)
+    if truth is not None:
+        style: dict[str, Any] = {"color": "k", "lw": 0.7, "ls": (0, (4, 2)), "zorder": 4}
+        axes.plot(*truth.position_m.T, label="true track", **style)
+    if track is not None:
+        axes.plot(*track.position_m[0], "o", color=BLUE, mec="w", ms=5, label="start", zorder=5)
+    rivals(axes, estimates)
+    if scene is not None:
+        anchors(axes, scene)
+    legend(figure, axes)
+    return figure
+
+
+def draw_reflection(grid: Cells, scene: Scene | None = None, width: float = PAGE_IN) -> Figure:
+    """Reflection coefficient of the occupied cells, over the true walls if there is a scene."""
+    figure, axes = region(grid, scene, width)
+    axes.set_facecolor("#f2f2f2")
+    shown = np.where(grid.occupied, grid.reflection, np.nan)
+    image = _cells(axes, grid, shown, cmap="viridis", vmin=0, vmax=1, zorder=2)
+    colorbar(figure, axes, image, "reflection coefficient (amplitude)")
+    if scene is not None:
+        true_walls(axes, scene, "k", 0.5)
+        anchors(axes, scene)
+        figure.legend(loc="outside lower center", ncols=4, fontsize="small", frameon=False)
+    return figure
+
+
+def encoded(figure: Figure, form: str = "png") -> bytes:
+    """A figure as a file's content: ``png``, ``pdf`` or ``svg``, cut to what is drawn."""
+    content = io.BytesIO()
+    with rc_context({"pdf.fonttype": 42, "svg.hashsalt": "gridslam"}):
+        figure.savefig(content, format=form, bbox_inches="tight", pad_inches=0.05, metadata=STILL[form])
+    return content.getvalue()
+
+
+def inlined(figure: Figure, title: str) -> str:
+    """HTML of a figure that holds the picture itself, as notebooks show it."""
+    code = base64.b64encode(encoded(figure)).decode("ascii")
+    image = f'<img style="max-width:44rem" alt="{escape(title)}" src="data:image/png;base64,{code}">'
+    return f"<p>{escape(title)}</p>{image}"
+
+
+def fonts(width: float) -> AbstractContextManager[None]:
+    """While it lasts, figures get letters that suit a width in inches."""
+    return rc_context({"font.size": 10 if width > WIDE_IN else 7})
+
+
+def blank(width: float, height: float) -> Figure:
+    """An empty figure of a size in inches."""
+    figure = Figure(figsize=(width, height), layout="constrained", dpi=200)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def window_of(grid: Cells, scene: Scene | None = None) -> NDArray[np.float64]:
+    """Corners (2, 2), m, lower left first, of what is worth seeing: observed cells, walls, anchors."""
+    whole = np.stack([grid.origin_m, grid.corner_m])
+    cells = np.argwhere(grid.observed)[:, ::-1]
+    seen = [grid.origin_m + grid.cell_m * cells, grid.origin_m + grid.cell_m * (cells + 1)]
+    if scene is not None:
+        walls = scene.segments()
+        seen += [walls.start.reshape(-1, 2), walls.end.reshape(-1, 2), scene.anchor_positions]
+    points = np.concatenate(seen)
+    if not len(points):
+        return whole
+    margin = MARGIN * float(np.ptp(points, axis=0).max())
+    return np.clip(np.stack([points.min(0) - margin, points.max(0) + margin]), *whole)
+
+
+def sized(window: NDArray[np.float64], panels: int = 1, width: float = PAGE_IN) -> Figure:
+    """Figure whose height follows the shape of the window, within reason."""
+    across, up = window[1] - window[0]
+    share = float(np.clip(up / across, 0.3, 1.3)) / panels
+    return blank(width, share * (width - 1.4) + 1.2)
+
+
+def region(grid: Cells, scene: Scene | None = None, width: float = PAGE_IN) -> tuple[Figure, Axes]:
+    """A figure with axes over what is worth seeing of a map."""
+    window = window_of(grid, scene)
+    figure = sized(window, width=width)
+    axes = figure.add_subplot()
+    frame(axes, window)
+    return figure, axes
+
+
+def frame(axes: Axes, window: NDArray[np.float64]) -> None:
+    """Limits and labels of axes in metres."""
+    (left, bottom), (right, top) = window
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xlabel="x (m)", ylabel="y (m)")
+
+
+def _cells(axes: Axes, grid: Cells, shown: NDArray, **style: Any) -> AxesImage:
+    """A picture of cells that leaves the limits of the axes as they are."""
+    limits = axes.axis()
+    (left, bottom), (right, top) = grid.origin_m.tolist(), grid.corner_m.tolist()
+    extent = (left, right, bottom, top)
+    image = axes.imshow(shown, origin="lower", extent=extent, interpolation="nearest", **style)
+    axes.axis(limits)
+    return image
+
+
+def occupancy(axes: Axes, grid: Cells) -> None:
+    """Free and unexplored cells at the bottom, occupied ones above the true walls."""
+    colors = ListedColormap([color for _, color in CELLS])
+    _cells(axes, grid, np.where(grid.observed, 0, 1), cmap=colors, vmin=0, vmax=2, zorder=0)
+    occupied = np.where(grid.observed & grid.occupied, 2.0, np.nan)
+    _cells(axes, grid, occupied, cmap=colors, vmin=0, vmax=2, zorder=2)
+
+
+def colorbar(figure: Figure, axes: Axes, scale: ScalarMappable, label: str, weak: bool = False) -> None:
+    """Colour bar as high as the axes, whatever their shape."""
+    side, ticks = axes.inset_axes((1.03, 0, 0.035, 1)), MaxNLocator(6, steps=[1, 2, 5])
+    figure.colorbar(scale, cax=side, label=label, extend="min" if weak else "neither", ticks=ticks)
+
+
+def true_walls(axes: Axes, scene: Scene, color: str, width: float) -> None:
+    """The scene's walls as outlines, below occupied cells."""
+    walls = scene.segments()
+    if len(walls):
+        lines = list(np.stack([walls.start, walls.end], 1))
+        axes.add_collection(
+            LineCollection(lines, colors=color, linewidths=width, label="true walls", zorder=1)
+        )
+
+
+def surfaces(axes: Axes, grid: Cells) -> None:
+    """Surfaces found, where there is a wall."""
+    ends = grid.wall_segments().ends_m
+    pieces = LineCollection(list(ends), colors=ORANGE, linewidths=1.0, label="surfaces found", zorder=3)
+    pieces.set_linestyle((0, (4, 2)))
+    axes.add_collection(pieces)
+
+
+def rivals(axes: Axes, estimates: Sequence[Estimate]) -> None:
+    """Where else the agent could have been: all hypotheses but the likeliest, the larger the likelier."""
+    others = HypothesisEstimate.stack([e.hypotheses.take(slice(1, None)) for e in estimates])
+    if len(others):
+        size, (x, y) = 2 + 16 * others.weight, others.position_m.T
+        axes.scatter(x, y, size, color=PURPLE, lw=0, alpha=0.6, label="other hypotheses", zorder=4)
+
+
+def anchors(axes: Axes, scene: Scene) -> None:
+    """Anchors with their names."""
+    place = scene.anchor_positions
+    axes.plot(*place.T, "^", color="k", mec="w", ms=8, ls="", label="anchors", zorder=6)
+    for name, (x, y) in zip(scene.anchor_names, place, strict=True):
+        halo = [withStroke(linewidth=2, foreground="w")]
+        style: dict[str, Any] = {"fontsize": "small", "path_effects": halo, "zorder": 6}
+        axes.annotate(name, (x, y), (6, 5), textcoords="offset points", annotation_clip=True, **style)
+
+
+def legend(figure: Figure, axes: Axes) -> None:
+    """Legend below the axes, the meaning of the cells included."""
+    handles, _ = axes.get_legend_handles_labels()
+    cells = [Patch(fc=color, ec="#808080", lw=0.5, label=title) for title, color in CELLS]
+    whole = [*handles, *cells]
+    most = 5 if figure.get_figwidth() > WIDE_IN else 3
+    style: dict[str, Any] = {"ncols": min(most, len(whole)), "fontsize": "small", "frameon": False}
+    figure.legend(handles=whole, loc="outside lower center", **style)

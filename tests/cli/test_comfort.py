@@ -1,0 +1,132 @@
+"""Small things that make the command line easy to live with."""
+
+import json
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scene_samples import shortened
+from tiny import TINY
+
+import gridslam as gs
+from gridslam.runs.progress import LEAST_STEPS, LINES, progress_bar
+
+
+@pytest.mark.parametrize("words", [("--version",), ("run", "-h"), ("-h",)])
+def test_version_and_help_are_told(say, words):
+    said = say(*words)
+    assert (said.code, said.err) == (0, "")
+    assert (f"gridslam {version('gridslam')}" if words == ("--version",) else "Usage:") in said.out
+
+
+def test_module_is_the_command_line(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "gridslam", "--version"], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert (done.returncode, done.stdout) == (0, f"gridslam {version('gridslam')}\n")
+
+
+def test_commands_come_in_groups_and_names_are_completed():
+    import typer
+
+    from gridslam.cli.help import COMPARE, LOOK, MAP, SCENES, method_names, scene_names
+    from gridslam.cli.main import MAIN_SCENE, app
+
+    commands = typer.main.get_command(app).commands.values()
+    assert {command.rich_help_panel for command in commands} == {MAP, LOOK, SCENES, COMPARE}
+    assert MAIN_SCENE in scene_names()
+    assert "va" in method_names()
+    run = typer.main.get_command(app).commands["run"]
+    completed = {p.name for p in run.params if getattr(p, "_custom_shell_complete", None) is not None}
+    assert completed == {"scene", "method"}
+
+
+def test_progress_is_told_in_lines_where_there_is_no_terminal(capsys):
+    scene = shortened(gs.Scene.load("room"), 2)
+    (estimate, _) = gs.map_scene(scene, gs.simulate(scene, "agent1", 1), particles=64).estimates
+    for total, lines in ((LEAST_STEPS, LINES), (LEAST_STEPS - 1, 0), (257, LINES)):
+        with progress_bar("agent1") as tell:
+            for done in range(1, total + 1):
+                tell(estimate, done, total)
+        said = capsys.readouterr().err.splitlines()
+        assert len(said) == lines
+        assert not lines or said[-1].startswith(f"agent1: step {total} of {total}, ")
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_counts_of_surfaces_agree_in_table_and_file(say):
+    Path("tiny.toml").write_text(TINY)
+    said = say("run", "tiny.toml", "--agent", "agent1", "-o", "out")
+    own = json.loads(Path("out/run.json").read_text())["agents"]["agent1"]
+    counts = [own[f"surfaces_{name}"] for name in ("detected", "matched", "true")]
+    assert counts[1] <= min(counts[0], counts[2])
+    assert f"{counts[0]} {counts[1]}/{counts[2]}" in said.out
+    assert own["position_std_m"] > 0
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_run_without_truth_shows_its_own_deviations(say):
+    scene = gs.Scene.from_toml(TINY, "tiny")
+    gs.simulate(scene, "agent1", 1).to_csv("heard.csv")
+    Path("tiny.toml").write_text(TINY)
+    said = say("run", "tiny.toml", "--measurements", "heard.csv", "-o", "out")
+    assert (said.code, said.err) == (0, "")
+    own = json.loads(Path("out/run.json").read_text())["agents"]["agent1"]
+    assert own["position_rmse_m"] is None
+    assert f"+-{100 * own['position_std_m']:.2f}" in said.out
+    assert f"+-{own['heading_std_deg']:.2f}" in said.out
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_other_columns_of_a_table_are_passed_over_and_noted(say):
+    scene = gs.Scene.from_toml(TINY, "tiny")
+    heard = gs.simulate(scene, "agent1", 1)
+    heard.to_csv("heard.csv")
+    first, *rows = Path("heard.csv").read_text().splitlines()
+    more = [f"{first},rssi,comment", *(f'{row},-40,"loud, near"' for row in rows)]
+    Path("more.csv").write_text("\n".join(more))
+    note = "note: more.csv: columns rssi, comment not used"
+    Path("tiny.toml").write_text(TINY)
+    for words in (("check", "more.csv"), ("run", "tiny.toml", "--measurements", "more.csv", "-o", "out")):
+        said = say(*words)
+        assert (said.code, said.complaints) == (0, [note])
+    with pytest.warns(gs.errors.Note, match="rssi, comment"):
+        again = gs.Measurements.from_csv("more.csv")
+    np.testing.assert_array_equal(again.distance_m, heard.distance_m)
+    Path("wrong.csv").write_text("\n".join([f"{first},distence_m", *(f"{row},1" for row in rows)]))
+    assert "distance_m (nearest known)" in say("check", "wrong.csv").err
+
+
+@pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize(("method", "told"), [("grid", True), ("va", False)])
+def test_distances_alone_point_to_the_method_for_them(say, method, told):
+    scene = gs.Scene.from_toml(TINY, "tiny")
+    for name, keys in (("alone", ("distance_m",)), ("whole", ("distance_m", "aoa_rad"))):
+        heard = gs.simulate(scene, "agent1", 1)
+        lines = [",".join(("step", "time_s", "anchor", *keys))]
+        lines += [
+            ",".join(map(str, (s, float(s), "AB"[a], *(float(getattr(heard, key)[n]) for key in keys))))
+            for n, (s, a) in enumerate(zip(heard.step, heard.anchor, strict=True))
+        ]
+        Path(f"{name}.csv").write_text("\n".join(lines))
+    Path("tiny.toml").write_text(TINY)
+    words = ("run", "tiny.toml", "--method", method, "--particles", "64")
+    alone = say(*words, "--measurements", "alone.csv", "-o", "one")
+    assert ("--method va" in alone.err) == told
+    assert alone.code == 0
+    assert "--method va" not in say(*words, "--measurements", "whole.csv", "-o", "other").err
+
+
+def test_figures_are_drawn_in_other_formats_and_widths(say):
+    Path("tiny.toml").write_text(TINY)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gridslam.viewers.plots.draw_all", lambda folder: [])
+        assert say("run", "tiny.toml", "--agent", "agent1", "-o", "out").code == 0
+    assert say("plot", "out", "--format", "pdf", "--width", "8.8").code == 0
+    names = {path.name for path in Path("out/figures").iterdir()}
+    assert names == {f"agent1-{title}.pdf" for title in ("map", "reflection", "rays", "errors")}
+    said = say("plot", "out", "--format", "jpg")
+    assert (said.code, len(said.complaints)) == (2, 1)

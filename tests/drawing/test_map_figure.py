@@ -1,0 +1,79 @@
+"""Maps and runs show themselves: in one line, as a figure, in a notebook, in a paper."""
+
+import base64
+import re
+from dataclasses import replace
+
+import matplotlib.image
+import numpy as np
+import pytest
+from tiny import TINY
+
+import gridslam as gs
+from gridslam.drawing.map_figure import COLUMN_IN, FORMATS, draw_map, encoded
+
+BEGINNINGS = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
+
+
+@pytest.fixture(scope="module")
+def run():
+    scene = gs.Scene.from_toml(TINY, "tiny")
+    return gs.map_scene(scene, gs.simulate(scene, "agent1", 1), seed=1, particles=100)
+
+
+def one_line(shown):
+    assert shown.isprintable()
+    assert len(shown) < 200
+    return shown
+
+
+def test_what_users_hold_is_told_in_one_line(run):
+    last = run.estimates[-1]
+    assert one_line(repr(run)).startswith("<Run of agent1 in tiny by grid, seed 1: 3 steps, ")
+    assert "interrupted" not in repr(run)
+    assert "interrupted" in repr(replace(run, interrupted=True))
+    assert "48 x 38 cells of 0.2 m" in one_line(repr(run.map))
+    assert f"at step 2: {last.position_m[0]:.2f}, {last.position_m[1]:.2f} m" in one_line(repr(last))
+    assert f"{int(last.detected.sum())} surfaces" in repr(last)
+    assert "anchors A, B, true track known" in one_line(repr(gs.simulate(run.scene, "agent1", 1)))
+
+
+def test_unwell_filter_says_so_in_its_line(run):
+    sick = replace(run.estimates[0].health, ok=False, why="nothing fits")
+    assert repr(replace(run.estimates[0], health=sick)).endswith("nothing fits>")
+
+
+@pytest.mark.parametrize("shown", ["run", "map"])
+def test_notebooks_get_a_picture_that_loads_nothing(run, shown, tmp_path):
+    page = (run if shown == "run" else run.map)._repr_html_()
+    (code,) = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
+    (tmp_path / "a.png").write_bytes(base64.b64decode(code))
+    picture = matplotlib.image.imread(tmp_path / "a.png")
+    assert min(picture.shape[:2]) > 100
+    assert picture[..., :3].std() > 0.01, "not blank"
+    assert "http" not in page
+
+
+def test_plot_shows_what_is_known(run):
+    truth = gs.ground_truth(run.scene, "agent1")
+    labels = [{text.get_text() for text in run.plot(t).legends[0].get_texts()} for t in (None, truth)]
+    assert labels[1] - labels[0] == {"true track"}
+    assert {"estimated track", "true walls", "surfaces found", "occupied"} <= labels[0]
+    assert "true walls" not in {text.get_text() for text in draw_map(run.map).legends[0].get_texts()}
+
+
+def test_true_walls_lie_under_the_cells_that_cover_them(run):
+    (axes,) = run.plot().axes
+    order = {item.get_label(): item.get_zorder() for item in axes.collections}
+    free, occupied = (image.get_zorder() for image in axes.images)
+    assert free < order["true walls"] < occupied < order["surfaces found"]
+    assert np.ma.masked_invalid(axes.images[1].get_array()).count() == run.map.occupied.sum()
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_figures_for_papers_are_of_their_format_and_repeat(run, form):
+    figure = draw_map(run.map, run.scene, width=COLUMN_IN)
+    assert figure.get_figwidth() == COLUMN_IN
+    content = encoded(figure, form)
+    assert content.startswith(BEGINNINGS[form])
+    assert encoded(draw_map(run.map, run.scene, width=COLUMN_IN), form) == content
