@@ -57,7 +57,7 @@ def short_room(tmp_path):
 @pytest.fixture
 def no_figures(monkeypatch):
     """Leave out the figures, which take longer than the filter."""
-    monkeypatch.setattr("gridslam.viewers.plots.draw_all", lambda folder: [])
+    monkeypatch.setattr("gridslam.viewers.plots.draw_all", lambda folder, **_: [])
 
 
 @pytest.fixture
