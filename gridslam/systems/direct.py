@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gridslam.inference.management.image_merging import merge_images
 from gridslam.inference.messages.distance_mode import Mode, PathPrior
 from gridslam.inference.messages.image_births import NewPath, add_tentative, find_births
 from gridslam.inference.messages.image_prediction import (
@@ -18,8 +19,7 @@ from gridslam.inference.messages.image_rings import (
     forbid_own_place,
     join_straight_rings,
     learn_rings,
-    leave_one_out,
-    prune_tentative,
+    prune,
 )
 from gridslam.inference.messages.path_levels import reclaim_line_of_sight, start_levels, update_levels
 from gridslam.inference.messages.signal_likelihood import Band
@@ -63,14 +63,14 @@ def step(state: DirectState, scan: SignalScan, model: SignalModel) -> tuple[Dire
         state = start_levels(state, anchor, band, samples, model)
         noise = float(state.links.noise[anchor])
         paths = predict_paths(state, anchor, model)
-        prior, mode, new = find_births(band, samples, paths.prior, noise, state.step)
-        state = update_state(state, paths, mode)
-        tables = leave_one_out(band, samples, prior, mode, noise)
-        state = learn_rings(state, paths, tables)
-        state = update_levels(state, paths, mode, tables)
-        state = reclaim_line_of_sight(state, paths, mode)
-        state = add_tentative(state, anchor, new, model)
-        infos.append(AnchorInfo(paths, prior, mode, new))
+        found = find_births(band, samples, paths.prior, noise, state.step)
+        state = update_state(state, paths, found.mode)
+        state = learn_rings(state, paths, found)
+        state = update_levels(state, paths, found)
+        state = reclaim_line_of_sight(state, paths, found.mode)
+        state = add_tentative(state, anchor, found.new, model)
+        infos.append(AnchorInfo(paths, found.prior, found.mode, found.new))
     state = forbid_own_place(state, model)
-    state = prune_tentative(join_straight_rings(state, model))
+    state = merge_images(join_straight_rings(state))
+    state = prune(state)
     return replace(state, step=state.step + 1), infos

@@ -9,10 +9,10 @@ from gridslam.evaluation.signal_bounds import distance_information
 from gridslam.inference.messages.distance_mode import PathPrior, joint_mode
 from gridslam.inference.messages.signal_likelihood import (
     Band,
+    Inverse,
     log_densities,
     log_ratio,
     superpose,
-    sweep,
 )
 
 LIGHT = 299_792_458.0
@@ -51,7 +51,7 @@ def test_density_is_that_of_the_dense_covariance(band, seed, paths):
     inverse = np.linalg.inv(covariance)
     rest = noise * inverse @ samples
     expected = np.vdot(rest, rest).real / (noise**2 * np.trace(inverse).real)
-    assert found.noise_ratio == pytest.approx(expected, rel=1e-7)
+    assert found.rest_power / (noise * found.unexplained) == pytest.approx(expected, rel=1e-7)
 
 
 def test_correlation_is_the_dirichlet_kernel():
@@ -130,22 +130,49 @@ def test_score_has_the_covariance_that_the_information_says():
 
 def test_broadening_is_the_mean_over_a_spread_of_distance():
     rng = np.random.default_rng(2)
-    drawn = 5 + 0.2 * rng.normal(size=200_000)
-    wave = SHAPED.response(drawn[:20_000])
-    expected = wave.T @ wave.conj() / len(wave)
-    found = SHAPED.broadened(np.array([1.0]), np.array([5.0]), np.array([0.04]))
-    np.testing.assert_allclose(found, expected, atol=1.5e-3)
+    wave = SHAPED.response(5 + 0.2 * rng.normal(size=20_000))
+    expected = 1.3 * np.eye(M) + 30 * wave.T @ wave.conj() / len(wave)
+    found = Inverse.of(SHAPED, np.zeros(M) + 0j, *np.array([[30.0], [5.0], [0.04]]), 1.3)
+    np.testing.assert_allclose(np.linalg.inv(found.matrix), expected, atol=0.03)
 
 
-def test_sweep_is_one_more_path_at_every_distance():
+@pytest.mark.parametrize("band", [FLAT, SHAPED], ids=["flat", "shaped"])
+def test_tables_are_those_of_dense_covariances(band):
+    """One more path on top of all, and every path on top of the others, at all distances and at one."""
+    distance, weight, noise, samples, _ = world(8, band)
+    variance = np.array([1e-4, 4e-2, 1e-2])
+    inverse = Inverse.of(band, samples, weight, distance, variance, noise)
+    table = inverse.sweep(256)
+    at, rows = np.array([0, 17, 200]), np.arange(3)
+    apart, here = inverse.sweeps_without(table, rows), inverse.without(distance + 0.1)
+    for left_out in (None, 0, 1, 2):
+        covariance = noise * np.eye(M, dtype=complex)
+        for n in rows[rows != left_out]:
+            covariance += (inverse.nodes[n].T * inverse.weight[n]) @ inverse.nodes[n].conj()
+        response = band.response(table.spacing_m * at)
+        matched = response.conj() @ np.linalg.solve(covariance, samples)
+        own = np.einsum("gm,gm->g", response.conj(), np.linalg.solve(covariance, response.T).T).real
+        found = (table.matched, table.self_power) if left_out is None else (
+            apart.matched[left_out], apart.self_power[left_out]
+        )  # fmt: skip
+        np.testing.assert_allclose(np.abs(found[0][at]), np.abs(matched), rtol=1e-7)
+        np.testing.assert_allclose(found[1][at], own, rtol=1e-7)
+        if left_out is not None:
+            response = band.response(distance[left_out] + 0.1)
+            pressed = np.linalg.solve(covariance, response)
+            assert here[0][left_out] == pytest.approx(np.abs(np.vdot(pressed, samples)) ** 2, rel=1e-7)
+            assert here[1][left_out] == pytest.approx(np.vdot(response, pressed).real, rel=1e-7)
+
+
+def test_ratio_of_one_more_path_is_that_of_the_densities():
     distance, weight, noise, samples, _ = world(8, SHAPED)
-    inverse = np.linalg.inv(dense(SHAPED, distance, weight, noise))
-    table = sweep(SHAPED, samples, inverse, 256)
-    at, known = np.array([0, 17, 200]), -np.linalg.slogdet(inverse)[1]
-    before = -known - np.vdot(samples, inverse @ samples).real
-    for row, more in zip(at, table.spacing_m * at, strict=True):
-        after = superpose(SHAPED, samples, np.append(distance, more), np.append(weight, 50.0), noise)
-        assert table.log_ratio(50.0)[row] == pytest.approx(after.log_density - before, abs=1e-6)
+    inverse = Inverse.of(SHAPED, samples, weight, distance, np.zeros(3), noise)
+    table = inverse.sweep(256)
+    before = superpose(SHAPED, samples, distance, weight, noise).log_density
+    for row in (0, 17, 200):
+        more = np.append(distance, table.spacing_m * row)
+        after = superpose(SHAPED, samples, more, np.append(weight, 50.0), noise).log_density
+        assert table.log_ratio(50.0)[row] == pytest.approx(after - before, abs=1e-6)
 
 
 def test_noise_does_not_make_a_path_likelier():

@@ -61,15 +61,21 @@ class Mode:
         log CN(z; 0, C) + log prior but for constants.
     paths : Superposition
         The paths at the mode.
-    noise_ratio : float
-        Power left over in ratio to what is expected, less what fitting the distances took.
+    noise : float
+        Power of the noise in each sample, as assumed.
     """
 
     distance: Array
     covariance: Array
     log_posterior: float
     paths: Superposition
-    noise_ratio: float
+    noise: float
+
+    @property
+    def noise_ratio(self) -> float:
+        """Power left over in ratio to what is expected, less what fitting the distances took (M86)."""
+        taken = 0.5 * float(np.sum(self.covariance * self.paths.information))
+        return self.paths.rest_power / (self.noise * max(self.paths.unexplained - taken, 1.0))
 
     @property
     def variance(self) -> Array:
@@ -111,10 +117,7 @@ def joint_mode(
             break
         distance, paths, best = distance + step, trial, value
     covariance = np.linalg.inv(prior.precision + paths.information)
-    covariance = 0.5 * (covariance + covariance.T)
-    taken = 0.5 * float(np.sum(covariance * paths.information))
-    share = 1 - taken / max(paths.noise_freedom, taken + 1.0)
-    return Mode(distance, covariance, best, paths, paths.noise_ratio / share)
+    return Mode(distance, 0.5 * (covariance + covariance.T), best, paths, noise)
 
 
 def _log_posterior(paths: Superposition, prior: PathPrior, distance: Array) -> float:

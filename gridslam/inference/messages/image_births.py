@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.inference.messages.distance_mode import Mode, PathPrior, joint_mode
-from gridslam.inference.messages.signal_likelihood import Band, sweep
+from gridslam.inference.messages.signal_likelihood import Band, Inverse, Sweep
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.images import DirectState, Tentative
 from gridslam.inference.state.rings import BEARINGS, MOVING, Rings, outer
@@ -25,6 +25,8 @@ BIRTHS, FIRST_BIRTHS, FIRST_STEPS = 1e-4, 0.05, 8.0
 """Probability of a new path per delay cell: of a running filter; at the first step, and for how many
 steps. At the start several cells hold paths; with the rate of a running filter the line of sight is
 dragged towards reflections that aren't in the model yet."""
+POINTS = 2048
+"""Of the folding range, at which one more path is tried."""
 LEAST_EXISTENCE = 0.01
 """Existence below which a tentative image isn't begun."""
 NEAR_M, BESIDE_M = 0.05, 0.2
@@ -36,6 +38,8 @@ OVERLAP = 0.6
 ACCEPTED = np.log(8.0) - 2.0
 """What a gain in log posterior is worth more than a ratio of likelihoods: searched at 8 points of a cell,
 less what fitting a distance and an intensity gains in noise."""
+SOLVED_AGAIN = 1.0
+"""What solving everything again may gain on top of what the others' present fit shows; 0.5 is usual."""
 OWN_PLACE_M = 0.6
 """An image so near to its anchor is the anchor itself."""
 
@@ -57,9 +61,32 @@ class NewPath:
     intensity: float
 
 
-def find_births(
-    band: Band, samples: Complex, prior: PathPrior, noise: float, step: int
-) -> tuple[PathPrior, Mode, list[NewPath]]:
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a snapshot holds.
+
+    Attributes
+    ----------
+    prior : PathPrior
+        Of the known paths, and of new ones that were taken in.
+    mode : Mode
+        Of them.
+    new : list of NewPath
+        All new ones. Those taken in come first, in the order of the prior's last rows, all above 0.5.
+    inverse : Inverse
+        C^-1 at the mode.
+    table : Sweep
+        What one more path would be worth.
+    """
+
+    prior: PathPrior
+    mode: Mode
+    new: list[NewPath]
+    inverse: Inverse
+    table: Sweep
+
+
+def find_births(band: Band, samples: Complex, prior: PathPrior, noise: float, step: int) -> Found:
     """Look for paths that the known ones leave unexplained, the strongest first, before anything is updated.
 
     Each candidate is solved for together with all known paths from their prediction: judged after an update,
@@ -69,31 +96,23 @@ def find_births(
     ----------
     step : int
         Steps taken before this one.
-
-    Returns
-    -------
-    (prior, mode, new)
-        Prior and mode with the paths that were taken in, and all new ones; those taken in come first, in the
-        order of the prior's last rows, and have an existence above 0.5.
     """
     rate = max(BIRTHS, FIRST_BIRTHS * float(np.exp(-step / FIRST_STEPS)))
     mode = joint_mode(band, samples, prior, noise)
     taken, weak = list[NewPath](), list[NewPath]()
     nearest = prior.mean[0] + NEAR_M + DEVIATIONS * np.sqrt(1 / prior.precision[0, 0])
-    grid = band.folding_m / 2048 * np.arange(2048)
+    grid = band.folding_m / POINTS * np.arange(POINTS)
     grid = grid + band.folding_m * (grid < nearest)
     open_ = grid < nearest + band.folding_m - band.resolution_m
     intensities = noise * 10 ** (INTENSITIES_DB / 10)
     needed = np.log(LEAST_EXISTENCE) - np.log(rate) - ACCEPTED
+    inverse, table = _explained(band, samples, prior, mode, noise)
     for _ in range(MOST_NEW):
-        covariance = noise * np.eye(len(band)) + band.broadened(prior.weight, mode.distance, mode.variance)
-        table = sweep(band, samples, np.linalg.inv(covariance).astype(np.complex128))
         logs = table.log_ratio(intensities[:, None])
         best = logs.max(0)
         score = np.where(open_, best + np.log(np.exp(logs - best).mean(0)), -np.inf)
         peak = int(score.argmax())
-        # solving again may gain more than the others' present fit shows
-        if score[peak] < 0.3 * needed:
+        if score[peak] < needed - SOLVED_AGAIN:
             break
         share = np.exp(logs[:, peak] - best[peak])
         intensity = float(share @ intensities / share.sum())
@@ -108,12 +127,24 @@ def find_births(
         if existence > 0.5:
             taken.append(new)
             prior, mode = wider, trial
+            inverse, table = _explained(band, samples, prior, mode, noise)
         else:
             open_ &= np.abs(grid - grid[peak]) > BESIDE_M
             known = np.append(mode.distance, [path.distance for path in weak])
             if (np.abs(known - new.distance) > BESIDE_M).all():
                 weak.append(new)
-    return prior, mode, taken + weak
+    return Found(prior, mode, taken + weak, inverse, table)
+
+
+def _explained(
+    band: Band, samples: Complex, prior: PathPrior, mode: Mode, noise: float
+) -> tuple[Inverse, Sweep]:
+    """All paths at their mode, broadened by their variance, and what one more would be worth on top.
+
+    An error of 1 cm would else leave -24 dB of a strong path to be explained.
+    """
+    inverse = Inverse.of(band, samples, prior.weight, mode.distance, mode.variance, noise)
+    return inverse, inverse.sweep(POINTS)
 
 
 def add_tentative(state: DirectState, anchor: int, new: list[NewPath], model: FilterModel) -> DirectState:

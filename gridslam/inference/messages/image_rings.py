@@ -7,103 +7,99 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.messages.distance_mode import Mode, PathPrior
-from gridslam.inference.messages.image_births import LEAST_EXISTENCE, MOST_TENTATIVE, OWN_PLACE_M
+from gridslam.inference.messages.image_births import LEAST_EXISTENCE, MOST_TENTATIVE, OWN_PLACE_M, Found
 from gridslam.inference.messages.image_prediction import P_STAY, AnchorPaths, hypothesis_distances
-from gridslam.inference.messages.signal_likelihood import Band, Sweep, sweep
 from gridslam.inference.state.belief import Belief, give_birth
 from gridslam.inference.state.images import DirectState, Images
 from gridslam.inference.state.rings import MOVING, Rings, follow, outer, symmetric
 from gridslam.world.filter_model import FilterModel
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 NODES = np.linspace(-4.0, 4.0, 41)
 """Where a hypothesis integrates the likelihood, in its deviations."""
 NODE_WEIGHTS = np.exp(-0.5 * NODES**2) / np.exp(-0.5 * NODES**2).sum()
 JOIN_BEARING_RAD, JOIN_RANGE_M, SURE = 0.15, 0.3, 0.95
 """Deviations below which a ring is a straight arc, and the existence that it must have to join."""
+LEAST_WEIGHT = 1e-7
+"""A hypothesis less likely than this within its ring is given up."""
 
 
-def leave_one_out(band: Band, samples: Complex, prior: PathPrior, mode: Mode, noise: float) -> Sweep:
-    """Tables (N, G) of each path as if it were one more on top of all others.
-
-    The others stand at their mode, broadened by their variance: an error of 1 cm would else leave -24 dB of a
-    strong path to be explained.
-    """
-    size = len(mode.distance)
-    others = np.broadcast_to(prior.weight, (size, size)) * ~np.eye(size, dtype=bool)
-    covariance = noise * np.eye(len(band)) + band.broadened(
-        others, np.broadcast_to(mode.distance, (size, size)), np.broadcast_to(mode.variance, (size, size))
-    )
-    return sweep(band, samples, np.linalg.inv(covariance).astype(np.complex128))
-
-
-def learn_rings(state: DirectState, paths: AnchorPaths, tables: Sweep) -> DirectState:
+def learn_rings(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
     """Update existence and hypotheses of an anchor's rings by their likelihood ratios (M83).
 
-    Parameters
-    ----------
-    tables : Sweep
-        Of `leave_one_out`; the rings' rows follow those of the joint state.
+    Every ring is judged as one more path on top of all others, which stand at their mode.
     """
     rows = paths.tentative
     if not len(rows):
         return state
     own = state.tentative.take(rows)
     rings = own.rings
-    several = np.arange(paths.joint, paths.joint + len(rows))
-    logs = Sweep(tables.spacing_m, tables.matched_power[several], tables.self_power[several]).log_ratio(
-        own.intensity[:, None]
-    )
+    several = np.arange(paths.joint, paths.joint + len(rows))  # after those of the joint state
+    tables = found.inverse.sweeps_without(found.table, several)
+    logs = tables.log_ratio(own.intensity[:, None])
     distance, spread, gain = hypothesis_distances(rings)
-    level, moved, left = _integrate(logs, tables.spacing_m, distance, np.sqrt(spread))
+    live = rings.weight > 0
+    ring = np.nonzero(live)[0]
+    level, moved, left = _integrate(logs, ring, tables.spacing_m, distance[live], np.sqrt(spread[live]))
     # the path may have gone for now
     log_there = np.log(P_STAY) + level
     log_factor = np.logaddexp(log_there, np.log1p(-P_STAY))
     there = np.exp(log_there - log_factor)
-    step, narrower = there * moved, spread - there * left - there * (1 - there) * moved**2
-    narrower = narrower - (1 - there) * spread
-    weight = np.log(np.maximum(rings.weight, 1e-300)) + log_factor
+    narrower = there * (spread[live] - left - (1 - there) * moved**2)
+    scaled = gain[live] / spread[live][:, None]
+    mean, covariance = rings.mean.copy(), rings.covariance.copy()
+    mean[live] += (there * moved)[:, None] * scaled
+    covariance[live] = symmetric(covariance[live] - narrower[:, None, None] * outer(scaled, scaled))
+
+    weight = np.full(rings.weight.shape, -np.inf)
+    weight[live] = np.log(rings.weight[live]) + log_factor
     top = weight.max(-1, keepdims=True)
-    evidence = np.exp(weight - top).sum(-1)
+    weight = np.exp(weight - top)
+    evidence = weight.sum(-1)
     log_odds = np.log(rings.existence / (1 - rings.existence)) + np.log(evidence) + top[:, 0]
-    scaled = gain / spread[..., None]
+    weight = np.where(weight > LEAST_WEIGHT * evidence[:, None], weight, 0.0)
+    seen = np.bincount(ring, rings.weight[live] * there, len(rows)) > 0.5
     fresh = replace(
         rings,
         existence=1 / (1 + np.exp(-np.clip(log_odds, -16.0, 16.0))),
-        seen=rings.seen + ((rings.weight * there).sum(-1) > 0.5),
-        weight=np.exp(weight - top) / evidence[:, None],
-        mean=rings.mean + step[..., None] * scaled,
-        covariance=symmetric(rings.covariance - narrower[..., None, None] * outer(scaled, scaled)),
+        seen=rings.seen + seen,
+        weight=weight / weight.sum(-1, keepdims=True),
+        mean=mean,
+        covariance=covariance,
     )
     return replace(state, tentative=replace(state.tentative, rings=state.tentative.rings.put(rows, fresh)))
 
 
-def _integrate(logs: Array, spacing: float, distance: Array, deviation: Array) -> tuple[Array, Array, Array]:
+def _integrate(
+    logs: Array, ring: NDArray[np.intp], spacing: float, distance: Array, deviation: Array
+) -> tuple[Array, Array, Array]:
     """Log mean of exp(logs) over each N(distance, deviation^2); the product's shift and variance.
 
     Parameters
     ----------
     logs : (R, G)
         Periodic tables.
-    distance, deviation : (R, K) m
+    ring : (H,) int
+        Which of them each hypothesis looks at.
+    distance, deviation : (H,) m
     """
     points = logs.shape[1]
-    at = (distance[..., None] + deviation[..., None] * NODES) / spacing
+    at = (distance[:, None] + deviation[:, None] * NODES) / spacing
     low = np.floor(at)
     share = at - low
-    first = low.astype(np.int64) % points
-    row = points * np.arange(len(logs))[:, None, None]
-    flat = logs.reshape(-1)
-    value = (1 - share) * flat[row + first] + share * flat[row + (first + 1) % points]
+    first = low.astype(np.int64)
+    row, flat = points * ring[:, None], logs.reshape(-1)
+    before, here, after, beyond = (flat[row + (first + step) % points] for step in (-1, 0, 1, 2))
+    # cubic: a strong path's ratio is sharper than the table is fine
+    rise, bend = 0.5 * (after - before), before - 2.5 * here + 2 * after - 0.5 * beyond
+    twist = 1.5 * (here - after) + 0.5 * (beyond - before)
+    value = here + share * (rise + share * (bend + share * twist))
     top = value.max(-1, keepdims=True)
     mass = NODE_WEIGHTS * np.exp(value - top)
     whole = mass.sum(-1)
-    mean = (mass @ NODES) / whole
-    second = (mass @ NODES**2) / whole
-    shift = deviation * mean
-    return np.log(whole) + top[..., 0], shift, deviation**2 * np.maximum(second - mean**2, 1e-6)
+    mean, second = (mass @ NODES) / whole, (mass @ NODES**2) / whole
+    left = deviation**2 * np.maximum(second - mean**2, 1e-6)
+    return np.log(whole) + top[:, 0], deviation * mean, left
 
 
 def forbid_own_place(state: DirectState, model: FilterModel) -> DirectState:
@@ -125,7 +121,7 @@ def _apart(place: Array, anchor: Array) -> NDArray[np.bool_]:
     return np.asarray(np.linalg.norm(place - anchor, axis=-1) > OWN_PLACE_M)
 
 
-def prune_tentative(state: DirectState) -> DirectState:
+def prune(state: DirectState) -> DirectState:
     """Drop unlikely images and rings, and the least likely rings of an anchor beyond those that are kept."""
     state = state.keep(state.images.existence > LEAST_EXISTENCE)
     rings = state.tentative.rings
@@ -167,15 +163,24 @@ def _polar(rings: Rings, row: int, origin: Array) -> _Polar:
     return _Polar(matched, np.einsum("k,kij->ij", weight, own + outer(off, off)))
 
 
-def join_straight_rings(state: DirectState, model: FilterModel) -> DirectState:
+def join_straight_rings(state: DirectState) -> DirectState:
     """Rings that have shrunk to a short arc become settled images, correlated with the agent (M84)."""
-    for row in np.flatnonzero(state.tentative.rings.existence > SURE)[::-1].tolist():
+    for row in _narrow(state.tentative.rings, state.belief.mean[:2])[::-1].tolist():
         origin = state.belief.mean[:2].copy()
         polar = _polar(state.tentative.rings, row, origin)
         deviation = np.sqrt(np.diag(polar.covariance)[MOVING:])
         if deviation[0] < JOIN_BEARING_RAD and deviation[1] < JOIN_RANGE_M:
             state = _joined(state, row, origin, polar)
     return state
+
+
+def _narrow(rings: Rings, origin: Array) -> NDArray[np.intp]:
+    """Sure rings whose hypotheses' bearings alone don't spread too far already."""
+    away = rings.mean[..., MOVING:] - origin
+    toward = away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-3)
+    pull = np.linalg.norm(np.einsum("rk,rki->ri", rings.weight, toward), axis=-1)
+    # 1 - |mean unit vector| is half the bearings' variance where that is small, and less where it isn't
+    return np.flatnonzero((rings.existence > SURE) & (2 * (1 - pull) < JOIN_BEARING_RAD**2))
 
 
 def _joined(state: DirectState, row: int, origin: Array, polar: _Polar) -> DirectState:

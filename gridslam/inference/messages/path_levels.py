@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.inference.messages.distance_mode import Mode
+from gridslam.inference.messages.image_births import Found
 from gridslam.inference.messages.image_prediction import AnchorPaths
-from gridslam.inference.messages.signal_likelihood import Band, Sweep
+from gridslam.inference.messages.signal_likelihood import Band, log_ratio
 from gridslam.inference.state.images import MEMORY, DirectState, Links
 from gridslam.world.filter_model import FilterModel
 
@@ -45,21 +46,14 @@ def start_levels(
     return replace(state, links=links)
 
 
-def update_levels(state: DirectState, paths: AnchorPaths, mode: Mode, tables: Sweep) -> DirectState:
-    """Visibility and intensity of all paths of an anchor, and its noise.
-
-    Parameters
-    ----------
-    tables : Sweep
-        Of every path on top of all others, see `image_rings.leave_one_out`.
-    """
+def update_levels(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
+    """Visibility and intensity of all paths of an anchor, and its noise."""
+    mode = found.mode
     anchor, images, links, tentative = paths.anchor, state.images, state.links, state.tentative
     joint, rows = paths.joint, paths.images
     intensity = np.append(links.intensity[anchor], images.intensity[rows])
-    at = np.rint(mode.distance[:joint] / tables.spacing_m).astype(np.int64) % tables.self_power.shape[1]
-    every = np.arange(joint)
-    own = Sweep(tables.spacing_m, tables.matched_power[every, at], tables.self_power[every, at])
-    ratio = np.exp(np.clip(own.log_ratio(intensity), -50.0, 50.0))
+    matched, own = found.inverse.without(mode.distance)
+    ratio = np.exp(np.clip(log_ratio(matched[:joint], own[:joint], intensity), -50.0, 50.0))
     there = paths.visible * ratio
     whole = there + 1 - paths.visible
     visible = np.minimum(there / whole, CERTAIN)

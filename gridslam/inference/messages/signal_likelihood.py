@@ -17,6 +17,11 @@ from gridslam.world.radio import SPEED_OF_LIGHT
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+SPREAD = np.array([-1.0, 0.0, 1.0])
+SHARE = np.array([1.0, 4.0, 1.0]) / 6
+"""Three points, in sqrt(3) deviations, and shares: the moments of a normal spread up to the fifth."""
+LEAST_WEIGHT = 1e-9
+"""Power of a path in ratio to the noise, below which it counts as this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,22 +80,6 @@ class Band:
         phase = np.asarray(gap, np.float64)[..., None] * self.wavenumber
         return np.asarray(np.exp(-1j * phase) @ (np.abs(self.pulse) ** 2))
 
-    def broadened(self, weight: Array, distance: Array, variance: Array) -> Complex:
-        """Mean of w h h^H over a normal spread of each distance, (..., M, M) (M73).
-
-        Parameters
-        ----------
-        weight, distance, variance : (..., N); power, m, m^2
-            The N paths of each matrix are summed.
-        """
-        lag = (self.wavenumber[1] - self.wavenumber[0]) * np.arange(len(self))
-        wave = np.exp(-1j * distance[..., None] * lag - 0.5 * variance[..., None] * lag**2)
-        column = (weight[..., None] * wave).sum(-2)
-        whole = np.concatenate([np.conj(column[..., :0:-1]), column], -1)
-        row = np.arange(len(self))
-        toeplitz = whole[..., len(self) - 1 + row[:, None] - row]
-        return np.asarray(toeplitz * np.outer(self.pulse, np.conj(self.pulse)))
-
 
 @dataclass(frozen=True, eq=False)
 class Superposition:
@@ -106,10 +95,12 @@ class Superposition:
         2 conj(a_n) a_m h'_n^H C^-1 h'_m, whose real part is `information`.
     gradient : (N,) 1/m
         Of log_density by the distances.
-    noise_ratio : float
-        Power of what the paths leave over, in ratio to what is expected at this noise level.
-    noise_freedom : float
-        Samples' worth of noise in it, s2 tr(C^-1).
+    samples : int
+        M.
+    rest_power : float
+        Of what the paths leave over, |z - H a|^2.
+    lower : (N, N)
+        L of A.
     """
 
     log_density: float
@@ -117,8 +108,14 @@ class Superposition:
     power: Array
     whole_information: Complex
     gradient: Array
-    noise_ratio: float
-    noise_freedom: float
+    samples: int
+    rest_power: float
+    lower: Complex
+
+    @cached_property
+    def unexplained(self) -> float:
+        """Samples' worth of noise in what the paths leave over, s2 tr(C^-1)."""
+        return self.samples - len(self.lower) + float(np.sum(np.abs(np.linalg.inv(self.lower)) ** 2))
 
     @property
     def information(self) -> Array:
@@ -152,7 +149,7 @@ def superpose(band: Band, samples: Complex, distance: Array, weight: Array, nois
     root = np.sqrt(weight)
     scaled = gram[:, :count] * root
     inner = np.eye(count) + root[:, None] * scaled[:count] / noise
-    lower = np.linalg.cholesky(inner)
+    lower = np.linalg.cholesky(inner).astype(np.complex128)
     half = np.linalg.solve(lower, np.conj(scaled).T)
     product = (gram - np.conj(half).T @ half / noise) / noise
     plain, steep = slice(0, count), slice(count, -1)
@@ -163,13 +160,11 @@ def superpose(band: Band, samples: Complex, distance: Array, weight: Array, nois
     trace = (product[plain, steep].diagonal()).real
     gradient = 2 * (np.conj(amplitude) * product[steep, -1]).real - 2 * weight * trace
     log_det = 2 * np.log(lower.diagonal().real).sum() + len(band) * np.log(noise)
-    # the rest is e = s2 C^-1 z, whose mean square is s2^2 tr C^-1; |C^-1 z|^2 by the same products
     rest = samples - amplitude @ stack[:count]
-    freedom = len(band) - count + float(np.sum(np.abs(np.linalg.inv(lower)) ** 2))
-    ratio = float(np.vdot(rest, rest).real) / (noise * freedom)
     log_density = -log_det - product[-1, -1].real
     return Superposition(
-        float(log_density), amplitude, np.abs(amplitude) ** 2 + left, whole, gradient, ratio, freedom,
+        float(log_density), amplitude, np.abs(amplitude) ** 2 + left, whole, gradient, len(band),
+        float(np.vdot(rest, rest).real), lower,
     )  # fmt: skip
 
 
@@ -210,41 +205,107 @@ def log_ratio(matched_power: Array, self_power: Array, intensity: Array | float)
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """h(d)^H C^-1 z and h(d)^H C^-1 h(d) at every distance, for stacks of C.
+    """h(d)^H C^-1 z and h(d)^H C^-1 h(d) at every distance of a folding range.
 
     Attributes
     ----------
     spacing_m : float
         Between points; the last one is followed by the first, a folding range on.
-    matched_power, self_power : (..., G) float64
+    matched : (..., G) complex128
+    self_power : (..., G) float64
     """
 
     spacing_m: float
-    matched_power: Array
+    matched: Complex
     self_power: Array
 
     def log_ratio(self, intensity: Array | float) -> Array:
         """Log likelihood ratio of one more path at all points, (..., G)."""
-        return log_ratio(self.matched_power, self.self_power, intensity)
+        return log_ratio(np.abs(self.matched) ** 2, self.self_power, intensity)
 
 
-def sweep(band: Band, samples: Complex, inverse: Complex, points: int = 2048) -> Sweep:
-    """Both tables by one Fourier transform each: they are trigonometric polynomials of the distance.
+@dataclass(frozen=True, eq=False)
+class Inverse:
+    """C^-1 of N paths, each broadened over a spread of its distance.
 
-    Parameters
+    Attributes
     ----------
-    inverse : (..., M, M)
+    band : Band
+    samples : (M,) complex128
+    matrix : (M, M) complex128
         C^-1.
-    points : int
-        Of the folding range; at least 2 M.
+    nodes : (N, 3, M) complex128
+        Responses at three distances of each path, which stand for its spread.
+    weight : (N, 3)
+        Power of each.
     """
-    size = len(band)
-    line = np.conj(band.pulse) * (inverse @ samples)
-    matched = np.abs(np.fft.ifft(line, points, axis=-1) * points) ** 2
-    core = np.conj(band.pulse)[:, None] * inverse * band.pulse
-    lags = np.zeros((*inverse.shape[:-2], size), np.complex128)
-    for lag in range(size):  # sums along the diagonals: g(d) = sum_l t_l exp(j l k d)
-        lags[..., lag] = np.trace(core, lag, -2, -1)
-    lags[..., 0] *= 0.5
-    own = 2 * (np.fft.fft(lags, points, axis=-1)).real
-    return Sweep(band.folding_m / points, matched, np.maximum(own, 1e-300))
+
+    band: Band
+    samples: Complex
+    matrix: Complex
+    nodes: Complex
+    weight: Array
+
+    @classmethod
+    def of(
+        cls, band: Band, samples: Complex, weight: Array, distance: Array, variance: Array, noise: float
+    ) -> Inverse:
+        """Broaden N paths by three points with the moments of a normal spread up to the fifth (M73).
+
+        Parameters
+        ----------
+        weight, distance, variance : (N,); power, m, m^2
+        """
+        points = distance[:, None] + np.sqrt(3 * variance)[:, None] * SPREAD
+        nodes = band.response(points)
+        power = np.maximum(weight, LEAST_WEIGHT * noise)[:, None] * SHARE
+        flat = nodes.reshape(-1, len(band))
+        covariance = noise * np.eye(len(band)) + (flat.T * power.reshape(-1)) @ np.conj(flat)
+        return cls(band, samples, np.linalg.inv(covariance).astype(np.complex128), nodes, power)
+
+    @cached_property
+    def factors(self) -> Complex:
+        """V (N, 3, M): C^-1 without path n is C^-1 + sum_i V_ni V_ni^H."""
+        pressed = self.nodes @ self.matrix.T
+        inner = np.conj(self.nodes) @ np.swapaxes(pressed, -1, -2)
+        core = -inner
+        core[:, range(3), range(3)] += 1 / self.weight
+        lower = np.linalg.cholesky(core)
+        return np.linalg.solve(np.conj(lower), pressed).astype(np.complex128)
+
+    def sweep(self, points: int) -> Sweep:
+        """Tables on top of all paths, (G,): trigonometric polynomials, so a Fourier transform gives each."""
+        size = len(self.band)
+        matched = self._transform(self.matrix @ self.samples, points)
+        core = np.conj(self.band.pulse)[:, None] * self.matrix * self.band.pulse
+        # sums along the diagonals, g(d) = sum_l t_l exp(j l k d): in rows one entry longer they are columns
+        padded = np.zeros(size * (2 * size + 1), np.complex128)
+        padded[: 2 * size * size].reshape(size, 2 * size)[:, :size] = core
+        lags = padded.reshape(size, -1).sum(0)[:size]
+        lags[0] *= 0.5
+        own = 2 * np.fft.fft(lags, points).real
+        return Sweep(self.band.folding_m / points, matched, np.maximum(own, 1e-300))
+
+    def sweeps_without(self, whole: Sweep, rows: NDArray[np.intp]) -> Sweep:
+        """Tables (len(rows), G) of some paths as if each were one more on top of all others."""
+        factors = self.factors[rows]
+        waves = self._transform(factors, whole.matched.shape[-1])
+        told = np.conj(factors) @ self.samples
+        return Sweep(
+            whole.spacing_m, whole.matched + (waves * told[..., None]).sum(1),
+            whole.self_power + (np.abs(waves) ** 2).sum(1),
+        )  # fmt: skip
+
+    def without(self, distance: Array) -> tuple[Array, Array]:
+        """|y|^2 and g (N,) of every path at a distance (N,), on top of all others."""
+        response = self.band.response(distance)
+        back = np.conj(response)
+        waves = (back[:, None] * self.factors).sum(-1)
+        told = np.conj(self.factors) @ self.samples
+        matched = back @ (self.matrix @ self.samples) + (waves * told).sum(1)
+        own = ((back @ self.matrix) * response).sum(-1).real + (np.abs(waves) ** 2).sum(1)
+        return np.abs(matched) ** 2, np.maximum(own, 1e-300)
+
+    def _transform(self, vector: Complex, points: int) -> Complex:
+        """h(d)^H v at all points, but for a common phase of each: (..., M) to (..., G)."""
+        return np.asarray(np.fft.ifft(np.conj(self.band.pulse) * vector, points, axis=-1, norm="forward"))

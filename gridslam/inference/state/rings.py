@@ -111,12 +111,18 @@ def move(rings: Rings, dt: float, acceleration: float) -> Rings:
         entry = np.array([axis, axis + 2])
         noise[np.ix_(entry, entry)] = np.outer(push, push)
     noise[MOVING:, MOVING:] = JITTER_M**2 * np.eye(2)
-    covariance = forward @ rings.covariance @ forward.T + noise
-    return replace(rings, age=rings.age + 1, mean=rings.mean @ forward.T, covariance=covariance)
+    live = rings.weight > 0
+    mean, covariance = rings.mean.copy(), rings.covariance.copy()
+    mean[live] = rings.mean[live] @ forward.T
+    covariance[live] = forward @ rings.covariance[live] @ forward.T + noise
+    return replace(rings, age=rings.age + 1, mean=mean, covariance=covariance)
 
 
 def follow(rings: Rings, before: Belief, after: Belief) -> Rings:
-    """Take in what the joint belief learned of the agent, as the information by which it grew."""
+    """Take in what the joint belief learned of the agent, as the information by which it grew.
+
+    Hypotheses of weight 0 are left as they are.
+    """
     old, new = (b.covariance[:MOVING, :MOVING] for b in (before, after))
     same = np.array_equal(old, new) and np.array_equal(before.mean[:MOVING], after.mean[:MOVING])
     if not len(rings) or same:
@@ -130,7 +136,8 @@ def follow(rings: Rings, before: Belief, after: Belief) -> Rings:
     information = frame * np.where(surer, 1 / value - 1, 0.0) @ frame.T
     push = frame @ np.where(surer, shift / value, 0.0)
     doubt = root @ vector * np.where(surer, 0.0, value - 1) @ vector.T @ root.T
-    agent, prior = rings.mean[..., :MOVING] - before.mean[:MOVING], rings.covariance.copy()
+    live = rings.weight > 0
+    agent, prior = rings.mean[live][:, :MOVING] - before.mean[:MOVING], rings.covariance[live]
     prior[..., :MOVING, :MOVING] += doubt
     both, own = prior[..., :MOVING], prior[..., :MOVING, :MOVING]
     inner = np.eye(MOVING) + information @ own
@@ -138,17 +145,18 @@ def follow(rings: Rings, before: Belief, after: Belief) -> Rings:
     solved = np.linalg.solve(
         inner, np.concatenate([np.broadcast_to(information, own.shape), pull[..., None]], -1)
     )
-    covariance = prior - both @ solved[..., :MOVING] @ np.swapaxes(both, -1, -2)
+    mean, covariance = rings.mean.copy(), rings.covariance.copy()
+    covariance[live] = symmetric(prior - both @ solved[..., :MOVING] @ np.swapaxes(both, -1, -2))
     step = (both @ solved[..., MOVING:])[..., 0]
-    log = (
+    mean[live] += step
+    log = np.full(rings.weight.shape, -np.inf)
+    log[live] = (
         (agent * push).sum(-1)
         - 0.5 * ((agent @ information) * agent).sum(-1)
         + 0.5 * (pull * step[..., :MOVING]).sum(-1)
         - 0.5 * np.log(np.linalg.det(inner))
     )
-    return replace(
-        rings, weight=weighed(rings.weight, log), mean=rings.mean + step, covariance=symmetric(covariance)
-    )
+    return replace(rings, weight=weighed(rings.weight, log), mean=mean, covariance=covariance)
 
 
 def prune(rings: Rings, survival: float) -> Rings:
