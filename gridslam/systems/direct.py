@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from gridslam.errors import InputError
+from gridslam.estimates import Estimate, Health
 from gridslam.inference.management.image_merging import merge_images
-from gridslam.inference.messages.distance_mode import Mode, PathPrior
-from gridslam.inference.messages.image_births import NewPath, add_tentative, find_births
+from gridslam.inference.management.image_readout import (
+    image_paths,
+    image_surfaces,
+    motion_heading,
+    note_hits,
+)
+from gridslam.inference.messages.image_births import Found, add_tentative, find_births
 from gridslam.inference.messages.image_prediction import (
     AnchorPaths,
     predict_paths,
@@ -21,56 +32,152 @@ from gridslam.inference.messages.image_rings import (
     learn_rings,
     prune,
 )
-from gridslam.inference.messages.path_levels import reclaim_line_of_sight, start_levels, update_levels
+from gridslam.inference.messages.path_levels import (
+    reclaim_line_of_sight,
+    start_levels,
+    update_levels,
+    watch_fit,
+)
 from gridslam.inference.messages.signal_likelihood import Band
 from gridslam.inference.state.images import DirectState
+from gridslam.inference.state.rings import MOVING
+from gridslam.maps.frames import stamped
+from gridslam.maps.map import Map
+from gridslam.systems.signal_front import SignalFilter
+from gridslam.world.radio import REFLECTION_BINS
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
+Array = NDArray[np.float64]
+
 
 @dataclass(frozen=True, eq=False)
-class AnchorInfo:
-    """What happened with one anchor at a step.
+class DirectInfo:
+    """What happened at a step.
 
     Attributes
     ----------
-    paths : AnchorPaths
-        As predicted.
-    prior : PathPrior
-        With the new paths that were taken in.
-    mode : Mode
-        Of all distances.
-    new : list of NewPath
+    paths : sequence of AnchorPaths
+        Of every anchor that was heard: its paths as predicted.
+    found : sequence of Found
+        Of the same: joint mode, new paths, and C^-1.
+    health : Health
     """
 
-    paths: AnchorPaths
-    prior: PathPrior
-    mode: Mode
-    new: list[NewPath]
+    paths: Sequence[AnchorPaths]
+    found: Sequence[Found]
+    health: Health
 
 
-def start(model: SignalModel) -> DirectState:
-    """The state before the first step: the agent's prior, and no images."""
-    return DirectState.start(model.start_mean[:4], model.start_variance[:4], len(model.anchors))
+def start(model: SignalModel, prior: Map | None = None) -> DirectState:
+    """The state before the first step; an image is nothing that a map's surfaces could stand for."""
+    waveform = model.waveform
+    noise = None if waveform.noise_std is None else np.square(waveform.noise_std)
+    return DirectState.start(
+        model.start_mean[:MOVING], model.start_variance[:MOVING], len(model.anchors), noise
+    )
 
 
-def step(state: DirectState, scan: SignalScan, model: SignalModel) -> tuple[DirectState, list[AnchorInfo]]:
+def step(
+    state: DirectState, scan: SignalScan, model: SignalModel, work: None = None
+) -> tuple[DirectState, DirectInfo]:
     """One step, as the list of its messages ([LiangDirect], section III; docs/model.md, section 12)."""
-    band, infos = Band.of(model.waveform.offset_hz, model.waveform.pulse), list[AnchorInfo]()
-    state = predict_state(state, scan.time_s, model)
+    band = Band.of(model.waveform.offset_hz, model.waveform.pulse)
+    every, findings = list[AnchorPaths](), list[Found]()
+    state = predict_state(state, scan.time_s, len(scan), model)
     for anchor in np.flatnonzero(scan.heard).tolist():
         samples = scan.samples[anchor, 0, 0]
         state = start_levels(state, anchor, band, samples, model)
-        noise = float(state.links.noise[anchor])
         paths = predict_paths(state, anchor, model)
-        found = find_births(band, samples, paths.prior, noise, state.step)
+        found = find_births(band, samples, paths.prior, float(state.links.noise[anchor]), state.step)
         state = update_state(state, paths, found.mode)
         state = learn_rings(state, paths, found)
+        state = watch_fit(state, paths, found)
         state = update_levels(state, paths, found)
         state = reclaim_line_of_sight(state, paths, found.mode)
         state = add_tentative(state, anchor, found.new, model)
-        infos.append(AnchorInfo(paths, found.prior, found.mode, found.new))
+        every.append(paths)
+        findings.append(found)
     state = forbid_own_place(state, model)
     state = merge_images(join_straight_rings(state))
-    state = prune(state)
-    return replace(state, step=state.step + 1), infos
+    state = note_hits(prune(state), model)
+    health = state.watch.assess(state.spread_m, len(model.anchors))
+    return replace(state, step=state.step + 1), DirectInfo(every, findings, health)
+
+
+class DirectSlam(SignalFilter[DirectState]):
+    """Direct SLAM, one step at a time: samples of single antennas in, agent and images out.
+
+    An image serves its own anchor, by single bounces; every path's amplitude may fade anew at each step.
+    Distances tell nothing of a heading: what is reported is the direction of motion.
+
+    Parameters
+    ----------
+    scene : Scene
+        Anchors, region and filter settings; its walls are never read.
+    prior_map : Map, optional
+        Its frame is checked; its surfaces aren't used: an image is nothing that they could stand for.
+    agent : str, optional
+        Which of the scene's agents (default: the first): start and prior.
+    seed : int
+        Nothing here is random.
+    same_frame : bool
+        The user's word that `prior_map` is in the scene's frame, where it shares no anchor with it.
+    waveform : Waveform, optional
+        Of the recording. Default: what the scene's radio would sample.
+
+    Raises
+    ------
+    InputError
+        A scene without agents, an unknown one, a map of another frame, a waveform of other anchors, or of
+        arrays.
+    """
+
+    method = "direct"
+    uses_maps = False
+    start = staticmethod(start)
+    advance = staticmethod(step)
+
+    def __init__(self, scene: Any, *args: Any, **more: Any) -> None:
+        super().__init__(scene, *args, **more)
+        shape = self.waveform.shape
+        if shape[1] * shape[2] > 1:
+            raise InputError(
+                "signal: elements", f"{shape[1]} at anchors, {shape[2]} at the agent",
+                "one at either end (choose one of the recording's, or extract paths)",
+            )  # fmt: skip
+
+    @staticmethod
+    def moved(state: DirectState, position_m: Array, heading_rad: float) -> DirectState:
+        """The state before the first step, with its prior about another start (m)."""
+        mean = state.belief.mean.copy()
+        mean[:2] = position_m
+        return replace(state, belief=replace(state.belief, mean=mean))
+
+    @staticmethod
+    def require_sound(state: DirectState, model: SignalModel, where: str) -> None:
+        """Refuse a state from a file whose numbers can't be."""
+        for part, holds, allowed in state.claims(len(model.anchors)):
+            if not holds:
+                raise InputError(f"{where}: /state/{part}", "numbers that can't be", allowed)
+
+    def estimate(self, state: DirectState, scan: SignalScan, info: DirectInfo, began: float) -> Estimate:
+        """Mean agent and images, and the paths over them; the heading is that of the motion."""
+        heading, covariance = motion_heading(state)
+        table = image_surfaces(state, self.model)
+        mean = state.belief.mean
+        return Estimate(
+            scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), heading, covariance, table,
+            image_paths(state, self.model, heading), table.existence > self.model.settings.detect_above,
+            np.nan, time.perf_counter() - began, info.health,
+        )  # fmt: skip
+
+    def map(self) -> Map:
+        """The map as it stands: surfaces behind images, and a grid of which nothing was observed."""
+        table = image_surfaces(self.state, self.model)
+        found, blank = table.existence > self.model.settings.detect_above, Map.of_scene(self.scene)
+        uniform = np.full((int(found.sum()), len(REFLECTION_BINS)), 1 / len(REFLECTION_BINS))
+        sheet = replace(
+            blank, surfaces=table.take(found), surface_reflection=uniform, provenance=self.latest()
+        )
+        return stamped(sheet, self.scene)

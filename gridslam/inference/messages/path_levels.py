@@ -93,6 +93,17 @@ def _averaged(level: Array, count: Array, power: Array, chance: Array, noise: fl
     return np.maximum(level + chance / np.maximum(heard, 1.0) * (power - level), noise), heard
 
 
+def watch_fit(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
+    """How well an anchor's samples fitted: shifts of the distances, and the power that known paths explain."""
+    joint, mode = paths.joint, found.mode
+    power = np.maximum(mode.paths.power / float(state.links.noise[paths.anchor]) - 1, 0.0)
+    watch = state.watch.fitted(
+        mode.distance[:joint] - paths.prior.mean[:joint], paths.covariance,
+        mode.covariance[:joint, :joint], float(power[: len(paths.prior.mean)].sum()), float(power.sum()),
+    )  # fmt: skip
+    return replace(state, watch=watch)
+
+
 def reclaim_line_of_sight(state: DirectState, paths: AnchorPaths, mode: Mode) -> DirectState:
     """Where another path has stood in the line of sight's place for some steps, it was the line of sight.
 

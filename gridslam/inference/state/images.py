@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.rings import MOVING, Rings
+from gridslam.inference.state.rings import BEARINGS, MOVING, Rings
+from gridslam.inference.state.signal_watch import SignalWatch
 from gridslam.world.geometry import unit
 
 Array = NDArray[np.float64]
@@ -45,7 +46,7 @@ class Images:
     age : (S,) int64
         Steps since birth.
     extent : (S, 2) m
-        Stretch of its surface that was hit, along the tangent.
+        Stretch of its surface that was hit, along the tangent; NaN before its place was known well.
     """
 
     identity: Whole
@@ -56,7 +57,7 @@ class Images:
     intensity: Array
     heard: Array
     age: Whole
-    extent: Array
+    extent: Array = field(metadata={"blank": True})
 
     def __len__(self) -> int:
         return len(self.identity)
@@ -152,6 +153,8 @@ class DirectState:
     images : Images
     tentative : Tentative
     links : Links
+    watch : SignalWatch
+        How well samples fitted.
     step, next_identity : int
     time_s : float or None
     """
@@ -160,14 +163,22 @@ class DirectState:
     images: Images = field(default_factory=Images.empty)
     tentative: Tentative = field(default_factory=Tentative.empty)
     links: Links = field(default_factory=lambda: Links.start(0))
+    watch: SignalWatch = field(default_factory=SignalWatch)
     step: int = 0
     next_identity: int = 0
     time_s: float | None = None
 
     @classmethod
-    def start(cls, mean: Array, variance: Array, anchors: int) -> Self:
-        """Before the first step, from the prior of [x, y, vx, vy] (4,)."""
-        return cls(Belief(mean.copy(), np.diag(variance)), links=Links.start(anchors))
+    def start(cls, mean: Array, variance: Array, anchors: int, noise: Array | None = None) -> Self:
+        """Before the first step, from the prior of [x, y, vx, vy] (4,), and of the noise (J,) if there is one."""
+        links = Links.start(anchors)
+        links = links if noise is None else replace(links, noise=np.array(noise, np.float64))
+        return cls(Belief(mean.copy(), np.diag(variance)), links=links)
+
+    @property
+    def spread_m(self) -> float:
+        """Standard deviation of the agent's position, m."""
+        return float(np.sqrt(self.belief.covariance[0, 0] + self.belief.covariance[1, 1]))
 
     @property
     def places(self) -> Array:
@@ -191,6 +202,37 @@ class DirectState:
         toward = unit(polar[:, 0])
         across = polar[:, 1:] * np.stack([-toward[:, 1], toward[:, 0]], -1)
         return np.stack([across, toward], -1)
+
+    def claims(self, anchors: int) -> list[tuple[str, bool, str]]:
+        """What must hold of a state that was read from a file: part, whether it does, what is allowed."""
+        images, rings, links, size = self.images, self.tentative.rings, self.links, len(self.images)
+        tentative = self.tentative
+        rows = [getattr(images, f.name) for f in fields(images)]
+        chances = (images.existence, images.visible, rings.existence, links.visible)
+        counts = (images.heard, images.intensity, tentative.heard, tentative.intensity, links.heard,
+                  links.intensity, links.noise)  # fmt: skip
+        owners = np.concatenate([images.anchor, rings.anchor])
+        mixture = rings.weight.shape
+        return [
+            ("step", self.step >= 0, "0 or more"),
+            ("belief/mean", self.belief.mean.shape == (MOVING + 2 * size,), "two entries for each image"),
+            ("belief/covariance", len(self.belief.covariance) == MOVING + 2 * size, "a row for each entry"),
+            ("images", all(len(row) == size for row in rows), "rows of one number"),
+            ("images/origin", images.origin.shape == images.extent.shape == (size, 2), "pairs"),
+            ("images/identity", len(set(images.identity.tolist())) == size, "a number for each image"),
+            ("next_identity", self.next_identity > images.identity.max(initial=-1), "above all identities"),
+            ("anchor", bool(((owners >= 0) & (owners < anchors)).all()), "anchors' numbers"),
+            ("existence", all(((c >= 0) & (c <= 1)).all() for c in chances), "probabilities"),
+            ("intensity", all((c >= 0).all() for c in counts), "0 or more"),
+            ("links", all(len(getattr(links, f.name)) == anchors for f in fields(links)), "anchors' rows"),
+            ("tentative", {len(getattr(rings, f.name)) for f in fields(rings)}
+             == {len(tentative.intensity)} == {len(tentative.heard)}, "rows of one number"),
+            ("tentative/rings", mixture[1:] == (BEARINGS,)
+             and rings.mean.shape == (*mixture, MOVING + 2)
+             and rings.covariance.shape == (*mixture, MOVING + 2, MOVING + 2), "hypotheses of rings"),
+            ("tentative/rings/weight", bool((rings.weight >= 0).all())
+             and bool((np.abs(rings.weight.sum(-1) - 1) < 1e-6).all()), "probabilities"),
+        ]  # fmt: skip
 
     def keep(self, images: NDArray[np.bool_]) -> Self:
         """Without some of the settled images (S,): they are marginalised out."""

@@ -1,0 +1,92 @@
+"""Whether samples fit the belief, as a filter on samples itself can judge. Nothing here needs the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.estimates import Health
+from gridslam.inference.state.calibration import KEEP
+from gridslam.inference.state.health import LOST, MISFIT, SILENT, VAGUE_M, innovation_band
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SignalWatch:
+    """How well samples have fitted lately.
+
+    Attributes
+    ----------
+    misfit, freedom : float
+        Normalised shifts squared of distances from prediction to mode, and their degrees of freedom.
+    explained, power : float
+        Power, over the noise, of the paths that were known before the step, and of all.
+    silent : int
+        Steps for which nothing has been heard.
+    """
+
+    misfit: float = 0.0
+    freedom: float = 0.0
+    explained: float = 0.0
+    power: float = 0.0
+    silent: int = 0
+
+    def begun(self, heard: int) -> Self:
+        """A new step with snapshots of so many anchors."""
+        return replace(
+            self, misfit=KEEP * self.misfit, freedom=KEEP * self.freedom, explained=KEEP * self.explained,
+            power=KEEP * self.power, silent=0 if heard else self.silent + 1,
+        )  # fmt: skip
+
+    def fitted(self, shift: Array, before: Array, after: Array, explained: float, power: float) -> Self:
+        """Take in one anchor.
+
+        Parameters
+        ----------
+        shift : (N,) m
+            Mode less prediction.
+        before, after : (N, N) m^2
+            Covariance of the distances as predicted, and at the mode.
+        explained, power : float
+            Of the paths known before and of all, over the noise.
+        """
+        root = np.linalg.cholesky(before)
+        left = np.linalg.solve(root, np.linalg.solve(root, after).T)
+        value, vector = np.linalg.eigh(np.eye(len(shift)) - 0.5 * (left + left.T))
+        news = vector.T @ np.linalg.solve(root, shift)
+        told = value > 0.05  # a distance of which nothing was told can't misfit
+        squared = float((news[told] ** 2 / value[told]).sum())
+        return replace(
+            self, misfit=self.misfit + squared, freedom=self.freedom + float(told.sum()),
+            explained=self.explained + explained, power=self.power + power,
+        )  # fmt: skip
+
+    def assess(self, spread_m: float, anchors: int) -> Health:
+        """Say how things are.
+
+        Parameters
+        ----------
+        spread_m : float
+            Standard deviation of the position.
+        anchors : int
+        """
+        ratio = self.misfit / self.freedom if self.freedom > 0 else 1.0
+        low, high = innovation_band(self.freedom)
+        share = (self.explained + 1) / (self.power + 1)
+        reasons = []
+        if self.silent >= SILENT:
+            reasons.append(f"nothing heard for {self.silent} steps")
+        if spread_m > VAGUE_M:
+            reasons.append(f"position known to {spread_m:.1f} m alone")
+        if share < LOST:
+            reasons.append(f"{share:.0%} of the received power explained by known paths")
+        if ratio > max(high, MISFIT):
+            reasons.append(f"innovations {ratio:.1f} times as large as they should be")
+        return Health(
+            not reasons, "; ".join(reasons), np.inf, ratio, (low, high), share, np.zeros(anchors), 1.0,
+            np.zeros(anchors), self.silent,
+        )  # fmt: skip
