@@ -84,8 +84,8 @@ def image_paths(state: DirectState, model: FilterModel, heading_rad: float) -> P
 def motion_heading(state: DirectState) -> tuple[float, Array]:
     """Direction of motion, which is all that distances tell of a heading, and covariance (5, 5) with it.
 
-    An agent that may turn on the spot has another heading: this one is of the velocity. Its variance is at most
-    that of any direction.
+    An agent that may turn on the spot has another heading: this one is of the velocity. Its variance is at
+    most that of any direction.
     """
     velocity = state.belief.mean[2:4]
     speed = float(np.hypot(*velocity))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_ndtr
 
 from gridslam.inference.messages.signal_likelihood import Band, Superposition, superpose
 
@@ -17,13 +18,15 @@ FARTHEST = 0.2
 """Longest step, in resolutions: a longer one jumps to the next sidelobe."""
 STILL = 0.02
 """Share of a deviation below which a step ends the search."""
+BEHIND_M = 0.05
+"""Scale over which it becomes unlikely that an image is nearer than its anchor."""
 FREE_M = 100.0
 """Prior deviation of a distance of which nothing is known."""
 
 
 @dataclass(frozen=True, eq=False)
 class PathPrior:
-    """What is predicted of the N paths of one anchor.
+    """What is predicted of the N paths of one anchor, its own first, which is the shortest.
 
     Attributes
     ----------
@@ -101,8 +104,9 @@ def joint_mode(
     paths = superpose(band, samples, distance, prior.weight, noise)
     best = _log_posterior(paths, prior, distance)
     for _ in range(ROUNDS):
-        gradient = paths.gradient - prior.precision @ (distance - prior.mean)
-        curvature = prior.precision + paths.information
+        push, stiff = _order(distance)
+        gradient = paths.gradient - prior.precision @ (distance - prior.mean) + push
+        curvature = prior.precision + paths.information + stiff
         step = np.linalg.solve(curvature, gradient)
         if float(gradient @ step) < STILL**2:
             break
@@ -122,4 +126,21 @@ def joint_mode(
 
 def _log_posterior(paths: Superposition, prior: PathPrior, distance: Array) -> float:
     off = distance - prior.mean
-    return paths.log_density - 0.5 * float(off @ prior.precision @ off)
+    return paths.log_density - 0.5 * float(off @ prior.precision @ off) + float(log_behind(distance).sum())
+
+
+def log_behind(distance: Array, margin: float = BEHIND_M) -> Array:
+    """Log probability (N - 1,) that images at distances [1:] are farther than their anchor at [0]."""
+    return np.asarray(log_ndtr((distance[1:] - distance[0]) / margin))
+
+
+def _order(distance: Array) -> tuple[Array, Array]:
+    """Gradient (N,) and curvature (N, N) of the sum of `log_behind`."""
+    gap = (distance[1:] - distance[0]) / BEHIND_M
+    slope = np.exp(-0.5 * gap**2 - log_ndtr(gap)) / np.sqrt(2 * np.pi)
+    bend = slope * (slope + gap) / BEHIND_M**2
+    slope = slope / BEHIND_M
+    gradient = np.concatenate([[-slope.sum()], slope])
+    curvature = np.diag(np.concatenate([[bend.sum()], bend]))
+    curvature[0, 1:] = curvature[1:, 0] = -bend
+    return gradient, curvature

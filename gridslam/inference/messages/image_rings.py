@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_ndtr
 
+from gridslam.inference.messages.distance_mode import BEHIND_M
 from gridslam.inference.messages.image_births import LEAST_EXISTENCE, MOST_TENTATIVE, OWN_PLACE_M, Found
 from gridslam.inference.messages.image_prediction import P_STAY, AnchorPaths, hypothesis_distances
 from gridslam.inference.state.belief import Belief, give_birth
@@ -40,7 +42,10 @@ def learn_rings(state: DirectState, paths: AnchorPaths, found: Found) -> DirectS
     distance, spread, gain = hypothesis_distances(rings)
     live = rings.weight > 0
     ring = np.nonzero(live)[0]
-    level, moved, left = _integrate(logs, ring, tables.spacing_m, distance[live], np.sqrt(spread[live]))
+    level, moved, left = _integrate(
+        logs, ring, tables.spacing_m, distance[live], np.sqrt(spread[live]),
+        found.mode.distance[0], np.sqrt(BEHIND_M**2 + found.mode.variance[0]),
+    )  # fmt: skip
     # the path may have gone for now
     log_there = np.log(P_STAY) + level
     log_factor = np.logaddexp(log_there, np.log1p(-P_STAY))
@@ -71,7 +76,13 @@ def learn_rings(state: DirectState, paths: AnchorPaths, found: Found) -> DirectS
 
 
 def _integrate(
-    logs: Array, ring: NDArray[np.intp], spacing: float, distance: Array, deviation: Array
+    logs: Array,
+    ring: NDArray[np.intp],
+    spacing: float,
+    distance: Array,
+    deviation: Array,
+    nearest: float,
+    doubt: float,
 ) -> tuple[Array, Array, Array]:
     """Log mean of exp(logs) over each N(distance, deviation^2); the product's shift and variance.
 
@@ -82,9 +93,12 @@ def _integrate(
     ring : (H,) int
         Which of them each hypothesis looks at.
     distance, deviation : (H,) m
+    nearest, doubt : float, m
+        Distance of the anchor and its deviation: nothing reflected is nearer.
     """
     points = logs.shape[1]
-    at = (distance[:, None] + deviation[:, None] * NODES) / spacing
+    node = distance[:, None] + deviation[:, None] * NODES
+    at = node / spacing
     low = np.floor(at)
     share = at - low
     first = low.astype(np.int64)
@@ -94,6 +108,7 @@ def _integrate(
     rise, bend = 0.5 * (after - before), before - 2.5 * here + 2 * after - 0.5 * beyond
     twist = 1.5 * (here - after) + 0.5 * (beyond - before)
     value = here + share * (rise + share * (bend + share * twist))
+    value = value + log_ndtr((node - nearest) / doubt)
     top = value.max(-1, keepdims=True)
     mass = NODE_WEIGHTS * np.exp(value - top)
     whole = mass.sum(-1)

@@ -16,6 +16,9 @@ from gridslam.world.filter_model import FilterModel
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+FIRST_SHARE, FIRST_HEARD = 0.5, 3.0
+"""An anchor's own path begins with no less than this share of the strongest, as if heard so often: it may have
+faded at the first step, and a reflection next to it that is believed to be stronger would take its place."""
 NOISE_GAIN = 0.03
 """Share of a step's noise estimate that enters."""
 CERTAIN = 1 - 1e-7
@@ -37,11 +40,11 @@ def start_levels(
         away = float(np.linalg.norm(state.belief.mean[:2] - model.anchor_positions[anchor]))
         near = away + 0.25 * band.resolution_m * np.linspace(-1, 1, 9)
         heard = float((np.abs(np.conj(band.response(near)) @ samples) ** 2).max())
-        floor = 2.0 * float(links.noise[anchor])
+        floor = max(2.0 * float(links.noise[anchor]), FIRST_SHARE * float(power.max()))
         links = replace(
             links,
             intensity=_put(links.intensity, anchor, max(heard, floor)),
-            heard=_put(links.heard, anchor, 1.0),
+            heard=_put(links.heard, anchor, FIRST_HEARD),
         )
     return replace(state, links=links)
 
@@ -94,7 +97,7 @@ def _averaged(level: Array, count: Array, power: Array, chance: Array, noise: fl
 
 
 def watch_fit(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
-    """How well an anchor's samples fitted: shifts of the distances, and the power that known paths explain."""
+    """How well an anchor's samples fitted: shifts of distances, and the power that known paths explain."""
     joint, mode = paths.joint, found.mode
     power = np.maximum(mode.paths.power / float(state.links.noise[paths.anchor]) - 1, 0.0)
     watch = state.watch.fitted(

@@ -170,7 +170,7 @@ class DirectState:
 
     @classmethod
     def start(cls, mean: Array, variance: Array, anchors: int, noise: Array | None = None) -> Self:
-        """Before the first step, from the prior of [x, y, vx, vy] (4,), and of the noise (J,) if there is one."""
+        """Before the first step, from priors of [x, y, vx, vy] (4,) and, if there is one, of noise (J,)."""
         links = Links.start(anchors)
         links = links if noise is None else replace(links, noise=np.array(noise, np.float64))
         return cls(Belief(mean.copy(), np.diag(variance)), links=links)
