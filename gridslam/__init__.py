@@ -14,6 +14,7 @@ from gridslam.runs.run import Run
 from gridslam.simulation.image_source import Truth, ground_truth
 from gridslam.simulation.simulate import simulate
 from gridslam.systems.adaptive import AdaptiveSlam
+from gridslam.systems.direct import DirectSlam
 from gridslam.systems.grid import GridSlam
 from gridslam.systems.slam import Slam
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
@@ -25,6 +26,7 @@ from gridslam.world.waveform import Waveform
 __version__ = "0.2.0"
 __all__ = [
     "AdaptiveSlam",
+    "DirectSlam",
     "Estimate",
     "GridSlam",
     "InputError",

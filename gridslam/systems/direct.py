@@ -102,7 +102,7 @@ def step(
     state = merge_images(join_straight_rings(state))
     state = note_hits(prune(state), model)
     health = state.watch.assess(state.spread_m, len(model.anchors))
-    return replace(state, step=state.step + 1), DirectInfo(every, findings, health)
+    return replace(state.packed(), step=state.step + 1), DirectInfo(every, findings, health)
 
 
 class DirectSlam(SignalFilter[DirectState]):

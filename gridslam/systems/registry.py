@@ -74,6 +74,15 @@ _ENTERED = (
         "virtual-anchor SLAM: each surface serves one anchor",
         "docs/model.md#8-virtual-anchors",
     ),
+    Method(
+        "direct",
+        "gridslam.systems.direct:DirectSlam",
+        "direct SLAM: agent and virtual anchors straight from sampled signals",
+        "docs/model.md#12-direct-slam",
+        "samples over frequency, one antenna at either end",
+        takes_map=False,
+        takes="signal",
+    ),
 )
 METHODS = {entry.name: entry for entry in _ENTERED}
 """Ours, by name."""

@@ -80,7 +80,8 @@ class Waveform:
         values = {
             "carrier_hz": carrier + middle,
             "offset_hz": steps * (offset[-1] - offset[0]) / (len(offset) - 1),
-            "pulse": pulse / norm,
+            # read from a file, it has this norm but for rounding, and stays as it is
+            "pulse": pulse if abs(norm - 1) < 1e-12 else pulse / norm,
             "anchor_element_m": anchor,
             "agent_element_m": agent,
             "noise_std": noise,

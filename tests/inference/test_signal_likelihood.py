@@ -24,7 +24,7 @@ SHAPED = Band.of(STEP * (np.arange(M) - 20), np.hanning(M + 2)[1:-1] * np.exp(0.
 def world(seed: int, band: Band = FLAT, paths: int = 3, noise: float = 1.3):
     """Samples of some paths with random distances, powers and amplitudes."""
     rng = np.random.default_rng(seed)
-    distance, weight = rng.uniform(2, 12, paths), 10 ** rng.uniform(0, 3, paths)
+    distance, weight = np.sort(rng.uniform(2, 12, paths)), 10 ** rng.uniform(0, 3, paths)
     amplitude = np.sqrt(weight / 2) * (rng.normal(size=paths) + 1j * rng.normal(size=paths))
     rest = np.sqrt(noise / 2) * (rng.normal(size=M) + 1j * rng.normal(size=M))
     return distance, weight, noise, amplitude @ band.response(distance) + rest, amplitude
@@ -229,3 +229,11 @@ def test_paths_far_apart_are_measured_as_if_alone():
     alone = 2 * FLAT.rms_wavenumber**2 * np.abs(amplitude) ** 2
     np.testing.assert_allclose(mode.distance, distance, atol=5e-4)
     np.testing.assert_allclose(1 / mode.variance - 25, alone, rtol=0.05)
+
+
+def test_an_image_is_not_nearer_than_its_anchor():
+    """A reflection that is predicted as near as the strong path doesn't take the line of sight's place."""
+    samples = 30 * FLAT.response(5.0) + 10j * FLAT.response(5.5)
+    prior = PathPrior(np.array([5.2, 5.3]), np.diag([25.0, 4.0]), np.array([100.0, 900.0]))
+    mode = joint_mode(FLAT, samples, prior, 1.0)
+    np.testing.assert_allclose(mode.distance, [5.0, 5.5], atol=0.03)

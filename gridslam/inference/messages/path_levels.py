@@ -17,8 +17,8 @@ from gridslam.world.filter_model import FilterModel
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 FIRST_SHARE, FIRST_HEARD = 0.5, 3.0
-"""An anchor's own path begins with no less than this share of the strongest, as if heard so often: it may have
-faded at the first step, and a reflection next to it that is believed to be stronger would take its place."""
+"""An anchor's own path begins with no less than this share of the strongest, as if heard so often: it may
+have faded, and a reflection next to it that is believed to be stronger would take its place."""
 NOISE_GAIN = 0.03
 """Share of a step's noise estimate that enters."""
 CERTAIN = 1 - 1e-7
@@ -97,12 +97,16 @@ def _averaged(level: Array, count: Array, power: Array, chance: Array, noise: fl
 
 
 def watch_fit(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
-    """How well an anchor's samples fitted: shifts of distances, and the power that known paths explain."""
+    """How well an anchor's samples fitted: shifts of distances, and the power that known paths explain.
+
+    Known are the paths of the joint belief. Tentative ones tell nothing of the agent: where it is lost, they
+    alone explain what is received.
+    """
     joint, mode = paths.joint, found.mode
     power = np.maximum(mode.paths.power / float(state.links.noise[paths.anchor]) - 1, 0.0)
     watch = state.watch.fitted(
-        mode.distance[:joint] - paths.prior.mean[:joint], paths.covariance,
-        mode.covariance[:joint, :joint], float(power[: len(paths.prior.mean)].sum()), float(power.sum()),
+        mode.distance[:joint] - paths.prior.mean[:joint], paths.covariance, mode.covariance[:joint, :joint],
+        float(power[:joint].sum()), float(power.sum()),
     )  # fmt: skip
     return replace(state, watch=watch)
 

@@ -44,7 +44,7 @@ class Band:
         """A band of frequency offsets (M,), Hz, and a pulse (M,) of any scale (default: flat)."""
         offset = np.asarray(offset_hz, np.float64)
         shape = np.ones(len(offset)) if pulse is None else np.asarray(pulse, np.complex128)
-        return cls(2 * np.pi * offset / SPEED_OF_LIGHT, shape / np.linalg.norm(shape) + 0j)
+        return cls(2 * np.pi * offset / SPEED_OF_LIGHT, (shape / np.linalg.norm(shape)).astype(np.complex128))
 
     def __len__(self) -> int:
         return len(self.wavenumber)

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from gridslam.estimates import Health
 from gridslam.inference.state.calibration import KEEP
-from gridslam.inference.state.health import LOST, MISFIT, SILENT, VAGUE_M, innovation_band
+from gridslam.inference.state.health import MISFIT, SILENT, VAGUE_M, innovation_band
 
 Array = NDArray[np.float64]
+LEAST_EXPLAINED = 0.2
+"""Share of the received power that paths of the joint belief explain as long as the agent is followed."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,7 @@ class SignalWatch:
     misfit, freedom : float
         Normalised shifts squared of distances from prediction to mode, and their degrees of freedom.
     explained, power : float
-        Power, over the noise, of the paths that were known before the step, and of all.
+        Power, over the noise, of the lines of sight and settled images, and of all paths.
     silent : int
         Steps for which nothing has been heard.
     """
@@ -52,7 +54,7 @@ class SignalWatch:
         before, after : (N, N) m^2
             Covariance of the distances as predicted, and at the mode.
         explained, power : float
-            Of the paths known before and of all, over the noise.
+            Of the paths of the joint belief and of all, over the noise.
         """
         root = np.linalg.cholesky(before)
         left = np.linalg.solve(root, np.linalg.solve(root, after).T)
@@ -82,7 +84,7 @@ class SignalWatch:
             reasons.append(f"nothing heard for {self.silent} steps")
         if spread_m > VAGUE_M:
             reasons.append(f"position known to {spread_m:.1f} m alone")
-        if share < LOST:
+        if share < LEAST_EXPLAINED:
             reasons.append(f"{share:.0%} of the received power explained by known paths")
         if ratio > max(high, MISFIT):
             reasons.append(f"innovations {ratio:.1f} times as large as they should be")
