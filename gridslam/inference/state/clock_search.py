@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from gridslam.world.clocks import ClockModel
 
@@ -64,10 +65,12 @@ class ClockSearch:
         share = 0.5 * variance / CELL_M**2
         if not self.unset.any() or not share:
             return self
-        mass, rounds = self.mass, max(1, int(np.ceil(share / 0.25)))
-        for _ in range(min(rounds, 400)):
+        mass = self.mass
+        if share < 0.5:  # less than a cell: a step of diffusion
             ends = np.pad(mass, ((0, 0), (1, 1)), mode="edge")
-            mass = mass + share / rounds * (ends[:, 2:] - 2 * mass + ends[:, :-2])
+            mass = mass + share * (ends[:, 2:] - 2 * mass + ends[:, :-2])
+        else:
+            mass = gaussian_filter1d(mass, np.sqrt(variance) / CELL_M, axis=1, mode="nearest")
         with np.errstate(divide="ignore"):
             log = np.maximum(np.log(mass), NEVER)
         return replace(self, log=np.where(self.log > NEVER, log - log.max(1, keepdims=True), NEVER))
