@@ -10,12 +10,14 @@ from gridslam.measurements.network import NetworkMeasurements, NetworkScan
 from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements, Scan
 from gridslam.runs.map_scene import map_scene
+from gridslam.runs.network_run import NetworkRun, map_network
 from gridslam.runs.run import Run
 from gridslam.simulation.image_source import Truth, ground_truth
 from gridslam.simulation.simulate import simulate
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.direct import DirectSlam
 from gridslam.systems.grid import GridSlam
+from gridslam.systems.network import NetworkSlam
 from gridslam.systems.slam import Slam
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
 from gridslam.world.scene import Scene, bundled_scenes
@@ -33,7 +35,9 @@ __all__ = [
     "Map",
     "Measurements",
     "NetworkMeasurements",
+    "NetworkRun",
     "NetworkScan",
+    "NetworkSlam",
     "PathEstimate",
     "Recording",
     "Run",
@@ -51,6 +55,7 @@ __all__ = [
     "from_sionna",
     "fuse",
     "ground_truth",
+    "map_network",
     "map_scene",
     "simulate",
 ]

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from gridslam.cli import bench, files, scene
+from gridslam.cli import bench, files, network, scene
 from gridslam.cli.help import COMPARE, MAP, SCENE_HELP, about, method_names, scene_names
 from gridslam.cli.observed import angles_hint, given_file, recorded, source
 from gridslam.cli.output import ended, interruptible, reserved
@@ -97,6 +97,21 @@ def run(
         output = resume
     world = Scene.load(scene)
     world = world if particles is None else world.with_filter(particles=particles)
+    if method == network.METHOD:
+        for option, asked in (
+            ("--truth", truth),
+            ("--signal", signal),
+            ("--checkpoint", checkpoint),
+            ("--rerun", rerun or rerun_to),
+        ):
+            if asked:
+                raise InputError(option, f"with --method {method}", "none: all agents run at once")
+        whole, tables, more = network.run_network(
+            world, agent, seed, measurements, map_file, same_frame, start, device, threads, output, overwrite
+        )
+        out.print(_table(list(whole.runs.values()), tables), width=max(out.width, WIDEST_TABLE), crop=False)
+        network.say(more, out)
+        return
     system = method_class(method, "--method")
     takes = taken_by(system)
     file = given_file(measurements, signal, takes, method)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 import numpy as np
@@ -10,11 +10,27 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from gridslam.estimates import Estimate
+from gridslam.inference.management.network_readout import NetworkEstimate
 from gridslam.world.trajectory import Trajectory
 
 Tell = Callable[[Estimate, int, int], None]
 LINES, LEAST_STEPS = 10, 100
 """Lines that a run writes where there is no terminal, and steps below which it writes none."""
+
+
+@contextmanager
+def network_progress_bar(
+    tracks: Mapping[str, Trajectory], console: Console | None = None
+) -> Iterator[Callable[[NetworkEstimate, int, int], None]]:
+    """The same of several agents at once: of the first that is there at a step."""
+    with progress_bar(" ".join(tracks) or "agents", None, console) as tell:
+
+        def told(estimate: NetworkEstimate, done: int, total: int) -> None:
+            there = [own for own in estimate.agents.values() if own is not None]
+            if there:
+                tell(there[0], done, total)
+
+        yield told
 
 
 @contextmanager

@@ -86,6 +86,7 @@ def write_run(
     overwrite: bool = False,
     draw: Callable[[Path], None] | None = None,
     place: Place | None = None,
+    more: Mapping[str, Callable[[Path], None]] | None = None,
 ) -> None:
     """Write a run's folder under a temporary name and rename it when it is complete.
 
@@ -109,6 +110,8 @@ def write_run(
         without them and the error passed on.
     place : Place, optional
         The folder, if `reserve` has it already.
+    more : dict of str to callable, optional
+        Writers of more files, by name.
 
     Raises
     ------
@@ -128,7 +131,7 @@ def write_run(
         raise InputError("agents", f"{names}", "one or more, each once")
     with reserve(directory, overwrite) if place is None else nullcontext(place) as here:
         with held_back() as asked:
-            faults = _fill(here, scene, runs, measurements, scores, settings)
+            faults = _fill(here, scene, runs, measurements, scores, settings, more or {})
             if faults and holds_checkpoint(here.part):  # whole later is better than in parts now
                 found = "the run's checkpoint, and not all of its files"
                 go_on = f"to write them again: gridslam run --resume {directory}"
@@ -202,6 +205,7 @@ def _fill(
     measurements: Sequence[Heard],
     scores: Sequence[Mapping[str, Any] | None],
     settings: Mapping[str, Any],
+    more: Mapping[str, Callable[[Path], None]],
 ) -> list[InputError]:
     """Write all files, each by itself; returns a fault for each that couldn't be."""
     faults: list[InputError] = []
@@ -228,6 +232,8 @@ def _fill(
             attempt(f"{own}/truth.tum", heard.truth.to_tum)
         attempt(f"{own}/steps.h5", lambda path, run=run: write_steps(path, run.estimates))  # type: ignore[misc]
         attempt(f"{own}/map.h5", run.map.save)
+    for name, write in more.items():
+        attempt(name, write)
     last = runs[-1]
     twin = place.part / last.agent / "map.h5"
     attempt("map.h5", lambda p: write_bytes(p, twin.read_bytes()) if twin.exists() else last.map.save(p))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
 from gridslam.inference.state.belief import append
 from gridslam.inference.state.layout import HEADING
+from gridslam.inference.state.network_state import NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
@@ -34,6 +35,7 @@ from gridslam.world.scan import Scan
 from gridslam.world.signal_scan import SignalScan
 
 Array = NDArray[np.float64]
+Mapped = TypeVar("Mapped", State, NetworkState)
 
 
 class SurfaceFilter(FilterFront[Scan, Population]):
@@ -94,15 +96,9 @@ class SurfaceFilter(FilterFront[Scan, Population]):
 
     def map(self) -> Map:
         """The map as it stands: detected surfaces, and a grid of which nothing was observed."""
-        table, grid = surface_estimate(self.state, work=self.work), self.model.grid
-        found, bins = table.existence > self.model.settings.detect_above, len(REFLECTION_BINS)
-        sheet = Map(
-            np.array(grid.origin_m), grid.cell_m, np.zeros(grid.shape, np.float32),
-            np.zeros((*grid.shape, bins), np.float32), np.zeros(grid.shape, dtype=bool),
-            float(1 - np.exp(-grid.cell_m / self.model.settings.mean_free_path_m)), table.take(found),
-            self.state.surfaces.reflection[found].copy(), self.latest(),
-        )  # fmt: skip
-        return stamped(sheet, self.scene)
+        table = surface_estimate(self.state, work=self.work)
+        found = table.existence > self.model.settings.detect_above
+        return bare_map(self, table.take(found), self.state.surfaces.reflection[found])
 
     def _strength(self, state: State) -> Callable[[Rays, Array], Array] | None:
         """Amplitudes (L,) of rays of given distances (L,); None where they follow from coefficients."""
@@ -126,7 +122,19 @@ class SurfaceFilter(FilterFront[Scan, Population]):
         )  # fmt: skip
 
 
-def inherit_surfaces(state: State, prior: Map) -> State:
+def bare_map(slam: FilterFront[Any, Any], surfaces: SurfaceEstimate, reflection: Array) -> Map:
+    """A map of surfaces with beliefs about their coefficients (S, BINS), and of cells nobody observed."""
+    grid, bins = slam.scene.grid, len(REFLECTION_BINS)
+    sheet = Map(
+        np.array(grid.origin_m), grid.cell_m, np.zeros(grid.shape, np.float32),
+        np.zeros((*grid.shape, bins), np.float32), np.zeros(grid.shape, dtype=bool),
+        float(1 - np.exp(-grid.cell_m / slam.scene.filter.mean_free_path_m)), surfaces, reflection.copy(),
+        slam.latest(),
+    )  # fmt: skip
+    return stamped(sheet, slam.scene)
+
+
+def inherit_surfaces(state: Mapped, prior: Map) -> Mapped:
     """The state with the surfaces that another agent left, as independent of this agent."""
     known = prior.surfaces if prior.surfaces is not None else SurfaceEstimate.empty()
     uniform = np.full(len(REFLECTION_BINS), 1 / len(REFLECTION_BINS))
@@ -142,7 +150,7 @@ def inherit_surfaces(state: State, prior: Map) -> State:
             seen=SETTLED,
             extent=known.extent_m[row],
         )
-        belief = append(state.belief, known.line[row], known.line_cov[row])
+        belief: Any = append(state.belief, known.line[row], known.line_cov[row])
         state = replace(state, belief=belief, surfaces=surfaces, next_identity=state.next_identity + 1)
     fresh = np.full_like(state.surfaces.single, FRESH_SINGLE)
     return replace(state, surfaces=replace(state.surfaces, single=fresh))

@@ -83,6 +83,12 @@ _ENTERED = (
         takes_map=False,
         takes="signal",
     ),
+    Method(
+        "network",
+        "gridslam.systems.network:NetworkSlam",
+        "network SLAM: several agents at once, unknown clocks, measurements that don't say whose they are",
+        "docs/model.md#13-network-slam",
+    ),
 )
 METHODS = {entry.name: entry for entry in _ENTERED}
 """Ours, by name."""

@@ -39,8 +39,10 @@ from gridslam.evaluation.ground_truth import inherited_truth, known_bound, truth
 from gridslam.evaluation.metrics import SETTLED_STEP, track_errors
 from gridslam.io.files import cannot_write, write_bytes
 from gridslam.maps.map import Map
+from gridslam.runs import network_files
 from gridslam.runs.run_files import AgentFiles, RunFiles, read_run
 from gridslam.simulation.image_source import Truth
+from gridslam.viewers import network_plots
 from gridslam.world.scene import Scene
 
 STRENGTH = ListedColormap(colormaps["plasma_r"](np.linspace(0.1, 1, 256)), "strength")
@@ -198,6 +200,14 @@ def draw_all(
             }
             written += _save(folder, {f"{name}-{title}": figure for title, figure in drawn.items()}, form)
         earlier += [truth] if truth is not None else []
+    if (Path(directory) / network_files.H5).exists():  # several agents at once
+        clocks, truth_of_clocks = network_files.read_clocks(Path(directory) / network_files.H5)
+        drawn = {
+            "clocks": network_plots.draw_clocks(clocks, truth_of_clocks),
+            "tracks": network_plots.draw_tracks(run),
+            "labels": network_plots.draw_labels(run),
+        }
+        written += _save(folder, drawn)
     return written
 
 

@@ -17,6 +17,8 @@ RUN_FILES = frozenset(
         "scene.toml",
         "report.html",
         "map.h5",
+        "clocks.csv",
+        "clocks.h5",
         "map.yaml",
         "map.pgm",
         "reflection.yaml",

@@ -7,13 +7,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam.errors import InputError
 from gridslam.world.clocks import NS, ClockModel, Clocks
 from gridslam.world.filter_model import FilterModel, fixed
 from gridslam.world.names import same_folder
 from gridslam.world.scene import Scene
-from gridslam.world.scene_parts import Agent, Anchor
+from gridslam.world.scene_parts import Agent, Anchor, FilterSettings
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +37,26 @@ class NetworkModel:
     def names(self) -> tuple[str, ...]:
         """Names of the agents."""
         return tuple(model.agent for model in self.agents)
+
+    @property
+    def agent(self) -> str:
+        """Names of the agents, with commas between."""
+        return ",".join(self.names)
+
+    @property
+    def settings(self) -> FilterSettings:
+        """Settings of the filter."""
+        return self.agents[0].settings
+
+    @property
+    def anchors(self) -> Array:
+        """The anchors, (J, 3): x, y (m) and orientation (rad)."""
+        return self.agents[0].anchors
+
+    @property
+    def anchor_positions(self) -> Array:
+        """Where the anchors stand, (J, 2) m."""
+        return self.agents[0].anchor_positions
 
     @property
     def anchor_names(self) -> tuple[str, ...]:

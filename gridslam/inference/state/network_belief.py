@@ -1,0 +1,249 @@
+"""One correlated Gaussian over agents, clocks and the surfaces that all share; docs/model.md, (M102).
+
+Whatever an agent hears depends on a linear view of it: its own pose, the differences between the anchors'
+clocks and its own, and the lines. So a step about one agent works on its view, and what it learned there is
+absorbed: the rest of the state, given the view, is as before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.layout import AGENT, HEADING, PER_LINE, StateLayout
+from gridslam.world.clocks import ClockModel
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import wrap
+
+Array = NDArray[np.float64]
+JITTER = 1e-12
+"""Added to correlations, since a view is singular where clocks are known."""
+
+
+@dataclass(frozen=True)
+class NetworkLayout(StateLayout):
+    """Layout of a joint state of several agents, with rates of clocks between the clocks and the lines.
+
+    Attributes
+    ----------
+    rates : int
+        Of the anchors' clocks, then of the agents' (m/s): J + I, or 0 for clocks without rates.
+    """
+
+    rates: int = 0
+
+    @property
+    def head(self) -> int:
+        """First entry of the lines."""
+        return self.agents * self.per_agent + self.clocks + self.rates
+
+    @property
+    def anchor_clocks(self) -> slice:
+        """Clocks of the anchors."""
+        first = self.agents * self.per_agent
+        return slice(first, first + self.clocks)
+
+    @property
+    def devices(self) -> NDArray[np.intp]:
+        """Clocks of all devices, (J + I,): of the anchors, then of the agents; none if they are known."""
+        if not self.clocks:
+            return np.zeros(0, np.intp)
+        anchors = np.arange(self.clocks) + self.anchor_clocks.start
+        return np.concatenate([anchors, np.arange(self.agents) * self.per_agent + AGENT])
+
+    @property
+    def clock_rates(self) -> slice:
+        """Rates of all devices' clocks."""
+        return slice(self.head - self.rates, self.head)
+
+
+@dataclass(frozen=True)
+class NetworkBelief(Belief):
+    """Gaussian belief about several agents, clocks, and surfaces.
+
+    Attributes
+    ----------
+    mean : (N,), covariance : (N, N) float64
+        Ordered as `NetworkLayout` says.
+    clocks : int
+        J, or 0 if all clocks are known.
+    agents, rates : int
+    """
+
+    agents: int = 1
+    rates: int = 0
+
+    @classmethod
+    def start(cls, models: tuple[FilterModel, ...], clocks: ClockModel) -> NetworkBelief:
+        """The priors of all agents and clocks, and no surfaces."""
+        agents, unknown = len(models), not clocks.known.all()
+        rates = clocks.anchors + agents if clocks.drifting and unknown else 0
+        layout = NetworkLayout(agents, clocks.anchors if unknown else 0, 0, unknown, rates)
+        mean, variance = np.zeros(layout.size), np.zeros(layout.size)
+        for number, model in enumerate(models):
+            mean[layout.pose(number)], variance[layout.pose(number)] = model.start_mean, model.start_variance
+        if unknown:
+            variance[layout.devices] = clocks.variance
+        if rates:
+            variance[layout.clock_rates] = np.where(clocks.known, 0.0, clocks.drift_m**2)
+        return cls(mean, np.diag(variance), layout.clocks, agents, rates)
+
+    @cached_property
+    def layout(self) -> NetworkLayout:
+        """Where things stand in it."""
+        bare = NetworkLayout(self.agents, self.clocks, 0, self.clocks > 0, self.rates)
+        surfaces, rest = divmod(len(self.mean) - bare.size, PER_LINE)
+        if surfaces < 0 or rest:
+            raise ValueError(f"no state of {len(self.mean)} entries with {self.agents} agents")
+        return replace(bare, surfaces=surfaces)
+
+    @property
+    def alone(self) -> bool:
+        """Whether the only agent's view is all that there is."""
+        return self.agents == 1 and not self.clocks
+
+    def projection(self, agent: int) -> Array:
+        """T of an agent's view, ``view = T state``, (5 + J + 2 S, N)."""
+        layout, seen = self.layout, StateLayout(1, self.clocks, self.layout.surfaces)
+        rows = np.zeros((seen.size, layout.size))
+        own = np.arange(AGENT)
+        rows[own, layout.pose(agent).start + own] = 1.0
+        if self.clocks:
+            differences = np.arange(self.clocks) + AGENT
+            rows[differences, layout.devices[: self.clocks]] = 1.0
+            rows[differences, layout.agent_clock(agent)] = -1.0
+        lines = np.arange(PER_LINE * layout.surfaces)
+        rows[seen.head + lines, layout.head + lines] = 1.0
+        return rows
+
+    def view(self, agent: int) -> Belief:
+        """What an agent's measurements depend on: its pose, differences of clocks, and lines."""
+        if self.alone:
+            return Belief(self.mean, self.covariance)
+        rows = self.projection(agent)
+        covariance = rows @ self.covariance @ rows.T
+        return Belief(rows @ self.mean, 0.5 * (covariance + covariance.T), self.clocks)
+
+    def absorb(self, agent: int, view: Belief) -> NetworkBelief:
+        """The joint belief after an agent's view has become `view`, exactly.
+
+        The view may have been updated in any way, and have new lines at its end. With
+        ``G = cov(state, view) cov(view)^-1``, the mean moves by G times what the view's moved by, and the
+        covariance by ``G (change of the view's) G^T``. What stands in the view itself is taken over.
+        """
+        if self.alone:
+            return replace(self, mean=view.mean, covariance=view.covariance)
+        rows, layout = self.projection(agent), self.layout
+        before, count = self.view(agent), len(rows)
+        new = len(view.mean) - count
+        if new < 0 or new % PER_LINE or view.clocks != self.clocks:
+            raise ValueError("this view isn't one of this belief")
+        seen = StateLayout(1, self.clocks, layout.surfaces)
+        # entries of the state that stand in the view as they are, and where
+        inside = np.r_[layout.pose(agent), layout.lines]
+        where = np.r_[0:AGENT, seen.lines]
+        rest = np.setdiff1d(np.arange(layout.size), inside)
+        gain = _solved(before.covariance, rows @ self.covariance[:, rest]).T
+        shift = view.mean[:count] - before.mean
+        shift[HEADING] = wrap(shift[HEADING])
+        size = layout.size + new
+        mean, covariance = np.zeros(size), np.zeros((size, size))
+        taken, source = np.r_[inside, layout.size : size], np.r_[where, count : count + new]
+        mean[rest] = self.mean[rest] + gain @ shift
+        mean[taken] = view.mean[source]
+        change = view.covariance[:count, :count] - before.covariance
+        covariance[np.ix_(rest, rest)] = self.covariance[np.ix_(rest, rest)] + gain @ change @ gain.T
+        cross = gain @ view.covariance[:count][:, source]
+        covariance[np.ix_(rest, taken)], covariance[np.ix_(taken, rest)] = cross, cross.T
+        covariance[np.ix_(taken, taken)] = view.covariance[np.ix_(source, source)]
+        return replace(self, mean=mean, covariance=0.5 * (covariance + covariance.T))
+
+    def independent(self, entry: int, mean: float, variance: float) -> NetworkBelief:
+        """The same with one entry's belief replaced, independent of all others."""
+        moved, covariance = self.mean.copy(), self.covariance.copy()
+        moved[entry] = mean
+        covariance[entry], covariance[:, entry] = 0.0, 0.0
+        covariance[entry, entry] = variance
+        return replace(self, mean=moved, covariance=covariance)
+
+    def clock_offsets(self) -> tuple[Array, Array]:
+        """Means (J + I,), m, and covariance of all clocks: the anchors', then the agents'."""
+        own = self.layout.devices
+        return self.mean[own], self.covariance[np.ix_(own, own)]
+
+
+def predict_network(
+    belief: NetworkBelief, dt: float, models: tuple[FilterModel, ...], clocks: ClockModel,
+    moved: NDArray[np.bool_], shift: float, feet: Array,
+) -> NetworkBelief:  # fmt: skip
+    """Agents that are there move with near-constant velocity, headings and clocks walk, lines jitter.
+
+    Clocks with rates move by them: ``F = [[1, dt], [0, 1]]``, ``Q = q_b^2 [[dt, 0], [0, 0]]
+    + q_d^2 [[dt^3/3, dt^2/2], [dt^2/2, dt]]``.
+
+    Parameters
+    ----------
+    moved : (I,) bool
+        Which agents are there.
+    shift : float, m
+        Jitter of a surface along its normal at the point where it is hit.
+    feet : (S,) m
+        Where along each line it is hit.
+    """
+    layout, mean, covariance = belief.layout, belief.mean.copy(), belief.covariance.copy()
+    for number in np.flatnonzero(moved).tolist():
+        settings, x = models[number].settings, layout.pose(number).start
+        _carry(mean, covariance, slice(x, x + 2), slice(x + 2, x + 4), dt)
+        place, speed = 0.5 * settings.acceleration_mps2 * dt**2, settings.acceleration_mps2 * dt
+        for axis in (x, x + 1):
+            covariance[axis, axis] += place**2
+            covariance[axis + 2, axis + 2] += speed**2
+            covariance[axis, axis + 2] += place * speed
+            covariance[axis + 2, axis] += place * speed
+        covariance[x + HEADING, x + HEADING] += np.radians(settings.heading_deg) ** 2
+    own = layout.devices[~clocks.known] if layout.clocks else layout.devices
+    if layout.rates:
+        rates = (np.arange(layout.rates) + layout.clock_rates.start)[~clocks.known]
+        _carry(mean, covariance, own, rates, dt)
+        power = clocks.drift_walk_m**2
+        covariance[own, own] += power * dt**3 / 3
+        covariance[rates, rates] += power * dt
+        covariance[own, rates] += power * dt**2 / 2
+        covariance[rates, own] += power * dt**2 / 2
+    covariance[own, own] += clocks.walk_m**2 * dt
+    angle, offset = np.arange(layout.size)[layout.angles], np.arange(layout.size)[layout.offsets]
+    turn = (shift / 5.0) ** 2  # a turn by w about tangential coordinate t changes the offset by t w
+    lever = turn * feet
+    covariance[angle, angle] += turn
+    covariance[angle, offset] += lever
+    covariance[offset, angle] += lever
+    covariance[offset, offset] += lever * feet + shift**2
+    return replace(belief, mean=mean, covariance=covariance)
+
+
+def _carry(mean: Array, covariance: Array, what: Any, by: Any, dt: float) -> None:
+    """Let entries move by their rates, in place."""
+    mean[what] += dt * mean[by]
+    covariance[what] += dt * covariance[by]
+    covariance[:, what] += dt * covariance[:, by]
+
+
+def _solved(covariance: Array, right: Array) -> Array:
+    """Covariance^-1 right, of a covariance that may be singular and whose entries differ in size."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0))
+    scale[scale == 0] = 1.0
+    even, own = covariance / np.outer(scale, scale), np.diag_indices(len(covariance))
+    for jitter in (0.0, JITTER, 1e3 * JITTER, 1e6 * JITTER):
+        even[own] += jitter
+        try:
+            factor = cho_factor(even, lower=True)
+        except LinAlgError:
+            continue
+        return np.asarray(cho_solve(factor, right / scale[:, None]) / scale[:, None])
+    return np.asarray(np.linalg.pinv(even, hermitian=True) @ (right / scale[:, None]) / scale[:, None])

@@ -1,0 +1,180 @@
+"""Network SLAM: several agents find themselves, each other's clocks, and whose each measurement is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.errors import InputError
+from gridslam.evaluation.network_scores import label_errors, without_common
+from gridslam.measurements.network import NetworkScan
+from gridslam.runs.network_run import map_network
+from gridslam.simulation.network import shared_air, simulate_network
+from gridslam.systems.adaptive import AdaptiveSlam
+from gridslam.systems.network import NetworkSlam
+
+AGENTS = ["agent1", "agent2", "agent3"]
+
+
+def small(name, steps, particles=1000, **agents):
+    whole = gs.Scene.load(name).model_dump(exclude_none=True)
+    whole["filter"]["particles"] = particles
+    for agent in whole["agents"]:
+        agent["steps"] = steps
+        agent.update(agents.get(agent["name"], {}))
+    return whole
+
+
+@pytest.fixture(scope="module")
+def exchange():
+    return gs.Scene.checked(small("exchange", 14), "test")
+
+
+@pytest.fixture(scope="module")
+def heard(exchange):
+    return simulate_network(exchange, AGENTS, 4, unlabelled=True)
+
+
+@pytest.fixture(scope="module")
+def run(exchange, heard):
+    return map_network(exchange, heard[0], seed=4)
+
+
+def test_one_agent_with_labels_and_known_clocks_is_adaptive_slam_bit_for_bit():
+    room = gs.Scene.checked(small("room", 12), "test")
+    network, adaptive = NetworkSlam(room, seed=2), AdaptiveSlam(room, seed=2)
+    adaptive.branches = False  # one hypothesis, as in a network
+    adaptive.now = adaptive.believing(adaptive.state)
+    for scan in gs.simulate(room, "agent1", seed=2):
+        ours, theirs = network.step(scan), adaptive.step(scan)
+        np.testing.assert_array_equal(ours.position_m, theirs.position_m)
+        np.testing.assert_array_equal(ours.covariance, theirs.covariance)
+        np.testing.assert_array_equal(ours.surfaces.existence, theirs.surfaces.existence)
+        np.testing.assert_array_equal(ours.paths.amplitude, theirs.paths.amplitude)
+
+
+def test_positions_clocks_and_labels_are_found_at_once(run, heard):
+    data, truth = heard
+    for name in AGENTS:
+        error = run.runs[name].trajectory.position_m - data.tracks[name].position_m
+        assert np.linalg.norm(error[5:], axis=1).max() < 0.3
+    error = without_common(run.clocks.errors(data.clocks))
+    assert np.abs(error[5:]).max() < 3e-9
+    assert not run.clocks.unset[5:].any()
+    wrong, judged = label_errors(run.anchor, truth.source)
+    assert judged > 300
+    assert wrong <= 0.02 * judged
+    assert len(next(iter(run.runs.values())).surfaces) == 4
+
+
+def test_scores_say_what_can_be_known(run, heard):
+    data, truth = heard
+    scores = run.score(data.clocks, truth)
+    assert 0 < scores["bound_ps"] < 400
+    assert scores["apparent_bias_rmse_ps"] < 3 * scores["bound_ps"]
+    assert set(scores["steps_to_synchronise"]) == {"A", "B", "C", "D"}
+    assert all(value is None for value in run.score().values())
+
+
+def test_order_of_rows_within_a_step_changes_nothing(exchange, heard):
+    slams = [NetworkSlam(exchange, agents=AGENTS, seed=4) for _ in range(2)]
+    for step in range(4):
+        scan = heard[0].scan(step)
+        turned = tuple(
+            replace(one, **{key: value[::-1] for key, value in columns(one).items()}) for one in scan.scans
+        )
+        estimates = slams[0].step(scan), slams[1].step(replace(scan, scans=turned))
+        for name in AGENTS:
+            one, other = (estimate.agents[name].position_m for estimate in estimates)
+            np.testing.assert_allclose(one, other, atol=1e-4)
+
+
+def columns(scan):
+    return {key: value for key, value in vars(scan).items() if isinstance(value, np.ndarray)}
+
+
+def test_a_checkpoint_goes_on_bit_for_bit(exchange, heard, tmp_path):
+    slam = NetworkSlam(exchange, agents=AGENTS, seed=4)
+    for step in range(3):
+        slam.step(heard[0].scan(step))
+    slam.save(tmp_path / "three.h5")
+    again = NetworkSlam.resume(tmp_path / "three.h5")
+    assert again.agent == "agent1,agent2,agent3"
+    one, other = slam.step(heard[0].scan(3)), again.step(heard[0].scan(3))
+    np.testing.assert_array_equal(one.offset_covariance_s2, other.offset_covariance_s2)
+    for name in AGENTS:
+        np.testing.assert_array_equal(one.agents[name].covariance, other.agents[name].covariance)
+    assert slam.now.identity == again.now.identity
+
+
+def test_an_agent_that_isn_t_there_has_no_misses_and_joins_later():
+    scene = gs.Scene.checked(small("exchange", 9, agent2={"present_s": (4.0, 7.0)}), "test")
+    data, _ = simulate_network(scene, AGENTS, 1, unlabelled=True)
+    slam = NetworkSlam(scene, agents=AGENTS, seed=1)
+    for scan in data:
+        before = slam.state
+        estimate = slam.step(scan)
+        assert (estimate.agents["agent2"] is not None) == (4 <= scan.step <= 7)
+        if scan.scans[1] is None:
+            own = slam.state.belief.layout.pose(1)
+            np.testing.assert_allclose(slam.state.belief.mean[own][4:], before.belief.mean[own][4:], atol=0.3)
+            np.testing.assert_array_equal(slam.state.los[4:8], before.los[4:8])
+    error = slam.state.belief.mean[own][:2] - data.tracks["agent2"].position_m[-1]
+    assert np.linalg.norm(error) < 0.3
+
+
+@pytest.mark.slow
+def test_a_clock_that_jumps_is_found_again():
+    whole = small("exchange", 16)
+    whole["anchors"][1]["clock"] |= {"jump_s": 8.0, "jump_ns": 60.0}
+    scene = gs.Scene.checked(whole, "test")
+    data, _ = simulate_network(scene, AGENTS, 2, unlabelled=True)
+    run = map_network(scene, data, seed=2)
+    error = np.abs(without_common(run.clocks.errors(data.clocks))).max(1)
+    assert (error[10:] < 3e-9).all()
+    assert run.clocks.unset[8:10, 1].any() or error[8] < 3e-9
+
+
+@pytest.mark.slow
+def test_clocks_with_rates_are_followed():
+    whole = small("exchange", 12)
+    whole["clocks"] |= {"drift_prior_ppb": 25.0, "drift_walk_ppb": 0.03}
+    whole["radio"]["window_m"] = (-200.0, 200.0)
+    for device, rate in zip(whole["anchors"] + whole["agents"], (-5.0, 3, 5, -2, 20, -12, 7), strict=True):
+        device["clock"] = device.get("clock", {}) | {"drift_ppb": rate}
+        device["clock"].pop("zigzag_s", None)
+    scene = gs.Scene.checked(whole, "test")
+    data, _ = simulate_network(scene, AGENTS, 2, unlabelled=True)
+    run = map_network(scene, data, seed=2)
+    assert np.abs(without_common(run.clocks.errors(data.clocks))[6:]).max() < 3e-9
+
+
+def test_labels_may_be_known_of_some_rows_alone(exchange):
+    data, truth = shared_air(exchange, AGENTS[:2], 3, sharing=4)
+    said = np.where(np.arange(len(truth.source)) % 3 == 0, data.table.anchor, -1)
+    partly = replace(data, table=replace(data.table, anchor=said, unlabelled=True))
+    slam = NetworkSlam(exchange, agents=AGENTS[:2], seed=3)
+    for step in range(3):
+        estimate = slam.step(partly.scan(step))
+    for name in AGENTS[:2]:
+        own, given = partly.scan(2).scans[AGENTS.index(name)].anchor, estimate.anchor[name]
+        np.testing.assert_array_equal(given[own >= 0], own[own >= 0])
+
+
+def test_scans_that_make_no_sense_are_refused(exchange, heard):
+    slam = NetworkSlam(exchange, agents=AGENTS, seed=1)
+    scan = heard[0].scan(0)
+    first = scan.scans[0]
+    for bad, says in (
+        (NetworkScan(0, 0.0, scan.scans[:2]), "2 agents; allowed: 3"),
+        (NetworkScan(0, 1.0, scan.scans), "step 0 at 0.0 s"),
+        ("nonsense", "a NetworkScan"),
+        (replace(scan, scans=(replace(first, anchor=first.anchor + 6), None, None)), "anchor"),
+    ):
+        with pytest.raises(InputError, match=says):
+            slam.step(bad)
+    assert slam.state.step == 0
+    for names, says in ((["agent1", "agent1"], "twice"), (["nobody"], "nobody"), ([], "none")):
+        with pytest.raises(InputError, match=says):
+            NetworkSlam(exchange, agents=names)
