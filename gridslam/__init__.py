@@ -6,7 +6,7 @@ from gridslam.importers.deepmimo import measurements_from_deepmimo as from_deepm
 from gridslam.importers.sionna import measurements_from_sionna as from_sionna
 from gridslam.maps.fusion import fuse
 from gridslam.maps.map import Map
-from gridslam.measurements.network import NetworkMeasurements, NetworkScan
+from gridslam.measurements.network import NetworkMeasurements
 from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements, Scan
 from gridslam.runs.map_scene import map_scene
@@ -20,6 +20,7 @@ from gridslam.systems.grid import GridSlam
 from gridslam.systems.network import NetworkSlam
 from gridslam.systems.slam import Slam
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
+from gridslam.world.network_scan import NetworkScan
 from gridslam.world.scene import Scene, bundled_scenes
 from gridslam.world.signal_scan import SignalScan
 from gridslam.world.trajectory import Trajectory

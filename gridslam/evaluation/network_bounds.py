@@ -27,7 +27,7 @@ from gridslam.evaluation.bounds import (
 )
 from gridslam.simulation.network import NetworkTruth
 from gridslam.world.clocks import LEAST_WALK_M, ClockModel
-from gridslam.world.network_model import clock_model
+from gridslam.world.network_scene import clock_model
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 

@@ -18,70 +18,13 @@ from gridslam.measurements.table import Measurements
 from gridslam.world.clocks import ClockTruth
 from gridslam.world.columns import DEVIATIONS, KEYS, VALUES, Columns
 from gridslam.world.names import folder_fault, same_folder
+from gridslam.world.network_scan import NetworkScan
 from gridslam.world.scan import Scan
 from gridslam.world.trajectory import Trajectory
 
 Whole = NDArray[np.intp]
 CLOCKS = "clocks"
 """Group of the clocks beside those of the agents' tracks."""
-
-
-@dataclass(frozen=True, eq=False)
-class NetworkScan:
-    """What all agents heard at one step.
-
-    Attributes
-    ----------
-    step : int
-    time_s : float
-    scans : tuple of Scan or None
-        One for each agent, empty where it heard nothing; None where it isn't there.
-    """
-
-    step: int
-    time_s: float
-    scans: tuple[Scan | None, ...]
-
-    def __len__(self) -> int:
-        """Rows of all agents."""
-        return sum(len(scan) for scan in self.scans if scan is not None)
-
-    def content(self) -> Iterator[NDArray[Any] | None]:
-        """All columns of all agents in a fixed order; None for an agent that isn't there."""
-        for scan in self.scans:
-            if scan is None:
-                yield None
-            else:
-                yield from (getattr(scan, name) for name in ("anchor", *VALUES, *DEVIATIONS))
-
-    def checked(
-        self, anchors: int, after: float | None = None, agents: int | None = None, pseudo: bool = False
-    ) -> NetworkScan:
-        """The same as arrays, if a filter can make sense of it.
-
-        Parameters
-        ----------
-        anchors, agents : int
-            How many there are.
-        after : float, optional
-            Time of the scan before, s.
-        pseudo : bool
-            Whether distances hold offsets of clocks, and may be negative.
-
-        Raises
-        ------
-        InputError
-            Another number of agents, rows at another time, or any fault of a row; see `Scan.checked`.
-        """
-        if agents is not None and len(self.scans) != agents:
-            raise InputError("scan: scans", f"{len(self.scans)} agents", f"{agents}, None for an absent one")
-        whole = []
-        for scan in self.scans:
-            if scan is not None and (scan.step, scan.time_s) != (self.step, self.time_s):
-                found = f"step {scan.step} at {scan.time_s} s"
-                raise InputError("scan: scans", found, f"step {self.step} at {self.time_s} s for all agents")
-            whole.append(None if scan is None else scan.checked(anchors, after, True, pseudo))
-        return replace(self, scans=tuple(whole))
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from gridslam.simulation.image_source import Truth, true_paths
 from gridslam.simulation.image_source import simulate as simulate_one
 from gridslam.simulation.reception import apparent_bias, received
 from gridslam.world.clocks import Clock, ClockTruth
-from gridslam.world.network_model import require_agents
+from gridslam.world.network_scene import require_agents
 from gridslam.world.scene import Scene
 from gridslam.world.scene_parts import Agent, Anchor
 from gridslam.world.trajectory import Trajectory

@@ -38,11 +38,12 @@ from gridslam.inference.state.network_state import NetworkState
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.map import Map
-from gridslam.measurements.network import NetworkScan
 from gridslam.systems.filter_front import FilterFront
 from gridslam.systems.front import bare_map, inherit_surfaces
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.network_model import NetworkModel, network_model, require_agents
+from gridslam.world.network_model import NetworkModel
+from gridslam.world.network_scan import NetworkScan
+from gridslam.world.network_scene import network_model, require_agents
 from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start
@@ -180,13 +181,14 @@ class NetworkSlam(FilterFront[NetworkScan, NetworkState]):
 
     def _checked(self, scan: Any, after: float | None) -> Any:
         self._single = isinstance(scan, Scan)
-        if self._single:
+        pseudo = self.scene.clocks is not None
+        if self._single:  # a row that doesn't say whose it is takes a NetworkScan
+            scan = scan.checked(len(self.model.anchors), after, pseudo=pseudo)
             scan = NetworkScan(scan.step, scan.time_s, (scan,))
         if not isinstance(scan, NetworkScan):
             raise InputError(
                 "NetworkSlam.step", type(scan).__name__, "a NetworkScan, or the Scan of one agent"
             )
-        pseudo = self.scene.clocks is not None
         return scan.checked(len(self.model.anchors), after, len(self.model.agents), pseudo)
 
     @staticmethod

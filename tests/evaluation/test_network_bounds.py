@@ -16,7 +16,7 @@ from gridslam.evaluation.network_scores import (
     without_common,
 )
 from gridslam.simulation.network import shared_air
-from gridslam.world.network_model import clock_model
+from gridslam.world.network_scene import clock_model
 
 NAMES = ["agent1", "agent2"]
 

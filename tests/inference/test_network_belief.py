@@ -11,7 +11,7 @@ import gridslam as gs
 from gridslam.inference.state.belief import append, give_birth, update
 from gridslam.inference.state.network_belief import NetworkBelief, predict_network
 from gridslam.world.clocks import ClockModel
-from gridslam.world.network_model import network_model
+from gridslam.world.network_scene import network_model
 
 
 def joint(seed, agents=3, anchors=2, surfaces=2, rates=0):

@@ -8,7 +8,7 @@ import gridslam as gs
 from gridslam.errors import InputError
 from gridslam.simulation.network import shared_air, simulate_network
 from gridslam.world.clocks import NS, Clock
-from gridslam.world.network_model import clock_model, network_model
+from gridslam.world.network_scene import clock_model, network_model
 
 AGENTS = ["agent1", "agent2", "agent3"]
 

@@ -8,11 +8,11 @@ import pytest
 import gridslam as gs
 from gridslam.errors import InputError
 from gridslam.evaluation.network_scores import label_errors, without_common
-from gridslam.measurements.network import NetworkScan
 from gridslam.runs.network_run import map_network
 from gridslam.simulation.network import shared_air, simulate_network
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.network import NetworkSlam
+from gridslam.world.network_scan import NetworkScan
 
 AGENTS = ["agent1", "agent2", "agent3"]
 

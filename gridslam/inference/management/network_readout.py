@@ -15,9 +15,9 @@ from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
 from gridslam.inference.state.network_state import NetworkState
 from gridslam.inference.workspace.workspace import Workspace
-from gridslam.measurements.network import NetworkScan
 from gridslam.world.geometry import wrap
 from gridslam.world.network_model import NetworkModel
+from gridslam.world.network_scan import NetworkScan
 from gridslam.world.radio import SPEED_OF_LIGHT
 
 Array = NDArray[np.float64]

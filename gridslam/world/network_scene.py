@@ -1,0 +1,71 @@
+"""A scene as a filter of several agents may know it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gridslam.errors import InputError
+from gridslam.world.clocks import NS, ClockModel, Clocks
+from gridslam.world.filter_model import fixed
+from gridslam.world.names import same_folder
+from gridslam.world.network_model import NetworkModel
+from gridslam.world.scene import Scene
+from gridslam.world.scene_parts import Agent, Anchor
+
+
+def network_model(scene: Scene, agents: Sequence[str]) -> NetworkModel:
+    """What a filter may know of a scene and some of its agents.
+
+    Raises
+    ------
+    InputError
+        No agents, one that isn't in the scene, or one twice.
+    """
+    require_agents(scene, agents)
+    return NetworkModel(tuple(scene.filter_model(name) for name in agents), clock_model(scene, agents))
+
+
+def require_agents(scene: Scene, agents: Sequence[str]) -> None:
+    """Refuse a choice of agents that a network can't be made of.
+
+    Raises
+    ------
+    InputError
+        None, one that isn't in the scene, or one twice.
+    """
+    if not agents:
+        raise InputError(f"{scene.name}: agents", "none", "at least one")
+    for name in agents:
+        scene.agent(name)
+    folders = [same_folder(name) for name in agents]
+    for index, name in enumerate(agents):
+        if folders[index] in folders[:index]:
+            raise InputError("agents", f"{name!r} twice", "each agent once")
+
+
+def clock_model(scene: Scene, agents: Sequence[str] = ()) -> ClockModel:
+    """What a filter may know of the clocks of a scene's anchors and of some agents.
+
+    Raises
+    ------
+    InputError
+        There is no agent of one of the names.
+    """
+    devices: tuple[Anchor | Agent, ...] = (*scene.anchors, *(scene.agent(name) for name in agents))
+    anchors, clocks = len(scene.anchors), scene.clocks or Clocks(anchor_prior_ns=0.0)
+    half = np.zeros(len(devices))
+    if scene.clocks is not None:
+        widest = 0.5 * scene.signal_model().span_m / NS
+        half[:anchors] = widest if clocks.anchor_prior_ns is None else clocks.anchor_prior_ns
+        half[anchors:] = clocks.agent_prior_ns
+        for index, device in enumerate(devices):
+            if device.clock is not None and device.clock.prior_ns is not None:
+                half[index] = device.clock.prior_ns
+            if device.name == clocks.reference:
+                half[index] = 0.0
+    return ClockModel(
+        anchors, len(agents), fixed(NS * half), NS * clocks.walk_ns,
+        NS * clocks.drift_prior_ppb / float(np.sqrt(3)), NS * clocks.drift_walk_ppb,
+    )  # fmt: skip
