@@ -2,6 +2,7 @@
 
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
+from gridslam.extraction.front_end import extract
 from gridslam.importers.deepmimo import measurements_from_deepmimo as from_deepmimo
 from gridslam.importers.sionna import measurements_from_sionna as from_sionna
 from gridslam.maps.fusion import fuse
@@ -52,6 +53,7 @@ __all__ = [
     "VirtualAnchorSlam",
     "Waveform",
     "bundled_scenes",
+    "extract",
     "from_deepmimo",
     "from_sionna",
     "fuse",

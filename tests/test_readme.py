@@ -138,7 +138,10 @@ def test_links_lead_somewhere():
             assert (ROOT / link).is_file(), link
 
 
-@pytest.mark.parametrize("name", ["measurements.table", "world.scene", "simulation.image_source"])
+EXAMPLES = "measurements.table measurements.recording world.scene simulation.image_source simulation.simulate"
+
+
+@pytest.mark.parametrize("name", EXAMPLES.split())
 def test_examples_in_docstrings(name, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     found = doctest.testmod(importlib.import_module(f"gridslam.{name}"))

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from gridslam.cli import bench, files, network, scene
+from gridslam.cli import bench, files, network, scene, signals
 from gridslam.cli.help import COMPARE, MAP, SCENE_HELP, about, method_names, scene_names
 from gridslam.cli.observed import angles_hint, given_file, recorded, source
 from gridslam.cli.output import ended, interruptible, reserved
@@ -199,6 +199,7 @@ def simulate(
     out.print(f"wrote {output}: {counts}", highlight=False, soft_wrap=True)
 
 
+signals.register(app)
 files.register(app)
 scene.register(app)
 app.command(rich_help_panel=COMPARE)(study)

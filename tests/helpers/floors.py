@@ -4,7 +4,7 @@ FLOORS = (
     "cli",
     "studies viewers bench importers checks reference",
     "runs",
-    "systems evaluation",
+    "systems evaluation extraction",
     "inference/management",
     "inference/messages",
     "inference/workspace",

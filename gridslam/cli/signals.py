@@ -1,0 +1,52 @@
+"""Command line: what can be done with sampled signals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from gridslam.cli.help import MAP, SCENE_HELP, scene_names
+from gridslam.errors import InputError
+
+out = Console()
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command(rich_help_panel=MAP)(extract)
+
+
+def extract(
+    file: Annotated[Path, typer.Argument(help="sampled signals (HDF5, MATLAB)")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="FILE.csv or FILE.h5")],
+    scene: Annotated[
+        str | None,
+        typer.Option(
+            help=f"takes false alarms and threshold from it: {SCENE_HELP}", autocompletion=scene_names
+        ),
+    ] = None,
+    false_alarms: Annotated[
+        float | None, typer.Option(help="noise peaks per anchor and step that pass (default: 0.1)")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace a file of this name")] = False,
+) -> None:
+    """Find the paths in sampled signals, for methods that take path measurements."""
+    from gridslam.extraction.front_end import extract as found_in
+    from gridslam.io.files import refuse_taken
+    from gridslam.measurements.recording import Recording
+    from gridslam.world.scene import Scene
+
+    if output.suffix not in (".csv", ".h5"):
+        raise InputError("-o", repr(output.name), "a name that ends in .csv or .h5")
+    refuse_taken([output], overwrite)
+    world = Scene.load(scene) if scene is not None else None
+    recording = Recording.load(file)
+    heard = found_in(recording, world, false_alarms=false_alarms)
+    (heard.to_csv if output.suffix == ".csv" else heard.to_h5)(output)
+    snapshots = max(int(recording.heard.sum()), 1)
+    each = f"{len(heard.step) / snapshots:.1f} per anchor and step"
+    line = f"wrote {output}: {len(heard)} steps, {len(heard.step)} paths, {each}"
+    out.print(line, highlight=False, markup=False, soft_wrap=True)

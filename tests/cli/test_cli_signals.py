@@ -1,0 +1,65 @@
+"""From samples to a map by the command line: simulate --signal, extract, run."""
+
+import json
+
+import pytest
+from scene_samples import shortened
+
+import gridslam as gs
+
+RADIO = {
+    "frequencies": 64, "frequency_step_hz": 1e7, "false_alarms": 0.1, "detection_threshold_db": 9.0,
+    "array": {"rows": 2, "columns": 2, "spacing_wavelengths": 0.4},
+}  # fmt: skip
+
+
+@pytest.fixture
+def room(tmp_path):
+    whole = shortened(gs.Scene.load("room"), 12).model_dump(exclude_none=True)
+    scene = gs.Scene.checked({**whole, "radio": RADIO, "filter": {"particles": 1000}}, "room")
+    (tmp_path / "room.toml").write_text(scene.to_toml())
+
+
+@pytest.mark.slow
+def test_samples_become_paths_and_paths_become_a_map(say, room, tmp_path, no_figures):
+    assert say("simulate", "room.toml", "--signal", "--seed", 1, "-o", "z.h5").code == 0
+    said = say("extract", "z.h5", "--scene", "room.toml", "-o", "heard.h5")
+    assert (said.code, said.err) == (0, "")
+    assert said.out.startswith("wrote heard.h5: 12 steps, ")
+    for method in ("grid", "adaptive", "va"):
+        words = ("run", "room.toml", "--measurements", "heard.h5", "--method", method, "-o", method)
+        said = say(*words)
+        assert (said.code, said.err) == (0, ""), said
+        score = json.loads((tmp_path / method / "run.json").read_text())["agents"]["agent1"]
+        assert score["position_rmse_m"] < 2.5 * score["position_bound_m"], method
+        assert score["surfaces_detected"] >= 3
+
+
+def test_extract_writes_a_table_that_reads_back_and_replaces_nothing(say, tmp_path):
+    assert say("simulate", "screen", "--signal", "-o", "z.h5").code == 0
+    assert say("extract", "z.h5", "--false-alarms", "0.01", "-o", "heard.csv").code == 0
+    heard = gs.Measurements.from_csv(tmp_path / "heard.csv", ["A"])
+    assert len(heard) == 190
+    assert (heard.distance_std_m > 0).all()
+    said = say("extract", "z.h5", "-o", "heard.csv")
+    assert (said.code, len(said.complaints)) == (2, 1)
+    assert say("extract", "z.h5", "-o", "heard.csv", "--overwrite").code == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("extract", "none.h5", "-o", "a.csv"), "no file"),
+        (("extract", "z.h5", "-o", "a.mat"), ".csv or .h5"),
+        (("extract", "z.h5", "-o", "a.csv", "--scene", "room"), "anchors"),
+        (("extract", "z.h5", "-o", "a.csv", "--false-alarms", "0"), "false_alarms"),
+        (("extract", "heard.h5", "-o", "a.csv"), "gridslam-signal"),
+    ],
+)
+def test_what_cannot_be_extracted_is_told_in_one_line(say, tmp_path, words, says):
+    assert say("simulate", "screen", "--signal", "-o", "z.h5").code == 0
+    assert say("simulate", "room", "-o", "heard.h5").code == 0
+    said = say(*words)
+    assert (said.code, len(said.complaints)) == (2, 1), said
+    assert says in said.err
+    assert not (tmp_path / "a.csv").exists()
