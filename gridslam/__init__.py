@@ -19,6 +19,7 @@ from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.direct import DirectSlam
 from gridslam.systems.grid import GridSlam
 from gridslam.systems.network import NetworkSlam
+from gridslam.systems.network_grid import NetworkGridSlam
 from gridslam.systems.slam import Slam
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
 from gridslam.world.network_scan import NetworkScan
@@ -36,6 +37,7 @@ __all__ = [
     "InputError",
     "Map",
     "Measurements",
+    "NetworkGridSlam",
     "NetworkMeasurements",
     "NetworkRun",
     "NetworkScan",

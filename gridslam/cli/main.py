@@ -20,7 +20,7 @@ from gridslam.cli.resume import as_saved, refuse_contradictions, unfinished
 from gridslam.cli.robustness import robustness
 from gridslam.cli.study import study
 from gridslam.errors import InputError, Note, Unwritten
-from gridslam.systems.registry import DEFAULT, method_class, method_help, taken_by
+from gridslam.systems.registry import DEFAULT, METHODS, method_class, method_help, taken_by
 
 if TYPE_CHECKING:
     from gridslam.maps.map import Map
@@ -97,7 +97,7 @@ def run(
         output = resume
     world = Scene.load(scene)
     world = world if particles is None else world.with_filter(particles=particles)
-    if method == network.METHOD:
+    if method in METHODS and METHODS[method].several:
         for option, asked in (
             ("--truth", truth),
             ("--signal", signal),
@@ -107,8 +107,9 @@ def run(
             if asked:
                 raise InputError(option, f"with --method {method}", "none: all agents run at once")
         whole, tables, more = network.run_network(
-            world, agent, seed, measurements, map_file, same_frame, start, device, threads, output, overwrite
-        )
+            world, method, agent, seed, measurements, map_file, same_frame, start, device, threads, output,
+            overwrite,
+        )  # fmt: skip
         out.print(_table(list(whole.runs.values()), tables), width=max(out.width, WIDEST_TABLE), crop=False)
         network.say(more, out)
         return

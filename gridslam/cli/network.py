@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from gridslam.simulation.network import NetworkTruth
     from gridslam.world.scene import Scene
 
-METHOD = "network"
 err = Console(stderr=True)
 
 
 def run_network(
     world: Scene,
+    method: str,
     agents: list[str] | None,
     seed: int,
     measurements: Path | None,
@@ -70,7 +70,7 @@ def run_network(
         if measurements is None and start != "exact":
             starts = {name: told_start(world, name, seed) for name in heard.agents}
         with network_progress_bar(heard.tracks, err) as tell:
-            done = map_network(world, heard, seed, prior, starts=starts, progress=tell)
+            done = map_network(world, heard, seed, prior, starts=starts, progress=tell, method=method)
         scores, whole = network_scores(done, heard, truth)
         runs = list(done.runs.values())
         tables = [heard[run.agent] for run in runs]

@@ -22,6 +22,7 @@ from gridslam.runs.run import Run
 from gridslam.runs.stopping import asked_to_stop
 from gridslam.simulation.network import NetworkTruth
 from gridslam.systems.network import NetworkSlam
+from gridslam.systems.registry import method_class
 from gridslam.world.clocks import ClockTruth
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start
@@ -181,6 +182,7 @@ def map_network(
     starts: Mapping[str, Start] | None = None,
     progress: Callable[[NetworkEstimate, int, int], None] | None = None,
     same_frame: bool = False,
+    method: str = "network",
 ) -> NetworkRun:
     """Run network SLAM over the measurements of several agents.
 
@@ -200,6 +202,8 @@ def map_network(
         Gets (estimate, steps done, steps in all) after every step.
     same_frame : bool
         The user's word that `prior_map` is in the scene's frame, where it shares no anchor with it.
+    method : str
+        One that takes several agents: "network", or "network_grid" for a grid of all.
 
     Returns
     -------
@@ -215,14 +219,17 @@ def map_network(
     scene = scene if particles is None else scene.with_filter(particles=particles)
     check_network(scene, measurements)
     device, names = runtime.start(), measurements.agents
-    slam = NetworkSlam(scene, prior_map, seed=seed, same_frame=same_frame, agents=names)
+    system = method_class(method)
+    if not issubclass(system, NetworkSlam):
+        raise InputError("method", repr(method), "one for several agents at once")
+    slam = system(scene, prior_map, seed=seed, same_frame=same_frame, agents=names)
     if starts is not None:
         slam.start_all(starts)
     estimates = list[NetworkEstimate]()
     began, peak = time.perf_counter(), 0.0
     with asked_to_stop() as stopped:
         for scan in measurements:
-            estimates.append(slam.step(scan))  # type: ignore[arg-type]
+            estimates.append(slam.step(scan))
             peak = max(peak, psutil.Process().memory_info().rss / 2**20)
             if progress is not None:
                 progress(estimates[-1], len(estimates), len(measurements))
@@ -237,7 +244,7 @@ def map_network(
         own = [e for e in (one.agents[name] for one in estimates) if e is not None]
         if own:
             how = starts[name].how if starts and name in starts else "exact"
-            runs[name] = _run(scene, name, seed, device, own, sheet, seconds, peak, interrupted, how)
+            runs[name] = _run(scene, name, method, seed, device, own, sheet, seconds, peak, interrupted, how)
     rows = measurements.table.step < len(estimates)
     given = np.full(int(rows.sum()), -1, np.intp)
     for one in estimates:
@@ -269,8 +276,8 @@ def check_network(scene: Scene, measurements: NetworkMeasurements) -> None:
 
 
 def _run(
-    scene: Scene, name: str, seed: int, device: str, own: list[Estimate], sheet: Map, seconds: float,
-    peak: float, interrupted: bool, how: str,
+    scene: Scene, name: str, method: str, seed: int, device: str, own: list[Estimate], sheet: Map,
+    seconds: float, peak: float, interrupted: bool, how: str,
 ) -> Run:  # fmt: skip
     track = Trajectory(
         np.array([e.time_s for e in own]),
@@ -279,6 +286,6 @@ def _run(
         np.array([e.heading_rad for e in own]),
     )
     return Run(
-        scene, name, "network", seed, device, own, track, np.array([e.covariance for e in own]),
+        scene, name, method, seed, device, own, track, np.array([e.covariance for e in own]),
         own[-1].surfaces.take(own[-1].detected), sheet, seconds, peak, interrupted, how,
     )  # fmt: skip

@@ -104,6 +104,12 @@ def _require_proper(covariance: NDArray[Any], where: str) -> None:
         raise InputError(where, f"shape {covariance.shape}", "a square")
     if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-12):
         raise InputError(where, "not symmetric", "a covariance")
+    spread = (
+        np.diagonal(covariance) != 0
+    )  # what is known for sure, as a set clock, is correlated with nothing
+    known, covariance = covariance[~spread], covariance[np.ix_(spread, spread)]
     scale = np.sqrt(np.maximum(np.diagonal(covariance), 0))
-    if (scale == 0).any() or np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min(initial=0) < -1e-6:
+    if known.any() or (scale == 0).any():
+        raise InputError(where, "not positive definite", "a covariance")
+    if np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min(initial=0) < -1e-6:
         raise InputError(where, "not positive definite", "a covariance")

@@ -33,7 +33,7 @@ from gridslam.inference.messages.ray_amplitudes import (
     update_amplitudes,
 )
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
-from gridslam.inference.state.anchor_measurements import of_all_anchors, split_by_anchor
+from gridslam.inference.state.anchor_measurements import AnchorScan, of_all_anchors, split_by_anchor
 from gridslam.inference.state.network_state import NetworkState
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -102,12 +102,7 @@ def turn(
     exchanges, reckoned = list[Exchange](), state.calibration
     model = work.calibrated(model, reckoned.turned)
     senders = np.flatnonzero(~network.clocks.unset).astype(np.int32)
-    if network.labelled:
-        scans = split_by_anchor(scan, model)
-        if not state.belief.clocks:
-            state = recover_pose(state, scans, earlier_s, model, work=work)
-    else:
-        scans = [of_all_anchors(scan, model.radio.threshold)]
+    state, scans = by_anchor(state, scan, network, earlier_s, model, work)
     for heard in scans:
         radio = state.calibration.tuned(model.radio, heard.anchor)
         paths = predict_paths(state, heard.anchor, model, work=work)
@@ -124,6 +119,19 @@ def turn(
         state = start_amplitudes(state, born, heard, model.radio)
         exchanges.append(exchange)
     return conclude(state, exchanges, reckoned, model, work)
+
+
+def by_anchor(
+    state: State, scan: Scan, network: NetworkState, earlier_s: float | None, model: FilterModel,
+    work: Workspace,
+) -> tuple[State, list[AnchorScan]]:  # fmt: skip
+    """A scan by anchors where it says whose it is, else whole; with all known, a lost agent is found."""
+    if not network.labelled:
+        return state, [of_all_anchors(scan, model.radio.threshold)]
+    scans = split_by_anchor(scan, model)
+    if not state.belief.clocks:
+        state = recover_pose(state, scans, earlier_s, model, work=work)
+    return state, scans
 
 
 class NetworkSlam(FilterFront[NetworkScan, NetworkState]):
@@ -157,6 +165,7 @@ class NetworkSlam(FilterFront[NetworkScan, NetworkState]):
     method = "network"
     start = staticmethod(start)
     advance = staticmethod(step)
+    keeps_grid = False
     model: NetworkModel
 
     def __init__(
@@ -177,7 +186,9 @@ class NetworkSlam(FilterFront[NetworkScan, NetworkState]):
         return network_model(self.scene, self._names or [model.agent])
 
     def _workspace(self) -> Works:
-        return tuple(Workspace(model, self.seed) for model in self.model.agents)
+        first = Workspace(self.model.agents[0], self.seed, self.keeps_grid)
+        cells = first.require_cells() if self.keeps_grid else None
+        return first, *(Workspace(model, self.seed, cells=cells) for model in self.model.agents[1:])
 
     def _checked(self, scan: Any, after: float | None) -> Any:
         self._single = isinstance(scan, Scan)

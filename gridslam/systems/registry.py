@@ -44,6 +44,8 @@ class Method:
         The kind of observation: path measurements, or sampled signals.
     takes_map : bool
         Whether it goes on from the map that an earlier agent left.
+    several : bool
+        Whether it takes several agents at once.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Method:
     measures: str = "paths: distances, with angles and amplitudes where measured"
     takes_map: bool = True
     takes: Kind = "paths"
+    several: bool = False
 
 
 _ENTERED = (
@@ -88,6 +91,14 @@ _ENTERED = (
         "gridslam.systems.network:NetworkSlam",
         "network SLAM: several agents at once, unknown clocks, measurements that don't say whose they are",
         "docs/model.md#13-network-slam",
+        several=True,
+    ),
+    Method(
+        "network_grid",
+        "gridslam.systems.network_grid:NetworkGridSlam",
+        "network grid SLAM: the same with one occupancy grid for all",
+        "docs/model.md#13-network-slam",
+        several=True,
     ),
 )
 METHODS = {entry.name: entry for entry in _ENTERED}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,10 +98,10 @@ def _of_agent(
 ) -> Estimate:  # fmt: skip
     part, own = state.part(agent), work.calibrated(model.agents[agent], info.turned)
     mean, covariance, pose = part.belief.mean, part.belief.covariance, part.belief.layout.pose()
-    table, paths = estimates(
-        part, own, own.radio.amplitude_at_1m * info.gain,
-        lambda rays, length: mean_amplitudes(part, rays, length, own.radio, work=work), work=work,
-    )  # fmt: skip
+    strength = None
+    if state.grid is None:  # with a grid, amplitudes follow from coefficients
+        strength = partial(mean_amplitudes, part, signal=own.radio, work=work)
+    table, paths = estimates(part, own, own.radio.amplitude_at_1m * info.gain, strength, work=work)
     sure = (table.existence > own.settings.detect_above) & (part.surfaces.seen >= CONFIRMED)
     return Estimate(
         scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[4])),

@@ -85,7 +85,7 @@ def propose_births(
     signal : SignalModel
         The calibrated radio.
     senders : (A,) int32, optional
-        Anchors that may have sent measurements of which nobody knows; default: all.
+        Anchors whose measurements may bear surfaces; default: all.
     """
     runtime.start()
     from gridslam.kernels.management.births import propose as launch
@@ -94,8 +94,8 @@ def propose_births(
     known, surfaces = partners(bank, belief, model.max_bounces), len(belief.lines)
     if len(bank) != surfaces or cloud.surfaces != surfaces or not -1 <= anchor < len(model.anchors):
         raise ValueError("surfaces or anchors don't belong together")
-    if senders is None or anchor >= 0:
-        senders = _senders(anchor, len(model.anchors))
+    able = _senders(anchor, len(model.anchors))
+    senders = able if senders is None else able[np.isin(able, senders)]
     capacity, hypotheses = -(-len(heard) // PORTION) * PORTION, len(known) * len(senders)
     buffers = work.buffers(ProposalBuffers.of, 0, capacity, hypotheses)
     born, told, ratio = buffers

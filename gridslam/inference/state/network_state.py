@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gridslam.inference.state.calibration import Calibration
 from gridslam.inference.state.clock_search import ClockSearch
+from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.health import HealthMonitor
 from gridslam.inference.state.network_belief import NetworkBelief
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
@@ -61,6 +62,8 @@ class NetworkState:
         Steps taken; number of the next new surface.
     time_s : float or None
         Of the latest step; None before the first.
+    grid : Grid, optional
+        Occupancy and coefficients of cells, of all agents (network grid SLAM).
     """
 
     belief: NetworkBelief
@@ -73,6 +76,7 @@ class NetworkState:
     step: int = 0
     next_identity: int = 0
     time_s: float | None = None
+    grid: Grid | None = None
 
     @classmethod
     def start(cls, model: NetworkModel) -> Self:
@@ -97,7 +101,7 @@ class NetworkState:
         return State(
             self.belief.view(agent), replace(self.surfaces, single=single, double=double),
             self.los[own].copy(), record.calibration, record.monitor, self.step, self.next_identity,
-            self.time_s, amplitudes=record.amplitudes,
+            self.time_s, self.grid, record.amplitudes,
         )  # fmt: skip
 
     def having(self, agent: int, part: State) -> Self:
@@ -118,4 +122,5 @@ class NetworkState:
             los=los,
             records=tuple(records),
             next_identity=part.next_identity,
+            grid=part.grid,
         )

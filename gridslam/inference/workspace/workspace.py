@@ -41,6 +41,8 @@ class Workspace:
     seed : int
     grid : bool
         Whether the system maps cells.
+    cells : CellBuffers, optional
+        Of another workspace, with which this one shares its grid.
 
     Raises
     ------
@@ -48,12 +50,14 @@ class Workspace:
         The machine has no memory for so many cells.
     """
 
-    def __init__(self, model: FilterModel, seed: int, grid: bool = False) -> None:
+    def __init__(
+        self, model: FilterModel, seed: int, grid: bool = False, cells: CellBuffers | None = None
+    ) -> None:
         settings = model.settings
         self.seed = seed
-        self._cells = CellBuffers(model) if grid else None
+        self._cells = CellBuffers(model) if grid and cells is None else cells
         self.particles = Particles(settings.particles, seed, settings.adapt_particles)
-        self.messages = PathMessages(grid)
+        self.messages = PathMessages(self._cells is not None)
         self.seconds: dict[str, float] = {}
         self._buffers: dict[tuple[Callable[..., Any], Hashable], tuple[tuple[Any, ...], Any]] = {}
         self._stages = [OTHER]

@@ -1,0 +1,111 @@
+"""Network grid SLAM: network SLAM with one occupancy grid and one set of coefficients for all agents.
+
+[Li2026grid] has one agent, [Venus2025network] no grid; equations without a key are those of [Li2026grid].
+docs/model.md, section 13.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gridslam.inference.management.network_merging import merge_and_prune_shared
+from gridslam.inference.management.step_info import StepInfo, conclude
+from gridslam.inference.messages.birth_proposals import propose_births
+from gridslam.inference.messages.births import add_births
+from gridslam.inference.messages.cells import cast_paths
+from gridslam.inference.messages.clock_setting import doubt_clocks, loosened, set_clocks
+from gridslam.inference.messages.clutter import learn_clutter
+from gridslam.inference.messages.likelihood_ratios import evaluate
+from gridslam.inference.messages.network_cells import update_shared_cells
+from gridslam.inference.messages.network_motion import predict_all
+from gridslam.inference.messages.reflection import Reflected
+from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
+from gridslam.inference.state.grid import Grid
+from gridslam.inference.state.network_state import NetworkState
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace.workspace import Workspace
+from gridslam.maps.map import Map
+from gridslam.systems import network
+from gridslam.systems.network import NetworkInfo, NetworkSlam, Works, by_anchor
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.network_model import NetworkModel
+from gridslam.world.network_scan import NetworkScan
+from gridslam.world.scan import Scan
+
+
+def start(model: NetworkModel, prior: Map | None = None) -> NetworkState:
+    """The state before the first step: priors of agents and clocks, and an earlier agent's map."""
+    state = network.start(model, prior)
+    if prior is None:
+        return replace(state, grid=Grid.empty(model.agents[0].grid.shape))
+    return replace(state, grid=Grid.of(prior.evidence, prior.observed, prior.coefficient))
+
+
+def step(
+    state: NetworkState, scan: NetworkScan, model: NetworkModel, work: Works
+) -> tuple[NetworkState, NetworkInfo]:
+    """One step: clocks, every agent's turn, and what all of them together say of the cells."""
+    for own in work:
+        own.begin()
+    earlier_s, infos = state.time_s, list[StepInfo | None]()
+    state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
+    state = set_clocks(state, scan.scans, model, works=work)  # (M103)
+    for agent, heard in enumerate(scan.scans):
+        info = None
+        if heard is not None:
+            part, info = turn(state.part(agent), heard, state, earlier_s, model.agents[agent], work[agent])
+            state = doubt_clocks(loosened(state.having(agent, part)), info.exchanges, model)  # (M102)
+        infos.append(info)
+    used = [
+        None if info is None else own.calibrated(one, info.turned)
+        for info, one, own in zip(infos, model.agents, work, strict=True)
+    ]
+    state = update_shared_cells(state, used, works=work)  # eqs. (43) to (46)
+    state = merge_and_prune_shared(state, model)
+    return replace(state, step=state.step + 1), NetworkInfo(tuple(infos))
+
+
+def turn(
+    state: State, scan: Scan, network: NetworkState, earlier_s: float | None, model: FilterModel,
+    work: Workspace,
+) -> tuple[State, StepInfo]:  # fmt: skip
+    """One agent's messages about its view: those of grid SLAM, over the paths of all anchors at once."""
+    exchanges, reckoned = list[Exchange](), state.calibration
+    model = work.calibrated(model, reckoned.turned)
+    senders = np.flatnonzero(~network.clocks.unset).astype(np.int32)
+    state, scans = by_anchor(state, scan, network, earlier_s, model, work)
+    for heard in scans:
+        radio = state.calibration.tuned(model.radio, heard.anchor)
+        paths, visible = cast_paths(state, heard.anchor, model, work=work)  # eq. (1)
+        amplitudes = Reflected(visible.products, radio)  # eq. (2)
+        cloud, ratios = evaluate(heard, paths, visible.validity, amplitudes, radio, model, work=work)
+        state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
+        births = propose_births(state, heard, cloud, ratios, radio, model, senders, work=work)  # eq. (11)
+        state, exchange = update_surfaces_and_agent(
+            state, heard, paths, ratios, reckoned.turned, model, work=work
+        )
+        state, exchange, _ = add_births(state, births, heard, exchange, radio, model, work=work)
+        exchanges.append(exchange)
+    return conclude(state, exchanges, reckoned, model, work)
+
+
+class NetworkGridSlam(NetworkSlam):
+    """Network grid SLAM, one step of all agents at a time; arguments as those of `NetworkSlam`."""
+
+    method = "network_grid"
+    keeps_grid = True
+    start = staticmethod(start)
+    advance = staticmethod(step)
+
+    def map(self) -> Map:
+        """The map as it stands: evidence, coefficients, detected surfaces."""
+        grid = self.state.grid
+        assert grid is not None
+        return replace(
+            super().map(),
+            evidence=grid.evidence.astype(np.float32),
+            coefficient=grid.coefficient,
+            observed=grid.observed.copy(),
+        )
