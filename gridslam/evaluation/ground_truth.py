@@ -9,10 +9,12 @@ import numpy as np
 
 from gridslam.errors import InputError
 from gridslam.evaluation.bounds import Bound, known_map_bound
+from gridslam.evaluation.signal_bounds import has_single_antennas, scene_signal_bound
 from gridslam.maps.map import Map
 from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.image_source import Truth, ground_truth
+from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
@@ -82,10 +84,22 @@ def inherited_truth(scene: Scene, grid: Map, latest: bool = True) -> list[Truth]
     ]
 
 
-def known_bound(scene: Scene, agent: str, truth: Truth | Trajectory | None) -> Bound | None:
-    """Known-map bound, where the walls are known and the agent went the scene's own way; else None."""
+def known_bound(
+    scene: Scene, agent: str, truth: Truth | Trajectory | None, takes: Kind = "paths"
+) -> Bound | None:
+    """Known-map bound, where the walls are known and the agent went the scene's own way; else None.
+
+    Parameters
+    ----------
+    takes : "paths" or "signal"
+        What the method was handed. Of sampled signals of single antennas, the bound prices overlap in.
+    """
     if not isinstance(truth, Truth) or scene.agent(agent).waypoints_m is None:
         return None
     own, went = scene.track(agent), truth.trajectory
     same = len(own) == len(went) and np.allclose(own.position_m, went.position_m, rtol=0, atol=SAME_WAY_M)
-    return known_map_bound(scene, agent, truth.paths) if same else None
+    if not same:
+        return None
+    if takes == "signal" and has_single_antennas(scene, agent):
+        return scene_signal_bound(scene, agent, True, truth.paths, went)
+    return known_map_bound(scene, agent, truth.paths)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.evaluation.bounds import agent_prior, predict_information
+from gridslam.evaluation.bounds import Bound, agent_prior, predict_information
 from gridslam.inference.messages.signal_likelihood import Band, superpose
 from gridslam.simulation.image_source import TruePaths, true_paths
 from gridslam.world.geometry import mirror
@@ -20,8 +20,40 @@ from gridslam.world.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 AGENT = 4
+DRAWS = 3
+"""Of fading amplitudes, over which a scene's bound is averaged."""
 FREE_M = 100.0
 """Prior deviation of an image's coordinates where the map is unknown."""
+
+
+def has_single_antennas(scene: Scene, agent: str) -> bool:
+    """Whether a scene's radio samples signals, of one element at either end: they tell no heading."""
+    if scene.radio.frequencies is None:
+        return False
+    _, at_anchor, at_agent, _ = scene.waveform(agent).shape
+    return at_anchor * at_agent == 1
+
+
+def scene_signal_bound(
+    scene: Scene,
+    agent: str,
+    known_map: bool,
+    paths: TruePaths | None = None,
+    track: Trajectory | None = None,
+) -> Bound:
+    """Bound of a scene's own radio: `signal_bound` over `DRAWS`; nothing bounds the heading.
+
+    Parameters
+    ----------
+    scene : Scene
+        Samples signals of single antennas, see `has_single_antennas`.
+    agent, known_map, paths, track
+        As there.
+    """
+    waveform, fading = scene.waveform(agent), scene.radio.fading == "swerling1"
+    band = Band.of(waveform.offset_hz, waveform.pulse)
+    position = signal_bound(scene, agent, band, known_map, paths, track, DRAWS, fading=fading)
+    return Bound(position, np.full(len(position), np.nan))
 
 
 def signal_bound(

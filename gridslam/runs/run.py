@@ -120,8 +120,10 @@ class Run:
             rmse,
             track_errors,
         )
+        from gridslam.evaluation.signal_bounds import has_single_antennas
         from gridslam.evaluation.surface_truth import surface_scores
         from gridslam.simulation.image_source import Truth
+        from gridslam.systems.registry import kind_of
 
         found = self.surfaces.take(self.surfaces.existence > self.scene.filter.detect_above)
         scores: dict[str, Any] = dict.fromkeys(AGENT_KEYS) | {
@@ -149,12 +151,14 @@ class Run:
                 "final_position_error_m": float(np.linalg.norm(position[-1])),
                 "diverged": diverged(position),
             }
-        bound = known_bound(self.scene, self.agent, truth)
+        takes = kind_of(self.method)
+        bound = known_bound(self.scene, self.agent, truth, takes)
         if bound is not None:
             done = slice(len(self.trajectory))
             scores["position_bound_m"] = rmse(bound.position_m[done])
             scores["heading_bound_deg"] = float(np.degrees(rmse(bound.heading_rad[done])))
-        if "aoa" not in self.scene.radio.measures:  # nothing tells of the heading then
+        blind = takes == "signal" and has_single_antennas(self.scene, self.agent)
+        if blind or "aoa" not in self.scene.radio.measures:  # nothing tells of the heading then
             scores |= dict.fromkeys(("heading_rmse_deg", "heading_bound_deg", "heading_std_deg"))
         if isinstance(truth, Truth):
             whole = truth.first(len(self.trajectory)).joined(earlier)

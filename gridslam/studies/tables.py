@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,13 @@ from gridslam.errors import InputError
 from gridslam.evaluation.bounds import Bound, MapBound, known_map_bound, unknown_map_bound
 from gridslam.evaluation.consistency import Steps, nees_band, true_rays
 from gridslam.evaluation.metrics import OSPA_CUTOFF_M
+from gridslam.evaluation.signal_bounds import has_single_antennas, scene_signal_bound
 from gridslam.evaluation.surface_truth import HeardSurfaces
 from gridslam.io.files import write_bytes
 from gridslam.simulation.image_source import Truth, ground_truth
 from gridslam.studies.study import Outcome, Variant
+from gridslam.systems.registry import kind_of
+from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
 
 Array = NDArray[np.float64]
@@ -154,14 +157,16 @@ def batches(outcome: Outcome) -> list[Batch]:
             agents[job.variant] = job.agents
             for agent in job.agents:
                 sorted_.setdefault((job.variant, agent, job.method), []).append(record)
-    marks: dict[Variant, dict[str, Benchmark]] = {}
+    marks: dict[tuple[Variant, Kind], dict[str, Benchmark]] = {}
     found = []
     for (variant, agent, method), records in sorted_.items():
-        if variant not in marks:
-            marks[variant] = _benchmarks(variant, agents[variant])
-        runs = [_arrays(record, agent, marks[variant][agent]) for record in records]
+        which = variant, kind_of(method)
+        if which not in marks:
+            marks[which] = _benchmarks(*which, agents[variant])
+        mark = marks[which][agent]
+        runs = [_arrays(record, agent, mark) for record in records]
         steps = {name: np.stack([run[name] for run in runs]) for name in runs[0]}
-        found.append(Batch(variant, method, agent, records, steps, marks[variant][agent]))
+        found.append(Batch(variant, method, agent, records, steps, mark))
     return found
 
 
@@ -183,7 +188,7 @@ def _arrays(record: Mapping[str, Any], agent: str, mark: Benchmark) -> dict[str,
         raise InputError("study: results", f"a damaged run ({who})", "what the study wrote") from None
 
 
-def _benchmarks(variant: Variant, agents: Sequence[str]) -> dict[str, Benchmark]:
+def _benchmarks(variant: Variant, takes: Kind, agents: Sequence[str]) -> dict[str, Benchmark]:
     scene = Scene.from_toml(variant.scene, variant.name)
     found: dict[str, Benchmark] = {}
     earlier: list[Truth] = []
@@ -194,8 +199,12 @@ def _benchmarks(variant: Variant, agents: Sequence[str]) -> dict[str, Benchmark]
         before = unknown_map_bound(scene, name, truth.paths, before=before)
         heard = HeardSurfaces.of(truth, earlier)
         rays, likely = true_rays(scene, name, truth), true_rays(scene, name, truth, 0.5)
+        unknown = before
+        if takes == "signal" and has_single_antennas(scene, name):
+            known, apart = (scene_signal_bound(scene, name, k, truth.paths) for k in (True, False))
+            unknown = replace(before, position_m=apart.position_m, heading_rad=apart.heading_rad)
         found[name] = Benchmark(
-            known, before, rays, likely, heard.first, heard.curve, tuple(scene.anchor_names)
+            known, unknown, rays, likely, heard.first, heard.curve, tuple(scene.anchor_names)
         )
         earlier.append(truth)
     return found

@@ -125,6 +125,11 @@ def taken_by(method: type) -> Kind:
     return cast("Kind", found)
 
 
+def kind_of(name: str) -> Kind:
+    """What the method of this name takes, if it is ours; of others, path measurements are supposed."""
+    return METHODS[name].takes if name in METHODS else "paths"
+
+
 def method_name(method: str | type) -> str:
     """How a method is named in tables and files: as given; a class by its entry or its place."""
     if isinstance(method, str):

@@ -43,6 +43,8 @@ from gridslam.runs import network_files
 from gridslam.runs.run_files import AgentFiles, RunFiles, read_run
 from gridslam.simulation.image_source import Truth
 from gridslam.viewers import network_plots
+from gridslam.systems.registry import kind_of
+from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
 
 STRENGTH = ListedColormap(colormaps["plasma_r"](np.linspace(0.1, 1, 256)), "strength")
@@ -98,6 +100,7 @@ def draw_errors(
     truth: Truth | None = None,
     earlier: Sequence[Truth] = (),
     width: float = PAGE_IN,
+    takes: Kind = "paths",
 ) -> Figure:
     """Errors over time, the filter's own deviations, the known-map bound, and the number of surfaces.
 
@@ -114,7 +117,7 @@ def draw_errors(
         gap, turn = track_errors(found.trajectory, found.truth)
         error = 100 * np.linalg.norm(gap, axis=1), np.degrees(np.abs(turn))
         lines.insert(0, ("error", *error, BLUE, "-"))
-        bound = known_bound(scene, name, truth)
+        bound = known_bound(scene, name, truth, takes)
         if bound is not None:
             size = len(steps)
             limit = 100 * bound.position_m[:size], np.degrees(bound.heading_rad[:size])
@@ -189,6 +192,7 @@ def draw_all(
     written: list[Path] = []
     first = next(iter(run.agents.values()))
     earlier = inherited_truth(run.scene, first.map, latest=False)
+    takes = kind_of(str(run.summary.get("method")))
     for name, found in run.agents.items():
         truth = _truth(run.scene, name, found)
         with fonts(width):
@@ -196,7 +200,7 @@ def draw_all(
                 "map": draw_map(found.map, run.scene, found.trajectory, found.truth, found.estimates, width),
                 "reflection": draw_reflection(found.map, run.scene, width),
                 "rays": draw_rays(run.scene, name, found, truth=truth, width=width),
-                "errors": draw_errors(run.scene, name, found, truth, earlier, width),
+                "errors": draw_errors(run.scene, name, found, truth, earlier, width, takes),
             }
             written += _save(folder, {f"{name}-{title}": figure for title, figure in drawn.items()}, form)
         earlier += [truth] if truth is not None else []

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import gridslam as gs
+from gridslam.evaluation.bounds import known_map_bound
 from gridslam.evaluation.signal_bounds import signal_bound
 from gridslam.inference.messages.signal_likelihood import Band
 from gridslam.simulation.image_source import true_paths
@@ -90,3 +91,14 @@ def _seeming(paths):
     return paths.points[:, 3] + paths.distance_m[:, None] * toward / np.linalg.norm(
         toward, axis=1, keepdims=True
     )
+
+
+def test_scores_of_a_run_on_samples_have_this_bound_and_no_heading():
+    data = gs.Scene.load("overlap").model_dump(exclude_none=True)
+    data["agents"][0]["steps"] = 5
+    scene = gs.Scene.checked(data, "overlap")
+    truth = gs.ground_truth(scene, "agent1")
+    score = gs.map_scene(scene, gs.simulate(scene, "agent1", 1, what="signal"), "direct").score(truth)
+    assert score["heading_rmse_deg"] is None
+    paths = known_map_bound(scene, "agent1", truth.paths).position_m
+    assert score["position_bound_m"] > 1.05 * np.sqrt(np.mean(paths**2))
