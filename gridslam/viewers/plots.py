@@ -39,11 +39,13 @@ from gridslam.evaluation.ground_truth import inherited_truth, known_bound, truth
 from gridslam.evaluation.metrics import SETTLED_STEP, track_errors
 from gridslam.io.files import cannot_write, write_bytes
 from gridslam.maps.map import Map
+from gridslam.measurements.recording import Recording
 from gridslam.runs import network_files
 from gridslam.runs.run_files import AgentFiles, RunFiles, read_run
 from gridslam.simulation.image_source import Truth
-from gridslam.viewers import network_plots
 from gridslam.systems.registry import kind_of
+from gridslam.viewers import network_plots
+from gridslam.viewers.signal_plots import draw_gospa, draw_signal
 from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
 
@@ -202,6 +204,10 @@ def draw_all(
                 "rays": draw_rays(run.scene, name, found, truth=truth, width=width),
                 "errors": draw_errors(run.scene, name, found, truth, earlier, width, takes),
             }
+            if isinstance(found.measurements, Recording):
+                drawn["signal"] = draw_signal(found.measurements, found.estimates, None, truth, width)
+                if truth is not None:
+                    drawn["gospa"] = draw_gospa(run.scene, found.estimates, truth, width)
             written += _save(folder, {f"{name}-{title}": figure for title, figure in drawn.items()}, form)
         earlier += [truth] if truth is not None else []
     if (Path(directory) / network_files.H5).exists():  # several agents at once

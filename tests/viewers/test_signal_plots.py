@@ -1,0 +1,46 @@
+"""Figures of runs on sampled signals show what they are of."""
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.viewers.signal_plots import draw_gospa, draw_images, draw_signal
+
+STEPS = 30
+
+
+@pytest.fixture(scope="module")
+def ran():
+    data = gs.Scene.load("overlap").model_dump(exclude_none=True)
+    data["agents"][0]["steps"] = STEPS
+    scene = gs.Scene.checked(data, "overlap")
+    recording = gs.simulate(scene, "agent1", 1, what="signal")
+    slam = gs.DirectSlam(scene, waveform=recording.waveform)
+    return scene, recording, slam, [slam.step(scan) for scan in recording]
+
+
+def curves(axes):
+    return {line.get_label(): np.array(line.get_xydata()) for line in axes.lines}
+
+
+def test_received_and_modelled_profiles_peak_at_the_line_of_sight(ran):
+    scene, recording, _, estimates = ran
+    figure = draw_signal(recording, estimates, 20, gs.ground_truth(scene, "agent1"))
+    assert len(figure.axes) == 2
+    for anchor, axes in enumerate(figure.axes):
+        own = curves(axes)
+        far = np.linalg.norm(recording.truth.position_m[20] - scene.anchor_positions[anchor])
+        near = np.abs(own["received"][:, 0] - far) < 0.05
+        assert own["received"][near, 1].max() > 5
+        assert own["mean of the model"][near, 1].max() > 10
+        assert np.abs(own["true paths"][:, 0] - far).min() < 0.01
+
+
+def test_gospa_and_images_have_a_curve_and_a_mark_for_each(ran):
+    scene, _, slam, estimates = ran
+    own = curves(draw_gospa(scene, estimates, gs.ground_truth(scene, "agent1")).axes[0])
+    assert set(own) == {"A", "B"}
+    assert (own["A"][:, 1] >= 0).all()
+    axes = draw_images(scene, slam.state, 1).axes[0]
+    rings = slam.state.tentative.rings
+    assert len(axes.collections) == (rings.anchor == 1).sum() > 0
