@@ -145,7 +145,9 @@ class FeatureEstimate(_Rows):
     identity : (F,) int64
         Number that a feature keeps.
     anchor : (F,) int64
-        Index of the anchor, in a map that of its provenance's ``anchors``.
+        Index of the anchor in the scene where it was learned.
+    anchor_m : (F, 2) float64, m
+        Where that anchor stands, by which it is known elsewhere.
     position_m : (F, 2) float64, m
     bias_m : (F,) float64, m
         Length of the path beyond the distance to the point.
@@ -163,6 +165,7 @@ class FeatureEstimate(_Rows):
 
     identity: np.ndarray
     anchor: np.ndarray
+    anchor_m: np.ndarray
     position_m: np.ndarray
     bias_m: np.ndarray
     variance: np.ndarray
@@ -175,8 +178,9 @@ class FeatureEstimate(_Rows):
     @classmethod
     def empty(cls) -> Self:
         """Return a table without features."""
-        none, whole = np.zeros(0), np.zeros(0, np.int64)
-        return cls(whole, whole, np.zeros((0, 2)), none, none, none, np.zeros((0, 4, 4)), whole, whole, whole)
+        none, whole, pair = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 2))
+        square = np.zeros((0, 4, 4))
+        return cls(whole, whole, pair, pair, none, none, none, square, whole, whole, whole)
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ from gridslam.io.files import (
     write_bytes,
     writing_h5,
 )
-from gridslam.maps.map_cells import MapCells
+from gridslam.maps.map_cells import MapCells, anchors_of
 from gridslam.maps.nav2 import trinary
 from gridslam.maps.walls import WallSegments
 from gridslam.world.geometry import line_of_sfv
@@ -48,6 +48,7 @@ SURFACE_UNITS = {
 FEATURE_UNITS = {
     "identity": "1",
     "anchor": "1",
+    "anchor_m": "m",
     "position_m": "m",
     "bias_m": "m",
     "variance": "sample^2",
@@ -57,7 +58,7 @@ FEATURE_UNITS = {
     "steps_seen": "1",
     "last_step": "1",
 }
-FEATURE_TAILS: dict[str, tuple[int, ...]] = {"position_m": (2,), "covariance": (4, 4)}
+FEATURE_TAILS: dict[str, tuple[int, ...]] = {"anchor_m": (2,), "position_m": (2,), "covariance": (4, 4)}
 
 
 def write_map(grid: MapCells, path: str | os.PathLike[str]) -> None:
@@ -131,7 +132,7 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
             "surfaces": surfaces,
             "surface_reflection": posterior,
             "provenance": get_attributes(subgroup(file, "provenance")) if "provenance" in file else {},
-            **(_read_features(subgroup(file, "features")) if "features" in file else {}),
+            **(_read_features(file) if "features" in file else {}),
         }
 
 
@@ -188,13 +189,17 @@ def _read_surfaces(group: h5py.Group) -> tuple[SurfaceEstimate, np.ndarray | Non
     return SurfaceEstimate(**table), posterior
 
 
-def _read_features(group: h5py.Group) -> dict[str, Any]:
-    """Learned features and, where stored, their joint covariance; `identity` and `noise` may be missing."""
+def _read_features(file: h5py.File) -> dict[str, Any]:
+    """Learned features and, where stored, their joint covariance.
+
+    `identity` and `noise` may be missing, and `anchor_m` where the provenance names the anchors.
+    """
+    group = subgroup(file, "features")
     count = len(get(group, "position_m", (None, 2)))
     whole = ("identity", "anchor", "kind", "steps_seen", "last_step")
     table: dict[str, Any] = {"identity": np.arange(count)}
     for name in FEATURE_UNITS:
-        if name in group or name not in ("identity", "noise"):
+        if name in group or name not in ("identity", "noise", "anchor_m"):
             kind = "iu" if name in whole else "f"
             table[name] = get(group, name, (count, *FEATURE_TAILS.get(name, ())), kind)
     table.setdefault("noise", np.full(count, np.nan))
@@ -203,6 +208,13 @@ def _read_features(group: h5py.Group) -> dict[str, Any]:
             raise InputError(f"{group.file.filename}: /features/{name}", "NaN or infinity", "finite numbers")
     if (table["variance"] < 0).any() or (table["anchor"] < 0).any():
         raise InputError(f"{group.file.filename}: /features", "negative powers or anchors", "0 or more")
+    if "anchor_m" not in table:
+        known = get_attributes(subgroup(file, "provenance")) if "provenance" in file else {}
+        place = np.array([where for _, where in anchors_of(known)], float).reshape(-1, 2)
+        if count and table["anchor"].max() >= len(place):
+            allowed = "anchor_m, or anchors of the provenance"
+            raise InputError(f"{group.file.filename}: /features/anchor", "anchors without a place", allowed)
+        table["anchor_m"] = place[table["anchor"]]
     joint = get(group, "joint_covariance", (3 * count, 3 * count)) if "joint_covariance" in group else None
     return {"features": FeatureEstimate(**table), "feature_covariance": joint}
 

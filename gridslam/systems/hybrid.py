@@ -8,13 +8,18 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from gridslam.estimates import Estimate, PathEstimate
+from gridslam.inference.management.feature_tables import feature_estimate, with_features
 from gridslam.inference.management.hybrid_info import HybridInfo, conclude
 from gridslam.inference.messages.feature_likelihood import Front, require_hybrid
 from gridslam.inference.messages.following import (
     START_STEPS,
+    counted,
     follow_by_particles,
     follow_jointly,
     predict_agent,
@@ -25,20 +30,27 @@ from gridslam.inference.messages.following import (
 from gridslam.inference.messages.learning import Learned, learn
 from gridslam.inference.state.features import MOVING, FeatureBank
 from gridslam.inference.state.hybrid_state import HybridState, JointBelief, Segment
+from gridslam.maps.frames import stamped
+from gridslam.maps.map import Map
+from gridslam.systems.hybrid_soundness import require_sound
+from gridslam.systems.signal_front import SignalFilter
+from gridslam.world.geometry import wrap
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
+Array = NDArray[np.float64]
 LEARN_EVERY = 30
 """Steps of a segment."""
 
 
 @dataclass(frozen=True, eq=False)
 class HybridWork:
-    """What steps share and no state holds: tables of the waveform, and the seed.
+    """What steps share and no state holds.
 
     Attributes
     ----------
     front : Front
+        Tables of the waveform.
     seed : int
     """
 
@@ -46,8 +58,8 @@ class HybridWork:
     seed: int
 
 
-def start(model: SignalModel) -> HybridState:
-    """The state before the first step: the agent's prior, no features.
+def start(model: SignalModel, prior: Map | None = None) -> HybridState:
+    """The state before the first step: the agent's prior, and features that an earlier agent left.
 
     Raises
     ------
@@ -60,7 +72,10 @@ def start(model: SignalModel) -> HybridState:
         model.start_mean[:MOVING].copy(), np.diag(model.start_variance[:MOVING]), FeatureBank.empty(),
         np.full(anchors, 0.5), np.ones(anchors), np.ones(anchors),
     )  # fmt: skip
-    return HybridState(belief, belief, Segment.empty(anchors, elements, frequencies))
+    if prior is not None and prior.features is not None:
+        belief = with_features(belief, prior.features, prior.feature_covariance, model.anchor_positions)
+    empty = Segment.empty(anchors, elements, frequencies)
+    return HybridState(belief, belief, empty, next_identity=len(belief.features))
 
 
 def step(
@@ -69,18 +84,17 @@ def step(
     """One step, as the list of its messages ([HybridSlam], sections III to VI)."""
     began, learned = time.perf_counter(), Learned()
     got = snapshot(scan, model)
-    state = predict_agent(state, scan.time_s, model, work.seed)
+    state = predict_agent(state, scan.time_s, model, work.seed)  # eqs. (13)-(19)
     if state.step < START_STEPS:
-        state, moments = follow_by_particles(state, got, work.front, model, work.seed)
+        state, moments = follow_by_particles(state, got, work.front, model, work.seed)  # eqs. (20)-(32)
     else:
         state, moments = follow_jointly(state, got, model)
     followed = time.perf_counter()
-    state = remember(state, got, moments)
-    state = replace(state, step=state.step + 1, silent=0 if got.heard.any() else state.silent + 1)
+    state = counted(remember(state, got, moments), got)
     if state.step == START_STEPS:
         state = settle(state, model)
     if state.step % LEARN_EVERY == 0:
-        state, learned = learn(state, work.front, model)
+        state, learned = learn(state, work.front, model)  # eq. (43)
     seconds = {"follow": followed - began, "learn": time.perf_counter() - followed}
     return state, conclude(state, moments, learned, got.heading_rad, seconds, model)
 
@@ -93,6 +107,73 @@ def step_by_sight(
     got = snapshot(scan, model)
     state = predict_agent(state, scan.time_s, model, work.seed)
     state, moments = follow_by_particles(state, got, work.front, model, work.seed)
-    state = replace(state, step=state.step + 1, silent=0 if got.heard.any() else state.silent + 1)
+    state = counted(state, got)
     seconds = {"follow": time.perf_counter() - began}
     return state, conclude(state, moments, Learned(), got.heading_rad, seconds, model)
+
+
+class HybridSlam(SignalFilter[HybridState]):
+    """The front of hybrid SLAM."""
+
+    method = "hybrid"
+    sight_alone: ClassVar[bool] = False
+    """Whether particles stay all the way."""
+    start = staticmethod(start)
+    advance = staticmethod(step)
+
+    def _workspace(self) -> HybridWork:
+        return HybridWork(Front(self.waveform), self.seed)
+
+    @staticmethod
+    def moved(state: HybridState, position_m: Array, heading_rad: float) -> HybridState:
+        """The state before the first step, with its prior about another start (m)."""
+        mean = state.joint.mean.copy()
+        mean[:2] = position_m
+        belief = replace(state.joint, mean=mean)
+        return replace(state, joint=belief, before=belief)
+
+    @classmethod
+    def require_sound(cls, state: HybridState, model: SignalModel, where: str) -> None:
+        """Refuse a state from a file whose numbers can't be."""
+        require_sound(state, model, where, always_particles=cls.sight_alone)
+
+    def estimate(self, state: HybridState, scan: SignalScan, info: HybridInfo, began: float) -> Estimate:
+        """Agent and lines of sight; the heading is the measured one."""
+        covariance = np.zeros((5, 5))
+        covariance[:4, :4], covariance[4, 4] = info.agent_covariance, info.heading_variance
+        return Estimate(
+            scan.step, scan.time_s, info.agent[:2].copy(), info.agent[2:].copy(),
+            float(wrap(info.heading_rad)), covariance, paths=self._sights(info),
+            effective_sample_size=info.health.effective_sample_size,
+            seconds=time.perf_counter() - began, health=info.health,
+        )  # fmt: skip
+
+    def map(self) -> Map:
+        """A grid of which nothing was observed, and the learned features."""
+        table, joint = feature_estimate(self.state.joint, self.model.anchor_positions)
+        blank = Map.of_scene(self.scene)
+        sheet = replace(blank, features=table, feature_covariance=joint, provenance=self.latest())
+        return stamped(sheet, self.scene)
+
+    def _sights(self, info: HybridInfo) -> PathEstimate:
+        """The lines of sight, each with the probability that it is there."""
+        anchors, count = self.model.anchors, len(self.model.anchors)
+        way = anchors[:, :2] - info.agent[:2]
+        far, angle = np.hypot(*way.T), np.arctan2(way[:, 1], way[:, 0])
+        points = np.full((count, 4, 2), np.nan)
+        points[:, 0], points[:, 3] = anchors[:, :2], info.agent[:2]
+        elements = len(self.waveform.agent_element_m)
+        amplitude = np.sqrt(elements * info.los_power / info.noise) / np.maximum(far, 1e-3)
+        return PathEstimate(
+            np.arange(count), np.full((count, 2), -1), far, wrap(angle + np.pi - anchors[:, 2]),
+            wrap(angle - info.heading_rad), amplitude, info.existence.copy(), points,
+        )  # fmt: skip
+
+
+class SightSlam(HybridSlam):
+    """The front of its reference, the line of sight alone."""
+
+    method = "los"
+    uses_maps = False
+    sight_alone = True
+    advance: Any = staticmethod(step_by_sight)

@@ -100,6 +100,22 @@ _ENTERED = (
         "docs/model.md#13-network-slam",
         several=True,
     ),
+    Method(
+        "hybrid",
+        "gridslam.systems.hybrid:HybridSlam",
+        "hybrid SLAM: the line of sight by physics, learned features for all else",
+        "docs/model.md#15-hybrid-slam",
+        measures="sampled signals of one antenna at the anchor, an array with a known heading at the agent",
+        takes="signal",
+    ),
+    Method(
+        "los",
+        "gridslam.systems.hybrid:SightSlam",
+        "hybrid SLAM's reference: the line of sight alone, no map",
+        "docs/model.md#15-hybrid-slam",
+        measures="sampled signals, as hybrid",
+        takes="signal",
+    ),
 )
 METHODS = {entry.name: entry for entry in _ENTERED}
 """Ours, by name."""

@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from gridslam.kernels.messages.feature_likelihood import look_up
+from gridslam.kernels.messages.feature_likelihood import LEAST_M, look_up
 from gridslam.kernels.primitives.launching import quick
 
 POWERS = 7
@@ -33,7 +33,7 @@ def back_project(
             )
             for k in range(points.shape[0]):
                 x, y = candidates[q, 0] - points[k, 0], candidates[q, 1] - points[k, 1]
-                plain = ti.max(ti.sqrt(x * x + y * y), 1e-3)
+                plain = ti.max(ti.sqrt(x * x + y * y), LEAST_M)
                 length = plain + candidates[q, 2]
                 if length < longest:
                     x, y = x / plain, y / plain

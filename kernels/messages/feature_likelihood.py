@@ -8,6 +8,8 @@ import taichi as ti
 
 from gridslam.kernels.primitives.launching import quick
 
+LEAST_M = 0.1
+"""Shorter ways are taken to be as long as this."""
 LANES = 64
 """Stretches into which particles are cut, each with a scratch of its own."""
 
@@ -51,7 +53,7 @@ def place_features(
             x, y, extra, power = features[n, 0], features[n, 1], features[n, 2], features[n, 3]
         x -= points[p, 0]
         y -= points[p, 1]
-        plain = ti.max(ti.sqrt(x * x + y * y), 1e-3)
+        plain = ti.max(ti.sqrt(x * x + y * y), LEAST_M)
         x, y = x / plain, y / plain
         length = plain + extra
         along, across = x * turn_x + y * turn_y, y * turn_x - x * turn_y

@@ -72,7 +72,7 @@ def test_the_next_agent_starts_from_the_same_places_and_as_unsure():
         np.ones(2),
         np.ones(2),
     )
-    found = with_features(fresh, table, joint, np.array([0, 1, 0]))
+    found = with_features(fresh, table, joint, ANCHORS)
     np.testing.assert_allclose(
         places(found.mean, found.features.origin_m), np.column_stack([table.position_m, table.bias_m])
     )
@@ -85,7 +85,7 @@ def test_the_next_agent_starts_from_the_same_places_and_as_unsure():
 
 def test_features_of_anchors_that_are_not_here_are_left_out():
     table, joint = feature_estimate(belief(), ANCHORS)
-    found = with_features(belief().keep(np.zeros(3, bool)), table, joint, np.array([-1, 0, -1]))
+    found = with_features(belief().keep(np.zeros(3, bool)), table, joint, ANCHORS[1:])
     assert len(found.features) == 1
     np.testing.assert_allclose(places(found.mean, found.features.origin_m)[0], [2.0, -5.0, 3.0])
 

@@ -194,8 +194,8 @@ def test_a_step_that_returns_nothing_ends_a_run_in_one_line(say, tiny, tmp_path,
     [
         ("mine = own_method:SightFilter", "mine", None),
         ("mine = own_method:Other", "mine", "entry point 'mine' of gridslam.methods: found no Other"),
-        ("grid = own_method:SightFilter", "grid", "another name than grid, adaptive, va"),
-        ("mine = own_method:SightFilter", "magic", "grid, adaptive, va, direct, network, network_grid, mine"),
+        ("grid = own_method:SightFilter", "grid", f"another name than {', '.join(METHODS)}"),
+        ("mine = own_method:SightFilter", "magic", f"{', '.join(METHODS)}, mine"),
     ],
 )
 def test_packages_enter_methods_by_entry_points(tmp_path, monkeypatch, entered, asked, says):

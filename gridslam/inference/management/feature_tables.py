@@ -18,6 +18,7 @@ SURE = 2.0
 """Deviations within which a feature counts as a mirror image or a scatterer."""
 POWER_STD = float(np.sqrt(FORGETS / (2 - FORGETS)))
 """Deviation of a running mean of exponential powers, in units of their mean."""
+SAME_PLACE_M = 0.01
 NEAREST_M = 0.5
 """A feature nearer to where an agent starts is counted from beside it."""
 
@@ -43,9 +44,9 @@ def feature_estimate(belief: JointBelief, anchors: Array) -> tuple[FeatureEstima
         classify(p, c[:3, :3], anchors[a]) for p, c, a in zip(place, covariance, bank.anchor, strict=True)
     ]
     table = FeatureEstimate(
-        bank.identity.copy(), bank.anchor.copy(), place[:, :2], place[:, 2], bank.power.copy(),
-        belief.noise[bank.anchor], covariance, np.array(kind, np.int64), bank.steps_seen.copy(),
-        bank.last_step.copy(),
+        bank.identity.copy(), bank.anchor.copy(), anchors[bank.anchor], place[:, :2], place[:, 2],
+        bank.power.copy(), belief.noise[bank.anchor], covariance, np.array(kind, np.int64),
+        bank.steps_seen.copy(), bank.last_step.copy(),
     )  # fmt: skip
     return table, joint
 
@@ -64,7 +65,7 @@ def classify(place: Array, covariance: Array, anchor_m: Array) -> int:
 
 
 def with_features(
-    belief: JointBelief, table: FeatureEstimate, joint: Array | None, whose: NDArray[np.int64]
+    belief: JointBelief, table: FeatureEstimate, joint: Array | None, anchors: Array
 ) -> JointBelief:
     """The belief before the first step with the features that an earlier agent left.
 
@@ -72,9 +73,11 @@ def with_features(
     ----------
     joint : (3 F, 3 F), optional
         Covariance of all x, y, bias; default: each feature's own.
-    whose : (F,) int64
-        Index of each feature's anchor here, -1 for one that isn't: those are left out.
+    anchors : (J, 2) m
+        Features of others are left out.
     """
+    gap = np.linalg.norm(table.anchor_m[:, None] - anchors, axis=-1).reshape(len(table), len(anchors))
+    whose = np.where(gap.min(1, initial=np.inf) < SAME_PLACE_M, gap.argmin(1), -1)
     keep = whose >= 0
     table, whose = table.take(keep), whose[keep]
     count = len(table)

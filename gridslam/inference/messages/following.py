@@ -104,3 +104,9 @@ def settle(state: HybridState, model: SignalModel) -> HybridState:
     before = replace(state.before, los_power=sight.los_power(cloud), noise=cloud.noise.mean(1))
     joint, _ = replay(before, state.segment, None, 0, model)
     return replace(state, before=before, joint=joint, particles=None)
+
+
+def counted(state: HybridState, got: Snapshot) -> HybridState:
+    """The state with one more step taken."""
+    silent = 0 if got.heard.any() else state.silent + 1
+    return replace(state, step=state.step + 1, silent=silent)

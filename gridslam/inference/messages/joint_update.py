@@ -26,7 +26,8 @@ FORGETS = 0.1
 SURE = 9.0
 """Square of a path's amplitude, in that of its deviation, from which on it counts as heard."""
 ROUNDS, SETTLED_M = 8, 1e-4
-LEAST_M = 1e-3
+LEAST_M = 0.1
+"""Shorter paths are taken to be as long as this."""
 FAINTEST = 1e-4
 """Least power of a feature, in that of the line of sight."""
 

@@ -28,13 +28,15 @@ PRICE, LEAST_GAIN = 10.0, 12.0
 MOST_FEATURES = 40
 POWERS = np.logspace(-2, 1, 7)
 """Tried, in units of the line of sight's power."""
-ITERATIONS = 60
+ITERATIONS, LAST_ITERATIONS = 20, 60
 RATES = np.array([0.03, 0.03, 0.01, 5e-3])
 """Steps of Adam: places, extra length (m), and power in units of the line of sight's."""
 JUDGED = 5
 """Last steps of a segment, which new features aren't learned from, but have to foretell."""
 LENGTH_STD_M, DIRECTION_STD_RAD, EXTRA_SHARE = 0.3, 0.2, 0.5
 """Of a new feature, before the segment is gone through again."""
+NONE_M = 1e-3
+"""Deviation of an extra length that isn't there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +76,8 @@ def learn(state: HybridState, front: Front, model: SignalModel) -> tuple[HybridS
             continue
         for x, y, extra, power in propose(state.joint, segment, j, front, model):
             entry = entries(np.array([x, y, extra]), origin)
-            spread = np.diag(np.square([LENGTH_STD_M, DIRECTION_STD_RAD, EXTRA_SHARE * extra]))
+            width = max(EXTRA_SHARE * extra, NONE_M)
+            spread = np.diag(np.square([LENGTH_STD_M, DIRECTION_STD_RAD, width]))
             wider = wider.with_feature(j, entry, spread, origin, power, identity, first)
             identity, proposed = identity + 1, proposed + 1
     joint, learned = state.joint, Learned()
@@ -113,7 +116,10 @@ def propose(belief: JointBelief, segment: Segment, anchor: int, front: Front, mo
             break
         new = np.concatenate([new, [[*candidates[best], gain[best, 1]]]])
         table = np.concatenate([known, new])
-        new = _ascend(table, fixed, points, steps, tables, anchor_m, unit, front)[fixed:]
+        new = _ascend(table, fixed, points, steps, tables, anchor_m, unit, ITERATIONS, front)[fixed:]
+    if len(new):
+        table = np.concatenate([known, new])
+        new = _ascend(table, fixed, points, steps, tables, anchor_m, unit, LAST_ITERATIONS, front)[fixed:]
     return new[new[:, 3] > 0.01 * unit] if len(new) else new
 
 
@@ -167,7 +173,7 @@ SURE_SIGHT = 1e3
 
 def _ascend(
     table: Array, fixed: int, points: Array, steps: NDArray[np.int32], tables: NDArray[np.float32],
-    anchor_m: Array, unit: float, front: Front,
+    anchor_m: Array, unit: float, iterations: int, front: Front,
 ) -> Array:  # fmt: skip
     """Features moved up the gradient by Adam; the first ones and extra lengths of 0 stay."""
     scale = np.array([1.0, 1.0, 1.0, unit])
@@ -175,7 +181,7 @@ def _ascend(
     free[:fixed] = 0.0
     free[table[:, 2] == 0, 2] = 0.0
     first, second, table = np.zeros_like(table), np.zeros_like(table), table.copy()
-    for i in range(1, ITERATIONS + 1):
+    for i in range(1, iterations + 1):
         slope, _ = front.slopes(points, steps, table, anchor_m, tables)
         slope = slope * scale
         first = 0.9 * first + 0.1 * slope

@@ -1,0 +1,96 @@
+"""Whether a state of hybrid SLAM that was read from a file can be one."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+
+from gridslam.errors import InputError
+from gridslam.inference.messages.following import START_STEPS
+from gridslam.inference.state.features import ENTRIES, MOVING, FeatureBank
+from gridslam.inference.state.hybrid_state import HybridState, JointBelief, ParticleBelief, Segment
+from gridslam.world.signal_model import SignalModel
+
+SLACK = 1e-6
+
+
+def require_sound(state: HybridState, model: SignalModel, where: str, always_particles: bool) -> None:
+    """Refuse a state whose numbers can't be.
+
+    Parameters
+    ----------
+    always_particles : bool
+        Of a method that has nothing else once it began.
+
+    Raises
+    ------
+    InputError
+        With the part, and what is allowed.
+    """
+    anchors = len(model.anchors)
+    particles = state.step > 0 and (always_particles or state.step < START_STEPS)
+    claims = [
+        ("step", state.step >= 0 and state.silent >= 0, "0 or more"),
+        ("particles", (state.particles is not None) == particles, f"none from step {START_STEPS} on"),
+        ("time_s", (state.time_s is None) == (state.step == 0), "a time once a step was taken"),
+        *((f"joint/{part}", *claim) for part, *claim in _joint(state.joint, anchors)),
+        *((f"before/{part}", *claim) for part, *claim in _joint(state.before, anchors)),
+        *_segment(state.segment, model),
+    ]
+    bank = state.joint.features
+    claims.append(
+        ("next_identity", state.next_identity > bank.identity.max(initial=-1), "above all identities")
+    )
+    if state.particles is not None:
+        claims += _particles(state.particles, anchors)
+    for part, holds, allowed in claims:
+        if not holds:
+            raise InputError(f"{where}/{part}", "numbers that can't be", str(allowed))
+
+
+def _joint(belief: JointBelief, anchors: int) -> list[tuple[str, bool, str]]:
+    bank: FeatureBank = belief.features
+    count = len(bank)
+    size = MOVING + ENTRIES * count
+    rows = all(len(getattr(bank, f.name)) == count for f in fields(bank)) and bank.origin_m.shape == (
+        count,
+        2,
+    )
+    fits = belief.mean.shape == (size,) and belief.covariance.shape == (size, size)
+    levels = belief.existence, belief.los_power, belief.noise
+    return [
+        ("features", rows, "a row for each feature"),
+        ("mean", fits, f"{MOVING} entries, and {ENTRIES} for each feature"),
+        ("features/anchor", bool(((bank.anchor >= 0) & (bank.anchor < anchors)).all()), "anchors' numbers"),
+        ("features/power", bool((bank.power >= 0).all()), "0 or more"),
+        ("levels", all(level.shape == (anchors,) for level in levels), "one for each anchor"),
+        ("existence", bool(((belief.existence >= 0) & (belief.existence <= 1)).all()), "probabilities"),
+        ("noise", bool((belief.noise > 0).all() and (belief.los_power > 0).all()), "positive numbers"),
+    ]
+
+
+def _segment(segment: Segment, model: SignalModel) -> list[tuple[str, bool, str]]:
+    anchors, _, elements, frequencies = model.waveform.shape
+    count = len(segment)
+    shapes = {
+        "heading_rad": (count,), "heard": (count, anchors), "agent": (count, MOVING),
+        "samples": (count, anchors, elements, frequencies),
+    }  # fmt: skip
+    fit = all(getattr(segment, name).shape == shape for name, shape in shapes.items())
+    return [
+        ("segment", fit, "a row for each of its steps, shaped like the waveform"),
+        ("segment/time_s", bool((np.diff(segment.time_s) > 0).all()), "rising times"),
+    ]
+
+
+def _particles(cloud: ParticleBelief, anchors: int) -> list[tuple[str, bool, str]]:
+    count = len(cloud.agent)
+    shapes = cloud.agent.shape == (count, MOVING) and cloud.noise.shape == (anchors, count)
+    fit = shapes and cloud.node.shape == cloud.weight.shape and len(cloud.node) == anchors
+    weights = bool((cloud.weight >= 0).all() and (np.abs(cloud.weight.sum(-1) - 1) < SLACK).all())
+    return [
+        ("particles", bool(count) and fit and cloud.existence.shape == (anchors,), "one shape"),
+        ("particles/weight", weights, "probabilities"),
+        ("particles/noise", bool((cloud.noise > 0).all() and (cloud.node > 0).all()), "positive numbers"),
+    ]

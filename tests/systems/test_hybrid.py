@@ -1,0 +1,160 @@
+"""Hybrid SLAM in its scene: what it reaches, its checkpoints, and what it hands over and refuses."""
+
+from dataclasses import fields, is_dataclass, replace
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam import runtime
+from gridslam.errors import InputError
+from gridslam.systems import values
+from gridslam.systems.hybrid import HybridSlam, SightSlam
+from gridslam.world.start import told_start
+
+runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
+HIDDEN = slice(68, 126)
+
+
+@pytest.fixture(scope="module")
+def screen():
+    return gs.Scene.load("screen").with_filter(particles=2000)
+
+
+@pytest.fixture(scope="module")
+def heard(screen):
+    return gs.simulate(screen, "agent1", 1, what="signal")
+
+
+def begun(system, scene, recording, **more):
+    slam = system(scene, seed=1, waveform=recording.waveform, **more)
+    told = told_start(scene, "agent1", 1)
+    slam.start_at(told.position_m, told.heading_rad)
+    return slam
+
+
+def arrays(value):
+    for field in fields(value) if is_dataclass(value) else ():
+        inner = getattr(value, field.name)
+        yield from [inner] if isinstance(inner, np.ndarray) else arrays(inner)
+
+
+@pytest.fixture(scope="module")
+def run(screen, heard, tmp_path_factory):
+    """The whole way: the filter, its estimates, and checkpoints before steps 5 and 40."""
+    folder, slam = tmp_path_factory.mktemp("hybrid"), begun(HybridSlam, screen, heard)
+    estimates, kept, before = [], {}, {}
+    for scan in heard:
+        if scan.step in (5, 35):
+            kept[scan.step] = folder / f"{scan.step}.h5"
+            slam.save(kept[scan.step])
+        if scan.step in (5, 9, 29, 35):  # with particles, when they end, when features are learned, between
+            state = slam.state
+            copy = [array.copy() for array in arrays(state)]
+            estimates.append(slam.step(scan))
+            before[scan.step] = all(map(np.array_equal, copy, arrays(state)))
+        else:
+            estimates.append(slam.step(scan))
+    return slam, estimates, kept, before
+
+
+@pytest.mark.slow
+def test_learned_features_carry_the_agent_past_the_screen(run, heard):
+    estimates = run[1]
+    off = np.array([e.position_m for e in estimates]) - heard.truth.position_m
+    assert np.sqrt((off[HIDDEN] ** 2).sum(1).mean()) < 0.15
+    assert np.hypot(*off[5:].T).max() < 0.6
+    sights = np.array([e.paths.existence[0] for e in estimates])
+    assert (sights[10:66] > 0.5).all()
+    assert (sights[70:125] < 0.5).all()
+    assert (sights[130:] > 0.5).all()
+    squares = [x @ np.linalg.solve(e.covariance[:2, :2], x) / 2 for x, e in zip(off, estimates, strict=True)]
+    assert 0.3 < np.mean(squares[40:]) < 3
+    assert all(e.health.ok for e in estimates[10:])
+
+
+@pytest.mark.slow
+def test_the_learned_features_are_the_images_of_the_anchor(run):
+    table = run[0].map().features
+    for image in ([15.5, 5.0], [0.5, -19.0], [15.5, -19.0]):
+        gap = np.hypot(*(table.position_m - image).T)
+        assert gap.min() < 0.5
+        assert abs(table.bias_m[gap.argmin()]) < 0.01
+        assert table.kind[gap.argmin()] == 1
+
+
+@pytest.mark.slow
+def test_a_step_leaves_the_state_before_as_it_was(run):
+    assert run[3] == {5: True, 9: True, 29: True, 35: True}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("step", [5, 35])
+def test_it_goes_on_from_its_checkpoint_bit_for_bit(run, heard, step):
+    slam = HybridSlam.resume(run[2][step])
+    for k in range(step, step + 26):  # through the end of particles, and a segment
+        estimate = slam.step(heard.scan(k))
+    np.testing.assert_array_equal(estimate.position_m, run[1][step + 25].position_m)
+    np.testing.assert_array_equal(estimate.covariance, run[1][step + 25].covariance)
+
+
+@pytest.mark.slow
+def test_the_next_agent_goes_on_from_the_map(run, screen, heard, tmp_path):
+    run[0].map().save(tmp_path / "map.h5")
+    prior = gs.Map.load(tmp_path / "map.h5")
+    slam = begun(HybridSlam, screen, heard, prior_map=prior)
+    assert len(slam.state.joint.features) == len(prior.features)
+    off = [np.hypot(*(slam.step(heard.scan(k)).position_m - heard.truth.position_m[k])) for k in range(15)]
+    assert max(off[10:]) < 0.15
+    others = replace(prior, features=replace(prior.features, anchor_m=prior.features.anchor_m + 1))
+    assert len(HybridSlam(screen, others).state.joint.features) == 0
+
+
+def test_the_line_of_sight_alone_says_whether_it_is_there(screen, heard):
+    slam = begun(SightSlam, screen, heard)
+    estimates = [slam.step(heard.scan(k)) for k in range(12)]
+    off = np.hypot(*(estimates[-1].position_m - heard.truth.position_m[11]))
+    assert off < 0.5
+    assert estimates[-1].paths.existence[0] > 0.5
+    assert slam.state.particles is not None
+    assert slam.map().features is not None
+    assert len(slam.map().features) == 0
+
+
+def test_radios_without_a_model_are_refused_in_one_line(screen, heard):
+    wave = heard.waveform
+    for more, says in (
+        ({"agent_element_m": wave.agent_element_m[:3]}, "symmetry"),
+        ({"agent_element_m": wave.agent_element_m + 0.01}, "centre"),
+        ({"anchor_element_m": np.array([[[0.0, 0.01], [0.0, -0.01]]])}, "1 for hybrid"),
+        ({"pulse": wave.pulse * np.linspace(0.1, 1, 81)}, "even"),
+    ):
+        with pytest.raises(InputError, match=says):
+            HybridSlam(screen, waveform=replace(wave, **more))
+
+
+def test_an_array_needs_a_heading(screen, heard):
+    slam = begun(HybridSlam, screen, heard)
+    with pytest.raises(InputError, match="heading_rad"):
+        slam.step(replace(heard.scan(0), heading_rad=None))
+    assert slam.state.step == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "spoil"),
+    [
+        ("noise", lambda x: -x), ("existence", lambda x: x + 1), ("agent", lambda x: x[:, :3]),
+        ("weight", lambda x: 2 * x), ("time_s", lambda x: x[::-1].copy()),
+    ],
+)  # fmt: skip
+def test_a_checkpoint_that_cannot_be_is_refused(screen, heard, tmp_path, monkeypatch, name, spoil):
+    slam, put = begun(HybridSlam, screen, heard), values.put
+    for k in range(3):
+        slam.step(heard.scan(k))
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            values, "put", lambda group, own, x, unit: put(group, own, spoil(x) if own == name else x, unit)
+        )
+        slam.save(tmp_path / "a.h5")
+    with pytest.raises(InputError):
+        HybridSlam.resume(tmp_path / "a.h5")
