@@ -111,12 +111,20 @@ def propose(belief: JointBelief, segment: Segment, anchor: int, front: Front, mo
         table = np.concatenate([known, new])
         left = front.tables(_unexplained(samples, points, table, anchor_m, unit, model))
         gain = front.gains(candidates, points, left, unit * POWERS)
-        best = int(np.argmax(gain[:, 0] - price))
-        if gain[best, 0] - price[best] < LEAST_GAIN:
+        total = gain[:, 0] - price
+        best = int(np.argmax(total))
+        if total[best] < LEAST_GAIN:
             break
-        new = np.concatenate([new, [[*candidates[best], gain[best, 1]]]])
-        table = np.concatenate([known, new])
-        new = _ascend(table, fixed, points, steps, tables, anchor_m, unit, ITERATIONS, front)[fixed:]
+        rivals = [best]
+        if price[best] > 0:  # the grid is coarse: an extra length has to earn its price off it, too
+            rivals.append(int(np.argmax(np.where(price > 0, -np.inf, total))))
+        ends = []
+        for row in rivals:
+            table = np.concatenate([known, new, [[*candidates[row], gain[row, 1]]]])
+            table = _ascend(table, fixed, points, steps, tables, anchor_m, unit, ITERATIONS, front)
+            _, value = front.slopes(points, steps, table, anchor_m, tables)
+            ends.append((value - price[row], table))
+        new = max(ends, key=lambda end: end[0])[1][fixed:]
     if len(new):
         table = np.concatenate([known, new])
         new = _ascend(table, fixed, points, steps, tables, anchor_m, unit, LAST_ITERATIONS, front)[fixed:]
