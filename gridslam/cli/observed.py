@@ -6,8 +6,6 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from gridslam.errors import InputError
 
 if TYPE_CHECKING:
@@ -63,6 +61,8 @@ def source(file: Path | None) -> dict[str, Any]:
 
 def angles_hint(world: Scene, method: str, heard: Heard | None) -> str | None:
     """What to say where a method that lives on angles gets none."""
+    import numpy as np
+
     from gridslam.measurements.table import Measurements
 
     if method not in ("grid", "adaptive"):

@@ -8,11 +8,11 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from gridslam.cli.help import LOOK, SCENES
+from gridslam.cli.help import LOOK, SCENE_HELP, SCENES, scene_names
 from gridslam.errors import InputError
 
 out = Console()
-scene_app = typer.Typer(no_args_is_help=True, help="Make scene files of floor plans.")
+scene_app = typer.Typer(no_args_is_help=True, help="Make, show and import scene files.")
 KINDS = "FILE.geojson, FILE.json or FILE.dxf"
 
 
@@ -24,7 +24,41 @@ def register(app: typer.Typer) -> None:
 
 @scene_app.callback()
 def _scene() -> None:
-    """Make scene files of floor plans."""
+    """Make, show and import scene files."""
+
+
+@scene_app.command("new")
+def new_scene(
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="SCENE.toml")],
+    overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
+) -> None:
+    """Write a scene file to begin with: a room with two anchors, and what each key means."""
+    from gridslam.io.files import refuse_taken, write_bytes
+    from gridslam.world.names import label_fault
+    from gridslam.world.scene import Scene
+    from gridslam.world.scene_reference import commented
+
+    if output.suffix != ".toml":
+        raise InputError("-o", repr(output.name), "a name that ends in .toml")
+    refuse_taken([output], overwrite)
+    name = output.stem if label_fault(output.stem) is None else "scene"
+    world = Scene.load("room").model_copy(update={"name": name, "description": "A room to begin with"})
+    write_bytes(output, commented(world, all_keys=True).encode("utf-8"))
+    _say(f"wrote {output}; to see that it is right: gridslam check {output}")
+
+
+@scene_app.command("show")
+def show_scene(
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, autocompletion=scene_names)],
+    whole: Annotated[bool, typer.Option("--whole", help="all keys with defaults and what they mean")] = False,
+) -> None:
+    """Print a scene file."""
+    from gridslam.world.scene import BUNDLED, Scene, bundled_scenes
+    from gridslam.world.scene_reference import commented
+
+    world = Scene.load(scene)
+    path = BUNDLED / f"{scene}.toml" if scene in bundled_scenes() else Path(scene)
+    _say((commented(world) if whole else path.read_text(encoding="utf-8")).rstrip())
 
 
 @scene_app.command("import")
