@@ -29,7 +29,7 @@ CLOCKS = "clocks"
 
 @dataclass(frozen=True, eq=False)
 class NetworkMeasurements:
-    """Measurements of several agents over the same steps, read-only; iterating yields `NetworkScan`s.
+    """Measurements of several agents over the same steps, read-only; iterating yields `NetworkScan` objects.
 
     Attributes
     ----------

@@ -1,0 +1,167 @@
+"""Write the pages of the reference that follow from the code: `python docs/generate.py`.
+
+`scene-file.md` comes from the types of scenes, `file-formats.md` from files that a small run writes: neither
+can say what isn't so; a test compares them with what is committed. What keys mean is in
+gridslam/world/scene_keys.toml, what datasets mean in docs/formats.toml.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import h5py
+
+import gridslam as gs
+from gridslam.runs.run_files import write_run
+from gridslam.world.scene_reference import keys
+
+DOCS = Path(__file__).resolve().parent
+MEANINGS = tomllib.loads((DOCS / "formats.toml").read_text(encoding="utf-8"))
+
+
+class Missing(KeyError):
+    """What a key or dataset means isn't said yet."""
+
+
+def meaning(of: str, key: str) -> str:
+    """What a key of a table in formats.toml means."""
+    told = MEANINGS["h5"].get(of) or MEANINGS[of]
+    if key not in told:
+        raise Missing(f"docs/formats.toml: no line for {key!r} of {of}; add it, then python docs/generate.py")
+    return str(told[key])
+
+
+LETTERS = {"measurements": "M", "paths": "L", "surfaces": "S", "hypotheses": "H", "steps": "N", "truth": "N"}
+"""Sizes that differ from file to file, by the group that has them."""
+COLUMNS = ("key", "unit", "default", "allowed", "meaning")
+ALIKE = {
+    ("[anchors]", "array"): "radio.array",
+    ("[agents]", "array"): "radio.array",
+    ("[agents]", "clock"): "anchors.clock",
+}
+"""Tables that are described elsewhere."""
+SCENE = """
+name = "small"
+grid = { x_m = [-4.8, 4.8], y_m = [-3.8, 3.8], cell_m = 0.2 }
+filter = { particles = 100 }
+radio = { frequencies = 8, frequency_step_hz = 1.0e7, array = { rows = 1, columns = 4 } }
+anchors = [{ name = "A", position_m = [-3.1, 2.2] }, { name = "B", position_m = [2.9, -2.3] }]
+agents = [{ name = "agent1", start_m = [-2.0, -1.4], waypoints_m = [[0.7, -1.4]], steps = 5 }]
+[[walls]]
+material = "concrete"
+points_m = [[-4.0, -3.0], [4.0, -3.0], [4.0, 3.0], [-4.0, 3.0]]
+closed = true
+"""
+
+
+def scene_page() -> str:
+    """The reference of the scene file."""
+    lines = ["# Scene file", "", *MEANINGS["page"]["scene"].strip().splitlines()]
+    table: str | None = None
+    for key in keys():
+        if key.table != table:
+            table = key.table
+            title = f"`{_header(table)}`" if table else "At the top"
+            lines += ["", f"## {title}", "", f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|"]
+        plain = key.default in ("-", "required", "its own defaults")
+        default = key.default if plain else f"`{key.default}`"
+        allowed = key.allowed.replace("a table", f"a table as `{ALIKE.get((key.table, key.name), '')}`")
+        allowed = allowed.replace(" as ``", "")
+        lines.append(f"| `{key.name}` | {key.unit} | {default} | {allowed} | {key.meaning} |")
+    return "\n".join(lines) + "\n"
+
+
+def _header(table: str) -> str:
+    """A table's header as TOML has it: brackets twice where there may be several."""
+    first, *rest = table.split(".")
+    plain = ".".join([first.strip("[]"), *(part.strip("[]") for part in rest)])
+    return f"[[{plain}]]" if table.endswith("]") else f"[{plain}]"
+
+
+def formats_page() -> str:
+    """The reference of the files that gridslam writes and reads."""
+    lines = ["# File formats", "", *MEANINGS["page"]["formats"].strip().splitlines()]
+    with tempfile.TemporaryDirectory(prefix="gridslam-docs-") as place:
+        folder = _written(Path(place))
+        for name in ("measurements.h5", "map.h5", "steps.h5", "signal.h5"):
+            lines += ["", f"## `{name}`", "", *_h5(folder, name)]
+        lines += ["", "## `run.json`", "", *_json(folder)]
+    for name, told in MEANINGS["others"].items():
+        lines += ["", f"## `{name}`", "", *told.strip().splitlines()]
+    return "\n".join(lines) + "\n"
+
+
+def _written(place: Path) -> Path:
+    """Files of a small run."""
+    scene = gs.Scene.from_toml(SCENE, "small")
+    heard = gs.simulate(scene, "agent1", seed=1)
+    run = gs.map_scene(scene, heard, seed=1)
+    write_run(place / "run", scene, [run], [heard], [run.score(gs.ground_truth(scene, "agent1"))], {})
+    gs.simulate(scene, "agent1", seed=1, what="signal").to_h5(place / "run" / "agent1" / "signal.h5")
+    return place / "run"
+
+
+def _h5(folder: Path, name: str) -> Iterator[str]:
+    yield from meaning(name, "about").strip().splitlines()
+    with h5py.File(folder / "agent1" / name) as file:
+        yield ""
+        yield f'Root attributes: `format = "{file.attrs["format"]}"`, `version = {file.attrs["version"]}`.'
+        yield ""
+        yield "| dataset or attribute | shape | type | unit | meaning |"
+        yield "|---|---|---|---|---|"
+        found: list[tuple[str, h5py.Dataset | h5py.Group]] = []
+        file.visititems(lambda path, item: found.append((path, item)))
+        for path, item in found:
+            for key in sorted(item.attrs):
+                if key != "unit":
+                    yield f"| `/{path}`, attribute `{key}` | | | | {meaning(name, f'{path}@{key}')} |"
+            if isinstance(item, h5py.Dataset):
+                kind = "text" if item.dtype.kind == "O" else str(item.dtype)
+                unit = {"1": "", "text": ""}.get(item.attrs["unit"], item.attrs["unit"])
+                cells = (f"`/{path}`", _shape(path, item.shape), kind, unit, meaning(name, path))
+                yield f"| {' | '.join(cells)} |"
+
+
+def _shape(path: str, shape: tuple[int, ...]) -> str:
+    """A shape with letters for sizes that differ from file to file."""
+    group, name = path.split("/")[0], path.rpartition("/")[2]
+    first = LETTERS.get(group, "")
+    if path in MEANINGS["shapes"]:
+        return str(MEANINGS["shapes"][path])
+    if group == "anchors":
+        first = "J"
+    elif name == "offset":
+        first = "N + 1"
+    elif group == "grid":
+        first = "K" if name.startswith("coefficient") else ""
+        if not first:
+            return "(ny, nx)"
+    if not first:
+        return f"({', '.join(map(str, shape))})"
+    tail = [str(size) for size in shape[1:]]
+    return f"({', '.join([first, *tail])}{',' if not tail else ''})"
+
+
+def _json(folder: Path) -> Iterator[str]:
+    yield from meaning("run.json", "about").strip().splitlines()
+    yield ""
+    yield "| key | meaning |"
+    yield "|---|---|"
+    whole = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    for key in whole:
+        yield f"| `{key}` | {meaning('run.json', key)} |"
+    for key, value in whole["agents"]["agent1"].items():
+        yield f"| `agents.NAME.{key}` | {meaning('run.json', f'agents.{key}')} |"
+        for inner in value if isinstance(value, dict) and key in ("map", "health") else ():
+            told = meaning("run.json", f"agents.{key}.{inner}")
+            yield f"| `agents.NAME.{key}.{inner}` | {told} |"
+
+
+if __name__ == "__main__":
+    for page, text in (("scene-file.md", scene_page()), ("file-formats.md", formats_page())):
+        (DOCS / page).write_text(text, encoding="utf-8")
+        print(f"wrote {DOCS / page}")

@@ -1,0 +1,85 @@
+"""What pages of the docs show is what happens: their commands and Python run from top to bottom."""
+
+import ast
+import importlib.util
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from docs_pages import PAGES, ROOT, blocks, commands
+from scene_samples import shortened
+
+import gridslam as gs
+from gridslam.studies import workers
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+QUOTING = {"architecture"}
+"""Pages that quote code, which another test compares."""
+SHOWN = [page for page in PAGES if blocks(page) and page.stem not in QUOTING]
+HEAVY = ("robustness", "bench")
+"""Commands whose options alone are tried: they have no brief scene."""
+
+
+@pytest.fixture
+def brief(monkeypatch):
+    """Cut the bundled scenes short: the pages' words are tested here, not their patience."""
+    whole = gs.Scene.load
+
+    def load(source):
+        scene = whole(source)
+        known = str(source) in gs.bundled_scenes()
+        return shortened(scene, 4, agents=len(scene.agents)).with_filter(particles=500) if known else scene
+
+    monkeypatch.setattr(gs.Scene, "load", staticmethod(load))
+    monkeypatch.setattr(workers.LocalWorkers, "run", lambda self, work, tasks: enumerate(map(work, tasks)))
+
+
+def test_pages_that_run_are_not_forgotten():
+    tutorials = set((ROOT / "docs" / "tutorials").glob("*.md")) - {ROOT / "docs/tutorials/sionna.md"}
+    assert tutorials | {ROOT / "README.md", ROOT / "docs/start.md", ROOT / "docs/command-line.md"} <= set(
+        SHOWN
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", SHOWN, ids=lambda page: page.stem)
+def test_page_runs_from_top_to_bottom(page, brief, say, no_figures, monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    before, names = set(sys.modules), {}
+    for number, (language, text) in enumerate(blocks(page)):
+        if language == "python":
+            exec(compile(text, f"{page.name}, block {number + 1}", "exec"), names)
+            continue
+        for words in commands(text):
+            said = say(*words, *(["--help"] if words[0] in HEAVY else []))
+            notes = [line for line in said.complaints if not line.startswith("note: ")]
+            assert (said.code, notes) == (0, []), words
+    for name in set(sys.modules) - before:  # modules that a page wrote
+        if str(tmp_path) in str(getattr(sys.modules[name], "__file__", "")):
+            del sys.modules[name]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_python_that_is_for_reading_alone_speaks_of_what_there_is(page):
+    for text in re.findall(r"^```py\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S):
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.Attribute) and getattr(node.value, "id", "") == "gs":
+                assert hasattr(gs, node.attr), node.attr
+            if isinstance(node, ast.ImportFrom) and node.module.startswith("gridslam"):
+                module = importlib.import_module(node.module)
+                assert all(hasattr(module, alias.name) for alias in node.names)
+
+
+@pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)
+def test_examples_run(example, say, brief, no_figures, monkeypatch):
+    """Those that are a method of one's own run as such; the others by themselves."""
+    text = example.read_text(encoding="utf-8")
+    named = re.search(rf"--method {example.stem}:(\w+)", text)
+    if named is None:
+        spec = importlib.util.spec_from_file_location("__main__", example)
+        spec.loader.exec_module(importlib.util.module_from_spec(spec))
+        return
+    monkeypatch.syspath_prepend(str(example.parent))
+    assert say("run", "room", "--method", f"{example.stem}:{named[1]}", "-o", "out").code == 0
+    assert Path("out/run.json").exists()
