@@ -1,8 +1,8 @@
 """Write the pages of the reference that follow from the code: `python docs/generate.py`.
 
-`scene-file.md` comes from the types of scenes, `file-formats.md` from files that a small run writes: neither
-can say what isn't so; a test compares them with what is committed. What keys mean is in
-gridslam/world/scene_keys.toml, what datasets mean in docs/formats.toml.
+`scene-file.md` comes from the types of scenes, `file-formats.md` from files that a small run writes, and
+`methods.md` from the registry, so that none can say what isn't so; a test compares them with those committed.
+What keys mean is in gridslam/world/scene_keys.toml, what datasets and methods are in docs/formats.toml.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import h5py
 
 import gridslam as gs
 from gridslam.runs.run_files import write_run
+from gridslam.systems.registry import METHODS
 from gridslam.world.scene_reference import keys
 
 DOCS = Path(__file__).resolve().parent
@@ -80,6 +81,24 @@ def _header(table: str) -> str:
     first, *rest = table.split(".")
     plain = ".".join([first.strip("[]"), *(part.strip("[]") for part in rest)])
     return f"[[{plain}]]" if table.endswith("]") else f"[{plain}]"
+
+
+def methods_page() -> str:
+    """All methods that are entered, with what they take and the papers they follow."""
+    lines = ["# Methods", "", *MEANINGS["page"]["methods"].strip().splitlines(), ""]
+    lines += [
+        "| `--method` | what it is | what it takes | starts from a map | model |",
+        "|---|---|---|---|---|",
+    ]
+    for name, entry in METHODS.items():
+        page = entry.page.removeprefix("docs/")
+        kept = "yes" if entry.takes_map else "no"
+        lines.append(
+            f"| `{name}` | {entry.about} | {entry.measures} | {kept} | [{page.split('.')[0]}]({page}) |"
+        )
+    for name in METHODS:
+        lines += ["", f"## `{name}`", "", *meaning("methods", name).strip().splitlines()]
+    return "\n".join(lines) + "\n"
 
 
 def formats_page() -> str:
@@ -161,7 +180,9 @@ def _json(folder: Path) -> Iterator[str]:
             yield f"| `agents.NAME.{key}.{inner}` | {told} |"
 
 
+PAGES = {"scene-file.md": scene_page, "file-formats.md": formats_page, "methods.md": methods_page}
+
 if __name__ == "__main__":
-    for page, text in (("scene-file.md", scene_page()), ("file-formats.md", formats_page())):
-        (DOCS / page).write_text(text, encoding="utf-8")
+    for page, draw in PAGES.items():
+        (DOCS / page).write_text(draw(), encoding="utf-8")
         print(f"wrote {DOCS / page}")

@@ -1,5 +1,6 @@
 """Docs and citations: links, keys, files and quotes lead to what is there."""
 
+import importlib.util
 import inspect
 import re
 import subprocess
@@ -134,3 +135,46 @@ def test_picture_of_the_architecture_shows_the_floors_that_are_tested():
     for name in names:
         floors.setdefault(float(name.attrib["y"]), []).append(str(name.text))
     assert [" ".join(floors[y]) for y in sorted(floors)] == list(FLOORS)
+
+
+def generator():
+    spec = importlib.util.spec_from_file_location("generate", DOCS / "generate.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("page", ["scene-file.md", "file-formats.md", "methods.md"])
+def test_generated_page_is_the_one_that_is_committed(page):
+    """If it isn't: `python docs/generate.py` (and a line on what is new, where it says so)."""
+    drawn = generator().PAGES
+    assert page in drawn
+    assert drawn[page]() == (DOCS / page).read_text(encoding="utf-8")
+
+
+def test_every_page_is_listed_for_readers_here_and_in_the_built_pages():
+    pages = {str(page.relative_to(DOCS)) for page in DOCS.rglob("*.md")}
+    listed = set(re.findall(r"\]\(([\w/-]+\.md)", (DOCS / "README.md").read_text(encoding="utf-8")))
+    assert listed == pages - {"README.md", "index.md", "api-reference.md"}
+    tree = re.findall(r"^([a-z][\w/-]+)$", (DOCS / "index.md").read_text(encoding="utf-8"), re.M)
+    assert {f"{name}.md" for name in tree} == pages - {"README.md", "index.md", "api.md"}
+
+
+def test_names_of_the_api_are_there():
+    import gridslam
+
+    names = set(re.findall(r"`gs\.(\w+)`", (DOCS / "api.md").read_text(encoding="utf-8")))
+    assert names <= set(gridslam.__all__)
+    assert len(names) > 15
+
+
+def test_words_of_health_that_are_explained_are_said():
+    """The words of notes in docs/troubleshooting.md stand in the code, numbers and names apart."""
+    said = " ".join(text for file, text in texts().items() if "health" in file.name and file.suffix == ".py")
+    page = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
+    notes = page[page.index("## The run") : page.index("| errors of centimetres")]
+    phrases = re.findall(r"^\| `([^`]+)` \|", notes, re.M)
+    assert len(phrases) > 5
+    for phrase in phrases:
+        for part in re.split(r" ?\b[NMX]\b(?: %)? ?", phrase):
+            assert part.strip(" ,") in said, phrase

@@ -1,4 +1,4 @@
-"""What the README says is what happens: its commands, options, examples, links."""
+"""What the README and the page of the command line say is there: commands, options, links, a sample."""
 
 import doctest
 import importlib
@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
-from scene_samples import shortened
 
 import gridslam as gs
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
 ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+COMMANDS = (DOCS / "command-line.md").read_text(encoding="utf-8")
 
 
 def blocks(language):
@@ -30,44 +31,10 @@ def setup_commands():
     ]
 
 
-@pytest.fixture
-def brief_scenes(monkeypatch):
-    """Cut the bundled scenes short: the README's words are tested here, not its patience."""
-    whole = gs.Scene.load
-
-    def load(source):
-        scene = whole(source)
-        known = str(source) in gs.bundled_scenes()
-        return shortened(scene, 4, agents=len(scene.agents)) if known else scene
-
-    monkeypatch.setattr(gs.Scene, "load", staticmethod(load))
-
-
 def commands():
     from gridslam.cli.main import app
 
     return typer.main.get_command(app).commands
-
-
-def test_python_examples_run_one_after_the_other(brief_scenes, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    names = {}
-    for block in blocks("python"):
-        exec(compile(block, "README.md", "exec"), names)
-    assert "position_rmse_m" in capsys.readouterr().out
-    assert {"agent1.h5", "map.yaml", "map.pgm", "checkpoint.h5"} <= {p.name for p in tmp_path.iterdir()}
-    assert names["estimate"].step == 3
-    assert names["both"].observed.any()
-    assert names["mine"].map.observed.any()
-
-
-@pytest.mark.slow
-def test_command_line_examples_run_one_after_the_other(brief_scenes, say, no_figures):
-    lines = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("gridslam ")]
-    assert len(lines) >= 6
-    for line in lines:
-        said = say(*shlex.split(line, comments=True)[1:])
-        assert (said.code, said.err) == (0, ""), line
 
 
 def test_main_command_ends_in_a_command_that_there_is(say):
@@ -86,7 +53,8 @@ def test_gate_runs_the_test_command_of_the_readme():
 
 def test_sample_of_own_data_fits_the_room_and_gives_no_phantom_wall(say, tmp_path):
     """Each wall found lies on a wall of the scene, 8 x 6 m about the origin."""
-    (sample,) = [block for block in blocks("text") if block.startswith("step,time_s,anchor")]
+    page = (DOCS / "tutorials" / "own-data.md").read_text(encoding="utf-8")
+    (sample,) = re.findall(r"^```text\n(step,time_s,anchor.*?)^```", page, re.M | re.S)
     path = tmp_path / "heard.csv"
     path.write_text(sample)
     said = say("check", path, "--scene", "room")
@@ -114,7 +82,7 @@ def test_tables_have_as_many_cells_in_every_row(path):
         assert len(counts) == 1, table.splitlines()[0]
 
 
-def test_options_are_those_of_the_readme():
+def test_options_are_those_of_the_page_of_the_command_line():
     there = {
         name
         for group in commands().values()
@@ -123,12 +91,17 @@ def test_options_are_those_of_the_readme():
         for name in parameter.opts
         if name.startswith("--") and name != "--help"
     }
-    assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", README)) == there
+    there |= {"--install-completion", "--version"}  # of the program itself
+    assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", COMMANDS)) == there
 
 
-def test_every_command_is_in_the_readme():
+def test_every_command_is_on_the_page_of_the_command_line():
     for name in commands():
-        assert f"gridslam {name}" in README
+        assert f"gridslam {name}" in COMMANDS or f"## `{name}`" in COMMANDS, name
+
+
+def test_readme_is_one_screen():
+    assert len(README.splitlines()) < 75
 
 
 def test_links_lead_somewhere():

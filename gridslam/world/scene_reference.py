@@ -179,6 +179,9 @@ def _table(header: str, values: Mapping[str, Any], told: set[str], all_keys: boo
         several = isinstance(value, tuple)
         for item in value if several else (value,):
             yield ""
+            if name in own and f"{header}.{name}" not in told:
+                told.add(f"{header}.{name}")
+                yield f"# {own[name].meaning}"
             plain = inner.replace("[", "").replace("]", "")
             yield f"[[{plain}]]" if several else f"[{plain}]"
             yield from _table(f"[{inner}]" if several else inner, item, told, all_keys)
