@@ -13,9 +13,11 @@ from gridslam.cli.help import LOOK, SCENES
 from gridslam.errors import InputError
 
 out = Console()
+OTHERS = ".toml", ".tum", ".yaml", ".yml", ".pgm", ".json"
+"""Endings of files that are neither measurements nor signals."""
 KINDS = (
-    "a scene (.toml or a bundled name), measurements (.csv, .mat, .h5), a map or steps (.h5), "
-    "a track (.tum), a nav2 map (.yaml) or a folder of a run or a study"
+    "a scene (.toml or a bundled name), measurements (.csv, .mat, .h5), signals (.mat, .h5), "
+    "a map or steps (.h5), a track (.tum), a nav2 map (.yaml) or a folder of a run or a study"
 )
 
 
@@ -37,18 +39,21 @@ def check(
     can't be read.
     """
     from gridslam.checks.diagnose import describe
+    from gridslam.checks.signal_files import describe_signal
+    from gridslam.measurements.recording import Recording
     from gridslam.measurements.table import Measurements
     from gridslam.world.scene import Scene
 
     world = Scene.load(scene) if scene is not None else None
-    if not _is_table(file):
+    samples = _holds_samples(file)
+    if not (samples or _is_table(file)):
         _say(_describe(file))
         return
-    lines = describe(file, world, agent)
+    lines = (describe_signal if samples else describe)(file, world, agent)
     for line in lines:
         if not line.startswith("refused: "):
             _say(line)
-    Measurements.load(file)  # a fault is told as that of every file
+    (Recording if samples else Measurements).load(file)  # a fault is told as that of every file
     if any(line.startswith("suspect: ") for line in lines):
         raise typer.Exit(1)
 
@@ -193,9 +198,19 @@ def _is_bundled(file: Path) -> bool:
     return not file.exists() and str(file) in bundled_scenes()
 
 
+def _holds_samples(file: Path) -> bool:
+    """Whether it is a file of sampled signals."""
+    if file.suffix.lower() == ".mat":
+        from gridslam.measurements.matlab_signal import is_mat_signal
+
+        return is_mat_signal(file)
+    if file.suffix.lower() in (".csv", *OTHERS) or file.is_dir() or _is_bundled(file):
+        return False
+    return _kind(file) == "gridslam-signal"
+
+
 def _is_table(file: Path) -> bool:
-    others = (".toml", ".tum", ".yaml", ".yml", ".pgm", ".json")
-    if file.is_dir() or file.suffix.lower() in others or _is_bundled(file):
+    if file.is_dir() or file.suffix.lower() in OTHERS or _is_bundled(file):
         return False
     return file.suffix.lower() in (".csv", ".mat") or _kind(file) == "gridslam-measurements"
 

@@ -60,16 +60,31 @@ def read_mat(
     InputError
         Not such a file, cut short, too large, or any fault of its content.
     """
+    raw = read_variables(path, (*COLUMNS, "anchors"), GROUP)
+    return _table(raw, anchors, checked, str(path))
+
+
+def read_variables(path: str | os.PathLike[str], names: Sequence[str], group: str) -> dict[str, Any]:
+    """Variables of some names, of their own or as fields of a struct `group`.
+
+    Returns
+    -------
+    dict
+        Real or complex arrays in MATLAB's order of axes, lists of text.
+
+    Raises
+    ------
+    InputError
+        Not a MATLAB file, cut short, too large, or one that claims more than it holds.
+    """
     path = Path(path)
     try:
         with path.open("rb") as file:
             start = file.read(520)
-        raw = _read_h5(path) if b"\x89HDF" in (start[:4], start[512:516]) else _read_v5(path)
+        read = _read_h5 if b"\x89HDF" in (start[:4], start[512:516]) else _read_v5
+        return read(path, names, group)
     except OSError as error:
-        raise InputError(
-            str(path), error.strerror or _line(error), "a MATLAB file of measurements"
-        ) from error
-    return _table(raw, anchors, checked, str(path))
+        raise InputError(str(path), error.strerror or _line(error), f"a MATLAB file of {group}") from error
 
 
 def _table(
@@ -135,33 +150,33 @@ def _line(error: BaseException) -> str:
 # ---- version 5 to 7
 
 
-def _read_v5(path: Path) -> dict[str, Any]:
+def _read_v5(path: Path, names: Sequence[str], inside: str) -> dict[str, Any]:
     size = path.stat().st_size
     if size > LARGEST_MAT_BYTES:
         raise InputError(str(path), f"{size} bytes", f"at most {LARGEST_MAT_BYTES} bytes, or version 7.3")
     try:
-        whole = read_arrays(path.read_bytes(), {GROUP, "anchors", *COLUMNS}, LARGEST_MAT_BYTES)
+        whole = read_arrays(path.read_bytes(), {inside, *names}, LARGEST_MAT_BYTES)
     except Damaged as error:
         found = f"a damaged MATLAB file ({_line(error)})"
         raise InputError(str(path), found, "a MATLAB file, version 5 to 7.3") from error
-    group = whole.pop(GROUP, None)
+    group = whole.pop(inside, None)
     raw = {**(group if isinstance(group, dict) else {}), **whole}
-    return {name: value for name, value in raw.items() if name in COLUMNS or name == "anchors"}
+    return {name: value for name, value in raw.items() if name in names}
 
 
 # ---- version 7.3
 
 
-def _read_h5(path: Path) -> dict[str, Any]:
+def _read_h5(path: Path, names: Sequence[str], inside: str) -> dict[str, Any]:
     try:
-        places = [f"{folder}{name}" for folder in ("", f"{GROUP}/") for name in (*COLUMNS, "anchors")]
+        places = [f"{folder}{name}" for folder in ("", f"{inside}/") for name in names]
         prove(path, most_claimed(path), places)
         with h5py.File(path, "r") as file, counted(file):
-            group = own(file, GROUP)
+            group = own(file, inside)
             tables: list[h5py.Group] = [group, file] if isinstance(group, h5py.Group) else [file]
             raw: dict[str, Any] = {}
             for table in tables:
-                for name in (*COLUMNS, "anchors"):
+                for name in names:
                     data = own(table, name)
                     if isinstance(data, h5py.Dataset):
                         raw[name] = _dataset(data, file, f"{path}: {name}")
@@ -187,7 +202,9 @@ def _dataset(data: h5py.Dataset, file: h5py.File, where: str) -> Any:
     values = data[()]
     if data.attrs.get("MATLAB_class") in (b"char", "char") and values.dtype.kind == "u":
         return [_characters(row) for row in np.atleast_2d(values.T)]
-    return np.asarray(values).T if values.dtype.kind in "fiub" else values
+    if values.dtype.names == ("real", "imag"):
+        values = values["real"] + 1j * values["imag"]
+    return np.asarray(values).T if values.dtype.kind in "fiubc" else values
 
 
 def _referred(link: h5py.Reference, file: h5py.File, where: str) -> str:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gridslam.errors import InputError
 from gridslam.measurements.csv_hdf5 import located
+from gridslam.measurements.matlab_signal import read_mat_signal
 from gridslam.measurements.signal_hdf5 import read_signal, write_signal
 from gridslam.world.columns import MOST_STEPS
 from gridslam.world.geometry import wrap
@@ -244,14 +245,27 @@ class Recording:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Recording:
-        """Read a file of any known kind.
+        """Read a file of any known kind: ``.mat``, and HDF5 under any other name.
 
         Raises
         ------
         InputError
             As the reader of its kind.
         """
-        return cls.from_h5(path)
+        mat = os.path.splitext(os.fspath(path))[1].lower() == ".mat"
+        return cls.from_matlab(path) if mat else cls.from_h5(path)
+
+    @classmethod
+    def from_matlab(cls, path: str | os.PathLike[str]) -> Recording:
+        """Read a MATLAB file, version 5 to 7.3; see `gridslam.measurements.matlab_signal` for what it holds.
+
+        Raises
+        ------
+        InputError
+            Not such a file, cut short, or any fault in its content.
+        """
+        with located(path):
+            return cls.from_arrays(**read_mat_signal(path))
 
     @classmethod
     def from_h5(cls, path: str | os.PathLike[str]) -> Recording:

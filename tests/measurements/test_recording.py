@@ -3,6 +3,7 @@
 import h5py
 import numpy as np
 import pytest
+from scipy.io import savemat
 from signal_samples import FREQUENCIES, recording, sampled_scene, samples_of
 
 import gridslam as gs
@@ -162,3 +163,99 @@ def test_scans_that_make_no_sense_are_refused(fault):
     assert len(gs.SignalScan(**whole).checked(1)) == 1
     with pytest.raises(InputError, match=says):
         gs.SignalScan(**{**whole, **changes}).checked(1, after=-0.5)
+
+
+def variables(**changes):
+    z = samples_of([5.0, 9.0], 3, 0.01)
+    return {
+        "samples": z,
+        "carrier_hz": np.array([[6e9]]),
+        "frequency_hz": FREQUENCIES[:, None],
+        "anchors": cell(["north"]),
+        "time_s": np.array([[0.0, 0.5, 1.0]]),
+        "anchor_position_m": np.array([[1.0, 2.0]]),
+        **changes,
+    }
+
+
+def cell(words):
+    found = np.empty((len(words), 1), object)
+    found[:, 0] = words
+    return found
+
+
+def write_5(path, content, group):
+    savemat(path, {group: content} if group else content)
+
+
+def write_73(path, content, group):
+    """As MATLAB writes version 7.3: arrays transposed, complex numbers as pairs, cells as references."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        place = file.create_group(group) if group else file
+        for name, value in content.items():
+            if value.dtype == object:
+                codes = [np.array([[ord(c)] for c in word], np.uint16) for word in value.ravel()]
+                texts = [file.create_dataset(f"#refs#/{name}{k}", data=code) for k, code in enumerate(codes)]
+                links = np.array([[text.ref for text in texts]], h5py.ref_dtype)
+                place.create_dataset(name, data=links, dtype=h5py.ref_dtype)
+            elif value.dtype.kind == "c":
+                pair = np.empty(value.T.shape, [("real", "f8"), ("imag", "f8")])
+                pair["real"], pair["imag"] = value.T.real, value.T.imag
+                place[name] = pair
+            else:
+                place[name] = value.T
+    with open(path, "r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file".ljust(512))
+
+
+@pytest.mark.parametrize("group", [None, "signal"])
+@pytest.mark.parametrize("write", [write_5, write_73])
+def test_matlab_files_of_every_version_hold_the_same(tmp_path, write, group):
+    path, content = tmp_path / "z.mat", variables()
+    write(path, content, group)
+    read = gs.Recording.load(path)
+    assert (read.anchors, read.time_s.tolist()) == (("north",), [0.0, 0.5, 1.0])
+    assert read.samples[:, 0, 0, 0] == pytest.approx(content["samples"][:, 0], rel=1e-6)
+    assert read.waveform.offset_hz == pytest.approx(FREQUENCIES)
+    assert read.anchor_position_m.tolist() == [[1.0, 2.0]]
+
+
+def test_matlab_arrays_keep_their_axes_and_anchors_may_be_numbered(tmp_path):
+    heard = gs.simulate(sampled_scene(**FULL), "me", 4, what="signal")
+    form = heard.waveform
+    elements = {"anchor_element_m": form.anchor_element_m, "agent_element_m": form.agent_element_m}
+    content = variables(samples=heard.samples, pulse=form.pulse, **elements)
+    del content["anchors"]
+    write_5(tmp_path / "z.mat", content, None)
+    read = gs.Recording.from_matlab(tmp_path / "z.mat")
+    assert read.anchors == ("1",)
+    assert np.array_equal(read.samples, heard.samples)
+    assert read.waveform.agent_element_m == pytest.approx(form.agent_element_m)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"samples": cell(["x"])}, "samples.*numbers"),
+        ({"carrier_hz": np.array([[6e9, 1.0]])}, "carrier_hz.*2 values"),
+        ({"time_s": np.array([[0j, 1j, 2j]])}, "time_s.*complex"),
+        ({"anchors": np.array([[1.0]])}, "anchors.*cell array"),
+        ({"frequency_hz": FREQUENCIES[:7]}, r"z.mat.*frequency_hz.*\(41,\)"),
+    ],
+)
+def test_matlab_faults_are_told_with_their_variable(tmp_path, changes, says):
+    write_5(tmp_path / "z.mat", variables(**changes), None)
+    with pytest.raises(InputError, match=says):
+        gs.Recording.load(tmp_path / "z.mat")
+
+
+def test_matlab_files_without_samples_or_cut_short_are_refused(tmp_path):
+    content = variables()
+    write_5(tmp_path / "z.mat", {"carrier_hz": content["carrier_hz"]}, None)
+    with pytest.raises(InputError, match="no variable 'samples'"):
+        gs.Recording.load(tmp_path / "z.mat")
+    write_5(tmp_path / "z.mat", content, None)
+    whole = (tmp_path / "z.mat").read_bytes()
+    (tmp_path / "z.mat").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match="damaged"):
+        gs.Recording.load(tmp_path / "z.mat")
