@@ -39,6 +39,7 @@ def check(
     can't be read.
     """
     from gridslam.checks.diagnose import describe
+    from gridslam.checks.network_tables import describe_network, is_network
     from gridslam.checks.signal_files import describe_signal
     from gridslam.measurements.recording import Recording
     from gridslam.measurements.table import Measurements
@@ -49,11 +50,16 @@ def check(
     if not (samples or _is_table(file)):
         _say(_describe(file))
         return
-    lines = (describe_signal if samples else describe)(file, world, agent)
+    several = not samples and is_network(file)
+    if several:
+        lines = describe_network(file, world)
+    else:
+        lines = (describe_signal if samples else describe)(file, world, agent)
     for line in lines:
         if not line.startswith("refused: "):
             _say(line)
-    (Recording if samples else Measurements).load(file)  # a fault is told as that of every file
+    if not several:
+        (Recording if samples else Measurements).load(file)  # a fault is told as that of every file
     if any(line.startswith("suspect: ") for line in lines):
         raise typer.Exit(1)
 

@@ -133,7 +133,10 @@ def shared_air(
         tables.append(columns | {"cause": cause, "agent": np.full(len(cause), index)})
         truths[name], firsts[name] = Truth(track, paths, scene.segments()), first
     whole = {key: np.concatenate([table[key] for table in tables]) for key in tables[0]}
-    draw = np.random.default_rng([seed, STREAM]).random(len(whole["step"]))
+    # by what doesn't depend on clocks, so that these don't change which rows come first
+    ranked = np.lexsort((whole["aoa_rad"], whole["cause"], whole["agent"], whole["step"]))
+    draw = np.empty(len(ranked))
+    draw[ranked] = np.random.default_rng([seed, STREAM]).random(len(ranked))
     order = np.lexsort((draw, whole["agent"], whole["step"]))
     rows: dict[str, Any] = {key: column[order] for key, column in whole.items()}
     cause, agent = rows.pop("cause"), rows.pop("agent")

@@ -30,8 +30,10 @@ from gridslam.systems.filter_front import FilterFront, Moment
 from gridslam.systems.soundness import require_sound_population
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap
+from gridslam.world.network_scene import require_known_clocks
 from gridslam.world.radio import REFLECTION_BINS
 from gridslam.world.scan import Scan
+from gridslam.world.scene import Scene
 from gridslam.world.signal_scan import SignalScan
 
 Array = NDArray[np.float64]
@@ -48,6 +50,17 @@ class SurfaceFilter(FilterFront[Scan, Population]):
     """Whether it maps cells."""
     branches: ClassVar[bool] = True
     """Whether it holds several hypotheses where one Gaussian won't do."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        prior_map: Map | None = None,
+        agent: str | None = None,
+        seed: int = 0,
+        same_frame: bool = False,
+    ) -> None:
+        require_known_clocks(scene, agent)
+        super().__init__(scene, prior_map, agent, seed, same_frame)
 
     @property
     def state(self) -> State:

@@ -69,3 +69,17 @@ def clock_model(scene: Scene, agents: Sequence[str] = ()) -> ClockModel:
         anchors, len(agents), fixed(NS * half), NS * clocks.walk_ns,
         NS * clocks.drift_prior_ppb / float(np.sqrt(3)), NS * clocks.drift_walk_ppb,
     )  # fmt: skip
+
+
+def require_known_clocks(scene: Scene, agent: str | None = None) -> None:
+    """Refuse a scene with clocks that aren't known, for methods that take distances as they are.
+
+    Raises
+    ------
+    InputError
+        A clock isn't known, or there is no such agent.
+    """
+    names = [agent] if agent is not None else [body.name for body in scene.agents[:1]]
+    if scene.clocks is not None and not clock_model(scene, names).known.all():
+        allowed = "none, or a method that finds them: network (network_grid maps cells, too)"
+        raise InputError(f"{scene.name}: clocks", "clocks that aren't known", allowed)

@@ -1,0 +1,103 @@
+"""What is in a file of several agents' measurements, and whether a scene fits it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from gridslam.errors import InputError
+from gridslam.io.files import reading_h5
+from gridslam.measurements import csv_hdf5
+from gridslam.measurements.network import NetworkMeasurements
+from gridslam.world.scene import Scene
+
+
+def is_network(path: str | os.PathLike[str]) -> bool:
+    """Whether a file of measurements has several agents, or rows that don't say whose they are.
+
+    Raises
+    ------
+    InputError
+        It can't be read at all.
+    """
+    if Path(path).suffix.lower() == ".mat":
+        return False
+    if Path(path).suffix.lower() != ".csv":
+        with reading_h5(path, csv_hdf5.KIND, csv_hdf5.VERSIONS) as file:
+            return "agents" in file or bool(_flag(file))
+    try:
+        with Path(path).open(encoding="utf-8-sig") as text:
+            header = [name.strip() for name in text.readline().replace(";", ",").split(",")]
+    except (OSError, UnicodeDecodeError):
+        return False  # the reader says what is wrong
+    return "agent" in header or ("step" in header and "anchor" not in header)
+
+
+def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -> list[str]:
+    """Say what a file of several agents holds, in units, and what looks wrong with it.
+
+    Parameters
+    ----------
+    path : path
+    scene : Scene, optional
+        Names of agents and anchors; whether it has clocks.
+
+    Returns
+    -------
+    list of str
+        Lines for a person; those of suspicions start with ``suspect:``.
+
+    Raises
+    ------
+    InputError
+        Any fault of the file, or agents and anchors that aren't the scene's.
+    """
+    heard = _read(path, scene)
+    table, named = heard.table, heard.table.anchor >= 0
+    low, high = np.nanmin(table.distance_m), np.nanmax(table.distance_m)
+    negative = int((table.distance_m < 0).sum())
+    lines = [
+        f"measurements: {len(heard)} steps, {len(table.step)} paths of {len(heard.agents)} agents, "
+        f"anchors {', '.join(table.anchors)}",
+        f"  labels: {named.mean():.0%} of the rows say which anchor they are of",
+        f"  distance_m: {low:.3g} to {high:.3g}, {negative} negative",
+    ]
+    for index, name in enumerate(heard.agents):
+        first, last = np.asarray(heard.present)[index]
+        count = int((heard.agent == index).sum())
+        silent = last - first + 1 - len(np.unique(table.step[heard.agent == index]))
+        mean = count / (last - first + 1)
+        lines.append(f"  {name}: steps {first} to {last}, {mean:.1f} paths a step, {silent} steps of silence")
+    if negative and scene is not None and scene.clocks is None:
+        lines.append("suspect: negative distances hold offsets of clocks: give the scene a table [clocks]")
+    if 0 < named.mean() < 1:
+        share = f"{1 - named.mean():.0%}"
+        lines.append(
+            f"suspect: labels are missing on {share} of the rows: clutter of all anchors counts once"
+        )
+    if scene is not None:
+        absent = [body.name for body in scene.agents if body.present_s and body.name not in heard.agents]
+        lines += [f"suspect: agent {name} should be there and has no row" for name in absent]
+    if not named.all() or len(heard.agents) > 1:
+        lines.append("  for --method network or network_grid")
+    return lines
+
+
+def _read(path: str | os.PathLike[str], scene: Scene | None) -> NetworkMeasurements:
+    if scene is not None:
+        agents = [agent.name for agent in scene.agents]
+        return NetworkMeasurements.load(path, scene.anchor_names, agents, pseudo=True)
+    if Path(path).suffix.lower() != ".csv":
+        return NetworkMeasurements.from_h5(path)
+    _, anchors, _ = csv_hdf5.read_csv(path, None, checked=False, pseudo=True, several=True)
+    if not anchors:
+        raise InputError(str(path), "no row that names an anchor", "--scene SCENE, which names them")
+    return NetworkMeasurements.from_csv(path, anchors, None, pseudo=True)
+
+
+def _flag(file: h5py.File) -> object:
+    rows = file.get("measurements")
+    return rows.attrs.get("unlabelled", False) if isinstance(rows, h5py.Group) else False

@@ -1,0 +1,67 @@
+"""What `check` says of several agents' measurements."""
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.checks.network_tables import describe_network, is_network
+from gridslam.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def scene():
+    whole = gs.Scene.load("exchange").model_dump(exclude_none=True)
+    for agent in whole["agents"]:
+        agent["steps"] = 4
+    return gs.Scene.checked(whole, "short")
+
+
+def test_files_of_several_agents_are_described(scene, tmp_path):
+    heard = gs.simulate(scene, ["agent1", "agent3"], unlabelled=True)
+    heard.to_csv(tmp_path / "a.csv")
+    heard.to_h5(tmp_path / "a.h5")
+    for name in ("a.csv", "a.h5"):
+        assert is_network(tmp_path / name)
+        lines = describe_network(tmp_path / name, scene)
+        assert "of 2 agents, anchors A, B, C, D" in lines[0]
+        assert "labels: 0% of the rows" in lines[1]
+        assert any("agent3: steps 0 to 3" in line for line in lines)
+        assert not any(line.startswith("suspect") for line in lines)
+    with pytest.raises(InputError, match="no row that names an anchor"):
+        describe_network(tmp_path / "a.csv")
+
+
+def test_clocks_and_labels_that_are_missing_are_named(scene, tmp_path):
+    heard = gs.simulate(scene, ["agent1"])
+    assert (heard.table.distance_m < 0).any()
+    text = ["step,time_s,agent,anchor,distance_m"]
+    rows = zip(heard.table.step, heard.table.time_s, heard.table.distance_m, strict=True)
+    text += [f"{step},{time},agent1,{'A' if k % 2 else ''},{far}" for k, (step, time, far) in enumerate(rows)]
+    (tmp_path / "a.csv").write_text("\n".join(text))
+    whole = scene.model_dump(exclude_none=True)
+    whole.pop("clocks")
+    for device in whole["anchors"] + whole["agents"]:
+        device.pop("clock", None)
+    lines = describe_network(tmp_path / "a.csv", gs.Scene.checked(whole, "still"))
+    suspects = [line for line in lines if line.startswith("suspect")]
+    assert len(suspects) == 2
+    assert "[clocks]" in suspects[0]
+    assert "labels are missing on" in suspects[1]
+
+
+def test_tables_of_one_agent_are_none_of_these(tmp_path):
+    heard = gs.simulate(gs.Scene.load("room"), "agent1")
+    heard.to_csv(tmp_path / "a.csv")
+    heard.to_h5(tmp_path / "a.h5")
+    assert not any(is_network(tmp_path / name) for name in ("a.csv", "a.h5"))
+
+
+def test_methods_that_take_distances_as_they_are_refuse_unknown_clocks(scene):
+    with pytest.raises(InputError, match=r"exchange: clocks: found clocks that aren't .*network"):
+        gs.AdaptiveSlam(scene)
+    whole = scene.model_dump(exclude_none=True)
+    whole["clocks"] = {"anchor_prior_ns": 0.0}
+    for device in whole["anchors"] + whole["agents"]:
+        device.pop("clock", None)
+    slam = gs.AdaptiveSlam(gs.Scene.checked(whole, "known"))
+    assert np.isfinite(slam.state.belief.mean).all()

@@ -1,0 +1,51 @@
+"""The four variants hear the same: only what the filter is told of clocks and labels differs."""
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.errors import InputError
+from gridslam.studies.network_variants import VARIANTS, medians, run_variants, variant_of
+
+AGENTS = ["agent1", "agent2"]
+
+
+@pytest.fixture(scope="module")
+def scene():
+    whole = gs.Scene.load("exchange").model_dump(exclude_none=True)
+    whole["filter"]["particles"] = 500
+    for agent in whole["agents"]:
+        agent["steps"] = 10
+    return gs.Scene.checked(whole, "short")
+
+
+def test_variants_differ_in_clocks_and_labels_alone(scene):
+    heard = {name: variant_of(scene, AGENTS, 3, name) for name in VARIANTS}
+    (_, free, truth), (told, tied, other) = (heard[name] for name in list(VARIANTS)[:2])
+    np.testing.assert_array_equal(free.table.aoa_rad, tied.table.aoa_rad)
+    true = truth.source >= 0
+    np.testing.assert_array_equal(truth.source, other.source)
+    bias = truth.clocks.metres(truth.clocks.device)[free.table.step[true], truth.source[true]]
+    np.testing.assert_allclose(free.table.distance_m[true] - bias, tied.table.distance_m[true], atol=1e-9)
+    assert not other.clocks.metres(("A", "B", "C", "D")).any()
+    assert (free.table.anchor == -1).all()
+    labelled, (_, named, _) = heard["unsynchronised, labelled"][0], heard["unsynchronised, labelled"]
+    assert (named.table.anchor >= 0).all()
+    assert labelled.radio.false_alarms == scene.radio.false_alarms / 4
+    assert all(anchor.clock.prior_ns == 0 for anchor in told.anchors)
+
+
+@pytest.mark.slow
+def test_runs_are_paired_and_summed_up(scene):
+    runs = run_variants(scene, AGENTS, [1], list(VARIANTS)[:2])
+    assert [run.seed for run in runs] == [1, 1]
+    table = medians(runs)
+    assert table["synchronised, unlabelled"].position_bound_m < runs[0].position_bound_m
+    assert all(run.position_rmse_m < 3 * run.position_bound_m for run in table.values())
+
+
+def test_what_is_no_variant_is_refused(scene):
+    with pytest.raises(InputError, match="variant: found 'best'"):
+        variant_of(scene, AGENTS, 1, "best")
+    with pytest.raises(InputError, match="room: clocks: found none"):
+        variant_of(gs.Scene.load("room"), ["agent1"], 1, next(iter(VARIANTS)))
