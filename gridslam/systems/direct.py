@@ -47,6 +47,7 @@ from gridslam.systems.signal_front import SignalFilter
 from gridslam.world.radio import REFLECTION_BINS
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
+from gridslam.world.waveform import Waveform
 
 Array = NDArray[np.float64]
 
@@ -105,6 +106,22 @@ def step(
     return replace(state.packed(), step=state.step + 1), DirectInfo(every, findings, health)
 
 
+def require_single_antennas(waveform: Waveform) -> None:
+    """Refuse recordings of arrays.
+
+    Raises
+    ------
+    InputError
+        More than one element at either end.
+    """
+    _, at_anchor, at_agent, _ = waveform.shape
+    if at_anchor * at_agent > 1:
+        raise InputError(
+            "signal: elements", f"{at_anchor} at anchors, {at_agent} at the agent",
+            "one at either end (choose one of the recording's, or extract paths)",
+        )  # fmt: skip
+
+
 class DirectSlam(SignalFilter[DirectState]):
     """Direct SLAM, one step at a time: samples of single antennas in, agent and images out.
 
@@ -140,12 +157,7 @@ class DirectSlam(SignalFilter[DirectState]):
 
     def __init__(self, scene: Any, *args: Any, **more: Any) -> None:
         super().__init__(scene, *args, **more)
-        shape = self.waveform.shape
-        if shape[1] * shape[2] > 1:
-            raise InputError(
-                "signal: elements", f"{shape[1]} at anchors, {shape[2]} at the agent",
-                "one at either end (choose one of the recording's, or extract paths)",
-            )  # fmt: skip
+        require_single_antennas(self.waveform)
 
     @staticmethod
     def moved(state: DirectState, position_m: Array, heading_rad: float) -> DirectState:

@@ -87,6 +87,15 @@ _ENTERED = (
         takes="signal",
     ),
     Method(
+        "direct-paper",
+        "gridslam.systems.published.direct_paper:PublishedDirectSlam",
+        "direct SLAM by particles, as published: a reference",
+        "docs/model.md#12-direct-slam",
+        "samples over frequency, one antenna at either end",
+        takes_map=False,
+        takes="signal",
+    ),
+    Method(
         "network",
         "gridslam.systems.network:NetworkSlam",
         "network SLAM: several agents at once, unknown clocks, measurements that don't say whose they are",

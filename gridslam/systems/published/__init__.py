@@ -1,0 +1,1 @@
+"""The papers' own methods, kept to compare with."""
