@@ -10,6 +10,7 @@ from scipy.special import softmax
 
 from gridslam.errors import InputError
 from gridslam.estimates import SurfaceEstimate
+from gridslam.maps.feature_fusion import merge_features
 from gridslam.maps.frames import require_one_frame
 from gridslam.maps.map import Map
 from gridslam.maps.map_files import LARGEST_CELLS
@@ -26,8 +27,8 @@ def fuse(maps: Iterable[Map], same_frame: bool = False, names: Sequence[str] | N
     """Fuse maps of the same frame, made independently of one another.
 
     The result covers all of them, with the finest of their cells. Log-likelihoods of occupancy and
-    reflection add up; surfaces that agree are merged; lists of the provenance are joined. The order of
-    `maps` makes no difference.
+    reflection add up; surfaces that agree are merged, and so are learned features; lists of the provenance
+    are joined. The order of `maps` makes no difference.
 
     Parameters
     ----------
@@ -73,6 +74,7 @@ def fuse(maps: Iterable[Map], same_frame: bool = False, names: Sequence[str] | N
         )
     sheets = [grid.resample(origin, cell, (rows, columns)) for grid in ordered]
     surfaces, posterior = merge_surfaces(ordered, 0.5 * (origin + corner))
+    features, covariance = merge_features(ordered)
     return Map(
         origin,
         cell,
@@ -83,6 +85,8 @@ def fuse(maps: Iterable[Map], same_frame: bool = False, names: Sequence[str] | N
         surfaces,
         posterior,
         _joined([grid.provenance for grid in ordered]),
+        features,
+        covariance,
     )
 
 

@@ -45,6 +45,7 @@ from gridslam.runs.run_files import AgentFiles, RunFiles, read_run
 from gridslam.simulation.image_source import Truth
 from gridslam.systems.registry import kind_of
 from gridslam.viewers import network_plots
+from gridslam.viewers.feature_plots import draw_features, draw_sights
 from gridslam.viewers.signal_plots import draw_gospa, draw_signal
 from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
@@ -208,6 +209,10 @@ def draw_all(
                 drawn["signal"] = draw_signal(found.measurements, found.estimates, None, truth, width)
                 if truth is not None:
                     drawn["gospa"] = draw_gospa(run.scene, found.estimates, truth, width)
+            if found.map.features is not None:
+                drawn["sights"] = draw_sights(run.scene, found.estimates, truth, width)
+                tracks = found.trajectory, found.truth
+                drawn["features"] = draw_features(run.scene, found.map.features, *tracks, width)
             written += _save(folder, {f"{name}-{title}": figure for title, figure in drawn.items()}, form)
         earlier += [truth] if truth is not None else []
     if (Path(directory) / network_files.H5).exists():  # several agents at once

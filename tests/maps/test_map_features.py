@@ -12,6 +12,7 @@ from gridslam.estimates import FREE, MIRROR, SCATTERER, FeatureEstimate
 from gridslam.inference.management.feature_tables import classify, feature_estimate, with_features
 from gridslam.inference.state.features import FeatureBank, entries, places
 from gridslam.inference.state.hybrid_state import JointBelief
+from gridslam.maps.fusion import fuse
 from gridslam.maps.map import Map
 
 ANCHORS = np.array([[3.0, 4.0], [-2.0, 1.0]])
@@ -97,3 +98,43 @@ def test_kinds_follow_from_the_extra_length():
     assert classify(np.array([-6.0, 2.0, 0.15]), square, anchor) == MIRROR
     assert classify(np.array([3.0, -2.0, 6.1]), square, anchor) == SCATTERER
     assert classify(np.array([3.0, -2.0, 3.0]), square, anchor) == FREE
+
+
+def fused_with(table, joint, **more):
+    other = replace(table, **more)
+    sheets = [
+        replace(random_map(seed), features=one, feature_covariance=square)
+        for seed, one, square in ((1, table, joint), (2, other, joint))
+    ]
+    return fuse(sheets, same_frame=True).features
+
+
+def test_features_that_agree_are_fused_and_known_better():
+    table, joint = feature_estimate(belief(), ANCHORS)
+    found = fused_with(table, joint)
+    assert len(found) == len(table)
+    for n, place in enumerate(table.position_m):
+        row = np.argmin(np.hypot(*(found.position_m - place).T))
+        np.testing.assert_allclose(found.position_m[row], place, atol=1e-6)
+        np.testing.assert_allclose(
+            found.covariance[row, :2, :2], 0.5 * table.covariance[n, :2, :2], rtol=1e-3
+        )
+        assert found.steps_seen[row] == 2 * table.steps_seen[n]
+
+
+def test_features_of_other_anchors_or_places_stay_apart_and_powers_follow_the_noise():
+    table, joint = feature_estimate(belief(), ANCHORS)
+    assert len(fused_with(table, joint, anchor_m=table.anchor_m + 1)) == 2 * len(table)
+    assert len(fused_with(table, joint, position_m=table.position_m + 20)) == 2 * len(table)
+    louder = fused_with(table, joint, noise=100 * table.noise, variance=100 * table.variance)
+    ratio = np.sort(louder.variance / louder.noise) / np.sort(table.variance / table.noise[0])
+    assert np.ptp(np.log(louder.noise)) == 0
+    np.testing.assert_allclose(ratio, 1.0, rtol=0.6)
+
+
+def test_the_features_of_one_map_stay_as_they_are_when_fused_with_another():
+    table, joint = feature_estimate(belief(), ANCHORS)
+    sheet = replace(random_map(1), features=table, feature_covariance=joint)
+    found = fuse([sheet, random_map(2)], same_frame=True)
+    np.testing.assert_array_equal(found.features.position_m, table.position_m)
+    np.testing.assert_array_equal(found.feature_covariance, joint)

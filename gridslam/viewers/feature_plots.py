@@ -1,0 +1,96 @@
+"""Figures of hybrid SLAM: lines of sight over time, learned features over the floor plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+from numpy.typing import NDArray
+
+from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PAGE_IN, PURPLE, blank
+from gridslam.estimates import FREE, MIRROR, SCATTERER, Estimate, FeatureEstimate
+from gridslam.simulation.image_source import Truth
+from gridslam.world.scene import Scene
+from gridslam.world.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+SIGHT = (-1, -1)
+"""Surfaces of a line of sight."""
+KINDS = {MIRROR: ("mirror", BLUE, "x"), SCATTERER: ("scatterer", ORANGE, "+"), FREE: ("free", PURPLE, "1")}
+
+
+def draw_sights(
+    scene: Scene, estimates: Sequence[Estimate], truth: Truth | None = None, width: float = PAGE_IN
+) -> Figure:
+    """Visibility and power (in units of the noise) of every anchor's line of sight over time.
+
+    Grey: where the true line of sight is there.
+    """
+    count = len(scene.anchors)
+    figure = blank(width, 0.6 + 2.4 * count)
+    panels = np.reshape(figure.subplots(2 * count, 1, sharex=True), (count, 2))
+    steps = np.array([e.step for e in estimates])
+    for anchor, (seen, power) in enumerate(panels):
+        rows = [(e.paths.anchor == anchor) & (e.paths.surfaces == SIGHT).all(1) for e in estimates]
+        found = [(e.paths.existence[r], e.paths.amplitude[r]) for e, r in zip(estimates, rows, strict=True)]
+        pairs = np.array([[*one[0][:1], *one[1][:1]] if len(one[0]) else [0, np.nan] for one in found])
+        seen.plot(steps, pairs[:, 0], color=BLUE, lw=1.2)
+        seen.set(ylabel=f"{scene.anchor_names[anchor]}: visible", ylim=(-0.05, 1.05))
+        shown = np.where(pairs[:, 0] > 0.5, pairs[:, 1], np.nan)
+        power.plot(steps, 20 * np.log10(np.maximum(shown, 1e-3)), color=BLUE, lw=1.2, label="estimated")
+        power.set(ylabel="SNR (dB)")
+        if truth is not None:
+            level = true_sight(truth, anchor, len(steps))
+            power.plot(steps, 20 * np.log10(level), "k--", lw=0.9, label="true")
+            seen.fill_between(steps, -0.05, 1.05, where=~np.isnan(level), color="0.9", step="mid")
+            power.legend(ncols=2, fontsize="small", frameon=False)
+        for axes in (seen, power):
+            axes.grid(alpha=0.3)
+    panels[-1, 1].set_xlabel("step")
+    figure.align_ylabels()
+    return figure
+
+
+def true_sight(truth: Truth, anchor: int, steps: int) -> Array:
+    """Amplitude of the true line of sight at every step, (steps,); NaN where it is hidden."""
+    paths, level = truth.paths, np.full(steps, np.nan)
+    direct = (paths.anchor == anchor) & (paths.bounces == 0) & (paths.step < steps)
+    level[paths.step[direct]] = paths.amplitude[direct]
+    return level
+
+
+def draw_features(
+    scene: Scene, features: FeatureEstimate, trajectory: Trajectory, truth: Trajectory | None = None,
+    width: float = PAGE_IN,
+) -> Figure:  # fmt: skip
+    """Learned features with three deviations, the larger the stronger, over true walls and tracks."""
+    figure = blank(width, width)
+    axes = figure.subplots()
+    axes.set_aspect("equal")
+    pieces = scene.segments()
+    for piece in np.stack([pieces.start, pieces.end], 1):
+        axes.plot(*piece.T, color="k", lw=1.2)
+    if truth is not None:
+        axes.plot(*truth.position_m.T, color="0.6", lw=2.4, label="true track")
+    axes.plot(*trajectory.position_m.T, color=GREEN, lw=1.0, label="estimated track")
+    axes.plot(*scene.anchor_positions.T, "^", color=ORANGE, label="anchors")
+    size = 4 + 8 * np.sqrt(features.variance / max(features.variance.max(initial=0), 1e-300))
+    for kind, (name, color, marker) in KINDS.items():
+        rows = np.flatnonzero(features.kind == kind)
+        for row in rows:
+            look: dict[str, Any] = {"color": color, "marker": marker, "ms": size[row], "ls": "none"}
+            axes.plot(*features.position_m[row], **look, label=name if row == rows[0] else None)
+            _ellipse(axes, features.position_m[row], features.covariance[row, :2, :2], color)
+    axes.legend(fontsize="small", frameon=False)
+    axes.set(xlabel="x (m)", ylabel="y (m)")
+    return figure
+
+
+def _ellipse(axes: Any, place: Array, covariance: Array, color: str) -> None:
+    value, vector = np.linalg.eigh(covariance)
+    long, short = 6 * np.sqrt(np.maximum(value[::-1], 0))
+    turn = float(np.degrees(np.arctan2(vector[1, 1], vector[0, 1])))
+    axes.add_patch(Ellipse((place[0], place[1]), long, short, angle=turn, fill=False, color=color))

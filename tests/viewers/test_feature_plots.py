@@ -1,0 +1,53 @@
+"""Figures of hybrid SLAM show what they are of."""
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.estimates import FeatureEstimate, PathEstimate
+from gridslam.viewers.feature_plots import draw_features, draw_sights, true_sight
+
+STEPS = 190
+
+
+@pytest.fixture(scope="module")
+def screen():
+    scene = gs.Scene.load("screen")
+    return scene, gs.ground_truth(scene, "agent1")
+
+
+def test_the_true_line_of_sight_is_hidden_behind_the_screen(screen):
+    level = true_sight(screen[1], 0, STEPS)
+    assert np.isnan(level[70:125]).all()
+    assert np.isfinite(level[:66]).all()
+    way = screen[1].trajectory.position_m[0] - screen[0].anchor_positions[0]
+    assert level[0] == pytest.approx(10 ** (42 / 20) / np.hypot(*way))
+
+
+def test_sights_are_drawn_as_estimated_and_as_they_are(screen):
+    scene, truth = screen
+    scan = gs.simulate(scene, "agent1", 1, what="signal").scan(0)
+    paths = PathEstimate(
+        np.array([0]), np.full((1, 2), -1), np.array([5.0]), np.zeros(1), np.zeros(1), np.array([10.0]),
+        np.array([0.8]), np.full((1, 4, 2), np.nan),
+    )  # fmt: skip
+    estimates = [gs.Estimate.of_pose(scan, [0, 0], 0.0, np.eye(3), paths=paths)] * 3
+    seen, power = draw_sights(scene, estimates, truth).axes
+    np.testing.assert_allclose(seen.lines[0].get_ydata(), 0.8)
+    np.testing.assert_allclose(power.lines[0].get_ydata(), 20.0)
+    assert len(power.lines) == 2
+
+
+def test_every_feature_has_a_mark_and_an_ellipse(screen):
+    scene, truth = screen
+    count, one, square = 3, np.ones(3), np.tile(0.1 * np.eye(4), (3, 1, 1))
+    table = FeatureEstimate(
+        np.arange(count), np.zeros(count, int), np.tile([0.5, 5.0], (count, 1)),
+        np.array([[1.0, 2.0], [3.0, 1.0], [4.0, 4.0]]), one, one, one, square,
+        np.array([0, 1, 2]), np.ones(count, int), np.ones(count, int),
+    )  # fmt: skip
+    axes = draw_features(scene, table, truth.trajectory).axes[0]
+    assert len(axes.patches) == count
+    names = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert {"mirror", "scatterer", "free"} <= set(names)
+    assert draw_features(scene, table.take([]), truth.trajectory, truth.trajectory).axes
