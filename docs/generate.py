@@ -11,11 +11,14 @@ import json
 import tempfile
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
+import numpy as np
 
 import gridslam as gs
+from gridslam.estimates import FeatureEstimate
 from gridslam.runs.run_files import write_run
 from gridslam.systems.registry import METHODS
 from gridslam.world.scene_reference import keys
@@ -36,7 +39,15 @@ def meaning(of: str, key: str) -> str:
     return str(told[key])
 
 
-LETTERS = {"measurements": "M", "paths": "L", "surfaces": "S", "hypotheses": "H", "steps": "N", "truth": "N"}
+LETTERS = {
+    "measurements": "M",
+    "paths": "L",
+    "surfaces": "S",
+    "hypotheses": "H",
+    "steps": "N",
+    "truth": "N",
+    "features": "F",
+}
 """Sizes that differ from file to file, by the group that has them."""
 COLUMNS = ("key", "unit", "default", "allowed", "meaning")
 ALIKE = {
@@ -120,6 +131,14 @@ def _written(place: Path) -> Path:
     heard = gs.simulate(scene, "agent1", seed=1)
     run = gs.map_scene(scene, heard, seed=1)
     write_run(place / "run", scene, [run], [heard], [run.score(gs.ground_truth(scene, "agent1"))], {})
+    one, point = np.ones(1), np.zeros((1, 2))
+    whole = np.ones(1, np.int64)
+    learned = FeatureEstimate(
+        identity=whole, anchor=whole, anchor_m=point, position_m=point, bias_m=one, variance=one, noise=one,
+        covariance=np.ones((1, 4, 4)), kind=whole, steps_seen=whole, last_step=whole,
+    )  # fmt: skip
+    both = replace(run.map, features=learned, feature_covariance=np.eye(3))
+    both.save(place / "run" / "agent1" / "map.h5")
     gs.simulate(scene, "agent1", seed=1, what="signal").to_h5(place / "run" / "agent1" / "signal.h5")
     return place / "run"
 
