@@ -14,8 +14,8 @@ import gridslam as gs
 from gridslam.studies import workers
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
-QUOTING = {"architecture", "signals"}
-"""Pages that quote code which other tests compare or run."""
+QUOTING = {"architecture"}
+"""Pages that quote code which another test compares."""
 SHOWN = [page for page in PAGES if blocks(page) and page.stem not in QUOTING]
 HEAVY = ("robustness", "bench")
 """Commands whose options alone are tried: they have no brief scene."""
