@@ -151,3 +151,27 @@ def test_the_package_shows_rooms_rather_than_files():
 def test_optional_packages_stay_in_one_room(name):
     users = {room(module) for module in modules() if name in {i.split(".")[0] for i in imports(module)}}
     assert len(users) <= 1
+
+
+NUMERICS = "kernels", "reference", "inference", "systems"
+MOST_ARGUMENTS = 12
+
+
+def argument_counts(source):
+    """Functions of a file and how many arguments each takes."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.FunctionDef):
+            known = node.args
+            yield node.name, len(known.posonlyargs) + len(known.args) + len(known.kwonlyargs)
+
+
+def test_no_kernel_nor_any_function_around_it_takes_a_dozen_arguments_and_more():
+    found, long = 0, []
+    for module, file in modules().items():
+        if module.split(".")[1:2] and module.split(".")[1] in NUMERICS:
+            for name, count in argument_counts(file.read_text(encoding="utf-8")):
+                found += 1
+                if count > MOST_ARGUMENTS:
+                    long.append(f"{module}.{name}: {count}")
+    assert found > 500
+    assert not long

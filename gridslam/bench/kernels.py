@@ -8,14 +8,15 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import reference, runtime
-from gridslam.bench.stages import Function, kernels, modules, replaced
+from gridslam.bench.stages import Function, Kernel, kernels, modules, replaced
 from gridslam.kernels import ALREADY_LISTED
+from gridslam.kernels.primitives.blocks import ONLY
 from gridslam.measurements.table import Scan
 from gridslam.simulation.image_source import simulate
 from gridslam.systems.adaptive import AdaptiveSlam
@@ -195,7 +196,7 @@ CONTESTS = {
         given=_cast_twin,
         rows=("path", "found", "mean"),
         # that sends: it lists no paths, and tells no coefficients
-        size=lambda case: _listed(case) if case["only"] == ALREADY_LISTED else -1,
+        size=lambda case: _listed(case) if case["choice"][ONLY] == ALREADY_LISTED else -1,
     ),
     "describe": Contest("path", reference.describe, _listed, ("surface", "places", "table"), size=_surfaces),
     "find_duplicates": Contest(
@@ -205,7 +206,7 @@ CONTESTS = {
         "path-particle",
         reference.evaluate,
         _path_particles,
-        ("path", "belief", "predicted", "heard", "odds", "root", "blocks", "message", "measured"),
+        ("path", "probability", "predicted", "heard", "odds", "root", "blocks", "message", "measured"),
     ),
     "list_paths": Contest("path", reference.list_paths, _listed, ("surface",), size=_surfaces),
     "weigh_by_visibility": Contest(
@@ -275,7 +276,7 @@ def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Ca
     runtime.start()
     scans = list(simulate(scene, scene.agents[0].name, seed=1))[: steps + watched]
     found = _launches(AdaptiveSlam, scene, scans, steps) | _launches(GridSlam, scene, scans, steps)
-    names = inspect.signature(kernels()["associate"]).parameters
+    names = kernels()["associate"].names
     return found | {"associate": Case((name, _copy(found["update"][name])) for name in names)}
 
 
@@ -290,11 +291,11 @@ def _launches(
     number: Counter[str] = Counter()
     moved: Counter[tuple[str, str]] = Counter()
 
-    def recorder(name: str, kernel: Function) -> Function:
-        names = list(inspect.signature(kernel).parameters)
+    def recorder(name: str, kernel: Kernel) -> Function:
+        names = kernel.names
 
         def record(*arguments: Any) -> Any:
-            case = Case(zip(names, arguments, strict=True))
+            case = Case(zip(names, flattened(arguments), strict=True))
             contest = CONTESTS[name]
             size = (contest.size or contest.units)(case)
             fresh = {k for k, v in case.items() if not any(v is one for one in before[name, k])}
@@ -337,7 +338,7 @@ def compete(name: str, scene: str, case: Case, seconds: float) -> KernelSpeed:
     used, idle = Case(case | {key: _copy(case[key]) for key in contest.changes}), IdleLaunches({name: case})
 
     def launch(arguments: Case) -> None:
-        kernel(*arguments.values())
+        kernel.named(**arguments)
         ti.sync()
 
     def restore() -> None:
@@ -351,7 +352,7 @@ def compete(name: str, scene: str, case: Case, seconds: float) -> KernelSpeed:
     case = Case(case | {key: runtime.on_host(case[key]) for key in held})
     units = contest.units(case)
     known = {**case, **contest.given(case)}
-    wanted = {key: known[key] for key in inspect.signature(contest.twin).parameters}
+    wanted = twin_arguments(contest.twin, known)
     took = repeated(lambda: launch(used), seconds, before=restore)
     nothing = idle.seconds(0.1 * seconds)[name]
     twin = float(np.median(repeated(lambda: contest.twin(**wanted), seconds, 1)))
@@ -360,6 +361,25 @@ def compete(name: str, scene: str, case: Case, seconds: float) -> KernelSpeed:
         name, scene, contest.unit, units, median, min(took), twin, twin / median,
         1e9 * median / max(units, 1), 1e6 * nothing,
     )  # fmt: skip
+
+
+def flattened(arguments: Sequence[Any]) -> list[Any]:
+    """Numbers and arrays of a launch in the order of a kernel's `names`: members of blocks come last."""
+    alone = [argument for argument in arguments if not isinstance(argument, tuple)]
+    return alone + [array for block in arguments if isinstance(block, tuple) for array in block]
+
+
+def twin_arguments(twin: Function, known: dict[str, Any]) -> dict[str, Any]:
+    """Arguments of a twin, blocks and all, from numbers and arrays by name."""
+    hints = get_type_hints(twin)
+    names = inspect.signature(twin).parameters
+    blocks = {name: hints[name] for name in names if hasattr(hints.get(name), "_fields")}
+    return {
+        name: blocks[name](*(known[field] for field in blocks[name]._fields))
+        if name in blocks
+        else known[name]
+        for name in names
+    }
 
 
 class IdleLaunches:
@@ -393,8 +413,8 @@ class IdleLaunches:
         for name, cases in self._cases.items():
             kernel, turn = kernels()[name], itertools.cycle(cases)
 
-            def launch(kernel: Function = kernel, turn: Iterator[Case] = turn) -> None:
-                kernel(*next(turn).values())
+            def launch(kernel: Kernel = kernel, turn: Iterator[Case] = turn) -> None:
+                kernel.named(**next(turn))
                 if not ON_CPU:
                     ti.sync()
 

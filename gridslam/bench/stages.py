@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import ModuleType
-from typing import Any
+from typing import Any, Protocol
 
 from gridslam.inference.workspace.workspace import OTHER, Workspace
 
@@ -25,11 +25,29 @@ KERNEL = "kernel "
 Function = Callable[..., Any]
 
 
-def kernels() -> dict[str, Function]:
+class Kernel(Protocol):
+    """A kernel as `kernels.primitives.launching.quick` makes it.
+
+    Attributes
+    ----------
+    names : list of str
+        Of all numbers and arrays, those in blocks last.
+    """
+
+    names: list[str]
+
+    def __call__(self, *arguments: Any) -> None:
+        """Launch it."""
+
+    def named(self, **flat: Any) -> None:
+        """Launch it with numbers and arrays by name."""
+
+
+def kernels() -> dict[str, Kernel]:
     """All Taichi kernels by name; Taichi has to run."""
     import gridslam.kernels as package
 
-    found: dict[str, Function] = {}
+    found: dict[str, Kernel] = {}
     for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
         space = vars(importlib.import_module(module.name))
         found |= {name: f for name, f in space.items() if getattr(f, "_is_wrapped_kernel", False)}

@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.kernels.primitives.blocks import Coefficients, Drawn, Hits, Messages
 from gridslam.reference.messages import log_rician
 
 Array = NDArray[np.float64]
@@ -131,24 +132,17 @@ def recall(
 
 
 def learn(
-    mean: Array, head: int, drawn: Array, seen: Array, count: Whole, path: Whole, factor: Array, told: Array,
-    begin: Whole, said: Array, table: Array, step: float, radio: Array, frame: Array, surface: Array,
-    where: Whole, held: Array, foot: Array, extent: Array, times: Long,
+    head: int, step: float, mean: Array, table: Array, radio: Array, frame: Array, rays_cast: Drawn,
+    messages: Messages, known: Coefficients, hits: Hits,
 ) -> tuple[Array, Array, Array, Array, Long]:  # fmt: skip
     """Twin of `coefficients.learn`: beliefs of surfaces, log-likelihoods of all cells, and `mark`'s."""
+    (drawn, seen), (count, path, factor, told, begin, said) = rays_cast, messages
+    surface, where, held = known.surface, known.where, known.held
     rays, path = len(drawn) // max(len(path), 1), path[: count[0]]
     send = (factor[: len(path), 1] > 0.5) & (seen[: len(path), 1] > frame[5])
     sure = send * told[2, : len(path)]
-    marked = mark(
-        mean,
-        head,
-        path,
-        np.pad(seen[: len(path), 2:], ((0, 0), (2, 0)), constant_values=1),
-        sure,
-        foot,
-        extent,
-        times,
-    )
+    apart = np.pad(seen[: len(path), 2:], ((0, 0), (2, 0)), constant_values=1)
+    marked = mark(mean, head, path, apart, sure, *hits)
     surface, held, bins = surface.copy(), dense(where, held), surface.shape[1]
     centre = (np.arange(bins) + 0.5) / bins
     usual = surface @ centre

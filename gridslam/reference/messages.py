@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.special import i0e
 
 from gridslam.kernels import FAINTEST, PATH_BLOCK, UNMEASURED
+from gridslam.kernels.primitives.blocks import Amplitudes, Anchors, Drawing, PathRows, Ratios
 from gridslam.reference.paths import densities, draw
 from gridslam.world.geometry import wrap
 
@@ -130,20 +131,20 @@ def enter(
 
 
 def evaluate(
-    belief: Array, nodes: Array, spreading: float, predicted: Array, heard: Array, chance: Array, step: float,
-    radio: Array, head: int, kept: float, root: Array, base: Array, points: Array, path: Whole,
-    places: Array, odds: Array, state: Array, message: Array, measured: Array,
+    spreading: float, step: float, head: int, kept: float, amplitudes: Amplitudes, rows: PathRows,
+    heard: Array, anchors: Anchors, drawing: Drawing, ratios: Ratios,
 ) -> dict[str, Array | Whole]:  # fmt: skip
-    """Twin of `evaluation.evaluate`: what it writes, by the names of its arguments."""
+    """Twin of `evaluation.evaluate`: what it writes, by the names of the blocks' arrays."""
+    (probability, nodes, chance), (path, predicted), (odds, message, measured) = amplitudes, rows, ratios
     index, pair, inverse, detected, _ = gate(
-        belief, nodes, spreading, path, predicted, heard, chance, step, radio, kept, odds
+        probability, nodes, spreading, path, predicted, heard, chance, step, anchors.radio, kept, odds
     )
     odds, start = odds.copy(), np.searchsorted(index[:, 0], np.arange(len(path) + 1)).astype(np.int32)
     odds[3] = detected
     apart = inverse[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    state = draw(root, base, points[:, : state.shape[1]], head)
+    state = draw(drawing.root, drawing.base, drawing.points[:, : drawing.state.shape[1]], head)
     weight, valid = densities(
-        state, head, path, places, start, np.column_stack([pair[:, :3], apart]), PATH_BLOCK
+        state, head, path, anchors.places, start, np.column_stack([pair[:, :3], apart]), PATH_BLOCK
     )
     blocks = np.concatenate([valid, weight])
     odds, message, measured = enter(blocks, start, index, pair, odds, message, measured)

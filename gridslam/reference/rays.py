@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.kernels.primitives.blocks import BOUNCES, HEAD, ONLY, Belief, Links, Query
 from gridslam.reference.gaussian import late, predict
 from gridslam.reference.paths import prepare
 from gridslam.world.geometry import wrap
@@ -15,10 +16,9 @@ Long = NDArray[np.int64]
 STRONG = 0.3
 
 
-def listed(
-    anchor: int, bounces: int, surface: Array, owner: Long, sight: Array, single: Array, double: Array
-) -> tuple[Whole, Array, Array]:
+def listed(anchor: int, bounces: int, links: Links) -> tuple[Whole, Array, Array]:
     """All paths of an anchor (L, 4), and the existences of rays and of surfaces, (L,) both."""
+    surface, owner, sight, single, double = links
     own = np.flatnonzero((owner == -1) | (owner == anchor))
     strong = np.flatnonzero(surface > STRONG)
     pairs = [(s, r) for s in strong for r in strong if s != r and bounces > 1]
@@ -35,22 +35,27 @@ def listed(
     )
 
 
+def asked(only: int, bounces: int, head: int) -> Query:
+    """A query for paths as they are."""
+    return Query(np.array([only, bounces, head, 0, 0], np.int32), np.array([1.0, 0.0, 1.0]))
+
+
 def list_paths(
-    only: int, bounces: int, stay: float, appear: float, mean: Array, covariance: Array, head: int,
-    places: Array, surface: Array, owner: Long, sight: Array, single: Array, double: Array,
-    share: float = 1.0, points: Array | None = None,
-) -> tuple[Whole, Array, Array, Array]:  # fmt: skip
+    query: Query, belief: Belief, places: Array, links: Links, points: Array | None = None
+) -> tuple[Whole, Array, Array, Array]:
     """Twin of `rays.list_paths`: paths, existence of ray and of surfaces, prediction (L, 13).
 
     What it drafts by `points` is that of `prepare`, and isn't told.
     """
+    only, bounces, head = query.choice[[ONLY, BOUNCES, HEAD]].tolist()
+    stay, appear, share = query.weight.tolist()
     if points is not None:
-        prepare(mean, covariance, head, share, points)
+        prepare(*belief, head, share, points)
     anchors = [only] if only >= 0 else range(len(places))
-    parts = [listed(anchor, bounces, surface, owner, sight, single, double) for anchor in anchors]
+    parts = [listed(anchor, bounces, links) for anchor in anchors]
     path, existence, surfaces = (np.concatenate(part) for part in zip(*parts, strict=True))
-    value, _, spread = predict(mean, covariance, head, path, places)
-    length = value[:, 0] - late(mean, head, path[:, 3])
+    value, _, spread = predict(*belief, head, path, places)
+    length = value[:, 0] - late(belief.mean, head, path[:, 3])
     whole = np.column_stack([value, spread.reshape(-1, 9), length])
     return path, stay * existence + appear * (1 - existence), surfaces, whole
 
@@ -61,9 +66,9 @@ def near(
 ) -> NDArray[np.bool_]:  # fmt: skip
     """Twin of `rays.near`: which measurements are loud and lie near a path, (M,)."""
     none = np.zeros((len(places), len(surface)))
-    path, _, surfaces, predicted = list_paths(
-        -1, 1, 1.0, 0.0, mean, covariance, head, places, surface, owner, none.sum(1), none, none[:, None]
-    )
+    links = Links(surface, owner, none.sum(1), none, none[:, None])
+    belief = Belief(mean, covariance)
+    path, _, surfaces, predicted = list_paths(asked(-1, 1, head), belief, places, links)
     amplitude = np.where(heard[:, 6] >= 0, heard[:, 6], radio[path[:, 3], 9][:, None])  # (L, M)
     own = radio[path[:, 3]][:, None]
     std = np.empty((*amplitude.shape, 3))

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.layout import AGENT
 from gridslam.inference.state.particles import at_mean
+from gridslam.kernels.primitives import blocks
 from gridslam.reference.paths import polylines
-from gridslam.reference.rays import list_paths
+from gridslam.reference.rays import asked, list_paths
 from gridslam.world.geometry import canonical, sfv, sfv_covariance
 
 Array = NDArray[np.float64]
@@ -18,11 +19,11 @@ BINS: Array = (np.arange(20) + 0.5) / 20
 
 
 def describe(
-    mean: Array, covariance: Array, head: int, extent: Array, reflection: Array, bounces: int,
-    places: Array, surface: Array, owner: NDArray[np.int64], sight: Array, single: Array, double: Array,
-    identity: NDArray[np.int64], at_1m: float,
+    head: int, bounces: int, at_1m: float, belief: blocks.Belief, places: Array, links: blocks.Links,
+    surfaces: blocks.SurfaceRows,
 ) -> tuple[Array, Whole, NDArray[np.int64], Array]:  # fmt: skip
     """Twin of `readout.describe`: table (S, 16); paths, numbers (T, 3), parameters (T, 13)."""
+    (mean, covariance), (extent, reflection, identity) = belief, surfaces
     line, count = mean[head:].reshape(-1, 2), len(extent)
     spread = np.stack([covariance[n : n + 2, n : n + 2] for n in range(head, len(mean), 2)] or [np.eye(2)])[
         :count
@@ -40,16 +41,14 @@ def describe(
         ],
         1,
     )  # fmt: skip
-    path, existence, surfaces, predicted = list_paths(
-        -1, bounces, 1.0, 0.0, mean, covariance, head, places, surface, owner, sight, single, double
-    )
+    path, existence, together, predicted = list_paths(asked(-1, bounces, head), belief, places, links)
     corners, valid = polylines(at_mean(Belief(mean, covariance, head - AGENT)).state, path, places)
-    told = (existence * surfaces > 0.5) & (valid[:, 0] > 0.5)
+    told = (existence * together > 0.5) & (valid[:, 0] > 0.5)
     path, corners, value, length = path[told], corners[told, 0], predicted[told, :3], predicted[told, 12]
     corners[path[:, 0] < 1, 1], corners[path[:, 0] < 2, 2] = np.nan, np.nan
     coefficient = np.append(first, 1.0)
     strength = at_1m / np.maximum(length, 1e-3) * coefficient[path[:, 1]]
     strength *= np.where(path[:, 0] == 2, coefficient[path[:, 2]], 1.0)
     number = np.column_stack([path[:, 3], np.append(identity, -1)[path[:, 1:3]]])
-    there = (existence * surfaces)[told]
+    there = (existence * together)[told]
     return table, path, number, np.column_stack([value, strength, there, corners.reshape(-1, 8)])

@@ -8,6 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.kernels import PATH_BLOCK
+from gridslam.kernels.primitives.blocks import (
+    Account,
+    Anchors,
+    Belief,
+    Existence,
+    Messages,
+    Pairs,
+    PathRows,
+    Ratios,
+)
 from gridslam.reference.gaussian import correct
 from gridslam.reference.messages import associate
 from gridslam.world.geometry import wrap
@@ -90,47 +100,47 @@ def effective_sample_size(blocks: Array) -> Array:
 
 
 def note(
-    path: Whole, start: Whole, index: Whole, odds: Array, worth: Array, predicted: Array, heard: Array,
-    share: Array, count: Whole, noted: Whole, factor: Array, told: Array, begin: Whole, said: Array,
-) -> dict[str, NDArray[Any]]:  # fmt: skip
-    """Twin of `notes.note`: what it writes, by the names of its arguments."""
-    (n, k), paths, pairs = count, len(path), start[-1]
+    rows: PathRows, pairs: Pairs, odds: Array, worth: Array, heard: Array, share: Array, messages: Messages
+) -> dict[str, NDArray[Any]]:
+    """Twin of `path_messages.note`: what it writes, by the names of its arguments."""
+    (path, predicted), (count, noted, factor, told, begin, said) = rows, messages
+    start, index = pairs.start, pairs.index
+    (n, k), paths, pairs_now = count, len(path), start[-1]
     noted, begin, factor, told, said = noted.copy(), begin.copy(), factor.copy(), told.copy(), said.copy()
-    belief, after, more = odds[0] * odds[1], slice(n, n + paths), slice(k, k + pairs)
+    belief, after, more = odds[0] * odds[1], slice(n, n + paths), slice(k, k + pairs_now)
     noted[after] = path
+    caused = np.bincount(index[:pairs_now, 0], share[:pairs_now], paths)
     factor[after] = np.stack([belief * worth + 1 - belief, belief > 0.1], -1)
-    told[:, after] = odds[1], odds[5], np.bincount(index[:pairs, 0], share[:pairs], paths), predicted[:, 12]
+    told[:, after] = odds[1], odds[5], caused, predicted[:, 12]
     begin[n + 1 : n + 1 + paths] = k + start[1:]
-    said[:, more] = heard[index[:pairs, 1], 6], share[:pairs]
-    count = count + np.array([paths, pairs], np.int32)
+    said[:, more] = heard[index[:pairs_now, 1], 6], share[:pairs_now]
+    count = count + np.array([paths, pairs_now], np.int32)
     return {
         "count": count, "noted": noted, "factor": factor, "told": told, "begin": begin, "said": said
     }  # fmt: skip
 
 
 def update(
-    mean: Array, covariance: Array, head: int, path: Whole, start: Whole, index: Whole, pair: Array,
-    odds: Array, rounds: int, places: Array, predicted: Array, heard: Array, blocks: Array, radio: Array,
-    turned: Array, message: Array, measured: Array, surface: Array, sight: Array, single: Array,
-    double: Array, sums: Array, count: Whole, noted: Whole, factor: Array, told: Array, begin: Whole,
-    said: Array,
+    head: int, rounds: int, belief: Belief, rows: PathRows, pairs: Pairs, ratios: Ratios, heard: Array,
+    anchors: Anchors, existence: Existence, account: Account, messages: Messages,
 ) -> dict[str, NDArray[Any]]:  # fmt: skip
-    """Twin of `updates.update`: what it writes, by the names of its arguments."""
+    """Twin of `updates.update`: what it writes, by the names of the blocks' arrays."""
+    (path, predicted), (start, index, pair, blocks), (odds, message, measured) = rows, pairs, ratios
     ratio, beta, claim, nu, _ = message
     *before, claimed = measured
     if rounds:
         claim, nu, claimed = associate(odds, message, measured, rounds)
     mean, covariance, share, responsible, total = correct(
-        mean, covariance, head, path, start, index, pair, odds, beta, nu, places
+        *belief, head, path, start, index, pair, odds, beta, nu, anchors.places
     )
-    after = fit(path, index, pair, predicted, share, responsible, heard, blocks, radio, turned, sums)
-    there = exist(path, odds, ratio, nu, surface, sight, single, double)
+    after = fit(
+        path, index, pair, predicted, share, responsible, heard, blocks, anchors.radio, account.turned,
+        account.sums,
+    )  # fmt: skip
+    there = exist(path, odds, ratio, nu, *existence)
     known: dict[str, NDArray[Any]] = {}
-    if len(noted):
-        known = note(
-            path, start, index, odds, there[-1], predicted, heard, share, count, noted, factor, told, begin,
-            said,
-        )  # fmt: skip
+    if len(messages.noted):
+        known = note(rows, pairs, odds, there[-1], heard, share, messages)
     known |= dict(zip(("surface", "sight", "single", "double", "worth"), there, strict=True))
     return known | {
         "mean": mean, "covariance": covariance, "share": share, "sums": after,

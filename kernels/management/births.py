@@ -3,6 +3,7 @@
 import taichi as ti
 
 from gridslam.kernels import FAINTEST, PATH_BLOCK, USUAL_REFLECTION
+from gridslam.kernels.primitives.blocks import Anchors, BirthRows, Sketch
 from gridslam.kernels.primitives.device import ON_CPU
 from gridslam.kernels.primitives.functions import (
     TURN,
@@ -19,6 +20,7 @@ from gridslam.kernels.primitives.functions import (
 )
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.layout import HEADING, anchor_of, clock_row, line_entry, lines_in
+from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.radio import AT_1M, FALSE_ALARMS, SAMPLES, clutter_of, deviations_of, rician
 from gridslam.kernels.primitives.tables import EXPLAINED, LABEL, NEW
 from gridslam.kernels.propagation.bundles import lay_leg, meet_cells, rows_alone
@@ -177,22 +179,17 @@ def sum_up(born: ti.template(), told: ti.template(), measured: ti.template()):
 @quick
 @ti.kernel
 def propose(
+    rate: ti.f64,  # births per anchor, step and unit of lines (rad m)
+    head: ti.i32,  # entry of the mean where the lines begin: see `layout`
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
     state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S (+ J), P] see `layout`
     noise: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, B] standard normal, for as many states
-    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
-    head: ti.i32,  # entry where the lines begin: see `layout`
     heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] see `AnchorScan.table`
     known: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [H, 2] known surface hit last, first; -1: the new one
     whose: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [A] anchors that may have sent the measurements
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
-    radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 11] see `radio`
-    rate: ti.f64,  # births per anchor, step and unit of lines (rad m)
-    ratio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, A H] scratch: anchor by anchor
+    anchors: pack(Anchors),
     measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: see `tables`; `NEW` is out
-    born: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + M A H, 4] out: how many there are; of each its
-    # measurement, its row of `known`, and its anchor
-    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M A H, 3] out: the line at the mean; births over
-    # clutter, as mean numbers
+    births: pack(BirthRows),
 ):
     """Draw length and AoA around the measurement, make the new line, and judge it by AoD and amplitude.
 
@@ -206,8 +203,8 @@ def propose(
         least = ti.max(ti.cast(FAINT, ti.f64), SLIGHT * measured[EXPLAINED, m])
         anchor, begin = whose[own], own * hypotheses
         for h in range(hypotheses):
-            ratio[m, begin + h] = 0.0
-        place, clock = anchor_of(places, mean, head, anchor), clock_row(head, anchor, state.shape[0])
+            births.ratio[m, begin + h] = 0.0
+        place, clock = anchor_of(anchors.places, mean, head, anchor), clock_row(head, anchor, state.shape[0])
         length = heard[m, 0] - place[3]
         common = rate * length
         keep = heard[m, 3] >= 0 and heard[m, 5] >= 0 and hypotheses > 0 and length > 0
@@ -215,11 +212,11 @@ def propose(
         std, level = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64), ti.Vector([0.0, 0.0], dt=ti.f64)
         if keep:
             amplitude = heard[m, 6]
-            usual = amplitude if amplitude >= 0 else radio[anchor, AT_1M] / ti.max(length, 1e-3) * 0.5
-            std = known_std(radio, anchor, heard, m, usual)
-            clutter = radio[anchor, FALSE_ALARMS] * clutter_of(radio, anchor, amplitude)
-            level[0] = mean_rician(radio, anchor, length, amplitude, 1.0) / clutter
-            level[1] = mean_rician(radio, anchor, length, amplitude, USUAL_REFLECTION) / clutter
+            usual = amplitude if amplitude >= 0 else anchors.radio[anchor, AT_1M] / ti.max(length, 1e-3) * 0.5
+            std = known_std(anchors.radio, anchor, heard, m, usual)
+            clutter = anchors.radio[anchor, FALSE_ALARMS] * clutter_of(anchors.radio, anchor, amplitude)
+            level[0] = mean_rician(anchors.radio, anchor, length, amplitude, 1.0) / clutter
+            level[1] = mean_rician(anchors.radio, anchor, length, amplitude, USUAL_REFLECTION) / clutter
             # what a hypothesis could be worth at most: the AoD right on, the image next to the anchor
             most = ti.max(level[0], level[1]) if hypotheses > 1 else level[0]
             keep = common * most / ROOT_TURN > least * ti.min(std[1], WIDEST)
@@ -241,51 +238,54 @@ def propose(
                 end_x[i], end_y[i] = state[0, k] + distance * cosine, state[1, k] + distance * sine
                 there[i] = ti.select(distance > 0, 1.0, 0.0)
             for h in range(hypotheses):
-                last, first, so_far = known[h, 0], known[h, 1], ratio[m, begin + h]
+                last, first, so_far = known[h, 0], known[h, 1], births.ratio[m, begin + h]
                 more = likely(
                     at, last, first, state, end_x, end_y, there, ax, ay, departure, departure_std
                 )  # fmt: skip
-                ratio[m, begin + h] = so_far + more / (blocks * BLOCK)
+                births.ratio[m, begin + h] = so_far + more / (blocks * BLOCK)
         for h in range(hypotheses if keep else 0):
             last, first = known[h, 0], known[h, 1]
-            worth = common * level[0] * ratio[m, begin + h]
+            worth = common * level[0] * births.ratio[m, begin + h]
             if last >= 0 or first >= 0:
-                worth = common * level[1] * DOUBLE_SHARE * ratio[m, begin + h]
-            ratio[m, begin + h] = worth if worth > least else 0.0
+                worth = common * level[1] * DOUBLE_SHARE * births.ratio[m, begin + h]
+            births.ratio[m, begin + h] = worth if worth > least else 0.0
     ti.loop_config(serialize=True)
     for _ in range(1):
         count = 0
         for m in range(heard.shape[0]):
-            for n in range(ratio.shape[1]):
-                if ratio[m, n] > 0:
+            for n in range(births.ratio.shape[1]):
+                if births.ratio[m, n] > 0:
                     h, anchor = n % known.shape[0], whose[n // known.shape[0]]
-                    last, first, place = known[h, 0], known[h, 1], anchor_of(places, mean, head, anchor)
+                    last, first, place = (
+                        known[h, 0],
+                        known[h, 1],
+                        anchor_of(anchors.places, mean, head, anchor),
+                    )
                     length, arrival = heard[m, 0] - place[3], heard[m, 2]
                     angle, offset = line_of(mean, head, length, arrival, place, last, first)
-                    told[count, 0], told[count, 1], told[count, 2] = angle, offset, ratio[m, n]
+                    births.told[count, 0], births.told[count, 1], births.told[count, 2] = (
+                        angle,
+                        offset,
+                        births.ratio[m, n],
+                    )
                     count += 1
-                    born[count, 0], born[count, 1], born[count, 2] = m, last, first
-                    born[count, 3] = anchor
-        born[0, 0] = count
-        sum_up(born, told, measured)
+                    births.born[count, 0], births.born[count, 1], births.born[count, 2] = m, last, first
+                    births.born[count, 3] = anchor
+        births.born[0, 0] = count
+        sum_up(births.born, births.told, measured)
 
 
 @quick
 @ti.kernel
 def weigh_by_visibility(
-    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
-    head: ti.i32,  # entry where the lines begin: see `layout`
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    head: ti.i32,  # entry of the mean where the lines begin: see `layout`
     wide: ti.i32,  # cells of a row
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
     occupied: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [2, ny nx] o of a traversed cell, of a hit one in V
-    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [4 or more] origin x, y, side, factor outside
-    line: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [1 or more, LINES, LANES] scratch
-    place: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [1 or more, PLACES, LANES] scratch
-    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 (S + 1), 1] scratch
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1, 4] scratch
-    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [1, 14] scratch
-    born: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + B or more, 4] as `propose` leaves them
-    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [B or more, 3] in/out: as `propose` leaves them
+    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [4 or more] see `blocks.Cells`
+    sketch: pack(Sketch),
+    births: pack(BirthRows),  # as `propose` leaves them; `told` is in/out
     measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: see `tables`; `NEW` is out
 ):
     """Weigh births by V of their paths at the mean of the belief, [Li2026grid], eq. (1).
@@ -295,16 +295,24 @@ def weigh_by_visibility(
     ti.loop_config(serialize=True)
     for _ in range(1):
         surfaces = lines_in(head, mean.shape[0])
-        stand_at(mean, head, state)
+        stand_at(mean, head, sketch.state)
         own = 3 + 3 * surfaces
-        for b in range(born[0, 0]):
-            last, first, worth = born[b + 1, 1], born[b + 1, 2], told[b, 2]
-            state[own, 0], state[own + 1, 0] = cos_of(told[b, 0]), sin_of(told[b, 0])
-            state[own + 2, 0] = told[b, 1]
-            path[0, 0], path[0, 3] = (1 if last < 0 and first < 0 else 2), born[b + 1, 3]
-            path[0, 1], path[0, 2] = (surfaces if last < 0 else last), (surfaces if first < 0 else first)
-            draw_path(state, path, places, 0, 0, drawn)
-            told[b, 2] = UNTOLD * worth
-            if drawn[0, 12] > 0.5:
-                told[b, 2] = worth * alone(drawn, path[0, 0], wide, occupied, frame, line, place)
-        sum_up(born, told, measured)
+        for b in range(births.born[0, 0]):
+            last, first, worth = births.born[b + 1, 1], births.born[b + 1, 2], births.told[b, 2]
+            sketch.state[own, 0], sketch.state[own + 1, 0] = (
+                cos_of(births.told[b, 0]),
+                sin_of(births.told[b, 0]),
+            )
+            sketch.state[own + 2, 0] = births.told[b, 1]
+            sketch.path[0, 0], sketch.path[0, 3] = (1 if last < 0 and first < 0 else 2), births.born[b + 1, 3]
+            sketch.path[0, 1], sketch.path[0, 2] = (
+                (surfaces if last < 0 else last),
+                (surfaces if first < 0 else first),
+            )
+            draw_path(sketch.state, sketch.path, places, 0, 0, sketch.drawn)
+            births.told[b, 2] = UNTOLD * worth
+            if sketch.drawn[0, 12] > 0.5:
+                births.told[b, 2] = worth * alone(
+                    sketch.drawn, sketch.path[0, 0], wide, occupied, frame, sketch.line, sketch.place
+                )
+        sum_up(births.born, births.told, measured)

@@ -4,6 +4,7 @@ import taichi as ti
 
 from gridslam.kernels import FAINTEST, USUAL_REFLECTION
 from gridslam.kernels.management.births import known_std
+from gridslam.kernels.primitives.blocks import Anchors, Belief, Newborn
 from gridslam.kernels.primitives.functions import (
     bearing_of,
     cos_of,
@@ -17,6 +18,7 @@ from gridslam.kernels.primitives.functions import (
 from gridslam.kernels.primitives.gaussian import entry_of, mirror_of, path_of
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.layout import HEADING, anchor_of, clock_entry, line_entry, lines_in
+from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, log_rician
 from gridslam.kernels.propagation.coefficients import BINS
 
@@ -135,20 +137,15 @@ def share_clock(joint: ti.template(), covariance: ti.template(), slope, clock):
 @quick
 @ti.kernel
 def initialise_surface(
-    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
-    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
     head: ti.i32,  # entry where the lines begin: see `layout`
     anchor: ti.i32,
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] see `AnchorScan.table`
     m: ti.i32,  # the measurement
     last: ti.i32,  # known surface hit last, first; -1: the new one
     first: ti.i32,
-    radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 11] see `radio`
-    spread: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N + 2] scratch
-    fresh: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N + 2] out: mean with the new line
-    joint: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N + 2, N + 2] out: covariance
-    reflection: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [BINS] out: belief over its coefficient
+    belief: pack(Belief),
+    anchors: pack(Anchors),
+    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] see `AnchorScan.table`
+    out: pack(Newborn),
 ):
     """Append the line that explains a measurement, and correct it by the AoD.
 
@@ -157,76 +154,92 @@ def initialise_surface(
     """
     ti.loop_config(serialize=True)
     for _ in range(ti.min(heard.shape[0], 1)):
-        size, surface = mean.shape[0], ti.max(last, first)
+        size, surface = belief.mean.shape[0], ti.max(last, first)
         newest, known = lines_in(head, size), (line_entry(head, surface) if surface >= 0 else 0)
         bounces = 1 if surface < 0 else 2
-        place, clock = anchor_of(places, mean, head, anchor), clock_entry(head, anchor)
+        place, clock = anchor_of(anchors.places, belief.mean, head, anchor), clock_entry(head, anchor)
         wall = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64)
         if surface >= 0:
-            wall[0], wall[1], wall[2] = cos_of(mean[known]), sin_of(mean[known]), mean[known + 1]
+            wall[0], wall[1], wall[2] = (
+                cos_of(belief.mean[known]),
+                sin_of(belief.mean[known]),
+                belief.mean[known + 1],
+            )
         distance, amplitude = heard[m, 0] - place[3], heard[m, 6]  # a length, whatever clocks made of it
-        at_1m = radio[anchor, AT_1M] / ti.max(distance, 1e-3)
+        at_1m = anchors.radio[anchor, AT_1M] / ti.max(distance, 1e-3)
         strength = ti.max(amplitude if amplitude >= 0 else 0.5 * at_1m, FAINTEST)
-        std = known_std(radio, anchor, heard, m, strength)
+        std = known_std(anchors.radio, anchor, heard, m, strength)
         # where to linearise
         departs, arrival = heard[m, 4] >= 0 and std[1] < UNTOLD, heard[m, 2]
-        wide = ti.sqrt(std[2] * std[2] + covariance[HEADING, HEADING])
+        wide = ti.sqrt(std[2] * std[2] + belief.covariance[HEADING, HEADING])
         for stage in range(2 if departs else 0):
             reach = wide * (REACH if stage == 0 else 2 * REACH / TRIALS)
             middle, best, least = arrival, arrival, ti.cast(1e30, ti.f64)
             for k in range(TRIALS):
                 trial = middle + reach * (2 * ti.cast(k, ti.f64) / (TRIALS - 1) - 1)
-                misfit = misfit_of(trial, mean, place, wall, last, first, distance, heard, m, std, wide)
+                misfit = misfit_of(
+                    trial, belief.mean, place, wall, last, first, distance, heard, m, std, wide
+                )
                 if misfit < least:
                     best, least = trial, misfit
             arrival = best
-        angle, offset, slope = line_at(arrival, mean, place, known, last, first, distance)
+        angle, offset, slope = line_at(arrival, belief.mean, place, known, last, first, distance)
         off = wrapped(heard[m, 2] - arrival)
         back = ti.Vector([slope[0, 4] * off, slope[1, 4] * off], dt=ti.f64)
         # the line as a function of state and measurement
         entry = ti.Vector([0, 1, HEADING, 0, 0, known, (known + 1 if surface >= 0 else 0)])
         for i in range(size):
-            fresh[i] = mean[i]
+            out.fresh[i] = belief.mean[i]
             for j in range(size):
-                joint[i, j] = covariance[i, j]
+                out.joint[i, j] = belief.covariance[i, j]
             for r in ti.static(range(2)):
                 cross = ti.cast(0.0, ti.f64)
                 for e in ti.static((0, 1, 2, 5, 6)):
-                    cross += slope[r, e] * covariance[entry[e], i]
-                joint[size + r, i], joint[i, size + r] = cross, cross
+                    cross += slope[r, e] * belief.covariance[entry[e], i]
+                out.joint[size + r, i], out.joint[i, size + r] = cross, cross
         if clock >= 0:
-            share_clock(joint, covariance, slope, clock)
+            share_clock(out.joint, belief.covariance, slope, clock)
         for r in ti.static(range(2)):
             for q in ti.static(range(2)):
                 own = slope[r, 3] * slope[q, 3] * std[0] ** 2 + slope[r, 4] * slope[q, 4] * std[2] ** 2
                 for e in ti.static((0, 1, 2, 5, 6)):
-                    own += joint[size + ti.max(r, q), entry[e]] * slope[ti.min(r, q), e]
-                joint[size + r, size + q] = own
+                    own += out.joint[size + ti.max(r, q), entry[e]] * slope[ti.min(r, q), e]
+                out.joint[size + r, size + q] = own
         if clock >= 0:
             for r in ti.static(range(2)):
                 for q in ti.static(range(2)):
-                    so_far = joint[size + r, size + q]
-                    own = joint[size + ti.max(r, q), clock] * slope[ti.min(r, q), 3]
-                    joint[size + r, size + q] = so_far - own
-        fresh[size], fresh[size + 1] = angle, offset
+                    so_far = out.joint[size + r, size + q]
+                    own = out.joint[size + ti.max(r, q), clock] * slope[ti.min(r, q), 3]
+                    out.joint[size + r, size + q] = so_far - own
+        out.fresh[size], out.fresh[size + 1] = angle, offset
         if departs:
             ends = (newest if last < 0 else last), (newest if first < 0 else first)
             correct_by_departure(
-                fresh, joint, head, spread, heard[m, 1], std[1], place, bounces, ends[0], ends[1], back
+                out.fresh,
+                out.joint,
+                head,
+                out.spread,
+                heard[m, 1],
+                std[1],
+                place,
+                bounces,
+                ends[0],
+                ends[1],
+                back,
             )
-        moved_angle, moved_offset = fresh[size], fresh[size + 1]
-        fresh[size], fresh[size + 1] = moved_angle + back[0], moved_offset + back[1]
-        heading = fresh[HEADING]
-        fresh[HEADING] = wrapped(heading)
+        moved_angle, moved_offset = out.fresh[size], out.fresh[size + 1]
+        out.fresh[size], out.fresh[size + 1] = moved_angle + back[0], moved_offset + back[1]
+        heading = out.fresh[HEADING]
+        out.fresh[HEADING] = wrapped(heading)
         # its coefficient, by the amplitude alone
         total, other = ti.cast(0.0, ti.f64), (1.0 if surface < 0 else USUAL_REFLECTION)
         for n in range(BINS):
             density = ti.cast(1.0, ti.f64)
             if amplitude >= 0:
                 level = at_1m * other * (n + 0.5) / BINS
-                density = decay_of(log_rician(amplitude, level, radio[anchor, SAMPLES])) + VAGUE
-            reflection[n] = density
+                density = decay_of(log_rician(amplitude, level, anchors.radio[anchor, SAMPLES])) + VAGUE
+            out.coefficient[n] = density
             total += density
         for n in range(BINS):
-            share = reflection[n]
-            reflection[n] = share / total
+            share = out.coefficient[n]
+            out.coefficient[n] = share / total

@@ -2,10 +2,12 @@
 
 import taichi as ti
 
+from gridslam.kernels.primitives.blocks import Belief, Description, Links, SurfaceRows
 from gridslam.kernels.primitives.functions import cos_of, sin_of
 from gridslam.kernels.primitives.gaussian import path_of
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.layout import anchor_of, line_entry
+from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.propagation.coefficients import BINS
 from gridslam.kernels.propagation.paths import draw_path, stand_at
 from gridslam.kernels.propagation.rays import enter_path, listed
@@ -80,51 +82,36 @@ def tell_path(
 @quick
 @ti.kernel
 def describe(
-    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
-    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
     head: ti.i32,  # entry where the lines begin: see `layout`
-    extent: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 2] stretch of each surface that was hit
-    reflection: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] belief over its coefficient
     bounces: ti.i32,  # of a path at most
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
-    surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
-    owner: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] the one anchor that a surface serves; -1 for all
-    sight: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J] existence of lines of sight
-    single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] of rays over one surface
-    double: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [J, S, S] over (last, first)
-    identity: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S]
     at_1m: ti.f64,  # amplitude of a line of sight 1 m long
-    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S, 1] scratch
-    table: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 16] out: line (2) and covariance (4), SFV (2) and
-    # covariance (4), coefficient and variance, extent (2), of the line with offset >= 0
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [1 + J (1 + S S), 4] out: bounces, last, first, anchor
-    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [1 + J (1 + S S), 13] scratch: see `draw_path`
-    number: ti.types.ndarray(dtype=ti.i64, ndim=2),  # [J (1 + S S), 3] out: anchor, identities of last, first
-    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J (1 + S S), 13] out: distance with clocks, AoD, AoA;
-    # amplitude by coefficients; existence of ray and surfaces; corners (8), NaN for bounces that there aren't
-    found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: number of paths
+    belief: pack(Belief),
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    links: pack(Links),
+    surfaces: pack(SurfaceRows),
+    out: pack(Description),
 ):
     """Describe all surfaces, and the believed paths that are possible, at the mean of the belief."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        count, n = surface.shape[0], 0
+        count, n = links.surface.shape[0], 0
         for s in range(count):
-            tell_surface(s, mean, covariance, head, extent, reflection, table)
-        stand_at(mean, head, state)
+            tell_surface(
+                s, belief.mean, belief.covariance, head, surfaces.extent, surfaces.reflection, out.table
+            )
+        stand_at(belief.mean, head, out.state)
         for anchor in range(places.shape[0]):
             for kind in range(3 if bounces > 1 else 2):
                 for s in range(1 if kind == 0 else count):
                     for r in range(count if kind == 2 else 1):
-                        there, chance, together = listed(
-                            kind, s, r, anchor, surface, owner, sight, single, double
-                        )  # fmt: skip
+                        there, chance, together = listed(kind, s, r, anchor, links)
                         if there and chance * together > BELIEVED:
-                            enter_path(path, n, kind, s, r, anchor)
-                            draw_path(state, path, places, n, 0, drawn)
-                            if drawn[n, 12] > 0.5:
+                            enter_path(out.path, n, kind, s, r, anchor)
+                            draw_path(out.state, out.path, places, n, 0, out.drawn)
+                            if out.drawn[n, 12] > 0.5:
                                 tell_path(
-                                    n, chance * together, mean, head, path, places, identity, at_1m, table,
-                                    drawn, number, told,
+                                    n, chance * together, belief.mean, head, out.path, places,
+                                    surfaces.identity, at_1m, out.table, out.drawn, out.number, out.told,
                                 )  # fmt: skip
                                 n += 1
-        found[0] = n
+        out.found[0] = n

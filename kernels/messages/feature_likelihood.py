@@ -6,7 +6,9 @@ that neither its existence nor its power enters here.
 
 import taichi as ti
 
+from gridslam.kernels.primitives.blocks import Solver
 from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.packing import pack
 
 LEAST_M = 0.1
 """Shorter ways are taken to be as long as this."""
@@ -170,9 +172,7 @@ def evaluate_features(
     pulse: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [T, 2] correlation of the pulse over length, slope
     per_m: ti.f64,  # rows of the tables per metre
     longest: ti.f64,  # no feature is heard from farther off, m
-    scratch: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [LANES, D + 1, 14 + 3 N]
-    gram: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [LANES, D + 1, D]
-    solved: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [LANES, D + 1, 2]
+    solver: pack(Solver),
     out: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [P, 3] out: A, |h_lo^H z|^2, |h_lo|^2
 ):
     """A of (M123) and the line of sight's matched output, for every particle."""
@@ -182,11 +182,20 @@ def evaluate_features(
         for p in range(lane * each, ti.min((lane + 1) * each, points.shape[0])):
             count, elements = features.shape[0], element.shape[0]
             los = place_features(
-                p, lane, points, features, anchor, element, table, 0, per_m, longest, scratch
+                p, lane, points, features, anchor, element, table, 0, per_m, longest, solver.scratch
             )
-            project(lane, count, elements, los, pulse, per_m, scratch)
+            project(lane, count, elements, los, pulse, per_m, solver.scratch)
             out[p, 0] = factorise(
-                lane, count, elements, los[3], points[p, 3], pulse, per_m, scratch, gram, solved
+                lane,
+                count,
+                elements,
+                los[3],
+                points[p, 3],
+                pulse,
+                per_m,
+                solver.scratch,
+                solver.gram,
+                solver.solved,
             )
             out[p, 1] = los[1] * los[1] + los[2] * los[2]
             out[p, 2] = los[3]
@@ -204,9 +213,7 @@ def differentiate_features(
     pulse: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [T, 2] correlation of the pulse over length, slope
     per_m: ti.f64,  # rows of the tables per metre
     longest: ti.f64,  # no feature is heard from farther off, m
-    scratch: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [LANES, D + 1, 14 + 3 N]
-    gram: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [LANES, 2 D + 1, D]
-    solved: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [LANES, D + 1, 2]
+    solver: pack(Solver),
     out: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [Q, D + 1, 4] out: slopes by the features; last row: A
 ):
     """Slopes of A by every feature's place, extra length and power, (M124), for every point."""
@@ -216,49 +223,53 @@ def differentiate_features(
         for p in range(lane * each, ti.min((lane + 1) * each, points.shape[0])):
             count, elements, noise = features.shape[0], element.shape[0], points[p, 3]
             los = place_features(
-                p, lane, points, features, anchor, element, table, step[p], per_m, longest, scratch
+                p, lane, points, features, anchor, element, table, step[p], per_m, longest, solver.scratch
             )
-            project(lane, count, elements, los, pulse, per_m, scratch)
+            project(lane, count, elements, los, pulse, per_m, solver.scratch)
             out[p, count, 0] = factorise(
-                lane, count, elements, los[3], noise, pulse, per_m, scratch, gram, solved
+                lane, count, elements, los[3], noise, pulse, per_m, solver.scratch, solver.gram, solver.solved
             )
             # w = G^-1 t takes the place of L^-1 t
             for back in range(count):
                 n = count - 1 - back
                 for part in ti.static(range(2)):
-                    value = solved[lane, n, part]
+                    value = solver.solved[lane, n, part]
                     for i in range(n + 1, count):
-                        value -= gram[lane, i, n] * solved[lane, i, part]
-                    solved[lane, n, part] = value / gram[lane, n, n]
+                        value -= solver.gram[lane, i, n] * solver.solved[lane, i, part]
+                    solver.solved[lane, n, part] = value / solver.gram[lane, n, n]
             # the inverse root below the root, then G^-1 row by row as it is needed
             for n in range(count):
                 for m in range(n + 1):
                     value = ti.cast(1.0 if m == n else 0.0, ti.f64)
                     for i in range(m, n):
-                        value -= gram[lane, n, i] * gram[lane, count + i, m]
-                    gram[lane, count + n, m] = value / gram[lane, n, n]
+                        value -= solver.gram[lane, n, i] * solver.gram[lane, count + i, m]
+                    solver.gram[lane, count + n, m] = value / solver.gram[lane, n, n]
             for n in range(count):
-                s, length = scratch[lane, n, 1], scratch[lane, n, 0]
-                wr, wi = solved[lane, n, 0], solved[lane, n, 1]
-                by_length = 2 * s / noise * (wr * scratch[lane, n, 5] + wi * scratch[lane, n, 6])
-                by_angle = 2 * s / noise * (wr * scratch[lane, n, 7] + wi * scratch[lane, n, 8])
-                by_gain = 2 / noise * (wr * scratch[lane, n, 2] + wi * scratch[lane, n, 3])
+                s, length = solver.scratch[lane, n, 1], solver.scratch[lane, n, 0]
+                wr, wi = solver.solved[lane, n, 0], solver.solved[lane, n, 1]
+                by_length = (
+                    2 * s / noise * (wr * solver.scratch[lane, n, 5] + wi * solver.scratch[lane, n, 6])
+                )
+                by_angle = 2 * s / noise * (wr * solver.scratch[lane, n, 7] + wi * solver.scratch[lane, n, 8])
+                by_gain = 2 / noise * (wr * solver.scratch[lane, n, 2] + wi * solver.scratch[lane, n, 3])
                 for m in range(count):
                     inverse = ti.cast(0.0, ti.f64)
                     for i in range(ti.max(n, m), count):
-                        inverse += gram[lane, count + i, n] * gram[lane, count + i, m]
-                    weight = (wr * solved[lane, m, 0] + wi * solved[lane, m, 1] + inverse) / noise
-                    ra = array_product(lane, n, m, elements, scratch)
-                    place = (length - scratch[lane, m, 0]) * per_m
+                        inverse += solver.gram[lane, count + i, n] * solver.gram[lane, count + i, m]
+                    weight = (
+                        wr * solver.solved[lane, m, 0] + wi * solver.solved[lane, m, 1] + inverse
+                    ) / noise
+                    ra = array_product(lane, n, m, elements, solver.scratch)
+                    place = (length - solver.scratch[lane, m, 0]) * per_m
                     rs, by = look_up_even(pulse, place, 0), look_up_even(pulse, place, 1)
-                    both, k = length * scratch[lane, m, 0], scratch[lane, m, 4] / los[3]
-                    gain = scratch[lane, m, 1]
-                    by_gain -= 2 * weight * gain * (rs * ra[0] / both - scratch[lane, n, 4] * k)
+                    both, k = length * solver.scratch[lane, m, 0], solver.scratch[lane, m, 4] / los[3]
+                    gain = solver.scratch[lane, m, 1]
+                    by_gain -= 2 * weight * gain * (rs * ra[0] / both - solver.scratch[lane, n, 4] * k)
                     weight *= 2 * s * gain
-                    by_length -= weight * ((by - rs / length) * ra[0] / both - scratch[lane, n, 9] * k)
-                    by_angle -= weight * (rs * ra[1] / both - scratch[lane, n, 10] * k)
-                x, y = scratch[lane, n, 11], scratch[lane, n, 12]
-                by_angle /= scratch[lane, n, 13]
+                    by_length -= weight * ((by - rs / length) * ra[0] / both - solver.scratch[lane, n, 9] * k)
+                    by_angle -= weight * (rs * ra[1] / both - solver.scratch[lane, n, 10] * k)
+                x, y = solver.scratch[lane, n, 11], solver.scratch[lane, n, 12]
+                by_angle /= solver.scratch[lane, n, 13]
                 out[p, n, 0] = by_length * x - by_angle * y
                 out[p, n, 1] = by_length * y + by_angle * x
                 out[p, n, 2] = by_length

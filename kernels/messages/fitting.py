@@ -23,9 +23,8 @@ def book(sums: ti.template(), anchor, add):
 
 @ti.func
 def fit(
-    path: ti.template(), start: ti.template(), index: ti.template(), pair: ti.template(),
-    predicted: ti.template(), share: ti.template(), message: ti.template(), heard: ti.template(),
-    blocks: ti.template(), radio: ti.template(), turned: ti.template(), sums: ti.template(),
+    rows: ti.template(), pairs: ti.template(), message: ti.template(), heard: ti.template(),
+    radio: ti.template(), account: ti.template(),
 ):  # fmt: skip
     """Add what the pairs say that are sure; explained are the loud measurements that some path caused.
 
@@ -35,36 +34,36 @@ def fit(
     The line of sight says how an anchor faces and how strong it sends: no wall takes part. Arguments: see
     `updates.update`.
     """
-    paths, count = path.shape[0], blocks.shape[1]
+    paths, count = rows.path.shape[0], pairs.blocks.shape[1]
     for m in range(heard.shape[0]):
         if heard[m, 7] > 0.5:
             total, add = ti.cast(0.0, ti.f64), ti.Vector.zero(ti.f64, 8)
             for row in range(paths):
                 total += message[RESPONSIBLE, row, m]
             add[4], add[5] = ti.min(total, 1.0), 1.0
-            book(sums, ti.cast(ti.max(heard[m, LABEL], 0.0), ti.i32), add)
-    for k in range(start[paths]):
-        if share[k] > SURE:
-            row, m, add = index[k, 0], index[k, 1], ti.Vector.zero(ti.f64, 8)
-            anchor = path[row, ANCHOR]
+            book(account.sums, ti.cast(ti.max(heard[m, LABEL], 0.0), ti.i32), add)
+    for k in range(pairs.start[paths]):
+        if account.share[k] > SURE:
+            row, m, add = pairs.index[k, 0], pairs.index[k, 1], ti.Vector.zero(ti.f64, 8)
+            anchor = rows.path[row, ANCHOR]
             core, value = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)
             for i in range(3):
-                value[i] = predicted[row, i]
+                value[i] = rows.predicted[row, i]
                 for j in range(3):
-                    core[i, j] = predicted[row, 3 + 3 * i + j]
-            gap, noisy = innovation_of(pair, k, value, core)
+                    core[i, j] = rows.predicted[row, 3 + 3 * i + j]
+            gap, noisy = innovation_of(pairs.pair, k, value, core)
             inverse, _determinant = inverse_of(noisy)
             add[0] = ti.min(gap.dot(inverse @ gap), WORST)
             for i in range(3):
-                add[1] += 1.0 if pair[k, 3 + i] < MEASURED else 0.0
-            if path[row, 0] == 0:
-                if pair[k, 4] < MEASURED:
-                    add[6] = (turned[anchor] - gap[1]) / noisy[1, 1]
+                add[1] += 1.0 if pairs.pair[k, 3 + i] < MEASURED else 0.0
+            if rows.path[row, 0] == 0:
+                if pairs.pair[k, 4] < MEASURED:
+                    add[6] = (account.turned[anchor] - gap[1]) / noisy[1, 1]
                     add[7] = 1 / noisy[1, 1]
                 amplitude = heard[m, 6]
-                if pair[k, 3] < MEASURED and amplitude >= 0:
-                    late = predicted[row, 0] - predicted[row, LENGTH]
-                    level = radio[anchor, AT_1M] / ti.max(pair[k, 0] - late, 1e-3)
+                if pairs.pair[k, 3] < MEASURED and amplitude >= 0:
+                    late = rows.predicted[row, 0] - rows.predicted[row, LENGTH]
+                    level = radio[anchor, AT_1M] / ti.max(pairs.pair[k, 0] - late, 1e-3)
                     square = 0.5 + level * level / (4 * radio[anchor, SAMPLES])
                     measured = ti.sqrt(ti.max(amplitude * amplitude - square, 0.0))
                     if measured > 2 * radio[anchor, THRESHOLD]:  # fainter ones are biased by the threshold
@@ -72,13 +71,13 @@ def fit(
                         add[3] = level * level / square
             mean, squares = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
             for block in range(count):
-                mean += blocks[paths + k, block] / count
+                mean += pairs.blocks[paths + k, block] / count
             for block in range(count):
-                off = blocks[paths + k, block] - mean
+                off = pairs.blocks[paths + k, block] - mean
                 squares += off * off / count
             # blocks are sums of independent weights, so their spread tells that of the weights
             spread = ti.min(PATH_BLOCK * squares / ti.max(mean, 1e-30) ** 2, 1e12)
             number = ti.max(count * PATH_BLOCK / (1 + spread), 1.0)
-            fewest = sums[anchor, 8]
-            sums[anchor, 8] = ti.min(fewest, number)
-            book(sums, anchor, add)
+            fewest = account.sums[anchor, 8]
+            account.sums[anchor, 8] = ti.min(fewest, number)
+            book(account.sums, anchor, add)

@@ -18,27 +18,26 @@ LEAST_STD = 1e-6
 
 @ti.func
 def gate(
-    path: ti.template(), predicted: ti.template(), heard: ti.template(), radio: ti.template(), kept,
-    odds: ti.template(), strength: ti.template(), start: ti.template(), index: ti.template(),
-    pair: ti.template(), table: ti.template(), measured: ti.template(),
+    rows: ti.template(), heard: ti.template(), radio: ti.template(), kept, scratch: ti.template(),
+    pairs: ti.template(), ratios: ti.template(),
 ):  # fmt: skip
     """Pick the pairs whose distance and angles lie within reach of what is predicted, path by path.
 
-    What one anchor is known to have sent belongs to none of the others' paths. `strength` is as
+    What one anchor is known to have sent belongs to none of the others' paths. `scratch.strength` is as
     `amplitudes.weigh` leaves it; arguments: see `evaluation.evaluate`.
     """
     known = 0
     for m in range(heard.shape[0]):
-        measured[UNEXPLAINED, m] = heard[m, 8]
-    start[0] = 0
-    for row in range(predicted.shape[0]):
-        anchor = path[row, ANCHOR]
+        ratios.measured[UNEXPLAINED, m] = heard[m, 8]
+    pairs.start[0] = 0
+    for row in range(rows.predicted.shape[0]):
+        anchor = rows.path[row, ANCHOR]
         for m in range(heard.shape[0]):
-            ratio = strength[0, row, m]
+            ratio = scratch.strength[0, row, m]
             own = heard[m, LABEL] < 0 or heard[m, LABEL] == anchor
-            if own and ratio > 0 and worth_of(odds, row) > NEGLIGIBLE:
-                amplitude = ti.max(strength[1, row, m], FAINTEST)
-                std = deviations_of(radio, anchor, amplitude, predicted[row, 1], predicted[row, 2])
+            if own and ratio > 0 and worth_of(ratios.odds, row) > NEGLIGIBLE:
+                amplitude = ti.max(scratch.strength[1, row, m], FAINTEST)
+                std = deviations_of(radio, anchor, amplitude, rows.predicted[row, 1], rows.predicted[row, 2])
                 near, absent = True, ti.cast(1.0, ti.f64)
                 variance = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64)
                 for q in ti.static(range(3)):
@@ -46,7 +45,7 @@ def gate(
                     if given > 0:
                         std[q] = given
                     if given >= 0:
-                        gap = heard[m, q] - predicted[row, q]
+                        gap = heard[m, q] - rows.predicted[row, q]
                         if ti.static(q > 0):
                             gap = wrapped(gap)
                     variance[q] = ti.max(std[q], LEAST_STD) ** 2
@@ -56,7 +55,7 @@ def gate(
                         absent *= ROOT_TURN * ti.sqrt(ti.cast(UNMEASURED, ti.f64)) / flat
                         variance[q] = UNMEASURED
                         std[q] = 0.0
-                    reach = GATE * ti.sqrt(predicted[row, 3 + 4 * q] + std[q] * std[q])
+                    reach = GATE * ti.sqrt(rows.predicted[row, 3 + 4 * q] + std[q] * std[q])
                     reach += MARGIN_M if ti.static(q == 0) else MARGIN_RAD
                     if not (ti.abs(gap) < reach):
                         near = False
@@ -64,7 +63,7 @@ def gate(
                     total = ti.Matrix.zero(ti.f64, 3, 3)
                     for i in ti.static(range(3)):
                         for j in ti.static(range(3)):
-                            total[i, j] = kept * predicted[row, 3 + 3 * i + j]
+                            total[i, j] = kept * rows.predicted[row, 3 + 3 * i + j]
                         total[i, i] += variance[i]
                     a, b, c = total[0, 0], total[1, 1], total[2, 2]
                     d, e, f = total[0, 1], total[0, 2], total[1, 2]
@@ -72,19 +71,19 @@ def gate(
                     i01, i02, i12 = e * f - c * d, d * f - b * e, d * e - a * f
                     determinant = a * i00 + d * i01 + e * i02
                     reach = ti.min(GATE * ti.sqrt(a), 1e5)
-                    index[known, 0], index[known, 1] = row, m
-                    measured[UNEXPLAINED, m] = 0.0
+                    pairs.index[known, 0], pairs.index[known, 1] = row, m
+                    ratios.measured[UNEXPLAINED, m] = 0.0
                     for q in ti.static(range(3)):
-                        pair[known, q], pair[known, 3 + q] = heard[m, q], variance[q]
-                        table[known, q] = ti.cast(heard[m, q], ti.f32)
-                    pair[known, 6], pair[known, 7] = ratio * absent, determinant
-                    table[known, 3] = ti.cast(i00 / determinant, ti.f32)
-                    table[known, 4] = ti.cast(i11 / determinant, ti.f32)
-                    table[known, 5] = ti.cast(i22 / determinant, ti.f32)
-                    table[known, 6] = ti.cast(i01 / determinant, ti.f32)
-                    table[known, 7] = ti.cast(i02 / determinant, ti.f32)
-                    table[known, 8] = ti.cast(i12 / determinant, ti.f32)
-                    table[known, 9] = ti.cast(ti.max(heard[m, 0] - reach, -1e5), ti.f32)
-                    table[known, 10] = ti.cast(heard[m, 0] + reach, ti.f32)
+                        pairs.pair[known, q], pairs.pair[known, 3 + q] = heard[m, q], variance[q]
+                        scratch.table[known, q] = ti.cast(heard[m, q], ti.f32)
+                    pairs.pair[known, 6], pairs.pair[known, 7] = ratio * absent, determinant
+                    scratch.table[known, 3] = ti.cast(i00 / determinant, ti.f32)
+                    scratch.table[known, 4] = ti.cast(i11 / determinant, ti.f32)
+                    scratch.table[known, 5] = ti.cast(i22 / determinant, ti.f32)
+                    scratch.table[known, 6] = ti.cast(i01 / determinant, ti.f32)
+                    scratch.table[known, 7] = ti.cast(i02 / determinant, ti.f32)
+                    scratch.table[known, 8] = ti.cast(i12 / determinant, ti.f32)
+                    scratch.table[known, 9] = ti.cast(ti.max(heard[m, 0] - reach, -1e5), ti.f32)
+                    scratch.table[known, 10] = ti.cast(heard[m, 0] + reach, ti.f32)
                     known += 1
-        start[row + 1] = known
+        pairs.start[row + 1] = known

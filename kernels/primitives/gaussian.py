@@ -195,72 +195,76 @@ def sorted_by(rank: ti.template(), least, among):
 
 @ti.func
 def correct_by(
-    row, mean: ti.template(), covariance: ti.template(), head, path: ti.template(), start: ti.template(),
-    index: ti.template(), pair: ti.template(), odds: ti.template(), message: ti.template(),
-    places: ti.template(), scratch: ti.template(), share: ti.template(), clocks: ti.template(),
+    row, belief: ti.template(), head, path: ti.template(), pairs: ti.template(), ratios: ti.template(),
+    places: ti.template(), account: ti.template(), clocks: ti.template(),
 ):  # fmt: skip
     """Correct by one path."""
-    size = mean.shape[0]
+    size = belief.mean.shape[0]
     bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
-    value, slope = path_of(mean, head, anchor_of(places, mean, head, anchor), bounces, last, first)
+    value, slope = path_of(
+        belief.mean, head, anchor_of(places, belief.mean, head, anchor), bounces, last, first
+    )
     entry, clock = entry_of(head, bounces, last, first), clock_entry(head, anchor)
-    core = spread_of(slope, entry, covariance)
+    core = spread_of(slope, entry, belief.covariance)
     if ti.static(clocks):
-        core += spread_by_clocks(slope, entry, clock, covariance)
-    total = odds[MISSED, row]
+        core += spread_by_clocks(slope, entry, clock, belief.covariance)
+    total = ratios.odds[MISSED, row]
     change, shift = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)
     moved = False
     for walk in range(2):  # 0: probabilities of the associations; 1: what they do
-        for k in range(start[row], start[row + 1]):
-            if walk == 0 or share[k] > UNMOVED * total:
-                gap, noisy = innovation_of(pair, k, value, core)
+        for k in range(pairs.start[row], pairs.start[row + 1]):
+            if walk == 0 or account.share[k] > UNMOVED * total:
+                gap, noisy = innovation_of(pairs.pair, k, value, core)
                 inverse, determinant = inverse_of(noisy)
                 g = inverse @ gap
                 if walk == 0:
                     scale = ti.sqrt((2 * PI) ** 3 * determinant)
-                    density = pair[k, 6] * decay_of(-0.5 * gap.dot(g)) / scale
-                    share[k] = odds[THERE, row] * message[NU, row, index[k, 1]] * density
-                    total += share[k]
+                    density = pairs.pair[k, 6] * decay_of(-0.5 * gap.dot(g)) / scale
+                    account.share[k] = (
+                        ratios.odds[THERE, row] * ratios.message[NU, row, pairs.index[k, 1]] * density
+                    )
+                    total += account.share[k]
                 else:
-                    part = share[k] / total
+                    part = account.share[k] / total
                     shift += part * g
                     change += part * (inverse - g.outer_product(g))
                     moved = True
-    odds[TOTAL, row] = total
-    for k in range(start[row], start[row + 1]):
-        share[k] /= total
+    ratios.odds[TOTAL, row] = total
+    for k in range(pairs.start[row], pairs.start[row + 1]):
+        account.share[k] /= total
     if moved:
         change += shift.outer_product(shift)
         for n in range(size):
             spread = ti.Vector.zero(ti.f64, 3)
             for m in range(7):
-                p = covariance[n, entry[m]]
+                p = belief.covariance[n, entry[m]]
                 for i in ti.static(range(3)):
                     spread[i] += p * slope[i, m]
             if ti.static(clocks):
-                spread[0] += covariance[n, clock]
+                spread[0] += belief.covariance[n, clock]
             pushed = change @ spread
             for i in ti.static(range(3)):
-                scratch[n, i], scratch[n, 3 + i] = spread[i], pushed[i]
+                account.scratch[n, i], account.scratch[n, 3 + i] = spread[i], pushed[i]
         for n in range(size):
             for m in range(n + 1):
                 less = ti.cast(0.0, ti.f64)
                 for i in ti.static(range(3)):
-                    less += scratch[n, i] * scratch[m, 3 + i]
-                after = covariance[n, m] - less  # read, then written: an addition in place would be atomic
-                covariance[n, m], covariance[m, n] = after, after
-            moved_to = mean[n]
+                    less += account.scratch[n, i] * account.scratch[m, 3 + i]
+                after = (
+                    belief.covariance[n, m] - less
+                )  # read, then written: an addition in place would be atomic
+                belief.covariance[n, m], belief.covariance[m, n] = after, after
+            moved_to = belief.mean[n]
             for i in ti.static(range(3)):
-                moved_to += scratch[n, i] * shift[i]
-            mean[n] = moved_to
-        mean[4] = wrapped(mean[4])
+                moved_to += account.scratch[n, i] * shift[i]
+            belief.mean[n] = moved_to
+        belief.mean[4] = wrapped(belief.mean[4])
 
 
 @ti.func
 def correct(
-    mean: ti.template(), covariance: ti.template(), head, path: ti.template(), start: ti.template(),
-    index: ti.template(), pair: ti.template(), odds: ti.template(), message: ti.template(),
-    places: ti.template(), scratch: ti.template(), share: ti.template(), clocks: ti.template(),
+    belief: ti.template(), head, path: ti.template(), pairs: ti.template(), ratios: ti.template(),
+    places: ti.template(), account: ti.template(), clocks: ti.template(),
 ):  # fmt: skip
     """Correct by the paths one after the other, surest first, each moment-matched over its measurements.
 
@@ -268,20 +272,17 @@ def correct(
     by S g, and all of them together change the covariance by S C S', where C is 3 x 3. `clocks` says whether
     they are part of the state; arguments: see `updates.update`.
     """
-    for k in range(start[path.shape[0]]):
-        share[k] = 0.0
+    for k in range(pairs.start[path.shape[0]]):
+        account.share[k] = 0.0
     for row in range(path.shape[0]):
         total = ti.cast(0.0, ti.f64)
-        for m in range(message.shape[2]):
-            message[RESPONSIBLE, row, m] = 0.0
-            total += message[BETA, row, m] * message[NU, row, m]
-        odds[TOTAL, row] = total + odds[MISSED, row]
-        odds[SURE, row] = total / odds[TOTAL, row]
-    for turn in range(sorted_by(odds, UNHEARD, path.shape[0])):
-        row = ti.cast(odds[ORDER, turn], ti.i32)
-        correct_by(
-            row, mean, covariance, head, path, start, index, pair, odds, message, places, scratch, share,
-            clocks,
-        )  # fmt: skip
-    for k in range(start[path.shape[0]]):
-        message[RESPONSIBLE, index[k, 0], index[k, 1]] = share[k]
+        for m in range(ratios.message.shape[2]):
+            ratios.message[RESPONSIBLE, row, m] = 0.0
+            total += ratios.message[BETA, row, m] * ratios.message[NU, row, m]
+        ratios.odds[TOTAL, row] = total + ratios.odds[MISSED, row]
+        ratios.odds[SURE, row] = total / ratios.odds[TOTAL, row]
+    for turn in range(sorted_by(ratios.odds, UNHEARD, path.shape[0])):
+        row = ti.cast(ratios.odds[ORDER, turn], ti.i32)
+        correct_by(row, belief, head, path, pairs, ratios, places, account, clocks)
+    for k in range(pairs.start[path.shape[0]]):
+        ratios.message[RESPONSIBLE, pairs.index[k, 0], pairs.index[k, 1]] = account.share[k]

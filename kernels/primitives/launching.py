@@ -21,6 +21,7 @@ import taichi as ti
 from taichi.lang.util import to_numpy_type
 
 from gridslam.kernels.primitives.device import ON_CPU
+from gridslam.kernels.primitives.packing import as_packs, flat_names, grouped, members_of
 
 _one_at_a_time = threading.RLock()
 _verdict: list[bool] = []
@@ -40,7 +41,8 @@ def quick(kernel):
     Parameters
     ----------
     kernel : ti.kernel
-        Its arguments are arrays of given type and number of dimensions, and numbers; it returns nothing.
+        Its arguments are arrays of given type and number of dimensions, blocks of such arrays (see
+        `packing`), and numbers; it returns nothing.
 
     Notes
     -----
@@ -50,11 +52,27 @@ def quick(kernel):
     primal = getattr(kernel, "_primal", None)
     if not all(hasattr(primal, name) for name in PRIVATE):
         return kernel  # a Taichi that keeps these elsewhere
-    hurried = _hurrying(kernel)
+    hurried, plain = _hurrying(kernel), _plain(kernel)
 
     @wraps(kernel)
     def launch(*arguments):
-        return (hurried if _verdict == GOOD or agrees() else kernel)(*arguments)
+        return (hurried if _verdict == GOOD or agrees() else plain)(*arguments)
+
+    launch.names = flat_names(primal.arguments)
+    launch.named = lambda **flat: launch(*grouped(primal.arguments, flat))
+    return launch
+
+
+def _plain(kernel):
+    """Taichi's own launch, with blocks handed over as tuples."""
+    known = kernel._primal.arguments
+    if not any(members_of(argument.annotation) for argument in known):
+        return kernel
+
+    def launch(*arguments):
+        if len(arguments) != len(known):
+            raise TypeError(f"missing or too many arguments: {len(arguments)} instead of {len(known)}")
+        return kernel(*as_packs(known, arguments))
 
     return launch
 
@@ -71,7 +89,7 @@ def agrees():
                 hurried = _made(_hurrying(kernel), attempts)
             except Exception as error:
                 trouble = f"{type(error).__name__}: {error}"
-            if _made(kernel, attempts) != hurried:  # if this fails, so does any launch
+            if _made(_plain(kernel), attempts) != hurried:  # if this fails, so does any launch
                 trouble = trouble or "results differ"
             _verdict.append(not trouble)
             if trouble:
@@ -89,13 +107,14 @@ def _sample():
         anchor: ti.i32,
         factor: ti.f64,
         wide: ti.types.ndarray(dtype=ti.f64, ndim=2),
-        narrow: ti.types.ndarray(dtype=ti.f32, ndim=1),
-        whole: ti.types.ndarray(dtype=ti.i32, ndim=1),
+        thin: ti.types.argpack(
+            narrow=ti.types.ndarray(dtype=ti.f32, ndim=1), whole=ti.types.ndarray(dtype=ti.i32, ndim=1)
+        ),
         out: ti.types.ndarray(dtype=ti.f64, ndim=2),
     ):
         for i in range(wide.shape[0]):
             for j in range(wide.shape[1]):
-                out[i, j] = anchor + factor * wide[i, j] + narrow[j] * whole[i]
+                out[i, j] = anchor + factor * wide[i, j] + thin.narrow[j] * thin.whole[i]
 
     return sample
 
@@ -104,10 +123,10 @@ def _attempts():
     """Arguments of launches one after the other: the same again, others, in turns, none, and views."""
     draw = np.random.default_rng(1)
     one, other, none = (
-        (draw.normal(size=(n, m)), draw.normal(size=m).astype(np.float32), np.arange(n, dtype=np.int32))
+        (draw.normal(size=(n, m)), (draw.normal(size=m).astype(np.float32), np.arange(n, dtype=np.int32)))
         for n, m in ((3, 5), (4, 7), (0, 2))
     )
-    fixed, part = (-one[0], *one[1:]), (one[0][1:], one[1], one[2][1:])
+    fixed, part = (-one[0], one[1]), (one[0][1:], (one[1][0], one[1][1][1:]))
     fixed[0].flags.writeable = False
     return [
         (1, 0.5, *one), (1, 0.5, *one), (2, 0.25, *one), (1, 0.5, *other), (2, 0.25, *one), (3, 2.0, *none),
@@ -127,38 +146,58 @@ def _made(kernel, attempts):
 
 def _hurrying(kernel):
     """A quick launch of a kernel, whether that agrees or not."""
-    primal = kernel._primal
-    kinds = [_kind(argument.annotation) for argument in primal.arguments]
-    places = [(place,) for place in range(len(kinds))]
-    own, key = threading.local(), _key(primal.arguments) if ON_CPU else None
+    primal, plain = kernel._primal, _plain(kernel)
+    known = primal.arguments
+    packs = [n for n, argument in enumerate(known) if members_of(argument.annotation)]
+    others = [n for n in range(len(known)) if n not in packs]
+    members = [kind for n in packs for kind in members_of(known[n].annotation).values()]
+    kinds = [_kind(known[n].annotation) for n in others] + [_kind(kind) for kind in members]
+    # Taichi leaves a pack its place, and hands its arrays over behind all arguments
+    places = [(n,) for n in others] + [(len(known) + n,) for n in range(len(members))]
+    spare = {n: known[n].annotation for n in packs}
+    own, key = threading.local(), _key(flat_names(known), places) if ON_CPU else None
 
     def launch(*arguments):
         compiled = primal.compiled_kernels
         if not compiled:
-            return _first(kernel, arguments)
-        if len(compiled) != 1 or len(arguments) != len(kinds):
-            return kernel(*arguments)
+            return _first(plain, arguments)
+        if len(compiled) != 1 or len(arguments) != len(known):
+            return plain(*arguments)
+        values = arguments
+        if packs:
+            values = [arguments[n] for n in others]
+            for n in packs:
+                values += arguments[n]
+        if len(values) != len(kinds):
+            return plain(*arguments)
         (code,) = compiled.values()
-        program = primal.runtime.prog
-        kept = _kept(own, code, program, arguments, key)
+        kept = _kept(own, code, primal.runtime.prog, values, key, spare, places)
         context, handed = kept.context, kept.handed
         if not ON_CPU:
-            context, handed = code.make_launch_context(), [NOTHING] * len(kinds)
-        for value, before, place, kind in zip(arguments, handed, places, kinds, strict=True):
-            if value is not before and not _hand_over(context, handed, place, value, kind):
-                return kernel(*arguments)
-        return program.launch_kernel(kept.machine, context)
+            context, handed = _context(code, kept.empty), [NOTHING] * len(handed)
+        for value, place, kind in zip(values, places, kinds, strict=True):
+            if value is not handed[place[0]] and not _hand_over(context, handed, place, value, kind):
+                return plain(*arguments)
+        return primal.runtime.prog.launch_kernel(kept.machine, context)
 
     return launch
 
 
-def _key(arguments):
-    """Which argument tells launches apart that are kept side by side; None for one launch alone."""
-    names = [argument.name for argument in arguments]
-    return next((names.index(name) for name in KEYS if name in names), None)
+def _context(code, empty):
+    """A launch; packs hold nothing but arrays, which don't stand in them, so any will do."""
+    context = code.make_launch_context()
+    for place, pack in empty.items():
+        context.set_arg_argpack((place,), pack._ArgPack__argpack)
+    return context
 
 
-def _kept(own, code, program, arguments, key):
+def _key(names, places):
+    """Which value, and at which place, tells launches apart that are kept; None for one alone."""
+    chosen = next((names.index(name) for name in KEYS if name in names), None)
+    return None if chosen is None else (chosen, places[chosen][0])
+
+
+def _kept(own, code, program, values, key, spare, places):
     """The launch that a thread keeps for such a key; else a new one, or the one not used for longest."""
     launches = own.__dict__.get("launches")
     if launches is None:
@@ -168,11 +207,11 @@ def _kept(own, code, program, arguments, key):
     if key is None and launches:
         return launches[0]
     for one in launches:  # the anchor whose turn it is was launched longest ago
-        if one.handed[key] is arguments[key]:
+        if one.handed[key[1]] is values[key[0]]:
             launches.remove(one)
             break
     else:
-        one = launches.pop(0) if len(launches) == MOST_KEPT else _Kept(code, program, len(arguments))
+        one = launches.pop(0) if len(launches) == MOST_KEPT else _Kept(code, program, spare, places)
     launches.append(one)
     return one
 
@@ -180,10 +219,12 @@ def _kept(own, code, program, arguments, key):
 class _Kept:
     """What one thread keeps of a kernel: machine code, a launch, and the arguments that this holds."""
 
-    def __init__(self, code, program, count):
+    def __init__(self, code, program, spare, places):
         self.code, self.program = code, program
         self.machine = program.compile_kernel(program.config(), program.get_device_caps(), code)
-        self.context, self.handed = code.make_launch_context(), [NOTHING] * count
+        self.empty = {place: kind(**dict.fromkeys(kind.members)) for place, kind in spare.items()}
+        self.context = _context(code, self.empty)
+        self.handed = [NOTHING] * (max((place for (place,) in places), default=0) + 1)
 
 
 def _first(kernel, arguments):

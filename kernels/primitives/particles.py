@@ -60,41 +60,40 @@ def draw_block(
 
 
 @ti.func
-def ready(
-    mean: ti.template(), covariance: ti.template(), head, share, points: ti.template(), offset, rooted,
-    whole: ti.template(), root: ti.template(), base: ti.template(), state: ti.template(),
-    failed: ti.template(),
-):  # fmt: skip
+def ready(belief: ti.template(), head, share, offset, rooted, draft: ti.template()):
     """Take the root of a covariance (Cholesky's), and draw some exact samples with it.
 
     Arguments are those of `rays.list_paths`.
     """
-    size, bad = (0 if rooted == STATE_GIVEN else mean.shape[0]), 0
+    size, bad = (0 if rooted == STATE_GIVEN else belief.mean.shape[0]), 0
     for j in range(size if rooted == TAKE_ROOT else 0):
         for i in range(j):
-            whole[i, j] = 0.0
+            draft.whole[i, j] = 0.0
         for i in range(j, size):
-            rest = covariance[i, j]
+            rest = belief.covariance[i, j]
             for k in range(j):
-                rest -= whole[i, k] * whole[j, k]
+                rest -= draft.whole[i, k] * draft.whole[j, k]
             if i == j:
                 if not (rest > 0):
                     bad, rest = 1, ti.cast(1.0, ti.f64)
-                whole[j, j] = ti.sqrt(rest)
+                draft.whole[j, j] = ti.sqrt(rest)
             else:
-                whole[i, j] = rest / whole[j, j]
-    failed[0] = bad
+                draft.whole[i, j] = rest / draft.whole[j, j]
+    draft.failed[0] = bad
     for i in range(size):
-        base[i, 0] = ti.cast(mean[i], ti.f32)
-        base[i, 1], base[i, 2] = ti.cast(cos_of(mean[i]), ti.f32), ti.cast(sin_of(mean[i]), ti.f32)
+        draft.base[i, 0] = ti.cast(belief.mean[i], ti.f32)
+        draft.base[i, 1], draft.base[i, 2] = (
+            ti.cast(cos_of(belief.mean[i]), ti.f32),
+            ti.cast(sin_of(belief.mean[i]), ti.f32),
+        )
         for j in range(size):
-            root[i, j] = ti.cast(share * whole[i, j], ti.f32)
-        for k in range(state.shape[1] if i != 2 and i != 3 else 0):
-            at, column = mean[i], (offset + k) % points.shape[1]
+            draft.root[i, j] = ti.cast(share * draft.whole[i, j], ti.f32)
+        for k in range(draft.state.shape[1] if i != 2 and i != 3 else 0):
+            at, column = belief.mean[i], (offset + k) % draft.points.shape[1]
             for j in range(i + 1):
-                at += whole[i, j] * points[j, column]
+                at += draft.whole[i, j] * draft.points[j, column]
             out = row_of(i, head, size)
             if i < head or (i - head) % 2 == 1:
-                state[out, k] = at
+                draft.state[out, k] = at
             else:
-                state[out, k], state[out + 1, k] = cos_of(at), sin_of(at)
+                draft.state[out, k], draft.state[out + 1, k] = cos_of(at), sin_of(at)

@@ -27,9 +27,8 @@ def worth_of(odds: ti.template(), row):
 
 @ti.func
 def weigh(
-    belief: ti.template(), nodes: ti.template(), spreading, path: ti.template(), predicted: ti.template(),
-    heard: ti.template(), table: ti.template(), step, radio: ti.template(), density: ti.template(),
-    strength: ti.template(), odds: ti.template(),
+    amplitudes: ti.template(), spreading, step, rows: ti.template(), heard: ti.template(),
+    radio: ti.template(), scratch: ti.template(), odds: ti.template(),
 ):  # fmt: skip
     """Mean likelihood of every amplitude under every path, and the path's mean amplitude given it.
 
@@ -37,25 +36,25 @@ def weigh(
     measurement without amplitude has the likelihood p_d. All paths have the first one's level of clutter.
     Arguments are those of `evaluation.evaluate`.
     """
-    count, one, known = nodes.shape[0], ti.cast(1.0, ti.f64), -1
-    for row in range(belief.shape[0]):
-        anchor, late = path[row, ANCHOR], predicted[row, 0] - predicted[row, LENGTH]
+    count, one, known = amplitudes.nodes.shape[0], ti.cast(1.0, ti.f64), -1
+    for row in range(amplitudes.probability.shape[0]):
+        anchor, late = rows.path[row, ANCHOR], rows.predicted[row, 0] - rows.predicted[row, LENGTH]
         if known < 0 or (known != anchor and spreading > 0.5):
             known, samples = anchor, radio[anchor, SAMPLES]
             for m in range(heard.shape[0]):
                 if heard[m, 3] >= 0 and heard[m, 6] >= 0:
                     per_metre = 1 / ti.max(heard[m, 0] - late, 1e-3) if spreading > 0.5 else one
                     for n in range(count):
-                        level = nodes[n] * per_metre
+                        level = amplitudes.nodes[n] * per_metre
                         said = rician(heard[m, 6], level, samples)
-                        density[0, m, n], density[1, m, n] = said, said * level
-        per_metre = 1 / ti.max(predicted[row, LENGTH], 1e-3) if spreading > 0.5 else one
+                        scratch.density[0, m, n], scratch.density[1, m, n] = said, said * level
+        per_metre = 1 / ti.max(rows.predicted[row, LENGTH], 1e-3) if spreading > 0.5 else one
         usual, seen, both = 0 * one, 0 * one, 0 * one
         for n in range(count):
-            p = belief[row, n]
+            p = amplitudes.probability[row, n]
             if p > 0:
-                level = nodes[n] * per_metre
-                sure = p * detection_of(level, table, step)
+                level = amplitudes.nodes[n] * per_metre
+                sure = p * detection_of(level, amplitudes.chance, step)
                 usual += p * level
                 seen += sure
                 both += sure * level
@@ -67,21 +66,23 @@ def weigh(
                     total, mean = seen, both
                 elif heard[m, 3] >= 0:
                     for n in range(count):
-                        total += belief[row, n] * density[0, m, n]
-                        mean += belief[row, n] * density[1, m, n]
+                        total += amplitudes.probability[row, n] * scratch.density[0, m, n]
+                        mean += amplitudes.probability[row, n] * scratch.density[1, m, n]
                 else:
                     for n in range(count):
-                        level = nodes[n] * per_metre
-                        said = belief[row, n] * rician(heard[m, 6], level, radio[anchor, SAMPLES])
+                        level = amplitudes.nodes[n] * per_metre
+                        said = amplitudes.probability[row, n] * rician(
+                            heard[m, 6], level, radio[anchor, SAMPLES]
+                        )
                         total += said
                         mean += said * level
-            strength[0, row, m] = total
-            strength[1, row, m] = mean / total if total > NEVER else usual
+            scratch.strength[0, row, m] = total
+            scratch.strength[1, row, m] = mean / total if total > NEVER else usual
     for m in range(heard.shape[0]):
         clutter = ti.cast(1.0, ti.f64)
-        if belief.shape[0] > 0:
-            first = path[0, ANCHOR]
+        if amplitudes.probability.shape[0] > 0:
+            first = rows.path[0, ANCHOR]
             clutter = radio[first, FALSE_ALARMS] * clutter_of(radio, first, heard[m, 6])
-        for row in range(belief.shape[0]):
-            before = strength[0, row, m]
-            strength[0, row, m] = before / clutter
+        for row in range(amplitudes.probability.shape[0]):
+            before = scratch.strength[0, row, m]
+            scratch.strength[0, row, m] = before / clutter

@@ -11,9 +11,11 @@ own states above that. So a ray is walked twice at most: for V, and to add V to 
 
 import taichi as ti
 
+from gridslam.kernels.primitives.blocks import Belief, Casting, Cells, Draft, Links, Listed, Query, Slabs
 from gridslam.kernels.primitives.device import ON_CPU, SPREAD
 from gridslam.kernels.primitives.functions import log_of
 from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.propagation.bundles import (
     FAR,
     LANES,
@@ -94,86 +96,44 @@ def settle(
 @quick
 @ti.kernel
 def cast(
-    only: ti.i32,  # these 27: see `rays.list_paths`
-    bounces: ti.i32,
-    stay: ti.f64,
-    appear: ti.f64,
-    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),
-    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    head: ti.i32,
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    surface: ti.types.ndarray(dtype=ti.f64, ndim=1),
-    owner: ti.types.ndarray(dtype=ti.i64, ndim=1),
-    sight: ti.types.ndarray(dtype=ti.f64, ndim=1),
-    single: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    double: ti.types.ndarray(dtype=ti.f64, ndim=3),
-    share: ti.f64,
-    points: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    offset: ti.i32,
-    rooted: ti.i32,
-    whole: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    root: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    base: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    state: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    failed: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),
-    existence: ti.types.ndarray(dtype=ti.f64, ndim=1),
-    surfaces: ti.types.ndarray(dtype=ti.f64, ndim=1),
-    predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # L
-    factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, 2]  A of the path, and whether to send messages
-    occupied: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [2, ny nx] o of a traversed cell, of a hit one in V
-    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] origin x, y, side; factor outside, clip, least
-    # share, how likely a wall is of another material where it is hit next
-    where: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [ny, nx] a cell's row of `held`, -1 for none
-    held: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [H, BINS] log-likelihood of coefficients in hit cells
-    reflection: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] beliefs about coefficients of surfaces
-    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 14] out: corners, normals, possible or not, V
-    seen: ti.types.ndarray(
-        dtype=ti.f64, ndim=2
-    ),  # [L, 6] out: mean V where possible, share of states where it
-    # is, mean of the first and of the second corner
-    belief: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L or 0, 2 BINS] out: over products of coefficients
-    line: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [SLABS, LINES, LANES] scratch
-    place: ti.types.ndarray(dtype=ti.i32, ndim=3),  # [SLABS, PLACES, LANES] scratch
-    sums: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 SLABS, ny nx] zero on entry and exit
-    touched: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [2 SLABS, ny nx + 1] scratch
-    met: ti.types.ndarray(dtype=ti.u8, ndim=2),  # [SLABS, ny nx] zero on entry and exit
-    message: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [SLABS, ny nx] in/out: sum of log ratios
-    news: ti.types.ndarray(dtype=ti.u8, ndim=2),  # [SLABS, groups of CELLS] in/out: where there are any
+    query: pack(Query),
+    belief: pack(Belief),
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    links: pack(Links),
+    draft: pack(Draft),
+    listed: pack(Listed),
+    grid: pack(Cells),
+    casting: pack(Casting),
+    slabs: pack(Slabs),
 ):
     """Look ahead; cast the rays of all paths; add the log ratios to `message` of those that are to send.
 
     Nothing is cast if no root of the covariance was found.
     A path sends only if it is possible at more than the least share of its states; an impossible ray has V 0.
-    Beliefs about coefficients where rays meet walls are written if `belief` has rows.
+    Beliefs about coefficients where rays meet walls are written if `products` has rows.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
         if ti.static(ON_CPU):  # Taichi's SPIR-V compiler can't take both in one: see `Cells`
-            list_and_predict(
-                only, bounces, stay, appear, mean, covariance, head, places, surface, owner, sight, single,
-                double, share, points, offset, rooted, whole, root, base, state, failed, path, existence,
-                surfaces, predicted, found,
-            )  # fmt: skip
-    for item in range(message.shape[0] * SPREAD):
+            list_and_predict(query, belief, places, links, draft, listed)
+    for item in range(slabs.message.shape[0] * SPREAD):
         if item % SPREAD == 0:
             slab = item // SPREAD
-            ny, nx = where.shape[0], where.shape[1]
-            paths, rays = (found[0] if failed[0] == 0 else 0), state.shape[1]
+            ny, nx = grid.where.shape[0], grid.where.shape[1]
+            paths, rays = (listed.found[0] if draft.failed[0] == 0 else 0), draft.state.shape[1]
             row = slab
             while row < paths:
-                count, a = path[row, 0], factor[row, 0]
+                count, a = listed.path[row, 0], casting.factor[row, 0]
                 total, known, hits, possible = ti.cast(0.0, ti.f64), 0, 0, 0
                 open_to, middle = ti.cast(0.0, ti.f64), ti.Vector([0.0, 0.0, 0.0, 0.0], dt=ti.f64)
                 for ray in range(rays):
-                    draw_path(state, path, places, row, ray, drawn)
-                    drawn[row * rays + ray, 13] = 0.0
-                    possible += ti.cast(drawn[row * rays + ray, 12], ti.i32)
+                    draw_path(draft.state, listed.path, places, row, ray, casting.drawn)
+                    casting.drawn[row * rays + ray, 13] = 0.0
+                    possible += ti.cast(casting.drawn[row * rays + ray, 12], ti.i32)
                     for n in ti.static(range(4)):
-                        middle[n] += drawn[row * rays + ray, 2 + n] / rays
+                        middle[n] += casting.drawn[row * rays + ray, 2 + n] / rays
                 # a path that is worth the same whether blocked or not sends nothing
-                send = factor[row, 1] > 0.5 and a != 1.0 and possible > frame[5] * rays
+                send = casting.factor[row, 1] > 0.5 and a != 1.0 and possible > grid.frame[5] * rays
                 for group in range((rays + LANES - 1) // LANES if possible > 0 else 0):
                     first, live = row * rays + group * LANES, ti.min(LANES, rays - group * LANES)
                     through, since = ti.Vector([1.0] * LANES), ti.Vector([0] * LANES)
@@ -183,13 +143,34 @@ def cast(
                     entry, leave = ti.Vector([0] * LANES), ti.Vector([0] * LANES)
                     origin = ti.Vector([0.0] * LANES, dt=ti.f64)
                     slope = ti.Vector([0.0] * LANES, dt=ti.f64)
-                    meet_cells(drawn, first, live, count, frame, nx, occupied, slab, line, place)
-                    mark(place, slab, live, 1, met)
+                    meet_cells(
+                        casting.drawn,
+                        first,
+                        live,
+                        count,
+                        grid.frame,
+                        nx,
+                        grid.occupied,
+                        slab,
+                        slabs.line,
+                        slabs.place,
+                    )
+                    mark(slabs.place, slab, live, 1, slabs.met)
                     common, passed = ti.cast(1.0, ti.f64), ti.cast(0.0, ti.f32)
                     for walk in range(2 if send else 1):  # 0: V; 1: add it to the cells
                         for corner in range(count + 1 if walk == 0 or passed > 0 else 0):
                             plan = lay_leg(
-                                drawn, first, live, corner, frame, origin, slope, start, stop, entry, leave
+                                casting.drawn,
+                                first,
+                                live,
+                                corner,
+                                grid.frame,
+                                origin,
+                                slope,
+                                start,
+                                stop,
+                                entry,
+                                leave,
                             )
                             step_of(slope, rise, rest)
                             flat = plan[0] > 0.5
@@ -212,7 +193,7 @@ def cast(
                                 if together and lowest <= highest:  # a cell that a ray meets is looked at
                                     cell = c * along + lowest * across
                                     beyond = c * along + highest * across
-                                    together = met[slab, cell] == 0 and met[slab, beyond] == 0
+                                    together = slabs.met[slab, cell] == 0 and slabs.met[slab, beyond] == 0
                                 if ti.static(LANES == 1):
                                     together = True
                                     lowest, highest = rows_alone(c, origin, slope, start, stop, entry, leave)
@@ -222,12 +203,14 @@ def cast(
                                     for r in range(lowest, highest + 1):
                                         cell, spared = c * along + r * across, False
                                         if ti.static(LANES == 1):
-                                            spared = met[slab, cell] != 0
+                                            spared = slabs.met[slab, cell] != 0
                                         if not spared:
                                             if walk == 0:
-                                                common *= 1 - ti.cast(occupied[0, cell], ti.f64)
+                                                common *= 1 - ti.cast(grid.occupied[0, cell], ti.f64)
                                             else:
-                                                known = crossed(slab, cell, passed, sums, touched, known)
+                                                known = crossed(
+                                                    slab, cell, passed, slabs.sums, slabs.touched, known
+                                                )
                                 else:
                                     if not fresh:
                                         split(origin, slope, c, enter, part)
@@ -245,44 +228,69 @@ def cast(
                                         bottom, top = ti.min(bottom, below), ti.max(top, above)
                                     for r in range(ti.max(bottom, 0), ti.min(top, rows - 1) + 1):
                                         cell, add = c * along + r * across, 0.0
-                                        free = 1 - occupied[0, cell]
-                                        if met[slab, cell] == 0:
+                                        free = 1 - grid.occupied[0, cell]
+                                        if slabs.met[slab, cell] == 0:
                                             add = cross_row(walk, r, low, high, free, through)
                                         else:  # rays that meet a cell don't traverse it
-                                            spare(place, slab, cell, low, since)
+                                            spare(slabs.place, slab, cell, low, since)
                                             add = cross_row(walk, r, since, high, free, through)
                                         if walk == 1:
-                                            known = crossed(slab, cell, add, sums, touched, known)
+                                            known = crossed(slab, cell, add, slabs.sums, slabs.touched, known)
                                 same, was = one, will
                         if walk == 0:
                             for i in range(live):
                                 k, v = first + i, ti.cast(0.0, ti.f64)
-                                if drawn[k, 12] > 0.5:
+                                if casting.drawn[k, 12] > 0.5:
                                     v = through[i] * common
-                                    drawn[k, 13] = v * line[slab, 0, i] * line[slab, 1, i]
-                                    open_to += drawn[k, 13]
-                                    v *= line[slab, OWN, i] * line[slab, OWN + 1, i]
+                                    casting.drawn[k, 13] = v * slabs.line[slab, 0, i] * slabs.line[slab, 1, i]
+                                    open_to += casting.drawn[k, 13]
+                                    v *= slabs.line[slab, OWN, i] * slabs.line[slab, OWN + 1, i]
                                 total += v * a + 1 - v
                                 through[i] = ti.cast(v, ti.f32)
                                 passed += through[i]
-                    mark(place, slab, live, 0, met)
+                    mark(slabs.place, slab, live, 0, slabs.met)
                     if send:
                         for i in range(live):
                             for b in range(count):
-                                v, own = ti.cast(through[i], ti.f64), line[slab, OWN + b, i]
+                                v, own = ti.cast(through[i], ti.f64), slabs.line[slab, OWN + b, i]
                                 v1 = v / ti.max(own, 1e-12)
                                 for n in range(3 * b, 3 * b + 3):
-                                    cell = place[slab, n, i]
+                                    cell = slabs.place[slab, n, i]
                                     if cell >= 0 and v > 0:
-                                        v0 = v1 * (1 - (1 - own) / (1 - occupied[0, cell]))
+                                        v0 = v1 * (1 - (1 - own) / (1 - grid.occupied[0, cell]))
                                         hits = lifted(
-                                            slab, cell, (v0 - v) * (a - 1), (v1 - v) * (a - 1), sums, touched,
-                                            hits,
+                                            slab, cell, (v0 - v) * (a - 1), (v1 - v) * (a - 1), slabs.sums,
+                                            slabs.touched, hits,
                                         )  # fmt: skip
-                seen[row, 0], seen[row, 1] = open_to / ti.max(possible, 1), possible / ti.cast(rays, ti.f64)
+                casting.seen[row, 0], casting.seen[row, 1] = (
+                    open_to / ti.max(possible, 1),
+                    possible / ti.cast(rays, ti.f64),
+                )
                 for n in ti.static(range(4)):
-                    seen[row, 2 + n] = middle[n]
-                if belief.shape[0] > 0:
-                    recall(drawn, path, where, held, reflection, frame, row, rays, belief)
-                settle(slab, known, hits, total, a, frame[4], occupied, sums, touched, message, news)
-                row += message.shape[0]
+                    casting.seen[row, 2 + n] = middle[n]
+                if casting.products.shape[0] > 0:
+                    recall(
+                        casting.drawn,
+                        listed.path,
+                        grid.where,
+                        grid.held,
+                        grid.reflection,
+                        grid.frame,
+                        row,
+                        rays,
+                        casting.products,
+                    )
+                settle(
+                    slab,
+                    known,
+                    hits,
+                    total,
+                    a,
+                    grid.frame[4],
+                    grid.occupied,
+                    slabs.sums,
+                    slabs.touched,
+                    slabs.message,
+                    slabs.news,
+                )
+                row += slabs.message.shape[0]

@@ -2,8 +2,10 @@
 
 import taichi as ti
 
+from gridslam.kernels.primitives.blocks import Coefficients, Drawn, Hits, Messages
 from gridslam.kernels.primitives.functions import decay_of, logarithm_of
 from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, log_rician
 from gridslam.kernels.propagation.amplitudes import detection_of
 from gridslam.kernels.propagation.bundles import cell_of
@@ -144,29 +146,16 @@ def add_to_cells(
 @quick
 @ti.kernel
 def learn(
-    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
-    head: ti.i32,  # entry where the lines begin: see `layout`
-    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room R, 14] as cast
-    seen: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room, 6] as `cast` leaves them
-    count: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] L and K: these six: see `path_messages`
-    path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [room, 4] bounces, last, first, anchor
-    factor: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [room, 2] unused; whether a path tells of cells
-    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, room] see `path_messages`
-    begin: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [room + 1] where the pairs of each path begin
-    said: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, room] amplitude, negative for none; probability
-    table: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [T] p_d over ``0, step, ...``
+    head: ti.i32,  # entry of the mean where the lines begin: see `layout`
     step: ti.f64,
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
+    table: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [T] p_d over ``0, step, ...``
     radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 11] see `radio`
-    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] see `cells.cast`
-    usual: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] scratch: mean coefficient of every surface
-    surface: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, BINS] in/out: beliefs of surfaces
-    where: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [ny, nx] in/out: a cell's row of `held`, -1 for none
-    held: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [H or more, BINS] in/out: log-likelihoods of hit cells
-    used: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] in/out: H
-    latest: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [S] scratch: these four: see `detections.mark`
-    foot: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] in/out
-    extent: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 2] in/out
-    times: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] in/out
+    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] see `blocks.Cells`
+    rays_cast: pack(Drawn),
+    messages: pack(Messages),
+    known: pack(Coefficients),
+    hits: pack(Hits),
 ):
     """Learn coefficients: of surfaces by single bounces, of cells by both ends of double bounces, too; and
     where surfaces were hit.
@@ -176,35 +165,111 @@ def learn(
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
-        for s in range(surface.shape[0]):
-            total, latest[s] = ti.cast(0.0, ti.f64), -1
+        for s in range(known.surface.shape[0]):
+            total, known.latest[s] = ti.cast(0.0, ti.f64), -1
             for n in range(BINS):
-                total += surface[s, n] * (n + 0.5) / BINS
-            usual[s] = total
-        rays = drawn.shape[0] // ti.max(path.shape[0], 1)
+                total += known.surface[s, n] * (n + 0.5) / BINS
+            known.usual[s] = total
+        rays = rays_cast.drawn.shape[0] // ti.max(messages.noted.shape[0], 1)
         log = ti.Vector([0.0] * BINS, dt=ti.f64)
-        for row in range(count[0]):
-            bounces, last, first = path[row, 0], path[row, 1], path[row, 2]
-            heard = told[SHARE, row] > AUDIBLE
-            send = factor[row, 1] > 0.5 and seen[row, 1] > frame[LEAST]
-            if send and told[SHARE, row] > LIKELIER_THAN_NOT:
-                spot(path, row, seen, mean, head, foot, extent, times, latest)
+        for row in range(messages.count[0]):
+            bounces, last, first = messages.noted[row, 0], messages.noted[row, 1], messages.noted[row, 2]
+            heard = messages.told[SHARE, row] > AUDIBLE
+            send = messages.factor[row, 1] > 0.5 and rays_cast.seen[row, 1] > frame[LEAST]
+            if send and messages.told[SHARE, row] > LIKELIER_THAN_NOT:
+                spot(
+                    messages.noted,
+                    row,
+                    rays_cast.seen,
+                    mean,
+                    head,
+                    hits.foot,
+                    hits.extent,
+                    hits.times,
+                    known.latest,
+                )
             if bounces == 1 and (heard or send):
-                say(log, path, told, begin, said, table, step, radio, row, 1.0)
+                say(
+                    log,
+                    messages.noted,
+                    messages.told,
+                    messages.begin,
+                    messages.said,
+                    table,
+                    step,
+                    radio,
+                    row,
+                    1.0,
+                )
                 if heard:
                     most, total = ti.cast(-1e30, ti.f64), ti.cast(0.0, ti.f64)
                     for n in range(BINS):
                         most = ti.max(most, log[n])
                     for n in range(BINS):
-                        surface[last, n] = surface[last, n] * decay_of(log[n] - most) + 1e-9
-                        total += surface[last, n]
+                        known.surface[last, n] = known.surface[last, n] * decay_of(log[n] - most) + 1e-9
+                        total += known.surface[last, n]
                     for n in range(BINS):
-                        before = surface[last, n]
-                        surface[last, n] = before / total
+                        before = known.surface[last, n]
+                        known.surface[last, n] = before / total
                 if send:
-                    add_to_cells(log, told[THERE, row], drawn, where, held, used, frame, row, rays, 1)
+                    add_to_cells(
+                        log,
+                        messages.told[THERE, row],
+                        rays_cast.drawn,
+                        known.where,
+                        known.held,
+                        known.used,
+                        frame,
+                        row,
+                        rays,
+                        1,
+                    )
             elif bounces == 2 and heard and send:
-                say(log, path, told, begin, said, table, step, radio, row, usual[first])
-                add_to_cells(log, told[THERE, row], drawn, where, held, used, frame, row, rays, 2)
-                say(log, path, told, begin, said, table, step, radio, row, usual[last])
-                add_to_cells(log, told[THERE, row], drawn, where, held, used, frame, row, rays, 1)
+                say(
+                    log,
+                    messages.noted,
+                    messages.told,
+                    messages.begin,
+                    messages.said,
+                    table,
+                    step,
+                    radio,
+                    row,
+                    known.usual[first],
+                )
+                add_to_cells(
+                    log,
+                    messages.told[THERE, row],
+                    rays_cast.drawn,
+                    known.where,
+                    known.held,
+                    known.used,
+                    frame,
+                    row,
+                    rays,
+                    2,
+                )
+                say(
+                    log,
+                    messages.noted,
+                    messages.told,
+                    messages.begin,
+                    messages.said,
+                    table,
+                    step,
+                    radio,
+                    row,
+                    known.usual[last],
+                )
+                add_to_cells(
+                    log,
+                    messages.told[THERE, row],
+                    rays_cast.drawn,
+                    known.where,
+                    known.held,
+                    known.used,
+                    frame,
+                    row,
+                    rays,
+                    1,
+                )

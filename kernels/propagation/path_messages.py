@@ -15,32 +15,29 @@ LIKELY = 0.1
 
 @ti.func
 def note(
-    path: ti.template(), start: ti.template(), index: ti.template(), odds: ti.template(),
-    predicted: ti.template(), heard: ti.template(), share: ti.template(), count: ti.template(),
-    noted: ti.template(), factor: ti.template(), told: ti.template(), begin: ti.template(),
-    said: ti.template(),
+    rows: ti.template(), pairs: ti.template(), ratios: ti.template(), heard: ti.template(),
+    share: ti.template(), out: ti.template(),
 ):  # fmt: skip
-    """Append an anchor's paths and pairs to those of the anchors before.
+    """Append paths and pairs to those of the anchors before.
 
-    Arguments are those of `updates.update`; those after `count` are the arrays of
-    `inference.state.path_messages`.
+    Arguments are those of `updates.update`; `out` is its `messages`.
     """
-    n, k = count[0], count[1]
+    n, k = out.count[0], out.count[1]
     fresh = n >= 0  # always, but a GPU copies the earlier rows only if they seem to be needed
-    for row in range(path.shape[0]):
+    for row in range(rows.path.shape[0]):
         for e in ti.static(range(4)):
-            noted[n, e] = ti.select(fresh, path[row, e], noted[n, e])
-        belief, total = odds[SURFACES, row] * odds[EXISTENCE, row], ti.cast(0.0, ti.f64)
-        factor[n, 0] = ti.select(fresh, belief * odds[WORTH, row] + 1 - belief, factor[n, 0])
-        factor[n, 1] = 1.0 if belief > LIKELY else 0.0
-        for pair in range(start[row], start[row + 1]):
-            said[0, k] = ti.select(fresh, heard[index[pair, 1], 6], said[0, k])
-            said[1, k] = share[pair]
+            out.noted[n, e] = ti.select(fresh, rows.path[row, e], out.noted[n, e])
+        belief, total = ratios.odds[SURFACES, row] * ratios.odds[EXISTENCE, row], ti.cast(0.0, ti.f64)
+        out.factor[n, 0] = ti.select(fresh, belief * ratios.odds[WORTH, row] + 1 - belief, out.factor[n, 0])
+        out.factor[n, 1] = 1.0 if belief > LIKELY else 0.0
+        for pair in range(pairs.start[row], pairs.start[row + 1]):
+            out.said[0, k] = ti.select(fresh, heard[pairs.index[pair, 1], 6], out.said[0, k])
+            out.said[1, k] = share[pair]
             total += share[pair]
             k += 1
-        told[THERE, n] = ti.select(fresh, odds[SURFACES, row], told[THERE, n])
-        told[CHANCE, n], told[SHARE, n] = odds[CHANCE_BEFORE, row], total
-        told[LENGTH, n] = predicted[row, LENGTH_COLUMN]
+        out.told[THERE, n] = ti.select(fresh, ratios.odds[SURFACES, row], out.told[THERE, n])
+        out.told[CHANCE, n], out.told[SHARE, n] = ratios.odds[CHANCE_BEFORE, row], total
+        out.told[LENGTH, n] = rows.predicted[row, LENGTH_COLUMN]
         n += 1
-        begin[n] = ti.select(fresh, k, begin[n])
-    count[0], count[1] = n, k
+        out.begin[n] = ti.select(fresh, k, out.begin[n])
+    out.count[0], out.count[1] = n, k

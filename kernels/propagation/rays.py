@@ -3,10 +3,26 @@
 import taichi as ti
 
 from gridslam.kernels import ALREADY_LISTED
+from gridslam.kernels.primitives.blocks import (
+    APPEAR,
+    BOUNCES,
+    HEAD,
+    OFFSET,
+    ONLY,
+    ROOTED,
+    SHARE,
+    STAY,
+    Belief,
+    Draft,
+    Links,
+    Listed,
+    Query,
+)
 from gridslam.kernels.primitives.functions import wrapped
 from gridslam.kernels.primitives.gaussian import entry_of, path_of, predict_by, spread_by_clocks, spread_of
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.layout import anchor_of, clock_entry
+from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.particles import ready
 from gridslam.kernels.primitives.radio import GIVEN, HERE, SCALE, THERE, THRESHOLD
 from gridslam.kernels.primitives.tables import LABEL
@@ -19,18 +35,15 @@ ROOT_8_PI = 8.885765876316732
 
 
 @ti.func
-def listed(
-    kind, s, r, anchor, surface: ti.template(), owner: ti.template(), sight: ti.template(),
-    single: ti.template(), double: ti.template(),
-):  # fmt: skip
+def listed(kind, s, r, anchor, links: ti.template()):
     """Whether a path over so many surfaces is worth a look; existence of its ray, and of its surfaces."""
-    there, chance, together = True, sight[anchor], ti.cast(1.0, ti.f64)
+    there, chance, together = True, links.sight[anchor], ti.cast(1.0, ti.f64)
     if kind == 1:
-        there = owner[s] == -1 or owner[s] == anchor
-        chance, together = single[anchor, s], surface[s]
+        there = links.owner[s] == -1 or links.owner[s] == anchor
+        chance, together = links.single[anchor, s], links.surface[s]
     elif kind == 2:
-        there = s != r and surface[s] > STRONG and surface[r] > STRONG
-        chance, together = double[anchor, s, r], surface[s] * surface[r]
+        there = s != r and links.surface[s] > STRONG and links.surface[r] > STRONG
+        chance, together = links.double[anchor, s, r], links.surface[s] * links.surface[r]
     return there, chance, together
 
 
@@ -43,78 +56,46 @@ def enter_path(path: ti.template(), row, kind, s, r, anchor):
 
 @ti.func
 def list_and_predict(
-    only, bounces, stay, appear, mean: ti.template(), covariance: ti.template(), head, places: ti.template(),
-    surface: ti.template(), owner: ti.template(), sight: ti.template(), single: ti.template(),
-    double: ti.template(), share, points: ti.template(), offset, rooted, whole: ti.template(),
-    root: ti.template(), base: ti.template(), state: ti.template(), failed: ti.template(),
-    path: ti.template(), existence: ti.template(), surfaces: ti.template(), predicted: ti.template(),
-    found: ti.template(),
+    query: ti.template(), belief: ti.template(), places: ti.template(), links: ti.template(),
+    draft: ti.template(), out: ti.template(),
 ):  # fmt: skip
     """Make ready to draw particles and samples; list paths and predict them, unless these are given.
 
     Arguments are those of `list_paths`.
     """
-    ready(mean, covariance, head, share, points, offset, rooted, whole, root, base, state, failed)
-    count, n, known = surface.shape[0], 0, only == ALREADY_LISTED
+    only, bounces, head = query.choice[ONLY], query.choice[BOUNCES], query.choice[HEAD]
+    stay, appear = query.weight[STAY], query.weight[APPEAR]
+    ready(belief, head, query.weight[SHARE], query.choice[OFFSET], query.choice[ROOTED], draft)
+    count, n, known = links.surface.shape[0], 0, only == ALREADY_LISTED
     end = 0 if known else (places.shape[0] if only < 0 else only + 1)
     for anchor in range(ti.max(only, 0), end):
         for kind in range(3 if bounces > 1 else 2):
             for s in range(1 if kind == 0 else count):
                 for r in range(count if kind == 2 else 1):
-                    there, chance, together = listed(
-                        kind, s, r, anchor, surface, owner, sight, single, double
-                    )  # fmt: skip
+                    there, chance, together = listed(kind, s, r, anchor, links)
                     if there:
-                        enter_path(path, n, kind, s, r, anchor)
-                        existence[n], surfaces[n] = appear + chance * (stay - appear), together
+                        enter_path(out.path, n, kind, s, r, anchor)
+                        out.existence[n], out.surfaces[n] = appear + chance * (stay - appear), together
                         n += 1
     for row in range(n):
-        predict_by(mean, covariance, head, path, places, row, predicted)
-    found[0] = found[0] if known else n
+        predict_by(belief.mean, belief.covariance, head, out.path, places, row, out.predicted)
+    out.found[0] = out.found[0] if known else n
 
 
 @quick
 @ti.kernel
 def list_paths(
-    only: ti.i32,  # the anchor; -1 for all, one after the other; `ALREADY_LISTED`
-    bounces: ti.i32,  # at most; single ones are always listed
-    stay: ti.f64,  # probabilities that a ray stays and that one appears: 1 and 0 list them as they are
-    appear: ti.f64,
-    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]
-    covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
-    head: ti.i32,  # entry of the mean where the lines begin: see `layout`
+    query: pack(Query),
+    belief: pack(Belief),
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
-    surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
-    owner: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] the one anchor that a surface serves; -1 for all
-    sight: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J] existence of lines of sight
-    single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] of rays over one surface
-    double: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [J, S, S] over (last, first)
-    share: ti.f64,  # of the covariance's root that particles are drawn with
-    points: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N or more, P] standard normal
-    offset: ti.i32,  # first of the points that samples are drawn by; after the last comes the first
-    rooted: ti.i32,  # `TAKE_ROOT`; `ROOT_GIVEN` as `whole`; `STATE_GIVEN`
-    whole: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N] in/out: root of the covariance, lower triangular
-    root: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, N] out: share of it, for `draw_block`
-    base: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [N, 3] out: mean, and its cosine and sine
-    state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S (+ J), R] samples, rows as in `layout`: given,
-    # or out: ``mean + whole points``
-    failed: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] out: whether the covariance is singular
-    path: ti.types.ndarray(
-        dtype=ti.i32, ndim=2
-    ),  # [J (1 + S S), 4] bounces, last, first, anchor: out, or given
-    existence: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J (1 + S S)] out: of the ray
-    surfaces: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [J (1 + S S)] out: of all surfaces involved
-    predicted: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J (1 + S S), 13] out: value (3), spread (9), length
-    found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [1] how many there are: out, or given
+    links: pack(Links),
+    draft: pack(Draft),
+    out: pack(Listed),
 ):
     """List and predict paths: line of sight, single bounces, double bounces. Make ready to draw particles."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        list_and_predict(
-            only, bounces, stay, appear, mean, covariance, head, places, surface, owner, sight, single,
-            double, share, points, offset, rooted, whole, root, base, state, failed, path, existence,
-            surfaces, predicted, found,
-        )  # fmt: skip
+        list_and_predict(query, belief, places, links, draft, out)
 
 
 @ti.func

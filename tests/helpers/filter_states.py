@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import gridslam as gs
-from gridslam.inference.messages.cells import CastBuffers, cast_at, update_cells
+from gridslam.inference.messages.cells import cast_at, casting_of, update_cells
 from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import BINS, SurfaceBank
@@ -62,7 +62,7 @@ class Plot:
         messages.reserve(len(rays), 0, (1 + int(rays.last.max()), 1))
         messages.count[0], rows = len(rays), slice(0, len(rays))
         messages.path[rows], messages.factor[rows, 0], messages.factor[rows, 1] = rays.table, worth, True
-        cast = CastBuffers.of(len(messages.path), samples.draft.state.shape[1], 0)
+        cast = casting_of(len(messages.path), samples.draft.state.shape[1], 0)
         cast_at(samples, self.grid, cast, np.asarray(anchors, float), self.work)
         return cast.seen[rows, 0]
 

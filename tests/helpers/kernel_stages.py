@@ -10,24 +10,25 @@ def stages():
 
     from gridslam.kernels.messages.association import enter
     from gridslam.kernels.messages.gating import gate
+    from gridslam.kernels.primitives.blocks import Amplitudes, Gating, Pairs, PathRows, Ratios
+    from gridslam.kernels.primitives.launching import quick
+    from gridslam.kernels.primitives.packing import pack
     from gridslam.kernels.propagation.amplitudes import weigh
     from gridslam.kernels.propagation.paths import densities
 
     whole, row = ti.types.ndarray(dtype=ti.i32, ndim=2), ti.types.ndarray(dtype=ti.i32, ndim=1)
-    single, line = ti.types.ndarray(dtype=ti.f32, ndim=2), ti.types.ndarray(dtype=ti.f64, ndim=1)
+    single = ti.types.ndarray(dtype=ti.f32, ndim=2)
     double, cube = ti.types.ndarray(dtype=ti.f64, ndim=2), ti.types.ndarray(dtype=ti.f64, ndim=3)
 
+    @quick
     @ti.kernel
     def gated(
-        belief: double, nodes: line, spreading: ti.f64, path: whole, predicted: double, heard: double,
-        chance: line, step: ti.f64, radio: double, kept: ti.f64, density: cube, strength: cube, odds: double,
-        start: row, index: whole, pair: double, table: single, measured: double,
+        spreading: ti.f64, step: ti.f64, kept: ti.f64, amplitudes: pack(Amplitudes), rows: pack(PathRows),
+        heard: double, radio: double, scratch: pack(Gating), pairs: pack(Pairs), ratios: pack(Ratios),
     ):  # fmt: skip
         for _ in range(1):
-            weigh(
-                belief, nodes, spreading, path, predicted, heard, chance, step, radio, density, strength, odds
-            )  # fmt: skip
-            gate(path, predicted, heard, radio, kept, odds, strength, start, index, pair, table, measured)
+            weigh(amplitudes, spreading, step, rows, heard, radio, scratch, ratios.odds)
+            gate(rows, heard, radio, kept, scratch, pairs, ratios)
 
     @ti.kernel
     def summed(

@@ -46,7 +46,7 @@ class SignalWorld(NamedTuple):
         """A, |h_lo^H z|^2, |h_lo|^2 (P, 3) by the kernel."""
         out, many = np.full((len(self.points), 3), np.nan), len(self.features)
         given = self.points, self.features, self.anchor, self.element
-        evaluate_features(*given, *self.tables, *scratch(many, len(self.element)), out)
+        evaluate_features(*given, *self.tables, scratch(many, len(self.element)), out)
         return out
 
     def slopes(self):
@@ -54,7 +54,7 @@ class SignalWorld(NamedTuple):
         out, many = np.full((len(self.points), len(self.features) + 1, 4), np.nan), len(self.features)
         step = np.zeros(len(self.points), np.int32)
         given = self.points, step, self.features, self.anchor, self.element
-        differentiate_features(*given, *self.tables, *scratch(many, len(self.element)), out)
+        differentiate_features(*given, *self.tables, scratch(many, len(self.element)), out)
         return out[:, :-1], out[:, -1, 0]
 
 

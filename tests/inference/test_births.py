@@ -129,7 +129,9 @@ def test_a_new_surface_joins_the_belief_as_in_its_twin(seed, surfaces, clocks):
     into = worth_a_birth(draw, surfaces, clocks)
     size = len(into[0]) + 2
     mean, covariance, reflection = np.full(size, np.nan), np.full((size, size), np.nan), np.full(20, np.nan)
-    launch(*into, np.full(size, np.nan), mean, covariance, reflection)
+    names = "mean", "covariance", "head", "anchor", "places", "heard", "m", "last", "first", "radio"
+    out = {"spread": np.full(size, np.nan), "fresh": mean, "joint": covariance, "coefficient": reflection}
+    launch.named(**dict(zip(names, into, strict=True)), **out)
     wanted = reference.initialise_surface(*into)
     # an image next to its anchor makes no line: none that differences tell, and it is moved round and round
     assume(abs(wanted[0][-2]) < 5)

@@ -22,9 +22,9 @@ from gridslam.inference.state.particles import (
     DIVERGENCE,
     PORTION,
     Cloud,
-    Draft,
     Particles,
     Sampling,
+    draft_of,
     needed,
 )
 from gridslam.inference.state.path_messages import PathMessages
@@ -326,14 +326,14 @@ def test_messages_stay_when_capacity_grows_and_there_is_never_any_where_none_are
     messages, draw = PathMessages(), np.random.default_rng(1)
     messages.reserve(3, 5, (1, 2))
     messages.count[:] = 3, 5
-    for array in messages.arrays[1:]:
+    for array in messages.block()[1:]:
         array[...] = draw.integers(1, 99, array.shape)
     messages.begin[0] = 0
-    before = [array.copy() for array in messages.arrays]
+    before = [array.copy() for array in messages.block()]
     messages.reserve(2, 2, (4, 1))
     np.testing.assert_array_equal(messages.path, before[1])
     messages.reserve(500, 700, (0, 0))
-    count, path, factor, summary, begin, pairs = messages.arrays
+    count, path, factor, summary, begin, pairs = messages.block()
     assert messages.among == (4, 2)
     assert len(path) == len(factor) == summary.shape[1] == len(begin) - 1 >= 503
     assert pairs.shape[1] >= 705
@@ -341,7 +341,7 @@ def test_messages_stay_when_capacity_grows_and_there_is_never_any_where_none_are
     wanted = before[0], before[1][:3], before[2][:3], before[3][:, :3], before[4][:4], before[5][:, :5]
     for now, then in zip(found, wanted, strict=True):
         np.testing.assert_array_equal(now, then)
-    assert all(array.flags.c_contiguous for array in messages.arrays)
+    assert all(array.flags.c_contiguous for array in messages.block())
     none = PathMessages(kept=False)
     none.reserve(3, 5, (1, 2))
     assert not len(none.path)
@@ -370,7 +370,7 @@ def test_capacity_for_messages_is_there_after_whatever_interrupted_its_making(mo
 @pytest.mark.parametrize(("particles", "anchors"), [(32, 3), (192, 4), (384, 8), (10_016, 4)])
 def test_samples_are_spread_evenly_over_the_points_whatever_the_number_of_anchors(particles, anchors):
     cloud, belief = Particles(particles, seed=1), Belief(np.zeros(5), np.eye(5))
-    draft = Draft.of(belief.layout, 48)
+    draft = draft_of(belief.layout, 48)
     firsts = [cloud.samples(belief, anchors * step + 1, draft).first for step in range(4 * particles)]
     assert min(firsts) == 0
     assert max(firsts) == particles - 1

@@ -9,7 +9,9 @@ from kernel_worlds import detection_table, random_bank, random_belief, random_ra
 from scipy.special import i0e
 
 from gridslam import reference, runtime
+from gridslam.bench.kernels import twin_arguments
 from gridslam.kernels import PATH_BLOCK, SUMS
+from gridslam.kernels.primitives.blocks import Amplitudes, Anchors, Drawing, Gating, Pairs, PathRows, Ratios
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 seeds = st.integers(0, 2**32 - 1)
@@ -53,7 +55,11 @@ def test_gated_pairs_equal_their_twin(seed, given_std, flat_array, spreading):
     given_to = belief, level, float(spreading), path, predicted, heard, chance, step, radio, 0.1
     measured = np.full((4, count), np.nan)
     chosen, expected, inverse, sure, weight = reference.gate(*given_to, odds)
-    gate(*given_to, np.empty((2, count, nodes)), strength, odds, start, index, pair, table, measured)
+    gate(
+        float(spreading), step, 0.1, Amplitudes(belief, level, chance), PathRows(path, predicted), heard,
+        radio, Gating(np.empty((2, count, nodes)), strength, table),
+        Pairs(start, index, pair, np.zeros((0, 0), np.float32)), Ratios(odds, np.zeros((0, 0, 0)), measured),
+    )  # fmt: skip
     found = start[-1]
     np.testing.assert_allclose(odds[3], sure, rtol=1e-6)
     np.testing.assert_allclose(strength, weight, rtol=1e-5, atol=1e-250)
@@ -135,17 +141,23 @@ def test_evaluation_equals_its_twin(seed, spreading, clocks):
         np.full((4, count), 7.0),
         np.empty((3 + 3 * surfaces + clocks, points.shape[1]), np.float32),
     )
-    given_to = belief, level, float(spreading), predicted, heard, *detection_table(), radio, 5 + clocks, kept
-    given_to = *given_to, root, base
-    expected = reference.evaluate(*given_to, points, path, places, odds, state, message, measured)
+    chance, step = detection_table()
+    given_to = (
+        float(spreading), step, 5 + clocks, kept, Amplitudes(belief, level, chance),
+        PathRows(path, predicted), heard, Anchors(places, radio), Drawing(root, base, points, state),
+    )  # fmt: skip
+    expected = reference.evaluate(*given_to, Ratios(odds, message, measured))
     out = {
         "odds": odds, "start": np.full(paths + 1, -1, np.int32), "index": np.full((most, 2), -1, np.int32),
         "pair": np.full((most, 8), np.nan), "state": state,
         "blocks": np.full((paths + most, blocks), np.nan, np.float32), "message": message,
         "measured": measured,
     }  # fmt: skip
-    scratch = np.empty((2, count, nodes)), np.empty((2, paths, count)), np.empty((most, 11), np.float32)
-    evaluate(*given_to, points, path, places, *scratch, *out.values())
+    scratch = Gating(
+        np.empty((2, count, nodes)), np.empty((2, paths, count)), np.empty((most, 11), np.float32)
+    )
+    pairs = Pairs(out["start"], out["index"], out["pair"], out["blocks"])
+    evaluate(*given_to, scratch, pairs, Ratios(odds, message, measured))
     np.testing.assert_array_equal(out["start"], expected["start"])
     # a particle on the edge of what is possible may fall on either side in single precision
     steady = (out["blocks"][:paths] == expected["blocks"][:paths]).all(1)
@@ -233,10 +245,10 @@ def test_updates_equal_their_twin(seed, surfaces, rounds, noted, clocks):
     if not noted:
         notes["noted"] = np.empty((0, 4), np.int32)
     out = {"share": np.full(len(chosen), np.nan), "sums": sums} | notes
-    expected = reference.update(**into, **messages, **kept, sums=sums, **notes)
-    scratch = np.empty((len(mean), 6))
+    flat = into | messages | kept | out | {"scratch": np.empty((len(mean), 6))}
+    expected = reference.update(**twin_arguments(reference.update, flat))
     launch = update_with_clocks() if clocks else update
-    launch(*into.values(), scratch, *messages.values(), *kept.values(), *out.values())
+    launch.named(**flat)
     found = into | messages | kept | out
     found["worth"], found["total"] = odds[8], odds[11]
     for name, wanted in expected.items():

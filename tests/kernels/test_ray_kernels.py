@@ -9,6 +9,7 @@ from kernel_worlds import BINS, some_rows
 
 from gridslam import reference, runtime
 from gridslam.kernels import ALREADY_LISTED, CELL_SLABS, STATE_GIVEN
+from gridslam.kernels.primitives.blocks import Belief, Casting, Cells, Draft, Links, Listed, Query, Slabs
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 seeds = st.integers(0, 2**32 - 1)
@@ -39,13 +40,15 @@ def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0):
     surface = draw.dirichlet(np.full(BINS, 0.2), state.shape[0] // 3)
     belief, frame = np.full((len(path), 2 * BINS), np.nan), np.append(frame, [0.1, 12.0, 0.0, 0.05])
     square, row, entries = np.empty((0, 0)), np.empty(0), np.empty(0, np.int64)
-    roots = square, square.astype(np.float32), square.astype(np.float32)
-    found = np.array([len(path)], np.int32)
+    single = square.astype(np.float32)
+    query = Query(np.array([ALREADY_LISTED, 0, 0, 0, STATE_GIVEN], np.int32), np.array([0.0, 0.0, 1.0]))
     cast(
-        ALREADY_LISTED, 0, 0.0, 0.0, row, square, 0, np.append(place, 0.0)[None], row, entries, row, square,
-        np.empty((0, 0, 0)), 1.0, roots[1], 0, STATE_GIVEN, *roots, state, np.full(1, 9, np.int32), table,
-        row, row, square, found, factor, occupied, frame, where, held, surface, drawn, seen, belief, line,
-        spot, sums, touched, met, message, news,
+        query, Belief(row, square), np.append(place, 0.0)[None],
+        Links(row, entries, row, square, np.empty((0, 0, 0))),
+        Draft(single, square, single, single, state, np.full(1, 9, np.int32)),
+        Listed(table, row, row, square, np.array([len(path)], np.int32)),
+        Cells(occupied, frame, where, held, surface), Casting(factor, drawn, seen, belief),
+        Slabs(line, spot, sums, touched, met, message, news),
     )  # fmt: skip
     np.testing.assert_allclose(belief.sum(1), 1, rtol=1e-9)
     np.testing.assert_allclose(

@@ -18,6 +18,21 @@ from kernel_worlds import (
 from gridslam import reference, runtime
 from gridslam.inference.messages.birth_proposals import SAMPLES
 from gridslam.kernels import TAKE_ROOT
+from gridslam.kernels.primitives.blocks import (
+    Belief,
+    BirthRows,
+    Coefficients,
+    Description,
+    Draft,
+    Drawn,
+    Hits,
+    Links,
+    Listed,
+    Messages,
+    Query,
+    Sketch,
+    SurfaceRows,
+)
 from gridslam.world.geometry import line_between, mirror, wrap
 from gridslam.world.radio import REFLECTION_BINS
 
@@ -40,7 +55,8 @@ def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, onl
     surface, owner, _, sight, single, double = random_bank(draw, surfaces, anchors)
     change = (0.95, 0.005) if only >= 0 else (1.0, 0.0)
     bank = surface, owner, sight, single, double
-    into = only, bounces, *change, mean, covariance, 5 + clocks, places_of(draw, anchors), *bank
+    query = Query(np.array([only, bounces, 5 + clocks, 0, TAKE_ROOT], np.int32), np.array([*change, 0.9]))
+    into = query, Belief(mean, covariance), places_of(draw, anchors), Links(*bank)
     room = anchors * (1 + surfaces**2)
     path, existence, together = np.zeros((room, 4), np.int32), np.zeros(room), np.zeros(room)
     predicted, found = np.zeros((room, 13)), np.zeros(1, np.int32)
@@ -49,7 +65,8 @@ def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, onl
     root, base = np.full((size, size), np.nan, np.float32), np.full((size, 3), np.nan, np.float32)
     state, failed = np.full((3 + 3 * surfaces + clocks, samples), np.nan), np.full(1, 9, np.int32)
     drafts = whole, root, base, state
-    list_paths(*into, 0.9, points, 0, TAKE_ROOT, *drafts, failed, path, existence, together, predicted, found)
+    out = Listed(path, existence, together, predicted, found)
+    list_paths(*into, Draft(points, *drafts, failed), out)
     assert failed[0] == 0
     for told, wanted in zip(
         drafts, reference.prepare(mean, covariance, 5 + clocks, 0.9, points.astype(float)), strict=True
@@ -76,9 +93,9 @@ def test_loud_measurements_near_a_path_equal_their_twin(seed, surfaces, given_st
     mean, covariance, _ = random_belief(draw, surfaces, clocks)
     head, bank = 5 + clocks, random_bank(draw, surfaces, anchors)
     places = places_of(draw, anchors)
-    _, _, _, predicted = reference.list_paths(
-        -1, 1, 1.0, 0.0, mean, covariance, head, places, *bank[:2], *bank[3:]
-    )
+    links = Links(*bank[:2], *bank[3:])
+    query = Query(np.array([-1, 1, head, 0, 0], np.int32), np.array([1.0, 0.0, 1.0]))
+    _, _, _, predicted = reference.list_paths(query, Belief(mean, covariance), places, links)
     heard = random_table(draw, int(draw.integers(0, 8)), predicted[:, :3], draw.choice([0.01, 0.4]))
     radio = random_radio(draw, given_std)
     claimed = np.full(len(heard), -1, np.int32)
@@ -109,7 +126,9 @@ def test_birth_proposals_equal_their_twin(seed, with_departure, particles, clock
     into = state, noise, mean, head, heard, known, whose, places, radio, 0.1 / (4 * np.pi * 8)
     expected, lines = reference.propose(*into, measured)
     born, told = np.full((1 + expected.size, 4), -9, np.int32), np.full((expected.size, 3), np.nan)
-    propose(*into, np.empty(expected.shape), measured, born, told)
+    names = "state", "noise", "mean", "head", "heard", "known", "whose", "places", "radio", "rate"
+    given = dict(zip(names, into, strict=True))
+    propose.named(**given, ratio=np.empty(expected.shape), measured=measured, born=born, told=told)
     born, told = born[1 : 1 + born[0, 0]], told[: born[0, 0]]
     ratio, line = np.zeros(expected.shape), np.zeros((*expected.shape, 2))
     every = [(*pair, anchor) for anchor in whose.tolist() for pair in known.tolist()]
@@ -148,10 +167,14 @@ def test_a_glance_at_births_equals_its_twin(seed, surfaces, clocks):
     measured = np.full((4, 4), 7.0)
     into = mean, 5 + clocks, places, shape[1], occupied, frame
     expected = reference.weigh_by_visibility(*into, born, told)
-    weigh_by_visibility(
-        *into, np.empty((1, LINES, LANES)), np.empty((1, PLACES, LANES), np.int32),
-        np.empty((6 + 3 * surfaces, 1)), np.empty((1, 4), np.int32), np.empty((1, 14)), born, told, measured,
+    sketch = Sketch(
+        np.empty((1, LINES, LANES)), np.empty((1, PLACES, LANES), np.int32),
+        np.empty((6 + 3 * surfaces, 1)), np.empty((1, 4), np.int32), np.empty((1, 14)),
     )  # fmt: skip
+    mean, head, places, wide, *grid = into
+    weigh_by_visibility(
+        head, wide, mean, places, *grid, sketch, BirthRows(np.empty((0, 0)), born, told), measured
+    )
     np.testing.assert_allclose(told[:, 2], expected, rtol=1e-5)
     np.testing.assert_allclose(measured[2], 1 + np.bincount(measurement, told[:, 2], 4))
     np.testing.assert_array_equal(measured[[0, 1, 3]], 7.0)
@@ -233,26 +256,13 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
     begin = np.concatenate([[0], pairs, [3, 7]]).astype(np.int32)
     said = np.stack([draw.choice([-1.0, 2.5, 9.0, 40.0], 9), draw.choice([1e-5, 0.3, 1.0], 9)])
     (table, step), radio, count = detection_table(), random_radio(draw), np.array([room - 2, 9], np.int32)
-    into = (
-        draw.normal(size=13),
-        7,
-        drawn,
-        seen,
-        count,
-        path,
-        factor,
-        told,
-        begin,
-        said,
-        table,
-        step,
-        radio,
-        frame,
-    )
+    messages = Messages(count, path, factor, told, begin, said)
+    into = 7, step, draw.normal(size=13), table, radio, frame, Drawn(drawn, seen), messages
     sights = draw.normal(size=3), draw.choice([np.nan, 0.3], (3, 2)), draw.integers(0, 9, 3)
-    expected = reference.learn(*into, surface, where, held, *sights)
+    own = Coefficients(surface, where, held, used, np.empty(3), np.full(3, 9, np.int32))
+    expected = reference.learn(*into, own._replace(surface=surface.copy()), Hits(*sights))
     known = where.copy()
-    learn(*into, np.empty(3), surface, where, held, used, np.full(3, 9, np.int32), *sights)
+    learn(*into, own, Hits(*sights))
     np.testing.assert_allclose(surface, expected[0], rtol=1e-5, atol=1e-12)
     np.testing.assert_allclose(reference.dense(where, held), expected[1], rtol=1e-6, atol=2e-4)
     np.testing.assert_array_equal(where[known >= 0], known[known >= 0])
@@ -337,14 +347,14 @@ def test_what_users_are_told_equals_its_twin(seed, surfaces, clocks):
     extent = draw.choice([np.nan, 1.0], (surfaces, 1)) * np.sort(draw.normal(size=(surfaces, 2)))
     single[:, ::2], double[:, ::2] = 0.9, 0.95
     head, reflection = 5 + clocks, draw.dirichlet(np.ones(BINS), surfaces)
-    into = mean, covariance, head, extent, reflection, 2, places, existence, owner
-    bank, room = (sight, single, double), 1 + anchors * (1 + surfaces**2)
-    names = draw.permutation(surfaces).astype(np.int64), 5.0
+    links, room = Links(existence, owner, sight, single, double), 1 + anchors * (1 + surfaces**2)
+    rows = SurfaceRows(extent, reflection, draw.permutation(surfaces).astype(np.int64))
+    into = head, 2, 5.0, Belief(mean, covariance), places, links, rows
     table, path = np.full((surfaces, 16), np.nan), np.full((room, 4), -9, np.int32)
     number, told, found = np.full((room, 3), -9), np.full((room, 13), 9.0), np.full(1, -9, np.int32)
     drawn, scratch = np.full((room, 13), np.nan), np.full((3 + 3 * surfaces, 1), np.nan)
-    describe(*into, *bank, *names, scratch, table, path, drawn, number, told, found)
-    wanted, paths, numbers, values = reference.describe(*into, *bank, *names)
+    describe(*into, Description(scratch, table, path, drawn, number, told, found))
+    wanted, paths, numbers, values = reference.describe(*into)
     np.testing.assert_allclose(table[:, 1:], wanted[:, 1:], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(wrap(table[:, 0] - wanted[:, 0]), 0, atol=1e-12)
     assert (np.abs(table[:, 0]) <= np.pi + 1e-12).all()

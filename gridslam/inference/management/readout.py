@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.estimates import HypothesisEstimate, PathEstimate, SurfaceEstimate
+from gridslam.inference.messages.prediction import links_of
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rays import Rays, listed_at_most
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
+from gridslam.kernels.primitives import blocks
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap
 
@@ -67,12 +69,13 @@ def _described(
     bank.check(belief, places, len(los))
     table = np.empty((count, 16))
     most = 1 + places * listed_at_most(count, max_bounces)
-    sample, path, drawn, number, told, found = work.buffers(_buffers, places, most, count)
+    scratch = work.buffers(_buffers, places, most, count)
     describe(
-        belief.mean, belief.covariance, belief.layout.head, bank.extent, bank.reflection, max_bounces,
-        anchors, bank.existence, bank.owner, los, bank.single, bank.double, bank.identity, at_1m, sample,
-        table, path, drawn, number, told, found,
+        belief.layout.head, max_bounces, at_1m, blocks.Belief(belief.mean, belief.covariance), anchors,
+        links_of(bank, los), blocks.SurfaceRows(bank.extent, bank.reflection, bank.identity),
+        scratch._replace(table=table),
     )  # fmt: skip
+    path, number, told, found = scratch.path, scratch.number, scratch.told, scratch.found
     several = int(found[0])
     surfaces = SurfaceEstimate(
         bank.identity.copy(), table[:, 6:8], table[:, 8:12].reshape(-1, 2, 2), table[:, :2],
@@ -90,9 +93,9 @@ def _described(
     )  # fmt: skip
 
 
-def _buffers(most: int, surfaces: int) -> tuple[Array, Whole, Array, Long, Array, Whole]:
+def _buffers(most: int, surfaces: int) -> blocks.Description:
     """Scratch and outputs of `describe` for so many paths, and their number."""
-    return (
-        np.empty((3 + 3 * surfaces, 1)), np.empty((most, 4), np.int32), np.empty((most, 13)),
-        np.empty((most, 3), np.int64), np.empty((most, 13)), np.empty(1, np.int32),
+    return blocks.Description(
+        np.empty((3 + 3 * surfaces, 1)), np.empty((0, 16)), np.empty((most, 4), np.int32),
+        np.empty((most, 13)), np.empty((most, 3), np.int64), np.empty((most, 13)), np.empty(1, np.int32),
     )  # fmt: skip

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache, lru_cache
-from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from gridslam.inference.state.particles import Cloud
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.inference.workspace.workspace import Workspace, timed
+from gridslam.kernels.primitives.blocks import Anchors, BirthRows, Sketch
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import SignalModel
 
@@ -43,20 +43,11 @@ def _known(sure: bytes, most_bounces: int) -> NDArray[np.int32]:
     return known
 
 
-class ProposalBuffers(NamedTuple):
-    """Reusable buffers: number and kind of the births, their lines and ratios; scratch."""
-
-    born: NDArray[np.int32]
-    told: Array
-    ratio: Array
-
-    @classmethod
-    def of(cls, measurements: int, hypotheses: int) -> Self:
-        """Room for so many."""
-        most = measurements * hypotheses
-        return cls(
-            np.empty((1 + most, 4), np.int32), np.empty((most, 3)), np.empty((measurements, hypotheses))
-        )
+def _rows(measurements: int, hypotheses: int) -> BirthRows:
+    """Reusable buffers: births of so many measurements and hypotheses."""
+    most = measurements * hypotheses
+    ratio = np.empty((measurements, hypotheses))
+    return BirthRows(ratio, np.empty((1 + most, 4), np.int32), np.empty((most, 3)))
 
 
 @timed("births")
@@ -97,14 +88,14 @@ def propose_births(
     able = _senders(anchor, len(model.anchors))
     senders = able if senders is None else able[np.isin(able, senders)]
     capacity, hypotheses = -(-len(heard) // PORTION) * PORTION, len(known) * len(senders)
-    buffers = work.buffers(ProposalBuffers.of, 0, capacity, hypotheses)
-    born, told, ratio = buffers
+    births = work.buffers(_rows, 0, capacity, hypotheses)
     launch(
-        cloud.state, _noise(len(known)), belief.mean, belief.layout.head, heard.table, known, senders,
-        model.anchors, signal.numbers, model.birth_rate, ratio, ratios.measured, born, told,
+        model.birth_rate, belief.layout.head, belief.mean, cloud.state, _noise(len(known)), heard.table,
+        known, senders, Anchors(model.anchors, signal.numbers), ratios.measured, births,
     )  # fmt: skip
+    born, told = births.born, births.told
     if state.grid is not None and born[0, 0]:
-        _weigh_by_visibility(state, buffers, ratios, model, work)
+        _weigh_by_visibility(state, births, ratios, model, work)
     found = int(born[0, 0])
     if not found:
         return Births.none()
@@ -113,16 +104,20 @@ def propose_births(
 
 
 def _weigh_by_visibility(
-    state: State, births: ProposalBuffers, ratios: LikelihoodRatios, model: FilterModel, work: Workspace
+    state: State, births: BirthRows, ratios: LikelihoodRatios, model: FilterModel, work: Workspace
 ) -> None:  # fmt: skip
     """Weigh births, where they were proposed, by V of their paths at the mean of the belief."""
     from gridslam.kernels.management.births import weigh_by_visibility
 
     grid, cells, layout = state.require_grid(), work.require_cells(), state.belief.layout
+    scratch = cells.scratch
+    sketch = Sketch(
+        scratch.line, scratch.place, np.empty((6 + 3 * layout.surfaces, 1)), np.empty((1, 4), np.int32),
+        np.empty((1, 14)),
+    )  # fmt: skip
     weigh_by_visibility(
-        state.belief.mean, layout.head, model.anchors, grid.shape[1], cells.occupancy(grid), cells.frame,
-        cells.scratch.line, cells.scratch.place, np.empty((6 + 3 * layout.surfaces, 1)),
-        np.empty((1, 4), np.int32), np.empty((1, 14)), births.born, births.told, ratios.measured,
+        layout.head, grid.shape[1], state.belief.mean, model.anchors, cells.occupancy(grid), cells.frame,
+        sketch, births, ratios.measured,
     )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.ray_amplitudes import Key
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
+from gridslam.kernels.primitives import blocks
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import unit
 from gridslam.world.radio import REFLECTION_BINS, SignalModel
@@ -165,7 +166,8 @@ def initialise_surface(
     mean, covariance = np.empty(size + 2), np.empty((size + 2, size + 2))
     reflection = np.empty(len(REFLECTION_BINS))
     launch(
-        belief.mean, belief.covariance, belief.layout.head, anchor, model.anchors, heard.table, row, last,
-        first, signal.numbers, np.empty(size + 2), mean, covariance, reflection,
+        belief.layout.head, anchor, row, last, first, blocks.Belief(belief.mean, belief.covariance),
+        blocks.Anchors(model.anchors, signal.numbers), heard.table,
+        blocks.Newborn(np.empty(size + 2), mean, covariance, reflection),
     )  # fmt: skip
     return replace(belief, mean=mean, covariance=covariance), reflection

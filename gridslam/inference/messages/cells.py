@@ -7,19 +7,27 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.inference.messages.prediction import PathQuery, PredictedPaths
+from gridslam.inference.messages.prediction import (
+    AS_THEY_ARE,
+    ListArguments,
+    PathQuery,
+    PredictedPaths,
+    query_of,
+)
 from gridslam.inference.state.grid import Grid
-from gridslam.inference.state.particles import Draft, Sampling
+from gridslam.inference.state.particles import Sampling, draft_of
 from gridslam.inference.state.polylines import Polylines
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels import ALREADY_LISTED
+from gridslam.kernels.primitives import blocks
+from gridslam.kernels.primitives.blocks import Casting, Cells, Links, Listed
+from gridslam.kernels.primitives.tables import PREDICTED
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import REFLECTION_BINS
 
@@ -27,8 +35,9 @@ Array = NDArray[np.float64]
 BINS = len(REFLECTION_BINS)
 RAYS = 48
 """Sampled rays per path, from which validity and cell messages are averaged."""
-NO_BANK = np.empty(0), np.empty(0, np.int64), np.empty(0), np.empty((0, 0)), np.empty((0, 0, 0))
-NO_PATHS = np.empty(0), np.empty(0), np.empty((0, 13))
+NO_LINKS = Links(np.empty(0), np.empty(0, np.int64), np.empty(0), np.empty((0, 0)), np.empty((0, 0, 0)))
+NO_PATHS = np.empty(0), np.empty(0), np.empty((0, PREDICTED))
+NO_PRODUCTS = np.empty((0, 2 * BINS))
 """Empty placeholders for a kernel's arguments where paths are listed already."""
 
 
@@ -50,19 +59,10 @@ class Visibility:
     products: Array
 
 
-class CastBuffers(NamedTuple):
-    """Reusable outputs of casting: means of each path, beliefs about coefficients, rays; factors are 0."""
-
-    seen: Array
-    belief: Array
-    drawn: runtime.Resident
-    factor: Array
-
-    @classmethod
-    def of(cls, paths: int, rays: int, beliefs: int) -> Self:
-        """Room for so many paths and rays each, and beliefs about the coefficients of so many."""
-        drawn = runtime.room((paths * rays, 14), np.float64)
-        return cls(np.empty((paths, 6)), np.empty((beliefs, 2 * BINS)), drawn, np.zeros((paths, 2)))
+def casting_of(paths: int, rays: int, beliefs: int) -> Casting:
+    """Reusable buffers for so many paths and rays each, and beliefs about the coefficients of so many."""
+    drawn = runtime.room((paths * rays, 14), np.float64)
+    return Casting(np.zeros((paths, 2)), drawn, np.empty((paths, 6)), np.empty((beliefs, 2 * BINS)))
 
 
 @timed("evaluation")
@@ -74,11 +74,11 @@ def cast_paths(
     The arrays are reused when the same anchor's paths are cast again.
     """
     query = PathQuery.of(state, anchor, model, RAYS, _number(state, anchor, model), work)
-    most = len(query.buffers.table)
-    cast = work.buffers(CastBuffers.of, anchor, most, RAYS, most)
-    _cast(query.attempts(), state.require_grid(), cast, cast.factor, state.surfaces.reflection, work)
+    most = len(query.buffers.path)
+    cast = work.buffers(casting_of, anchor, most, RAYS, most)
+    _cast(query.attempts(), state.require_grid(), cast, state.surfaces.reflection, work)
     paths = query.paths()
-    return paths, Visibility(cast.seen[: len(paths), 0], cast.belief[: len(paths)])
+    return paths, Visibility(cast.seen[: len(paths), 0], cast.products[: len(paths)])
 
 
 @timed("cells")
@@ -90,25 +90,24 @@ def cast_messages(state: State, model: FilterModel, *, work: Workspace) -> Polyl
     messages, anchors = work.messages, len(model.anchors)
     if messages.among[0] > len(state.surfaces) or messages.among[1] > anchors:
         raise ValueError("messages are of surfaces or anchors that don't exist")
-    draft = work.buffers(Draft.of, anchors, state.belief.layout, RAYS)
+    draft = work.buffers(draft_of, anchors, state.belief.layout, RAYS)
     samples = work.particles.samples(state.belief, _number(state, anchors, model), draft)
-    cast = work.buffers(CastBuffers.of, anchors, len(messages.path), RAYS, 0)
+    cast = work.buffers(casting_of, anchors, len(messages.path), RAYS, 0)
     cast_at(samples, state.require_grid(), cast, model.anchors, work)
     return Polylines(int(messages.count[0]), cast.drawn, cast.seen)
 
 
-def cast_at(samples: Sampling, grid: Grid, cast: CastBuffers, anchors: Array, work: Workspace) -> None:
+def cast_at(samples: Sampling, grid: Grid, cast: Casting, anchors: Array, work: Workspace) -> None:
     """Cast the paths of the workspace's messages at sampled states, and add their messages to the cells'."""
-    messages = work.messages
-    before = (
-        ALREADY_LISTED, 0, 0.0, 0.0, samples.belief.mean, samples.belief.covariance, samples.head, anchors,
-        *NO_BANK, 1.0, samples.points, samples.first,
-    )  # fmt: skip
-    after = messages.path, *NO_PATHS, messages.count
-    attempts = ((*before, *way, *after) for way in samples.attempts())
+    messages, belief = work.messages, blocks.Belief(samples.belief.mean, samples.belief.covariance)
+    query, listed = (
+        query_of(ALREADY_LISTED, 0, samples, AS_THEY_ARE, 1.0),
+        Listed(messages.path, *NO_PATHS, messages.count),
+    )
+    asked = PathQuery(query, belief, anchors, NO_LINKS, samples, listed, messages.among, None)
     work.require_cells().unsettled = True
-    none = np.empty((0, 2 * BINS))
-    _cast(attempts, grid, cast, messages.factor, none, work, sends=True, given=samples.given)
+    casting = cast._replace(factor=messages.factor, products=NO_PRODUCTS)
+    _cast(asked.attempts(), grid, casting, NO_PRODUCTS, work, sends=True, given=samples.given)
 
 
 @timed("cells")
@@ -127,15 +126,15 @@ def _number(state: State, anchor: int, model: FilterModel) -> int:
 
 
 def _cast(
-    attempts: Iterable[tuple[Any, ...]], grid: Grid, cast: CastBuffers, factor: Array, surface: Array,
-    work: Workspace, sends: bool = False, given: bool = False,
+    attempts: Iterable[ListArguments], grid: Grid, casting: Casting, surface: Array, work: Workspace,
+    sends: bool = False, given: bool = False,
 ) -> None:  # fmt: skip
     """Cast rays.
 
     Parameters
     ----------
-    factor : (L, 2)
-        A of every path, and whether it sends messages.
+    casting : Casting
+        `factor` is given.
     surface : (S, BINS)
         Beliefs about the surfaces' coefficients.
     sends : bool
@@ -151,7 +150,5 @@ def _cast(
     for arguments in attempts:
         if device == "gpu" and not given:
             list_paths(*arguments)
-        launch(
-            *arguments, factor, cells.occupancy(grid), frame, grid.row, grid.hit, surface, cast.drawn,
-            cast.seen, cast.belief, *cells.scratch,
-        )  # fmt: skip
+        known = Cells(cells.occupancy(grid), frame, grid.row, grid.hit, surface)
+        launch(*arguments, known, casting, cells.scratch)

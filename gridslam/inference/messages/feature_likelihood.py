@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gridslam.errors import InputError
 from gridslam.inference.messages.matched_outputs import matched_outputs, pulse_correlation, rows_per_m
+from gridslam.kernels.primitives.blocks import Solver
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.waveform import Waveform
 
@@ -74,7 +75,7 @@ class Front:
         out = np.empty((len(points), 3))
         evaluate_features(
             np.ascontiguousarray(points), np.ascontiguousarray(features), np.ascontiguousarray(anchor_m),
-            self.element, table, self.pulse, self.per_m, self.longest_m, *self._scratch(len(features)), out,
+            self.element, table, self.pulse, self.per_m, self.longest_m, self._solver(len(features)), out,
         )  # fmt: skip
         return out
 
@@ -88,7 +89,7 @@ class Front:
         differentiate_features(
             np.ascontiguousarray(points), steps, np.ascontiguousarray(features),
             np.ascontiguousarray(anchor_m), self.element, tables, self.pulse, self.per_m, self.longest_m,
-            *self._scratch(len(features)), out,
+            self._solver(len(features)), out,
         )  # fmt: skip
         return out[:, :-1].sum(0), float(out[:, -1, 0].sum())
 
@@ -103,12 +104,12 @@ class Front:
         )  # fmt: skip
         return out
 
-    def _scratch(self, features: int) -> tuple[Array, Array, Array]:
+    def _solver(self, features: int) -> Solver:
         """Buffers of a launch."""
         from gridslam.kernels.messages.feature_likelihood import LANES
 
         elements = len(self.waveform.agent_element_m)
-        return (
+        return Solver(
             np.empty((LANES, features + 1, ENTRIES_OF_COLUMN + 3 * elements)),
             np.empty((LANES, 2 * features + 1, features)),
             np.empty((LANES, features + 1, 2)),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,8 @@ from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.particles import Cloud
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels import PATH_BLOCK
-from gridslam.kernels.primitives import tables
+from gridslam.kernels.primitives import blocks, tables
+from gridslam.kernels.primitives.blocks import Gating
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import SignalModel
 
@@ -50,6 +50,10 @@ class Pairs:
     def __len__(self) -> int:
         return self.count
 
+    def block(self, sums: runtime.Resident) -> blocks.Pairs:
+        """As kernels take them, with sums over blocks of particles."""
+        return blocks.Pairs(self.start, self.index, self.pair, sums)
+
 
 @dataclass(frozen=True)
 class LikelihoodRatios:
@@ -74,6 +78,11 @@ class LikelihoodRatios:
     odds: Array
     message: Array
     measured: Array
+
+    @property
+    def block(self) -> blocks.Ratios:
+        """As kernels take them."""
+        return blocks.Ratios(self.odds, self.message, self.measured)
 
     @property
     def missed(self) -> Array:
@@ -120,20 +129,13 @@ class LikelihoodRatios:
         return replace(self, pairs=replace(self.pairs, pair=pair), message=message, measured=measured)
 
 
-class RatioBuffers(NamedTuple):
-    """Reusable buffers of an evaluation, in the order of the kernel's arguments: scratch, then outputs."""
-
-    scratch: tuple[runtime.Resident, ...]
-    told: tuple[runtime.Resident, ...]
-
-    @classmethod
-    def of(cls, paths: int, count: int, nodes: int, particles: int) -> Self:
-        """Room for so many paths, measurements, amplitude nodes and particles."""
-        most = max(paths * count, 1)
-        scratch = np.empty((2, count, nodes)), np.empty((2, paths, count)), np.empty((most, 11), np.float32)
-        start, index, pair = np.empty(paths + 1, np.int32), np.empty((most, 2), np.int32), np.empty((most, 8))
-        blocks = runtime.room((paths + most, particles // PATH_BLOCK))
-        return cls(scratch, (start, index, pair, blocks))
+def _buffers(paths: int, count: int, nodes: int, particles: int) -> tuple[Gating, blocks.Pairs]:
+    """Reusable buffers of an evaluation of so many paths, measurements, nodes and particles."""
+    most = max(paths * count, 1)
+    scratch = np.empty((2, count, nodes)), np.empty((2, paths, count)), np.empty((most, 11), np.float32)
+    start, index, pair = np.empty(paths + 1, np.int32), np.empty((most, 2), np.int32), np.empty((most, 8))
+    sums = runtime.room((paths + most, particles // PATH_BLOCK))
+    return Gating(*scratch), blocks.Pairs(start, index, pair, sums)
 
 
 def _states(rows: int, particles: int) -> runtime.Resident:
@@ -173,20 +175,19 @@ def evaluate(
         raise ValueError(f"{particles} particles: whole blocks of {PATH_BLOCK} are needed")
     rays.check(recipe.layout.surfaces, len(model.anchors))
     broad = -(-count // PORTION) * PORTION  # shapes that last
-    buffers = work.buffers(RatioBuffers.of, heard.anchor, len(rays), broad, len(nodes), particles)
-    start, index, pair, blocks = buffers.told
-    odds, message, measured = (
-        np.empty((tables.ODDS, len(rays))), np.empty((5, len(rays), count)), np.empty((4, count)),
-    )  # fmt: skip
+    scratch, found = work.buffers(_buffers, heard.anchor, len(rays), broad, len(nodes), particles)
+    ratios = blocks.Ratios(
+        np.empty((tables.ODDS, len(rays))), np.empty((5, len(rays), count)), np.empty((4, count))
+    )
+    odds = ratios.odds
     state = work.buffers(_states, 0, rows, particles)
     odds[tables.EXISTENCE], odds[tables.SURFACES], odds[tables.OPEN] = rays.existence, rays.surfaces, validity
     launch(
-        amplitudes.probability, nodes, 1.0 if amplitudes.spreading else 0.0, paths.prediction.whole,
-        heard.table, table.chance, table.step, signal.numbers, recipe.layout.head, recipe.kept, recipe.root,
-        recipe.base, recipe.points, rays.table, model.anchors, *buffers.scratch, odds, start, index, pair,
-        state, blocks, message, measured,
+        1.0 if amplitudes.spreading else 0.0, table.step, recipe.layout.head, recipe.kept,
+        blocks.Amplitudes(amplitudes.probability, nodes, table.chance),
+        blocks.PathRows(rays.table, paths.prediction.whole), heard.table,
+        blocks.Anchors(model.anchors, signal.numbers),
+        blocks.Drawing(recipe.root, recipe.base, recipe.points, state), scratch, found, ratios,
     )  # fmt: skip
-    pairs = Pairs(int(start[-1]), start, index, pair)
-    return Cloud(state, recipe.kept, recipe.layout.clocks), LikelihoodRatios(
-        pairs, blocks, odds, message, measured
-    )
+    pairs = Pairs(int(found.start[-1]), found.start, found.index, found.pair)
+    return Cloud(state, recipe.kept, recipe.layout.clocks), LikelihoodRatios(pairs, found.blocks, *ratios)

@@ -7,19 +7,25 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.inference.state.particles import Draft, Recipe, Sampling
+from gridslam.inference.state.particles import Recipe, Sampling, draft_of
 from gridslam.inference.state.rays import P_APPEAR, P_STAY, Rays, listed_at_most
 from gridslam.inference.state.state import State
+from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.inference.workspace.workspace import Workspace, timed
+from gridslam.kernels.primitives import blocks
+from gridslam.kernels.primitives.blocks import ROOTED, Draft, Links, Listed, Query
+from gridslam.kernels.primitives.tables import LENGTH, PREDICTED
 from gridslam.world.filter_model import FilterModel
 
 Array = NDArray[np.float64]
+ListArguments = tuple[Query, blocks.Belief, Array, Links, Draft, Listed]
+"""Of a kernel that lists paths."""
 EVERY_ANCHOR = -1
 AS_THEY_ARE = 1.0, 0.0
 """Probabilities that a ray stays, and that one appears, within no time."""
@@ -45,36 +51,29 @@ class Prediction:
     @property
     def spread(self) -> Array:
         """Covariance from the belief alone, (L, 3, 3)."""
-        return self.whole[:, 3:12].reshape(-1, 3, 3)
+        return self.whole[:, 3:LENGTH].reshape(-1, 3, 3)
 
     @property
     def length(self) -> Array:
         """How long the paths are, m, (L,)."""
-        return self.whole[:, 12]
+        return self.whole[:, LENGTH]
 
 
-class PathBuffers(NamedTuple):
-    """Reusable buffers for the paths that a kernel lists.
+def listed_buffers(most: int) -> Listed:
+    """Reusable buffers for so many paths that a kernel lists."""
+    table, found = np.empty((most, 4), np.int32), np.empty(1, np.int32)
+    return Listed(table, np.empty(most), np.empty(most), np.empty((most, PREDICTED)), found)
 
-    Attributes
-    ----------
-    table, existence, surfaces, predicted : (most, 4), (most,), (most,), (most, 13)
-        Paths, existence of ray and of surfaces, and prediction.
-    found : (1,) int32
-        How many there are.
-    """
 
-    table: NDArray[np.int32]
-    existence: Array
-    surfaces: Array
-    predicted: Array
-    found: NDArray[np.int32]
+def query_of(only: int, bounces: int, sampling: Sampling, change: tuple[float, float], share: float) -> Query:
+    """Which paths a kernel lists and how, and what it draws; what of it is at hand is told at each launch."""
+    choice = np.array((only, bounces, sampling.head, sampling.first, 0), np.int32)
+    return Query(choice, np.array((*change, share)))
 
-    @classmethod
-    def of(cls, most: int) -> Self:
-        """Room for so many."""
-        table, found = np.empty((most, 4), np.int32), np.empty(1, np.int32)
-        return cls(table, np.empty(most), np.empty(most), np.empty((most, 13)), found)
+
+def links_of(bank: SurfaceBank, los: Array) -> Links:
+    """Existence of surfaces and rays, as kernels take it."""
+    return Links(bank.existence, bank.owner, los, bank.single, bank.double)
 
 
 @dataclass(frozen=True)
@@ -83,21 +82,27 @@ class PathQuery:
 
     Attributes
     ----------
-    before : tuple
-        Its first arguments, up to the points of the samples.
+    query : Query
+    belief : Belief
+    places : (J, 3)
+        x, y (m) and orientation (rad) of the anchors.
+    links : Links
     sampling : Sampling
-    buffers : PathBuffers
+    buffers : Listed
     among : (int, int)
         How many surfaces and anchors there are.
-    recipe : Recipe
-        How to draw the particles; filled in by the kernel.
+    recipe : Recipe or None
+        How to draw the particles, if any are; filled in by the kernel.
     """
 
-    before: tuple[Any, ...]
+    query: Query
+    belief: blocks.Belief
+    places: Array
+    links: Links
     sampling: Sampling
-    buffers: PathBuffers
+    buffers: Listed
     among: tuple[int, int]
-    recipe: Recipe
+    recipe: Recipe | None
 
     @classmethod
     def of(
@@ -119,28 +124,27 @@ class PathQuery:
         if anchor >= places:
             raise ValueError("there is no such anchor")
         most = (places if anchor == EVERY_ANCHOR else 1) * listed_at_most(surfaces, model.max_bounces)
-        buffers = work.buffers(PathBuffers.of, anchor, most)
-        draft = work.buffers(Draft.of, anchor, belief.layout, samples)
+        buffers = work.buffers(listed_buffers, anchor, most)
+        draft = work.buffers(draft_of, anchor, belief.layout, samples)
         sampling = work.particles.samples(belief, number, draft)
         count, bandwidth = work.particles.ask(belief)
-        before = (
-            anchor, model.max_bounces, *change, belief.mean, belief.covariance, belief.layout.head, anchors,
-            bank.existence, bank.owner, state.los, bank.single, bank.double, _share(bandwidth),
-            sampling.points, sampling.first,
-        )  # fmt: skip
+        query = query_of(anchor, model.max_bounces, sampling, change, _share(bandwidth))
+        own, links = blocks.Belief(belief.mean, belief.covariance), links_of(bank, state.los)
         recipe = Recipe(belief.layout, draft.root, draft.base, sampling.points, count, bandwidth)
-        return cls(before, sampling, buffers, (surfaces, places), recipe)
+        return cls(query, own, anchors, links, sampling, buffers, (surfaces, places), recipe)
 
-    def attempts(self) -> Iterator[tuple[Any, ...]]:
+    def attempts(self) -> Iterator[ListArguments]:
         """The kernel's arguments; if it finds the covariance singular, once more otherwise."""
-        for way in self.sampling.attempts():
-            yield (*self.before, *way, *self.buffers)
+        for rooted, draft in self.sampling.attempts():
+            self.query.choice[ROOTED] = rooted
+            yield self.query, self.belief, self.places, self.links, draft, self.buffers
 
     def paths(self) -> PredictedPaths:
         """The listed and predicted paths."""
         count = int(self.buffers.found[0])
         found = self.buffers
-        rays = Rays(found.table[:count], found.existence[:count], found.surfaces[:count], self.among)
+        assert self.recipe is not None
+        rays = Rays(found.path[:count], found.existence[:count], found.surfaces[:count], self.among)
         return PredictedPaths(rays, Prediction(found.predicted[:count]), self.recipe)
 
 

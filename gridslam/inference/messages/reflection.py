@@ -16,6 +16,7 @@ from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.state.polylines import Polylines
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
+from gridslam.kernels.primitives.blocks import Coefficients, Drawn, Hits
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import REFLECTION_BINS, SignalModel
 
@@ -77,9 +78,9 @@ def update_coefficients(state: State, drawn: Polylines, model: FilterModel, *, w
     detection, radio = detection_table(model.radio), state.calibration.tuned(model.radio, 0).numbers
     usual, latest = work.buffers(_usual, 0, surfaces), work.buffers(latest_hits, 0, surfaces)
     learn(
-        belief.mean, belief.layout.head, drawn.drawn, drawn.seen, *messages.arrays, detection.chance,
-        detection.step, radio, work.require_cells().frame_of_messages, usual, reflection, row, hit, used,
-        latest, foot, extent, seen,
+        belief.layout.head, detection.step, belief.mean, detection.chance, radio,
+        work.require_cells().frame_of_messages, Drawn(drawn.drawn, drawn.seen), messages.block(),
+        Coefficients(reflection, row, hit, used, usual, latest), Hits(foot, extent, seen),
     )  # fmt: skip
     bank = replace(bank, reflection=reflection, foot=foot, extent=extent, seen=seen)
     return replace(state, surfaces=bank, grid=replace(grid, row=row, hit=hit[: int(used[0])].copy()))

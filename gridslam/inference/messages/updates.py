@@ -17,7 +17,7 @@ from gridslam.inference.state.health import NO_FIT
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
-from gridslam.kernels.primitives import tables
+from gridslam.kernels.primitives import blocks, tables
 from gridslam.world.filter_model import FilterModel
 
 Array = NDArray[np.float64]
@@ -123,10 +123,11 @@ def update_surfaces_and_agent(
     messages.reserve(len(rays), len(pairs), (surfaces, anchors))
     launch = update_with_clocks() if belief.clocks else update
     launch(
-        belief.mean, belief.covariance, belief.layout.head, rays.table, pairs.start, pairs.index, pairs.pair,
-        ratios.odds, rounds, model.anchors, paths.prediction.whole, heard.table, ratios.blocks,
-        model.radio.numbers, turned, scratch, ratios.message, ratios.measured, existence, los, single, double,
-        share, fits, *messages.arrays,
+        belief.layout.head, rounds, blocks.Belief(belief.mean, belief.covariance),
+        blocks.PathRows(rays.table, paths.prediction.whole), pairs.block(ratios.blocks), ratios.block,
+        heard.table, blocks.Anchors(model.anchors, model.radio.numbers),
+        blocks.Existence(existence, los, single, double), blocks.Account(scratch, share, turned, fits),
+        messages.block(),
     )  # fmt: skip
     bank = replace(bank, existence=existence, single=single, double=double)
     listed = Rays(rays.table.copy(), rays.existence.copy(), rays.surfaces.copy(), rays.among)

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from gridslam import runtime
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.layout import HEADING, StateLayout
 from gridslam.kernels import PATH_BLOCK, ROOT_GIVEN, STATE_GIVEN, TAKE_ROOT
+from gridslam.kernels.primitives.blocks import Draft
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -109,22 +109,12 @@ def at_mean(belief: Belief) -> Cloud:
     return Cloud(state, 0.0)
 
 
-class Draft(NamedTuple):
-    """Reusable buffers of a kernel that prepares sampling from a belief, in the order of its arguments."""
-
-    whole: Array
-    root: Single
-    base: Single
-    state: Array
-    failed: NDArray[np.int32]
-
-    @classmethod
-    def of(cls, layout: StateLayout, samples: int) -> Draft:
-        """Room for a belief of this layout, and so many exact samples."""
-        size = layout.size
-        square, state = (size, size), np.empty((rows_of(layout), samples))
-        root, base = np.empty(square, np.float32), np.empty((size, 3), np.float32)
-        return cls(np.empty(square), root, base, state, np.empty(1, np.int32))
+def draft_of(layout: StateLayout, samples: int) -> Draft:
+    """Reusable buffers to sample a belief of this layout with, but for the points; room for some samples."""
+    size = layout.size
+    square, state = (size, size), np.empty((rows_of(layout), samples))
+    root, base = np.empty(square, np.float32), np.empty((size, 3), np.float32)
+    return Draft(NO_POINTS, np.empty(square), root, base, state, np.empty(1, np.int32))
 
 
 @dataclass(frozen=True)
@@ -161,12 +151,12 @@ class Sampling:
         size = len(belief.mean)
         if points.shape[0] < size or len(draft.whole) != size:
             raise ValueError(f"points of {points.shape[0]} entries for a belief of {size}")
-        return cls(belief, points, first, draft)
+        return cls(belief, points, first, draft._replace(points=points))
 
     @classmethod
     def at(cls, cloud: Cloud) -> Sampling:
         """Samples that are there already."""
-        draft = Draft.of(StateLayout(), 0)._replace(state=cloud.state)
+        draft = draft_of(StateLayout(), 0)._replace(state=cloud.state)
         draft.failed[0] = 0
         return cls(NO_BELIEF, NO_POINTS, 0, draft, given=True)
 
@@ -175,11 +165,11 @@ class Sampling:
         """First entry of the lines."""
         return 0 if self.given else self.belief.layout.head
 
-    def attempts(self) -> Iterator[tuple[Any, ...]]:
-        """Arguments of a kernel; if the covariance is singular, once more with another root."""
-        yield (STATE_GIVEN if self.given else TAKE_ROOT, *self.draft)
+    def attempts(self) -> Iterator[tuple[int, Draft]]:
+        """What a kernel is to make ready, and with what; if the covariance is singular, with another root."""
+        yield STATE_GIVEN if self.given else TAKE_ROOT, self.draft
         if self.draft.failed[0]:
-            yield (ROOT_GIVEN, np.ascontiguousarray(self.belief.root), *self.draft[1:])
+            yield ROOT_GIVEN, self.draft._replace(whole=np.ascontiguousarray(self.belief.root))
 
 
 def needed(belief: Belief) -> float:

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.kernels.primitives.blocks import Messages
+
 PORTION = 64
 """Capacity for paths, and for pairs, grows in portions, so that arrays last."""
 
@@ -44,10 +46,9 @@ class PathMessages:
         self.path, self.factor = np.zeros((0, 4), np.int32), np.zeros((0, 2))
         self.summary, self.begin, self.pairs = np.zeros((4, 0)), np.zeros(1, np.int32), np.zeros((2, 0))
 
-    @property
-    def arrays(self) -> tuple[NDArray[Any], ...]:
-        """All of them, in the order of a kernel's arguments."""
-        return self.count, self.path, self.factor, self.summary, self.begin, self.pairs
+    def block(self) -> Messages:
+        """All of them, as kernels take them."""
+        return Messages(self.count, self.path, self.factor, self.summary, self.begin, self.pairs)
 
     def clear(self) -> None:
         """Begin a new step."""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.inference.state.grid import Grid
 from gridslam.kernels import CELL_SLABS
+from gridslam.kernels.primitives.blocks import Slabs
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.grid_memory import check_room, slabs_for
 
@@ -22,18 +21,6 @@ OUTSIDE = 0.1
 """Factor of a hit outside the grid."""
 OTHER_MATERIAL = 0.05
 """Share of the belief that a wall is of another material where it is hit next."""
-
-
-class Scratch(NamedTuple):
-    """What casting needs of its own, in the order of the kernel's arguments; see `kernels.propagation`."""
-
-    line: runtime.Resident
-    place: runtime.Resident
-    sums: runtime.Resident
-    touched: runtime.Resident
-    met: runtime.Resident
-    message: runtime.Resident
-    news: runtime.Resident
 
 
 class CellBuffers:
@@ -66,7 +53,7 @@ class CellBuffers:
         """Evidence that the occupancy follows from; None for none."""
         self.unsettled = False
         """Whether messages may wait that no step has taken in."""
-        self.scratch = Scratch(
+        self.scratch = Slabs(
             runtime.room((slabs, LINES, LANES), np.float64),
             runtime.room((slabs, PLACES, LANES), np.int32),
             runtime.resident(np.zeros((3 * slabs, self.count), np.float32)),
