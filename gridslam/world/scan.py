@@ -92,21 +92,24 @@ class Scan:
             raise InputError("scan: time_s", str(time), "a finite number")
         if after is not None and time < after:
             raise InputError("scan: time_s", str(time), f"{after} or later: time doesn't go back")
-        if len(anchor) and _doubtful(columns, anchor, anchors):
+        if len(anchor) and _doubtful(columns, anchor, anchors, unlabelled, pseudo):
             still = {"step": np.zeros(len(anchor), np.intp), "time_s": np.full(len(anchor), time)}
             whole = still | {"anchor": anchor} | columns
             check_columns(whole, anchors, lambda row, name: f"scan: {name}[{row}]", unlabelled, pseudo)
         return Scan(self.step, time, anchor, **columns)
 
 
-def _doubtful(columns: dict[str, Array], anchor: NDArray[np.intp], anchors: int) -> bool:
+def _doubtful(
+    columns: dict[str, Array], anchor: NDArray[np.intp], anchors: int, unlabelled: bool, pseudo: bool
+) -> bool:
     """Whether `check_columns` could find anything amiss: a quick look, since every step takes it."""
     angles = np.array([columns["aod_rad"], columns["aoa_rad"]])
     others = np.array([column for name, column in columns.items() if name not in ("aod_rad", "aoa_rad")])
     return bool(
-        anchor.min() < 0
+        anchor.min() < (-1 if unlabelled else 0)
         or anchor.max() >= anchors
         or np.isnan(others[0]).any()
-        or ((others <= 0) | (others == np.inf)).any()
+        or (others[1 if pseudo else 0 :] <= 0).any()
+        or np.isinf(others).any()
         or (np.abs(angles) > 2 * np.pi).any()
     )

@@ -13,6 +13,7 @@ from gridslam.world.scene import BUNDLED, Scene, bundled_scenes
 def test_bundled_scenes_cite_their_source_and_say_what_is_hard():
     assert bundled_scenes() == [
         "alcove",
+        "annex",
         "canyon",
         "exchange",
         "hall",
@@ -177,3 +178,14 @@ def test_screen_hides_the_line_of_sight_and_it_alone_in_the_middle():
     assert not (entry == 2).any()
     assert len(steps_of(paths, paths.bounces == 2)) == 190
     assert scene.waveform("agent1").shape == (1, 1, 4, 81)
+
+
+def test_annex_hides_anchors_from_its_agents():
+    """Out of sight for more than a third of the way: anchor A of agent1, B of agent2; the glass is heard."""
+    for agent, anchor in (("agent1", 0), ("agent2", 1)):
+        scene, paths, _, _ = heard("annex", agent, 2.0)
+        assert len(scene.track(agent)) == 300
+        seen = (paths.bounces == 0) & (paths.anchor == anchor)
+        assert 100 < len(steps_of(paths, seen)) < 200
+    glass = heard("annex", "agent1", 2.0)[2]
+    assert (glass == 2).any()
