@@ -12,6 +12,7 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.bench.course import PeakMemory, heard, run
+from gridslam.bench.features import feature_speeds
 from gridslam.bench.growth import Growth, fitted, growth
 from gridslam.bench.kernels import IdleLaunches, KernelSpeed, compete, largest_launches
 from gridslam.bench.plan import Plan
@@ -143,6 +144,7 @@ def measure(
     canyon = Scene.load("canyon").with_filter(particles=plan.kernel_particles)
     large = largest_launches(canyon, plan.kernel_before)["cast"]
     kernels.append(compete("cast", "canyon", large, plan.kernel_s))
+    kernels += feature_speeds(plan.features, plan.feature_particles, plan.kernel_s)
     steps = []
     for kind in kinds:
         next_part()

@@ -33,6 +33,10 @@ class Plan:
         Lengths of a run.
     repeats : int
         Of the start-ups.
+    features : tuple of int
+        Numbers of learned features.
+    feature_particles : int
+        At which their kernels are timed.
     """
 
     particles: tuple[int, ...] = (1_000, 3_000, 10_000, 30_000, 60_000)
@@ -50,11 +54,13 @@ class Plan:
     cell_m: tuple[float, ...] = (0.2, 0.1, 0.05, 0.025)
     steps: tuple[int, ...] = (24, 48, 120, 240)
     repeats: int = 3
+    features: tuple[int, ...] = (3, 8, 15, 30, 60)
+    feature_particles: int = 1_000
 
 
 QUICK = Plan(
     particles=(256, 1_024), canyon=256, before=1, timed=2, later=3, watched=1, kernel_particles=256,
     kernel_before=2, kernel_s=0.01, growth_particles=256, surfaces=(3, 4), false_alarms=(2.0, 8.0),
-    cell_m=(0.2, 0.1), steps=(2, 4), repeats=1,
+    cell_m=(0.2, 0.1), steps=(2, 4), repeats=1, features=(3,), feature_particles=64,
 )  # fmt: skip
 """Everything once, in seconds: to see that it works, not to believe its numbers."""

@@ -1,0 +1,86 @@
+"""Kernels on learned features for growing numbers of them, against twins that take all samples together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam import reference
+from gridslam.bench.kernels import KernelSpeed, repeated
+from gridslam.inference.messages.feature_likelihood import Front
+from gridslam.inference.messages.learning import POWERS
+from gridslam.world.radio import SPEED_OF_LIGHT
+from gridslam.world.scene import Scene
+
+Array = NDArray[np.float64]
+NAMES = ("back_project", "differentiate_features", "evaluate_features")
+TWIN_POINTS = 2
+"""Points that a twin is given; its time is that for all of the kernel's in proportion."""
+
+
+def feature_speeds(
+    counts: Sequence[int], particles: int, seconds: float, scene: str = "screen"
+) -> tuple[KernelSpeed, ...]:
+    """Times of the kernels on `particles` points, for each number of features, by a scene's radio.
+
+    Parameters
+    ----------
+    seconds : float
+        At least so long for each kernel; it runs three times or more, its twin once.
+    """
+    return tuple(speed for count in counts for speed in _speeds(count, particles, seconds, scene))
+
+
+def _speeds(count: int, particles: int, seconds: float, scene: str) -> Iterator[KernelSpeed]:
+    wave, draw = Scene.load(scene).waveform(), np.random.default_rng(count)
+    front, shape = Front(wave), (len(wave.agent_element_m), len(wave.offset_hz))
+    points = np.column_stack(
+        [draw.normal(size=(particles, 2)), draw.uniform(-3, 3, particles), np.ones(particles)]
+    )
+    features = draw.uniform([-12, -12, 0, 100], [12, 12, 2, 2000], (count, 4))
+    samples = draw.normal(size=shape) + 1j * draw.normal(size=shape)
+    anchor, tables = np.array([0.5, 5.0]), front.tables(samples[None])
+    few, step = points[:TWIN_POINTS], np.zeros(particles, np.int32)
+    rate = 2 * np.pi * wave.offset_hz / SPEED_OF_LIGHT
+    known = few, features, anchor, front.element, wave.pulse, rate, samples
+    where = f"{scene}, {count} features"
+    share = particles / len(few)
+    yield _compete(
+        "evaluate_features", where, "particle", particles, seconds, share,
+        lambda: front.ratios(points, features, anchor, tables),
+        lambda: front.ratios(points[:1], features, anchor, tables),
+        lambda: reference.evaluate_features(*known),
+    )  # fmt: skip
+    yield _compete(
+        "differentiate_features", where, "particle", particles, seconds, share,
+        lambda: front.slopes(points, step, features, anchor, tables),
+        lambda: front.slopes(points[:1], step[:1], features, anchor, tables),
+        lambda: reference.differentiate_features(*known),
+    )  # fmt: skip
+    places = np.tile(features[:, :3], (particles // count + 1, 1))[:particles]
+    one, powers = points[:1], 100.0 * POWERS
+    yield _compete(
+        "back_project", where, "place", particles, seconds, share,
+        lambda: front.gains(places, one, tables, powers),
+        lambda: front.gains(places[:1], one, tables, powers),
+        lambda: reference.back_project(
+            places[:TWIN_POINTS], one, front.element, wave.pulse, rate, samples, powers
+        ),
+    )  # fmt: skip
+
+
+def _compete(
+    name: str, where: str, unit: str, units: int, seconds: float, share: float,
+    launch: Callable[[], object], idle: Callable[[], object], twin: Callable[[], object],
+) -> KernelSpeed:  # fmt: skip
+    """Time a kernel, its launch with one point, and its twin on a share of the points."""
+    launch()  # compiled
+    took = repeated(launch, seconds)
+    nothing = float(np.median(repeated(idle, 0.1 * seconds)))
+    slow = share * float(np.median(repeated(twin, 0.0, 1)))
+    median = float(np.median(took))
+    return KernelSpeed(
+        name, where, unit, units, median, min(took), slow, slow / median, 1e9 * median / units, 1e6 * nothing
+    )
