@@ -170,7 +170,7 @@ class Pairs(NamedTuple):
     of each pair's densities [L + K or more, P / BLOCK]."""
 
     start: Whole
-    index: Wholes
+    index: Wholes  # type: ignore[assignment]  # a tuple's method of that name isn't needed
     pair: Square
     blocks: Single
 
@@ -208,7 +208,7 @@ class Messages(NamedTuple):
     and whether it tells of cells [room, 2]; summary [4, room]; where the pairs of each path begin [room + 1];
     amplitude and probability [2, room]. See `propagation.path_messages`."""
 
-    count: Whole
+    count: Whole  # type: ignore[assignment]
     noted: Wholes
     factor: Square
     told: Square

@@ -13,18 +13,24 @@ first, see `agrees`; should anything differ, all launches go Taichi's own way, a
 import gc
 import threading
 import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache, wraps
+from typing import Any
 
 import numpy as np
 import taichi as ti
 from taichi.lang.util import to_numpy_type
 
 from gridslam.kernels.primitives.device import ON_CPU
+from gridslam.kernels.primitives.launch_trial import attempts as _attempts
+from gridslam.kernels.primitives.launch_trial import sample as _sample
 from gridslam.kernels.primitives.packing import as_packs, flat_names, grouped, members_of
 
 _one_at_a_time = threading.RLock()
 _verdict: list[bool] = []
+Launch = Callable[..., Any]
+Place = tuple[int]
 ndarray, NOTHING = np.ndarray, object()
 MOST_KEPT, KEYS = 8, ("only", "start", "whose", "anchor", "path", "radio")
 """Launches of a kernel that a thread keeps side by side; arguments that tell them apart, anchors mostly."""
@@ -33,7 +39,7 @@ PRIVATE = ("arguments", "compiled_kernels", "runtime")
 GOOD = [True]
 
 
-def quick(kernel):
+def quick(kernel: Any) -> Any:
     """The same kernel, launched quickly if that `agrees` with Taichi's own launches.
 
     Whatever isn't as it was compiled for goes Taichi's own way.
@@ -49,27 +55,28 @@ def quick(kernel):
     A thread keeps the arguments of its last launches of each kernel, one for each of the last few anchors,
     and takes an array that it keeps for unchanged: nobody may give it another shape, type or size in place.
     """
-    primal = getattr(kernel, "_primal", None)
+    primal: Any = getattr(kernel, "_primal", None)
     if not all(hasattr(primal, name) for name in PRIVATE):
         return kernel  # a Taichi that keeps these elsewhere
     hurried, plain = _hurrying(kernel), _plain(kernel)
 
     @wraps(kernel)
-    def launch(*arguments):
+    def launch(*arguments: Any) -> Any:
         return (hurried if _verdict == GOOD or agrees() else plain)(*arguments)
 
-    launch.names = flat_names(primal.arguments)
-    launch.named = lambda **flat: launch(*grouped(primal.arguments, flat))
-    return launch
+    known: Any = launch
+    known.names = flat_names(primal.arguments)
+    known.named = lambda **flat: launch(*grouped(primal.arguments, flat))
+    return known
 
 
-def _plain(kernel):
+def _plain(kernel: Any) -> Launch:
     """Taichi's own launch, with blocks handed over as tuples."""
     known = kernel._primal.arguments
     if not any(members_of(argument.annotation) for argument in known):
         return kernel
 
-    def launch(*arguments):
+    def launch(*arguments: Any) -> Any:
         if len(arguments) != len(known):
             raise TypeError(f"missing or too many arguments: {len(arguments)} instead of {len(known)}")
         return kernel(*as_packs(known, arguments))
@@ -77,7 +84,7 @@ def _plain(kernel):
     return launch
 
 
-def agrees():
+def agrees() -> bool:
     """Whether quick launches do what Taichi's own do, here and now; tried once in a process.
 
     A kernel is launched both ways: with the same arguments again, with other ones, and in turns.
@@ -99,42 +106,7 @@ def agrees():
         return _verdict[0]
 
 
-def _sample():
-    """A kernel with arguments of all kinds."""
-
-    @ti.kernel
-    def sample(
-        anchor: ti.i32,
-        factor: ti.f64,
-        wide: ti.types.ndarray(dtype=ti.f64, ndim=2),
-        thin: ti.types.argpack(
-            narrow=ti.types.ndarray(dtype=ti.f32, ndim=1), whole=ti.types.ndarray(dtype=ti.i32, ndim=1)
-        ),
-        out: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    ):
-        for i in range(wide.shape[0]):
-            for j in range(wide.shape[1]):
-                out[i, j] = anchor + factor * wide[i, j] + thin.narrow[j] * thin.whole[i]
-
-    return sample
-
-
-def _attempts():
-    """Arguments of launches one after the other: the same again, others, in turns, none, and views."""
-    draw = np.random.default_rng(1)
-    one, other, none = (
-        (draw.normal(size=(n, m)), (draw.normal(size=m).astype(np.float32), np.arange(n, dtype=np.int32)))
-        for n, m in ((3, 5), (4, 7), (0, 2))
-    )
-    fixed, part = (-one[0], one[1]), (one[0][1:], (one[1][0], one[1][1][1:]))
-    fixed[0].flags.writeable = False
-    return [
-        (1, 0.5, *one), (1, 0.5, *one), (2, 0.25, *one), (1, 0.5, *other), (2, 0.25, *one), (3, 2.0, *none),
-        (1, -1.5, *fixed), (1, 0.5, *one), (300, 0.5, *part),
-    ]  # fmt: skip
-
-
-def _made(kernel, attempts):
+def _made(kernel: Launch, attempts: Sequence[tuple[Any, ...]]) -> list[bytes]:
     """What the sample kernel makes of them, as bytes: all of it, or there would be NaN."""
     found = []
     for arguments in attempts:
@@ -144,7 +116,7 @@ def _made(kernel, attempts):
     return found
 
 
-def _hurrying(kernel):
+def _hurrying(kernel: Any) -> Launch:
     """A quick launch of a kernel, whether that agrees or not."""
     primal, plain = kernel._primal, _plain(kernel)
     known = primal.arguments
@@ -157,17 +129,17 @@ def _hurrying(kernel):
     spare = {n: known[n].annotation for n in packs}
     own, key = threading.local(), _key(flat_names(known), places) if ON_CPU else None
 
-    def launch(*arguments):
+    def launch(*arguments: Any) -> Any:
         compiled = primal.compiled_kernels
         if not compiled:
             return _first(plain, arguments)
         if len(compiled) != 1 or len(arguments) != len(known):
             return plain(*arguments)
-        values = arguments
+        values: Sequence[Any] = arguments
         if packs:
-            values = [arguments[n] for n in others]
+            values = several = [arguments[n] for n in others]
             for n in packs:
-                values += arguments[n]
+                several += arguments[n]
         if len(values) != len(kinds):
             return plain(*arguments)
         (code,) = compiled.values()
@@ -183,7 +155,7 @@ def _hurrying(kernel):
     return launch
 
 
-def _context(code, empty):
+def _context(code: Any, empty: Mapping[int, Any]) -> Any:
     """A launch; packs hold nothing but arrays, which don't stand in them, so any will do."""
     context = code.make_launch_context()
     for place, pack in empty.items():
@@ -191,13 +163,16 @@ def _context(code, empty):
     return context
 
 
-def _key(names, places):
+def _key(names: list[str], places: Sequence[Place]) -> tuple[int, int] | None:
     """Which value, and at which place, tells launches apart that are kept; None for one alone."""
     chosen = next((names.index(name) for name in KEYS if name in names), None)
     return None if chosen is None else (chosen, places[chosen][0])
 
 
-def _kept(own, code, program, values, key, spare, places):
+def _kept(
+    own: threading.local, code: Any, program: Any, values: Sequence[Any], key: tuple[int, int] | None,
+    spare: Mapping[int, Any], places: Sequence[Place],
+) -> "_Kept":  # fmt: skip
     """The launch that a thread keeps for such a key; else a new one, or the one not used for longest."""
     launches = own.__dict__.get("launches")
     if launches is None:
@@ -206,8 +181,9 @@ def _kept(own, code, program, values, key, spare, places):
         launches.clear()
     if key is None and launches:
         return launches[0]
+    number, place = key or (0, 0)
     for one in launches:  # the anchor whose turn it is was launched longest ago
-        if one.handed[key[1]] is values[key[0]]:
+        if one.handed[place] is values[number]:
             launches.remove(one)
             break
     else:
@@ -219,7 +195,7 @@ def _kept(own, code, program, values, key, spare, places):
 class _Kept:
     """What one thread keeps of a kernel: machine code, a launch, and the arguments that this holds."""
 
-    def __init__(self, code, program, spare, places):
+    def __init__(self, code: Any, program: Any, spare: Mapping[int, Any], places: Sequence[Place]) -> None:
         self.code, self.program = code, program
         self.machine = program.compile_kernel(program.config(), program.get_device_caps(), code)
         self.empty = {place: kind(**dict.fromkeys(kind.members)) for place, kind in spare.items()}
@@ -227,7 +203,7 @@ class _Kept:
         self.handed = [NOTHING] * (max((place for (place,) in places), default=0) + 1)
 
 
-def _first(kernel, arguments):
+def _first(kernel: Launch, arguments: Sequence[Any]) -> Any:
     """The first launch of all; should it fail, once more with places of expressions in the complaint.
 
     What Taichi makes of a kernel's source stays, so collecting garbage meanwhile finds none.
@@ -246,7 +222,7 @@ def _first(kernel, arguments):
 
 
 @contextmanager
-def _hurried():
+def _hurried() -> Iterator[None]:
     """Keep Taichi from noting where expressions stand, and from looking for a function's source again.
 
     If it is one that does as known.
@@ -268,12 +244,12 @@ def _hurried():
 
 
 @cache
-def _sources(find):
+def _sources(find: Callable[..., Any]) -> Callable[..., Any]:
     """The same, with what was found before kept."""
     return cache(find)
 
 
-def _hand_over(context, handed, place, value, kind):
+def _hand_over(context: Any, handed: list[Any], place: Place, value: Any, kind: Any) -> bool:
     """Put one argument into a launch; whether it is of the right kind."""
     number = place[0]
     handed[number] = NOTHING  # if an interrupt comes between, nothing is taken for handed over
@@ -294,7 +270,7 @@ def _hand_over(context, handed, place, value, kind):
     return True
 
 
-def _kind(annotation):
+def _kind(annotation: Any) -> Any:
     """Type and number of dimensions of an array; `int` or `float` for a number."""
     if isinstance(annotation, ti.types.ndarray):
         return np.dtype(to_numpy_type(annotation.dtype)), annotation.ndim

@@ -1,13 +1,14 @@
 """Blocks of arguments as Taichi takes them: packs, whose arrays it hands over behind the others."""
 
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
 import taichi as ti
 
 
 @cache
-def pack(block):
+def pack(block: type) -> Any:
     """Annotation of a kernel's argument that is a block: a class of `kernels.primitives.blocks`."""
     hints = get_type_hints(block, include_extras=True)
     kinds = {name: hint.__metadata__ for name, hint in hints.items()}
@@ -16,12 +17,12 @@ def pack(block):
     )
 
 
-def members_of(annotation):
+def members_of(annotation: Any) -> dict[str, Any]:
     """Names and annotations of a pack's arrays; none of anything else."""
     return dict(annotation.members) if hasattr(annotation, "members") else {}
 
 
-def flat_names(arguments):
+def flat_names(arguments: Iterable[Any]) -> list[str]:
     """Names of all numbers and arrays of a kernel, in the order of launches: members of packs come last.
 
     Raises
@@ -29,6 +30,7 @@ def flat_names(arguments):
     TypeError
         A name occurs twice: Taichi would take one array for the other.
     """
+    arguments = list(arguments)
     names = [argument.name for argument in arguments if not members_of(argument.annotation)]
     names += [name for argument in arguments for name in members_of(argument.annotation)]
     twice = {name for name in names if names.count(name) > 1}
@@ -37,7 +39,7 @@ def flat_names(arguments):
     return names
 
 
-def grouped(arguments, flat):
+def grouped(arguments: Iterable[Any], flat: Mapping[str, Any]) -> list[Any]:
     """Arguments of a kernel whose packs are tuples, from numbers and arrays by name."""
     return [
         tuple(flat[name] for name in members)
@@ -47,7 +49,7 @@ def grouped(arguments, flat):
     ]
 
 
-def as_packs(arguments, values):
+def as_packs(arguments: Sequence[Any], values: Sequence[Any]) -> list[Any]:
     """Arguments as Taichi's own launches take them: packs made of tuples. They take some 0.2 ms each."""
     return [
         argument.annotation(**dict(zip(members, value, strict=True)))
