@@ -18,11 +18,15 @@ from gridslam.extraction.search import strongest, surprise
 from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements
 from gridslam.world.scene import Scene
+from gridslam.world.scene_parts import QUANTITIES
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 STDS = "distance_std_m", "aod_std_rad", "aoa_std_rad"
 COLUMNS = "step", "anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude", *STDS
+BY_QUANTITY = {
+    "aod": ("aod_rad", "aod_std_rad"), "aoa": ("aoa_rad", "aoa_std_rad"), "amplitude": ("amplitude",)
+}  # fmt: skip
 FALSE_ALARMS = 0.1
 MOST_PATHS = 24
 BLOCK_SAMPLES = 2**21
@@ -44,7 +48,8 @@ def extract(
     recording : Recording
         Any number of antennas. An angle is measured where the elements don't lie in one line.
     scene : Scene, optional
-        Gives `false_alarms` and a detection threshold; its anchors must be the recording's.
+        Gives `false_alarms`, a detection threshold, and what its radio measures: nothing else is kept. Its
+        anchors must be the recording's.
     false_alarms : float, optional
         Mean number of noise peaks per anchor and step that pass for paths. Default: the scene's, or 0.1.
     most_paths : int
@@ -71,6 +76,10 @@ def extract(
     order = np.lexsort((columns["distance_m"], columns["anchor"], columns["step"]))
     order = order[columns["amplitude"][order] >= least]
     columns = {name: column[order] for name, column in columns.items()}
+    measured = QUANTITIES if scene is None else scene.radio.measures
+    for quantity, names in BY_QUANTITY.items():
+        if quantity not in measured:
+            columns |= {name: np.full(len(order), np.nan) for name in names}
     table: dict[str, Any] = {**columns, **{name: None for name in STDS if np.isnan(columns[name]).all()}}
     return Measurements(
         anchors=recording.anchors, anchor_position_m=recording.anchor_position_m,

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scene_samples import shortened
 from signal_samples import FREQUENCIES, C, recording, sampled_scene
 
 import gridslam as gs
@@ -233,3 +234,30 @@ def test_examples_of_the_docs_do_what_they_say(tmp_path, monkeypatch, capsys):
     for block in re.findall(r"^```python\n(.*?)^```", page, re.M | re.S):
         exec(compile(block, "signals.md", "exec"), names)
     assert capsys.readouterr().out == "[5.  5.1 5.2]\n"
+
+
+def test_a_scene_whose_radio_measures_distances_alone_gets_these_alone():
+    scene = sampled_scene(radio={"snr_at_1m_db": 50.0, "measures": ("distance",)})
+    heard = gs.extract(gs.simulate(scene, "me", 1, what="signal"), scene)
+    assert len(heard.step)
+    assert np.isnan(heard.amplitude).all()
+    assert (heard.distance_std_m > 0).all()
+
+
+@pytest.mark.slow
+def test_virtual_anchors_follow_what_was_found_among_overlapping_fading_paths():
+    scene = shortened(gs.Scene.load("overlap"), 50)
+    heard = gs.extract(gs.simulate(scene, "agent1", 0, what="signal"), scene)
+    run = gs.map_scene(scene, heard, "va", seed=0)
+    assert run.score(gs.ground_truth(scene, "agent1"))["position_rmse_m"] < 0.08
+
+
+def test_paths_that_are_needed_no_longer_beside_later_ones_are_taken_out(monkeypatch):
+    band = band_of()
+    first = np.random.default_rng(3).uniform(3, 15, (500, 1))
+    samples, _ = received(band, first + 0.6 * np.arange(5), 35.0, 12)
+    right = (find_paths(band, samples, 0.1).count == 5).mean()
+    monkeypatch.setattr(
+        "gridslam.extraction.front_end._without_weakest", lambda band, samples, fit, needed: fit
+    )
+    assert right > (find_paths(band, samples, 0.1).count == 5).mean() + 0.02
