@@ -252,9 +252,10 @@ def test_virtual_anchors_follow_what_was_found_among_overlapping_fading_paths():
     assert run.score(gs.ground_truth(scene, "agent1"))["position_rmse_m"] < 0.08
 
 
+@pytest.mark.slow
 def test_paths_that_are_needed_no_longer_beside_later_ones_are_taken_out(monkeypatch):
     band = band_of()
-    first = np.random.default_rng(3).uniform(3, 15, (500, 1))
+    first = np.random.default_rng(3).uniform(3, 15, (250, 1))
     samples, _ = received(band, first + 0.6 * np.arange(5), 35.0, 12)
     right = (find_paths(band, samples, 0.1).count == 5).mean()
     monkeypatch.setattr(
