@@ -64,8 +64,9 @@ def angles_hint(world: Scene, method: str, heard: Heard | None) -> str | None:
     import numpy as np
 
     from gridslam.measurements.table import Measurements
+    from gridslam.systems.registry import METHODS
 
-    if method not in ("grid", "adaptive"):
+    if method not in METHODS or not METHODS[method].on_angles:
         return None
     if isinstance(heard, Measurements):
         told = any(bool(np.isfinite(angle).any()) for angle in (heard.aod_rad, heard.aoa_rad))

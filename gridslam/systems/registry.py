@@ -46,6 +46,8 @@ class Method:
         Whether it goes on from the map that an earlier agent left.
     several : bool
         Whether it takes several agents at once.
+    on_angles : bool
+        Whether it lives on angles: distances alone tell it too little.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Method:
     takes_map: bool = True
     takes: Kind = "paths"
     several: bool = False
+    on_angles: bool = False
 
 
 _ENTERED = (
@@ -64,12 +67,14 @@ _ENTERED = (
         "gridslam.systems.grid:GridSlam",
         "grid SLAM: surfaces, their reflection coefficients and an occupancy grid",
         "docs/model.md#5-the-occupancy-grid",
+        on_angles=True,
     ),
     Method(
         "adaptive",
         "gridslam.systems.adaptive:AdaptiveSlam",
         "adaptive SLAM: surfaces alone, each ray with an amplitude of its own",
         "docs/model.md#7-adaptive-slam-amplitudes-of-rays",
+        on_angles=True,
     ),
     Method(
         "va",
