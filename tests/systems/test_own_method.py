@@ -246,7 +246,7 @@ def test_every_text_about_methods_is_that_of_the_registry():
     assert len(helps) == 4  # run, study, robustness, bench
     bibliography = (ROOT / "docs" / "bibliography.md").read_text(encoding="utf-8")
     for name, entry in METHODS.items():
-        assert all(name in re.findall(r"\w+", text) for text in helps)
+        assert all(name in re.findall(r"[\w-]+", text) for text in helps)
         assert any(line.startswith(f"| `{name}` | {entry.about} |") for line in methods)
         assert f"`--method {name}`" in bibliography
         page, _, anchor = entry.page.partition("#")
