@@ -88,7 +88,7 @@ def step(state: ParticleState, scan: SignalScan, model: SignalModel, work: int) 
 
 
 class PublishedDirectSlam(SignalFilter[ParticleState]):
-    """Direct SLAM as published, one step at a time. Slow, and good at high SNR alone: a reference.
+    """Direct SLAM as published, one step at a time. Slow, and often lost at the start: a reference.
 
     Parameters
     ----------
