@@ -57,11 +57,11 @@ def density(model, z, place, heading, noise, los, image):
     return -np.vdot(z, np.linalg.solve(covariance, z)).real - np.linalg.slogdet(np.pi * covariance)[1]
 
 
-@pytest.mark.parametrize("features", [0, 1])
-def test_messages_are_those_of_every_particle_node_and_visibility_listed(features):
+@pytest.mark.parametrize(("features", "los"), [(0, 300.0), (1, 300.0), (0, 0.0), (1, 5.0)])
+def test_messages_are_those_of_every_particle_node_and_visibility_listed(features, los):
     model, draw = signal_model(frequencies=15), np.random.default_rng(features)
     agent, noise = draw.normal(0, 0.05, (3, 2)), np.array([0.8, 1.0, 1.3])
-    z = received(model, (0, 0), 0.4, [LOS, IMAGE], [300.0, 500.0], draw)
+    z = received(model, (0, 0), 0.4, [LOS, IMAGE], [los, 500.0], draw)
     cloud, front, belief = few(agent, noise), Front(model.waveform), prior(model, features)
     found, moments = update_particles(cloud, belief, z, [front.tables(z)], HEARD, 0.4, front, model, 1, 5)
     joint = np.zeros((3, NODES + 1))
