@@ -152,6 +152,9 @@ def test_the_mixture_spans_all_places_across_the_turn_of_an_angle():
     assert places(whole) == 2
     assert places(Population((here, here), (np.log(0.5),) * 2)) == 1
     assert places(Population((here, there), tuple(np.log([1 - 1e-4, 1e-4])))) == 1, "too unlikely to count"
+    fresh = Population((here, there), tuple(np.log([1 - 2e-4, 2e-4])), since=3)
+    assert places(fresh) == 2
+    assert places(replace(fresh, since=40)) == 1
 
 
 def test_unlikely_hypotheses_go_and_the_parent_of_a_branching_stays_for_a_while():

@@ -64,7 +64,7 @@ def linear_width(scans: Sequence[AnchorScan], radio: SignalModel) -> float:
             std = float(radio.distance_std(np.array(amplitude if amplitude > 0 else radio.threshold)))
             if distance > 0:
                 widths.append(math.sqrt(2 * distance * std))
-    return max(float(np.median(widths)), LEAST_WIDTH_M) if widths else math.inf
+    return max(float(np.quantile(widths, 0.25)), LEAST_WIDTH_M) if widths else math.inf
 
 
 def widest(belief: Belief) -> float:

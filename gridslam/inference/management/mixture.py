@@ -24,8 +24,9 @@ TURN_RAD, SHIFT_M, FOUND = 0.1, 0.3, 0.5
 HOPELESS, CAP, GUARDED = 14.0, 60, 10
 """Log weight behind the best at which a hypothesis is pruned, hypotheses at most, steps for which the parent
 of a branching is kept whatever its weight."""
-PLACE_COUNTS = 0.01
-"""Weight from which on a place is one that remains."""
+PLACE_COUNTS, PLACE_COUNTS_AT_FIRST, AT_FIRST = 0.01, 1e-4, 30
+"""Weight from which on a place is one that remains; the same for so many steps after a branching, whose
+evidence is that of vague beliefs."""
 
 
 def reduce(population: Population, model: FilterModel) -> Population:
@@ -123,7 +124,8 @@ def moment_matched(one: State, other: State, log_one: float, log_other: float) -
 
 def places(population: Population) -> int:
     """How many places the agent may be at: hypotheses that count, merged by pose alone."""
-    rows = [k for k, log in enumerate(population.log_weight) if log > np.log(PLACE_COUNTS)]
+    least = PLACE_COUNTS_AT_FIRST if population.since <= AT_FIRST else PLACE_COUNTS
+    rows = [k for k, log in enumerate(population.log_weight) if log > np.log(least)]
     if len(rows) < 2:
         return 1
     near = together([population.states[k] for k in rows])
