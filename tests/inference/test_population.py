@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scene_samples import shortened
 
 import gridslam as gs
-from gridslam.inference.management.branching import NARROW, placed, split, split_along, widest
+from gridslam.inference.management.branching import NARROW, conditioned, placed, split, split_along, widest
 from gridslam.inference.management.hypotheses import NOT_FOUND, begun
 from gridslam.inference.management.mixture import (
     GUARDED,
@@ -321,3 +321,39 @@ def test_vague_starts_end_right_and_never_silently_wrong():
             wrong += off > 0.5 and square > 16 and estimate.health.ok
         assert off < 0.3
         assert wrong <= 2
+
+
+def test_a_state_given_a_pose_is_the_gaussian_given_it():
+    state = random_state(np.random.default_rng(7), spread=0.1)
+    state.belief.mean[4] = 0.2
+    pose, rows = state.belief.mean[[0, 1, 4]], np.array([0, 1, 4])
+    own = state.belief.covariance[np.ix_(rows, rows)]
+    same = conditioned(state, pose, own).belief
+    np.testing.assert_allclose(same.mean, state.belief.mean, atol=1e-6)
+    np.testing.assert_allclose(same.covariance, state.belief.covariance, atol=1e-6)
+    shift = np.array([0.1, -0.05, 0.02])
+    sure = conditioned(state, pose + shift, 1e-12 * np.eye(3)).belief
+    np.testing.assert_allclose(sure.mean[rows], pose + shift, atol=1e-6)
+    rest = np.setdiff1d(np.arange(9), rows)
+    gain = state.belief.covariance[np.ix_(rest, rows)] @ np.linalg.inv(own)
+    np.testing.assert_allclose(sure.mean[rest], state.belief.mean[rest] + gain @ shift, atol=1e-5)
+    left = state.belief.covariance[np.ix_(rest, rest)] - gain @ state.belief.covariance[np.ix_(rows, rest)]
+    np.testing.assert_allclose(sure.covariance[np.ix_(rest, rest)], left, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_faint_paths_after_a_silence_lead_no_vague_agent_astray():
+    """Of twenty scans after ten silent ones the faint measurements alone: one Gaussian went off by 7 m."""
+    scene = gs.Scene.load("canyon")
+    scene = shortened(scene, 81).with_filter(particles=512)
+    slam, track = GridSlam(scene, seed=2), scene.track("agent1")
+    names = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
+    several = 0
+    for step, scan in enumerate(gs.simulate(scene, "agent1", seed=2)):
+        kept = (scan.amplitude < 6) & (step >= 70) | (step < 60)
+        estimate = slam.step(replace(scan, **{name: getattr(scan, name)[kept] for name in names}))
+        off = np.linalg.norm(estimate.position_m - track.position_m[step])
+        assert off < 4 * np.sqrt(np.trace(estimate.covariance[:2, :2]))
+        several = max(several, len(estimate.hypotheses))
+    assert off < 0.3
+    assert several > 1, "poses were listed by scan and map"

@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 import gridslam as gs
+from gridslam.inference.management.pose_recovery import Sources
 from gridslam.inference.management.pose_score import IN_SIGHT, NEAREST_M, TWICE, Snapshot
-from gridslam.inference.management.pose_search import find_modes, line_of_sight_poses
+from gridslam.inference.management.pose_search import find_modes, line_of_sight_poses, reflected_poses
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.belief import Belief
-from gridslam.world.geometry import course, line_between, unit, wrap
+from gridslam.world.geometry import course, line_between, mirror, unit, wrap
 from gridslam.world.radio import REFLECTION_BINS
 
 
@@ -151,3 +152,75 @@ def test_what_was_not_measured_scores_finitely(scene, heard, name):
     snapshot, _ = snapshot_of(replace(scan, **{name: column}), model)
     poses = np.random.default_rng(5).uniform([-4, -3, -3], [4, 3, 3], (50, 3))
     assert np.isfinite(snapshot.score(poses)).all()
+
+
+def of_map(place, chance=0.8):
+    """Sources of an anchor's line of sight and of single bounces over two walls of the room."""
+    line = np.array([[0.0, 0.0], [np.pi / 2, 3.0], [0.0, -4.0]])
+    image = np.stack([place, mirror(line[1], place), mirror(line[2], place)])
+    return Sources(image, line, np.array([1.0, 0.7, 0.6]), np.array([0.9, chance, 0.5]))
+
+
+def test_scores_with_a_map_add_what_its_surfaces_explain(scene, heard):
+    model, track = scene.filter_model("agent1"), scene.track("agent1")
+    own = split_by_anchor(heard[1], model)[0]
+    radio, over = model.radio, of_map(own.position)
+    with_map, without = (Snapshot.of([own], [radio], model, known).terms[0] for known in ([over], None))
+    poses = np.stack([[*track.position_m[1], track.heading_rad[1]], [1.0, -1.0, 0.5], [3.9, 3.9, 2.0]])
+    found, plain = with_map.score(poses, 1.0), without.score(poses, 1.0)
+    assert found[0] > plain[0] + 5, "two walls explain their bounces"
+    for pose, score, alone in zip(poses, found, plain, strict=True):
+        missed, ratio = 0.0, np.zeros(len(own))
+        for image, line, level, chance in list(
+            zip(over.image, over.line, over.level, over.chance, strict=True)
+        )[1:]:
+            path = course(pose[None, :2], own.position[None], line[None], line[None], np.array([1]))
+            if not path.valid[0]:
+                continue
+            strength = radio.amplitude(np.linalg.norm(image - pose[:2]), level)
+            missed += chance * float(radio.detection_probability(strength))
+            for m, (value, amplitude) in enumerate(zip(own.value, own.amplitude, strict=True)):
+                std = np.array([
+                    radio.distance_std(amplitude),
+                    radio.angle_std(amplitude, value[1], radio.anchor_aperture[0]),
+                    radio.angle_std(amplitude, value[2], radio.agent_aperture),
+                ])  # fmt: skip
+                std = np.hypot(std, [0.03, 0.02, 0.02])
+                gap = value - [
+                    path.distance[0],
+                    path.departure[0] - own.orientation,
+                    path.arrival[0] - pose[2],
+                ]
+                gap[1:] = wrap(gap[1:])
+                density = np.prod(norm.pdf(gap, scale=std)) * np.exp(radio.log_rician(amplitude, strength))
+                ratio[m] += chance * density / (radio.false_alarms * np.exp(radio.log_clutter(amplitude)))
+        base = np.array([
+            Snapshot.of([replace_rows(own, m)], [radio], model).terms[0].score(pose[None], 1.0)[0]
+            for m in range(len(own))
+        ])  # fmt: skip
+        sight = Snapshot.of([replace_rows(own, None)], [radio], model).terms[0].score(pose[None], 1.0)[0]
+        wanted = sight - missed + np.log(np.exp(base - sight) + ratio).sum()
+        assert alone == pytest.approx(base.sum() - (len(own) - 1) * sight, abs=1e-6)
+        assert score == pytest.approx(wanted, abs=0.01)
+
+
+def replace_rows(own, row):
+    """An anchor's scan with one of its measurements, or none."""
+    rows = slice(0, 0) if row is None else slice(row, row + 1)
+    names = ("value", "own_std", "amplitude", "table")
+    return replace(own, **{name: getattr(own, name)[rows] for name in names})
+
+
+def test_poses_by_a_map_hear_single_bounces_as_they_were_heard(scene, heard):
+    model = scene.filter_model("agent1")
+    own = split_by_anchor(heard[1], model)[0]
+    terms = Snapshot.of([own], [model.radio], model, [of_map(own.position)]).terms[0]
+    poses = reflected_poses(terms, np.random.default_rng(1), copies=1)
+    assert len(poses) == 2 * len(own)
+    line = of_map(own.position).line[1]
+    for pose, value in zip(poses[: len(own)], own.value, strict=True):
+        path = course(pose[None, :2], own.position[None], line[None], line[None], np.array([1]))
+        if path.valid[0]:
+            there = [path.distance[0], path.departure[0] - own.orientation, path.arrival[0] - pose[2]]
+            np.testing.assert_allclose(there[0], value[0], atol=1e-9)
+            np.testing.assert_allclose(wrap(np.array(there[1:]) - value[1:]), 0, atol=1e-9)

@@ -25,6 +25,7 @@ POSE = np.array([0, 1, 4])
 TOO_WIDE, NARROW, APART, REACH = 1.5, 0.8, 1.2, 2.5
 """In units of the width that can be linearised about: from which on a Gaussian is split, components' width,
 and their distance in units of that; deviations of the centres to which they reach."""
+SLACK = 1e-9
 LEAST_WIDTH_M, WIDEST_M = 0.2, 1.0
 """Widths are not asked to be smaller; a wider Gaussian isn't split: too many components would be needed."""
 
@@ -43,6 +44,18 @@ def placed(state: State, pose: Array, covariance: Array, velocity: float) -> Sta
     joint[np.ix_(POSE, POSE)] = covariance
     joint[2, 2] = joint[3, 3] = velocity
     return replace(state, belief=replace(state.belief, mean=mean, covariance=joint))
+
+
+def conditioned(state: State, pose: Array, covariance: Array) -> State:
+    """The state, given that its agent's pose is about so: all else follows by its correlation."""
+    mean, joint = state.belief.mean, state.belief.covariance
+    own = joint[np.ix_(POSE, POSE)]
+    gain = np.linalg.solve(own + SLACK * np.eye(3), joint[POSE]).T
+    gap = pose - mean[POSE]
+    gap[2] = wrap(gap[2])
+    moved, narrow = mean + gain @ gap, joint - gain @ (own - covariance) @ gain.T
+    moved[4] = wrap(moved[4])
+    return replace(state, belief=Belief(moved, 0.5 * (narrow + narrow.T)))
 
 
 def branches_of(state: State, modes: Modes, velocity: float) -> list[State]:

@@ -6,7 +6,7 @@ there is something to set it against: the best pose by one scan alone, as if not
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.mixture import together
+from gridslam.inference.management.pose_recovery import Sources
 from gridslam.inference.management.pose_score import Snapshot
 from gridslam.inference.management.pose_search import POSE, find_modes, line_of_sight_poses
 from gridslam.inference.state.anchor_measurements import AnchorScan, split_by_anchor
 from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.health import SILENT
 from gridslam.inference.state.population import Population, Watch
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -40,10 +42,12 @@ PURPOSE, PURPOSE_OF_LEAD = 4, 5
 """Names of the streams of random numbers."""
 
 
-def snapshot_of(scans: list[AnchorScan], state: State, model: FilterModel) -> Snapshot:
-    """A scan to score poses by, with the radio as the state has learned it."""
+def snapshot_of(
+    scans: list[AnchorScan], state: State, model: FilterModel, known: Sequence[Sources] | None = None
+) -> Snapshot:
+    """A scan to score poses by, with the radio as the state has learned it, and a map where it is given."""
     radios = [state.calibration.tuned(model.radio, heard.anchor) for heard in scans]
-    return Snapshot.of(scans, radios, model)
+    return Snapshot.of(scans, radios, model, known)
 
 
 def best_snapshot(snapshot: Snapshot, believed: Array, draw: np.random.Generator) -> float:
@@ -94,7 +98,8 @@ def challenged(
 ) -> Population:
     """While anything is doubtful, the population with poses that one scan alone lists elsewhere.
 
-    Each comes twice: as a restart, with nothing mapped, and as a relocation, with the best one's map.
+    They are looked for every so often, and at the first scan after a silence. Each comes twice: as a restart,
+    with nothing mapped, and as a relocation, with the best one's map.
 
     Parameters
     ----------
@@ -102,7 +107,8 @@ def challenged(
         Before a first step.
     """
     state = population.best
-    if not population.watch.doubtful or state.step % EVERY or not len(scan):
+    due = state.step % EVERY == 0 or state.monitor.silent >= SILENT
+    if not population.watch.doubtful or not due or not len(scan):
         return population
     scans = split_by_anchor(scan, model)
     snapshot = snapshot_of(scans, state, model)

@@ -12,19 +12,21 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.estimates import Health
-from gridslam.inference.management.branching import branches_of, linear_width, split, widest
-from gridslam.inference.management.challenge import challenged, is_low, snapshot_of, watched
+from gridslam.inference.management.branching import branches_of, conditioned, linear_width, split, widest
+from gridslam.inference.management.challenge import HANDICAP, challenged, is_low, snapshot_of, watched
 from gridslam.inference.management.mixture import CAP, places, reduce
-from gridslam.inference.management.pose_recovery import is_vague
+from gridslam.inference.management.pose_recovery import is_vague, sources
 from gridslam.inference.management.pose_search import Modes, find_modes
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.motion import predict
+from gridslam.inference.messages.prediction import paths_now
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.population import NONE, Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
+from gridslam.world.radio import REFLECTION_BINS
 from gridslam.world.scan import Scan
 
 Start = Callable[[FilterModel], State]
@@ -33,6 +35,8 @@ PURPOSE = 3
 """Names the stream of random numbers that a search takes."""
 PARTICLES = 512
 """Drawn for each of several hypotheses, at most: particles hardly matter, and one by one they cost time."""
+POSES_BY_MAP = 8_000
+"""Uniform poses scored where a map helps: measurements over its surfaces propose others."""
 PATIENCE = 10
 """Scans heard after which the best of an incomplete list must do."""
 NOT_FOUND = "start not found yet"
@@ -40,8 +44,13 @@ NOT_FOUND = "start not found yet"
 
 def begun(state: State, model: FilterModel) -> Population:
     """The hypotheses before the first step: one; where its pose is vague, it is searched for at first."""
-    radio = {"distance", "aoa"} <= set(model.radio.measures)
-    return Population.of(state, searching=radio and not len(state.surfaces) and is_vague(state.belief))
+    searching = tells_poses(model) and not len(state.surfaces) and is_vague(state.belief)
+    return Population.of(state, searching=searching)
+
+
+def tells_poses(model: FilterModel) -> bool:
+    """Whether the radio measures what poses can be told by."""
+    return {"distance", "aoa"} <= set(model.radio.measures)
 
 
 def advance(
@@ -68,6 +77,8 @@ def advance(
         population = _started(replace(population.best, belief=prior.belief), modes, model)
     if population.watch.doubtful:
         population = challenged(population, scan, start(model), model, work)
+    work.recovers = len(population) == 1
+    population = _listed(population, scan, model, work)
     population = _split(population, scan, model)
     return _stepped(population, scan, model, work, step)
 
@@ -92,6 +103,41 @@ def _started(state: State, modes: Modes, model: FilterModel) -> Population:
     if len(states) == 1:
         return replace(Population.of(states[0]), since=0)
     return Population(tuple(states), tuple(modes.log_prior.tolist()), since=0).weighed(modes.log_prior)
+
+
+def _listed(population: Population, scan: Scan, model: FilterModel, work: Workspace) -> Population:
+    """The population with poses listed by scan and map, if there is one hypothesis and its pose is vague.
+
+    The vague belief stays beside them, at even odds, and is followed as it is.
+    """
+    if len(population) > 1 or not is_vague(population.best.belief) or not tells_poses(model):
+        return population
+    work.recovers = False
+    if not len(scan):
+        return population
+    state = population.best
+    prior = predict(state, scan.time_s, len(scan), model)
+    scans = split_by_anchor(scan, model)
+    rays = paths_now(prior, replace(model, max_bounces=1), work=work)
+    level = prior.surfaces.reflection @ REFLECTION_BINS
+    known = sources(rays, prior.belief, model.anchor_positions, level)
+    stream = [work.seed, state.step, PURPOSE]
+    with runtime.one_blas_thread():
+        snapshot = snapshot_of(scans, prior, model, known)
+        modes = find_modes(snapshot, prior.belief, model.grid, CAP - 1, stream, POSES_BY_MAP)
+    if not modes.complete:
+        return population
+    states = [
+        replace(conditioned(prior, pose, covariance), time_s=None, surfaces=state.surfaces,
+                calibration=state.calibration, monitor=state.monitor)
+        for pose, covariance in zip(modes.pose, modes.covariance, strict=True)
+    ]  # fmt: skip
+    half = -float(np.log(2))
+    log = np.append(modes.log_prior - np.logaddexp.reduce(modes.log_prior) + half, half)
+    whole = replace(
+        population, states=(*states, state), log_weight=tuple(log.tolist()), guard=len(states), since=0
+    )
+    return whole.weighed(log)
 
 
 def _nothing(state: State, model: FilterModel, work: Workspace) -> StepInfo:
@@ -143,8 +189,11 @@ def _stepped(
     since = population.since + 1
     work.particles.limit = None if len(population) == 1 else PARTICLES
     if len(population) == 1:
-        state, info = step(population.best, scan, model, work)
+        before = population.best
+        state, info = step(before, scan, model, work)
         population = replace(population, states=(state,), since=since, guard=NONE)
+        if info.found_again:
+            population = _doubted(population, info, before, scan, model, work, step)
         population = watched(population, lambda: comparable(info, state, model), scan, model, work)
         return population, _judged(population, info, model)
     calibration, after, infos = population.best.calibration, list[State](), list[StepInfo]()
@@ -158,6 +207,18 @@ def _stepped(
     population = replace(population, states=tuple(after), since=since).weighed(log)
     population = watched(reduce(population, model), lambda: evidence[likeliest], scan, model, work)
     return population, _judged(population, infos[likeliest], model)
+
+
+def _doubted(
+    population: Population, info: StepInfo, before: State, scan: Scan, model: FilterModel, work: Workspace,
+    step: Step,
+) -> Population:  # fmt: skip
+    """One hypothesis that has jumped to where the map says it is, and beside it one that has not."""
+    work.recovers = False
+    there, (here, other) = population.best, step(before, scan, model, work)
+    log = np.array([comparable(info, there, model) - HANDICAP, comparable(other, here, model)])
+    both = replace(population, states=(there, here), log_weight=tuple(log.tolist()), guard=1, since=0)
+    return reduce(both.weighed(log), model)
 
 
 def comparable(info: StepInfo, state: State, model: FilterModel) -> float:

@@ -29,6 +29,7 @@ from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import direction, mirror, unit, wrap
 from gridslam.world.radio import REFLECTION_BINS, SignalModel
+from gridslam.world.scene_parts import GridSpec
 
 Array = NDArray[np.float64]
 PURPOSE = 2
@@ -133,7 +134,7 @@ def recover_pose(
     """
     count = sum(int(np.count_nonzero(heard.loud)) for heard in scans)
     vague = is_vague(state.belief)
-    if count < ENOUGH and not vague:
+    if not work.recovers or (count < ENOUGH and not vague):
         return state
     near = near_paths(scans, state, model)
     lost = state.monitor.is_lost(count, near)
@@ -152,6 +153,7 @@ def recover_pose(
         fix = find_pose(
             belief, state.belief, images, scans, detection_table(model.radio),
             state.calibration.tuned(model.radio, 0), [work.seed, state.step, len(scans), PURPOSE],
+            model.grid,
         )  # fmt: skip
     if fix is None or not fix.clear or not (fix.better or not lost):
         return state
@@ -230,7 +232,7 @@ def crowd(scan: Sequence[AnchorScan]) -> int:
 
 def find_pose(
     belief: Belief, expected: Belief, images: Sequence[Sources], scan: Sequence[AnchorScan],
-    table: DetectionTable, signal: SignalModel, stream: list[int],
+    table: DetectionTable, signal: SignalModel, stream: list[int], region: GridSpec | None = None,
 ) -> Fix | None:  # fmt: skip
     """The pose that explains a scan best, or None if no measurement proposes any.
 
@@ -240,9 +242,13 @@ def find_pose(
         Soft bound of the search.
     expected : Belief
         The belief unless a better pose is found.
+    region : GridSpec, optional
+        Where the agent may be at all.
     """
     draw = np.random.default_rng(stream)
     asked = _proposals(images, scan, signal, draw)
+    if region is not None:
+        asked = asked[region.holds(asked[:, :2])]
     if not len(asked):
         return None
     mean, wide = belief.mean[POSE], belief.covariance[np.ix_(POSE, POSE)]

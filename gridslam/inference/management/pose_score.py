@@ -1,4 +1,4 @@
-"""What one scan says of poses, if nothing was ever heard before: lines of sight, new bounces, clutter.
+"""What one scan says of poses: lines of sight, new bounces, clutter; and known surfaces, if there is a map.
 
 A single bounce with distance and both angles has three numbers for the two unknowns of its line: the third
 tells of the pose. Three such paths fix a pose, four tell it from chance; a line of sight fixes it alone.
@@ -13,9 +13,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.inference.management.pose_recovery import Sources
 from gridslam.inference.messages.likelihood import DetectionTable, detection_table, deviations
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import unit
 from gridslam.world.radio import REFLECTION_BINS, SignalModel
 
 Array = NDArray[np.float64]
@@ -27,6 +29,8 @@ NEAREST_M = 0.1
 """From an anchor to its image, at least: nearer, a line would stand in the anchor."""
 PAIRS = 200_000
 """Poses x measurements that are scored at a time."""
+MAP_VARIANCE = np.array([0.03, 0.02, 0.02]) ** 2
+"""What a map's own errors add to a measurement's, m^2 and rad^2."""
 MOST = 60.0
 """Log-likelihood ratio of one measurement, at most."""
 
@@ -50,6 +54,8 @@ class SnapshotTerms:
         Log intensity of new single bounces, but for what AoD and geometry say.
     radio : SignalModel
     table : DetectionTable
+    known : Sources
+        Lines of sight and single bounces over surfaces that are known, if a map is to be reckoned with.
     """
 
     position: Array
@@ -60,15 +66,20 @@ class SnapshotTerms:
     log_born: Array
     radio: SignalModel
     table: DetectionTable
+    known: Sources | None = None
 
     @classmethod
-    def of(cls, heard: AnchorScan, radio: SignalModel, birth_rate: float) -> Self:
+    def of(
+        cls, heard: AnchorScan, radio: SignalModel, birth_rate: float, over: Sources | None = None
+    ) -> Self:
         """The terms of one anchor's scan.
 
         Parameters
         ----------
         birth_rate : float
             Births per anchor, step and unit of lines (rad m).
+        over : Sources, optional
+            Single bounces over known surfaces.
         """
         rows = np.arange(len(heard))
         known = np.isfinite(heard.amplitude)
@@ -88,7 +99,7 @@ class SnapshotTerms:
             log_born = np.log(whole * birth_rate * value[:, 0] * born.mean(1))
         return cls(
             heard.position, value, std**2, heard.amplitude, clutter + np.log(radio.false_alarms), log_born,
-            radio, detection_table(radio),
+            radio, detection_table(radio), over,
         )  # fmt: skip
 
     def __len__(self) -> int:
@@ -131,7 +142,34 @@ class SnapshotTerms:
         shorter = distance[:, None] < self.value[:, 0]  # or the point of reflection isn't between
         ratio = np.exp(np.minimum(straight - self.log_clutter, MOST))
         ratio += shorter * np.exp(np.minimum(born - self.log_clutter, MOST))
+        if self.known is not None:
+            for source in np.flatnonzero((self.known.image != self.position).any(1)).tolist():
+                missed, more = self._over(source, poses, variance)
+                log -= missed
+                ratio += more
         return np.asarray(log + np.log1p(ratio).sum(1))
+
+    def _over(self, source: int, poses: Array, variance: Array) -> tuple[Array, Array]:
+        """Chance of being detected (N,) over a known surface, and ratios to clutter (N, M)."""
+        assert self.known is not None
+        image, (angle, offset) = self.known.image[source], self.known.line[source]
+        normal = unit(angle)
+        toward = image - poses[:, :2]
+        distance = np.hypot(toward[:, 0], toward[:, 1])
+        side = (poses[:, :2] @ normal - offset) * float(normal @ self.position - offset)
+        there = self.known.chance[source] * (side > 0)
+        strength = self.radio.amplitude(distance, self.known.level[source])
+        back = np.arctan2(toward[:, 1], toward[:, 0])
+        predicted = distance, 2 * angle - back, back - poses[:, 2]
+        measured = np.isfinite(variance)
+        noise = np.where(measured, variance, 1.0) + MAP_VARIANCE
+        log = self._heard_at(strength) - self.log_clutter
+        log = log - 0.5 * np.where(measured, np.log(2 * np.pi * noise), 0.0).sum(1)
+        for axis, value in enumerate(predicted):
+            gap = self.value[:, axis] - value[:, None]
+            gap = gap if axis == 0 else _wrapped(gap)
+            log -= 0.5 * np.where(measured[:, axis], gap**2 / noise[:, axis], 0.0)
+        return there * self.table(strength), there[:, None] * np.exp(np.minimum(log, MOST))
 
     def _heard_at(self, strength: Array) -> Array:
         """Log of p_d times the density of every measured amplitude, at expected ones (N,): (N, M)."""
@@ -162,10 +200,14 @@ class Snapshot:
     terms: tuple[SnapshotTerms, ...]
 
     @classmethod
-    def of(cls, scans: Sequence[AnchorScan], radios: Sequence[SignalModel], model: FilterModel) -> Self:
-        """The anchors' scans, with each one's calibrated radio."""
-        pairs = zip(scans, radios, strict=True)
-        return cls(tuple(SnapshotTerms.of(heard, radio, model.birth_rate) for heard, radio in pairs))
+    def of(
+        cls, scans: Sequence[AnchorScan], radios: Sequence[SignalModel], model: FilterModel,
+        known: Sequence[Sources] | None = None,
+    ) -> Self:  # fmt: skip
+        """The anchors' scans, with each one's calibrated radio, and the paths over a map's surfaces."""
+        maps: Sequence[Sources | None] = known or [None] * len(scans)
+        rows = zip(scans, radios, maps, strict=True)
+        return cls(tuple(SnapshotTerms.of(heard, radio, model.birth_rate, own) for heard, radio, own in rows))
 
     def score(self, poses: Array, widen: float = 1.0) -> Array:
         """Log-likelihood of the scan at poses (N, 3) in m, m, rad; in ratio to clutter alone, (N,)."""

@@ -83,6 +83,7 @@ def find_modes(
     within = Bounds.of(mean, covariance, region)
     asked = [within.uniform(draw, poses)]
     asked += [line_of_sight_poses(terms, draw) for terms in snapshot.terms]
+    asked += [reflected_poses(terms, draw) for terms in snapshot.terms if terms.known is not None]
     every = np.concatenate([part[within.holds(part)] for part in asked])
     log = snapshot.score(every, WIDEN)
     chosen, more = _candidates(every, log, 2 * cap)
@@ -167,6 +168,24 @@ def line_of_sight_poses(
         value = value.reshape(-1, 3)
         place = terms.position + value[:, :1] * unit(value[:, 1])
         parts.append(np.column_stack([place, wrap(value[:, 1] + np.pi - value[:, 2])]))
+    return np.concatenate(parts)
+
+
+def reflected_poses(terms: SnapshotTerms, draw: np.random.Generator, copies: int = 5) -> Array:
+    """Poses (N, 3) from which an anchor's measurements would be single bounces over known surfaces."""
+    assert terms.known is not None
+    parts, measured = [np.zeros((0, 3))], np.isfinite(terms.variance)
+    rows = np.flatnonzero(measured.all(1))
+    std = np.sqrt(terms.variance[rows])[:, None]
+    for image, line in zip(terms.known.image, terms.known.line, strict=True):
+        if (image == terms.position).all():
+            continue
+        noise = draw.standard_normal((len(rows), copies, 3))
+        noise[:, 0] = 0.0
+        value = (terms.value[rows][:, None] + std * noise).reshape(-1, 3)
+        back = 2 * line[0] - value[:, 1]  # towards the image, by the law of reflection
+        place = image - value[:, :1] * unit(back)
+        parts.append(np.column_stack([place, wrap(back - value[:, 2])]))
     return np.concatenate(parts)
 
 

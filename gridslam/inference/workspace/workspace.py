@@ -34,6 +34,8 @@ class Workspace:
         Messages of all paths to coefficients and cells, within a step.
     seconds : dict of str to float
         Time of the latest step, by stage.
+    recovers : bool
+        Whether a step may look for a lost agent by itself; of several hypotheses each is followed as it is.
 
     Parameters
     ----------
@@ -55,6 +57,7 @@ class Workspace:
     ) -> None:
         settings = model.settings
         self.seed = seed
+        self.recovers = True
         self._cells = CellBuffers(model) if grid and cells is None else cells
         self.particles = Particles(settings.particles, seed, settings.adapt_particles)
         self.messages = PathMessages(self._cells is not None)
