@@ -77,7 +77,7 @@ def advance(
         population = _started(replace(population.best, belief=prior.belief), modes, model)
     if population.watch.doubtful:
         population = challenged(population, scan, start(model), model, work)
-    work.recovers = len(population) == 1
+    work.recovers = True
     population = _listed(population, scan, model, work)
     population = _split(population, scan, model)
     return _stepped(population, scan, model, work, step)
@@ -197,7 +197,8 @@ def _stepped(
         population = watched(population, lambda: comparable(info, state, model), scan, model, work)
         return population, _judged(population, info, model)
     calibration, after, infos = population.best.calibration, list[State](), list[StepInfo]()
-    for state in population.states:
+    for number, state in enumerate(population.states):
+        work.recovers = number != population.guard
         state, info = step(replace(state, calibration=calibration), scan, model, work)
         after.append(state)
         infos.append(info)

@@ -35,7 +35,7 @@ class Workspace:
     seconds : dict of str to float
         Time of the latest step, by stage.
     recovers : bool
-        Whether a step may look for a lost agent by itself; of several hypotheses each is followed as it is.
+        Whether a step may look for a lost agent by itself.
 
     Parameters
     ----------
