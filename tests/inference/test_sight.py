@@ -61,7 +61,7 @@ def density(model, z, place, heading, noise, los, image):
 def test_messages_are_those_of_every_particle_node_and_visibility_listed(features, los):
     model, draw = signal_model(frequencies=15), np.random.default_rng(features)
     agent, noise = draw.normal(0, 0.05, (3, 2)), np.array([0.8, 1.0, 1.3])
-    z = received(model, (0, 0), 0.4, [LOS, IMAGE], [los, 500.0], draw)
+    z = received(model, (0, 0), 0.4, [LOS, IMAGE], [los, 500.0 * features], draw)
     cloud, front, belief = few(agent, noise), Front(model.waveform), prior(model, features)
     found, moments = update_particles(cloud, belief, z, [front.tables(z)], HEARD, 0.4, front, model, 1, 5)
     joint = np.zeros((3, NODES + 1))
