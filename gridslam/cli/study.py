@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -106,6 +107,13 @@ def _run(plan: Study, output: Path, where: Workers, overwrite: bool) -> Outcome:
             raise typer.Exit(130) from None
 
 
+def _beside(error: float, unit: str, ratio: float) -> str:
+    """An error, with its ratio to the bound where there is one."""
+    if math.isnan(error):
+        return "-"
+    return f"{error:.2f} {unit}" + ("" if math.isnan(ratio) else f" = {ratio:.2f}")
+
+
 def _table(rows: list[dict[str, Any]]) -> None:
     table = Table(box=None)
     table.add_column("")
@@ -117,8 +125,8 @@ def _table(rows: list[dict[str, Any]]) -> None:
             ", ".join(str(row[name]) for name in names[: names.index("runs")] if name in row),
             str(row["runs"]),
             str(row["diverged"]),
-            f"{100 * row['position_rmse_m']:.2f} cm = {row['position_to_bound']:.2f}",
-            f"{row['heading_rmse_deg']:.2f} deg = {row['heading_to_bound']:.2f}",
+            _beside(100 * row["position_rmse_m"], "cm", row["position_to_bound"]),
+            _beside(row["heading_rmse_deg"], "deg", row["heading_to_bound"]),
             f"{row['surface_ospa_m']:.3f} m",
             f"{row['image_ospa_m']:.3f} m",
             f"{row['nees_in_band']:.0%}",

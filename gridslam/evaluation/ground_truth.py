@@ -89,6 +89,8 @@ def known_bound(
 ) -> Bound | None:
     """Known-map bound, where the walls are known and the agent went the scene's own way; else None.
 
+    None, too, for sampled signals of arrays: that of path measurements has other angles and unknowns.
+
     Parameters
     ----------
     takes : "paths" or "signal"
@@ -100,6 +102,7 @@ def known_bound(
     same = len(own) == len(went) and np.allclose(own.position_m, went.position_m, rtol=0, atol=SAME_WAY_M)
     if not same:
         return None
-    if takes == "signal" and has_single_antennas(scene, agent):
-        return scene_signal_bound(scene, agent, True, truth.paths, went)
+    if takes == "signal":
+        single = has_single_antennas(scene, agent)
+        return scene_signal_bound(scene, agent, True, truth.paths, went) if single else None
     return known_map_bound(scene, agent, truth.paths)

@@ -12,7 +12,7 @@ from gridslam.measurements.table import Measurements
 from gridslam.simulation.true_paths import TruePaths
 from gridslam.world.clocks import Clock
 from gridslam.world.geometry import wrap
-from gridslam.world.radio import SPEED_OF_LIGHT, SignalModel
+from gridslam.world.radio import SPEED_OF_LIGHT, RadioModel
 from gridslam.world.scene import Scene
 from gridslam.world.start import require_seed
 
@@ -99,7 +99,7 @@ def received(
     return {name: column[order] for name, column in columns.items()}, label[order]
 
 
-def _own_deviations(columns: dict[str, Any], signal: SignalModel) -> dict[str, Any]:
+def _own_deviations(columns: dict[str, Any], signal: RadioModel) -> dict[str, Any]:
     """Deviations that a radio reports with its measurements: Fisher information at their own amplitude."""
     amplitude = np.maximum(columns["amplitude"], signal.threshold)
     aperture = signal.anchor_aperture[columns["anchor"]]

@@ -198,8 +198,10 @@ def draw_consistency(own: Sequence[Batch]) -> Figure:
 
 
 def _bound(axes: Axes, values: Sequence[NDArray[Any]], label: str, style: str) -> None:
-    """Draw a bound once if it is that of all batches, else each in its batch's colour."""
-    if all(np.array_equal(values[0], other) for other in values):
+    """Draw a bound, if there is one, once if it is that of all batches, else each in its batch's colour."""
+    if all(np.isnan(one).all() for one in values):
+        return
+    if all(np.array_equal(values[0], other, equal_nan=True) for other in values):
         color = KNOWN_COLOR if style == ":" else BOUND_COLOR
         axes.plot(values[0], color=color, ls=style, lw=1.2, label=label)
         return

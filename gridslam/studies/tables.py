@@ -200,8 +200,12 @@ def _benchmarks(variant: Variant, takes: Kind, agents: Sequence[str]) -> dict[st
         heard = HeardSurfaces.of(truth, earlier)
         rays, likely = true_rays(scene, name, truth), true_rays(scene, name, truth, 0.5)
         unknown = before
-        if takes == "signal" and has_single_antennas(scene, name):
-            known, apart = (scene_signal_bound(scene, name, k, truth.paths) for k in (True, False))
+        if takes == "signal":
+            if has_single_antennas(scene, name):
+                known, apart = (scene_signal_bound(scene, name, k, truth.paths) for k in (True, False))
+            else:  # those of path measurements say nothing of samples of arrays
+                blank = np.full_like(known.position_m, np.nan)
+                known = apart = replace(known, position_m=blank, heading_rad=blank)
             unknown = replace(before, position_m=apart.position_m, heading_rad=apart.heading_rad)
         found[name] = Benchmark(
             known, unknown, rays, likely, heard.first, heard.curve, tuple(scene.anchor_names)

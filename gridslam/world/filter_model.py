@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.world.geometry import wrap
-from gridslam.world.radio import SignalModel
+from gridslam.world.radio import RadioModel
 from gridslam.world.scene_parts import FilterSettings, GridSpec
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ class FilterModel:
     ----------
     scene, agent : str
         Names.
-    radio : SignalModel
+    radio : RadioModel
         As the scene states it; what is learned of it stands in the state.
     anchor_names : tuple of str
     anchors : (J, 3) float64
@@ -42,7 +42,7 @@ class FilterModel:
 
     scene: str
     agent: str
-    radio: SignalModel
+    radio: RadioModel
     anchor_names: tuple[str, ...]
     anchors: Array
     max_bounces: int

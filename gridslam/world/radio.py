@@ -23,7 +23,7 @@ CLUTTER_LOG_FLOOR = -25.0
 
 
 @dataclass(frozen=True, eq=False)
-class SignalModel:
+class RadioModel:
     """The radio's numbers that the likelihoods need.
 
     Attributes

@@ -19,7 +19,7 @@ from gridslam.world.clocks import Clocks
 from gridslam.world.filter_model import FilterModel, fixed
 from gridslam.world.geometry import Segments, crossing, distance_to_segments, line_through, wrap
 from gridslam.world.names import Label, label_fault, same_folder
-from gridslam.world.radio import SPEED_OF_LIGHT, SignalModel
+from gridslam.world.radio import SPEED_OF_LIGHT, RadioModel
 from gridslam.world.scene_parts import (
     Agent,
     Anchor,
@@ -162,7 +162,7 @@ class Scene(Strict):
         """Orientations of the anchors, (J,) rad in (-pi, pi]."""
         return wrap(np.radians([anchor.orientation_deg for anchor in self.anchors]))
 
-    def signal_model(self, agent: str | None = None) -> SignalModel:
+    def signal_model(self, agent: str | None = None) -> RadioModel:
         """Numbers of the radio link that the likelihoods need, with the arrays of anchors and agent.
 
         Raises
@@ -172,7 +172,7 @@ class Scene(Strict):
         """
         radio = self.radio
         carried = (self.agent(agent).array if agent is not None else None) or radio.array
-        return SignalModel(
+        return RadioModel(
             amplitude_at_1m=10 ** (radio.snr_at_1m_db / 20),
             threshold=10 ** (radio.detection_threshold_db / 20),
             bandwidth_hz=radio.bandwidth_hz,

@@ -5,7 +5,7 @@ import taichi as ti
 from gridslam.kernels.primitives.functions import cos_of, decay_of, logarithm_of, sin_of
 
 SCALE, GIVEN, THERE, HERE, SPAN, AT_1M, SAMPLES, THRESHOLD, FALSE_ALARMS = 0, 1, 2, 4, 6, 7, 8, 9, 10
-"""Columns of `SignalModel.numbers`, a row for each anchor: sigma_d times u; sigma_d if given, else 0;
+"""Columns of `RadioModel.numbers`, a row for each anchor: sigma_d times u; sigma_d if given, else 0;
 apertures of anchor and agent (2 each); longest distance; u at 1 m; number of samples; threshold; mean
 clutter."""
 FLOOR = -25.0

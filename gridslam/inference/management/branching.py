@@ -18,7 +18,7 @@ from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.layout import AGENT
 from gridslam.inference.state.state import State
 from gridslam.world.geometry import wrap
-from gridslam.world.radio import SignalModel
+from gridslam.world.radio import RadioModel
 
 Array = NDArray[np.float64]
 POSE = np.array([0, 1, 4])
@@ -66,7 +66,7 @@ def branches_of(state: State, modes: Modes, velocity: float) -> list[State]:
     ]
 
 
-def linear_width(scans: Sequence[AnchorScan], radio: SignalModel) -> float:
+def linear_width(scans: Sequence[AnchorScan], radio: RadioModel) -> float:
     """Spread of the position (m) up to which paths that were heard are straight enough.
 
     A path of length d curves by s^2 / (2 d) over s; that is to stay below its deviation.

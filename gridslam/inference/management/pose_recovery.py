@@ -28,7 +28,7 @@ from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import direction, mirror, unit, wrap
-from gridslam.world.radio import REFLECTION_BINS, SignalModel
+from gridslam.world.radio import REFLECTION_BINS, RadioModel
 from gridslam.world.scene_parts import GridSpec
 
 Array = NDArray[np.float64]
@@ -232,7 +232,7 @@ def crowd(scan: Sequence[AnchorScan]) -> int:
 
 def find_pose(
     belief: Belief, expected: Belief, images: Sequence[Sources], scan: Sequence[AnchorScan],
-    table: DetectionTable, signal: SignalModel, stream: list[int], region: GridSpec | None = None,
+    table: DetectionTable, signal: RadioModel, stream: list[int], region: GridSpec | None = None,
 ) -> Fix | None:  # fmt: skip
     """The pose that explains a scan best, or None if no measurement proposes any.
 
@@ -291,7 +291,7 @@ def find_pose(
 
 
 def _proposals(
-    images: Sequence[Sources], scan: Sequence[AnchorScan], signal: SignalModel, draw: np.random.Generator
+    images: Sequence[Sources], scan: Sequence[AnchorScan], signal: RadioModel, draw: np.random.Generator
 ) -> Array:
     """Poses (N, 3) that the loud measurements stand for, over each surface they could have come by."""
     poses = [np.zeros((0, 3))]
@@ -317,7 +317,7 @@ def _proposals(
 
 
 def _log_likelihood(
-    poses: Array, own: Sources, heard: AnchorScan, table: DetectionTable, signal: SignalModel
+    poses: Array, own: Sources, heard: AnchorScan, table: DetectionTable, signal: RadioModel
 ) -> Array:
     """Log-likelihood (N,) of one anchor's measurements at poses (N, 3), relative to clutter alone."""
     back = direction(poses[:, None, :2], own.image[None])

@@ -18,7 +18,7 @@ from gridslam.inference.messages.likelihood import DetectionTable, detection_tab
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import unit
-from gridslam.world.radio import REFLECTION_BINS, SignalModel
+from gridslam.world.radio import REFLECTION_BINS, RadioModel
 
 Array = NDArray[np.float64]
 IN_SIGHT = 0.9
@@ -52,7 +52,7 @@ class SnapshotTerms:
         Log intensity of clutter, over what was measured.
     log_born : (M,)
         Log intensity of new single bounces, but for what AoD and geometry say.
-    radio : SignalModel
+    radio : RadioModel
     table : DetectionTable
     known : Sources
         Lines of sight and single bounces over surfaces that are known, if a map is to be reckoned with.
@@ -64,14 +64,12 @@ class SnapshotTerms:
     amplitude: Array
     log_clutter: Array
     log_born: Array
-    radio: SignalModel
+    radio: RadioModel
     table: DetectionTable
     known: Sources | None = None
 
     @classmethod
-    def of(
-        cls, heard: AnchorScan, radio: SignalModel, birth_rate: float, over: Sources | None = None
-    ) -> Self:
+    def of(cls, heard: AnchorScan, radio: RadioModel, birth_rate: float, over: Sources | None = None) -> Self:
         """The terms of one anchor's scan.
 
         Parameters
@@ -201,7 +199,7 @@ class Snapshot:
 
     @classmethod
     def of(
-        cls, scans: Sequence[AnchorScan], radios: Sequence[SignalModel], model: FilterModel,
+        cls, scans: Sequence[AnchorScan], radios: Sequence[RadioModel], model: FilterModel,
         known: Sequence[Sources] | None = None,
     ) -> Self:  # fmt: skip
         """The anchors' scans, with each one's calibrated radio, and the paths over a map's surfaces."""

@@ -18,7 +18,7 @@ from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels.primitives.blocks import Anchors, BirthRows, Sketch
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.radio import SignalModel
+from gridslam.world.radio import RadioModel
 
 Array = NDArray[np.float64]
 CONVERGED_STD_M = 0.3
@@ -56,7 +56,7 @@ def propose_births(
     heard: AnchorScan,
     cloud: Cloud,
     ratios: LikelihoodRatios,
-    signal: SignalModel,
+    signal: RadioModel,
     model: FilterModel,
     senders: NDArray[np.int32] | None = None,
     *,
@@ -73,7 +73,7 @@ def propose_births(
 
     Parameters
     ----------
-    signal : SignalModel
+    signal : RadioModel
         The calibrated radio.
     senders : (A,) int32, optional
         Anchors whose measurements may bear surfaces; default: all.

@@ -21,7 +21,7 @@ from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels.primitives import blocks
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import unit
-from gridslam.world.radio import REFLECTION_BINS, SignalModel
+from gridslam.world.radio import REFLECTION_BINS, RadioModel
 
 Array = NDArray[np.float64]
 MOST_DOUBTFUL_M = 2.0
@@ -103,7 +103,7 @@ def add_births(
     births: Births,
     heard: AnchorScan,
     exchange: Exchange,
-    signal: SignalModel,
+    signal: RadioModel,
     model: FilterModel,
     shared: bool = True,
     *,
@@ -113,7 +113,7 @@ def add_births(
 
     Parameters
     ----------
-    signal : SignalModel
+    signal : RadioModel
         As the radio seems to be.
     shared : bool
         Whether a surface serves all anchors, or only the one whose measurement it came from.
@@ -147,7 +147,7 @@ def add_births(
 
 
 def initialise_surface(
-    births: Births, number: int, heard: AnchorScan, belief: Belief, signal: SignalModel, model: FilterModel
+    births: Births, number: int, heard: AnchorScan, belief: Belief, signal: RadioModel, model: FilterModel
 ) -> tuple[Belief, Array]:
     """Belief with one hypothesis' surface appended, correlated with the agent, and corrected by the AoD.
 

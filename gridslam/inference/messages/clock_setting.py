@@ -19,7 +19,7 @@ from gridslam.kernels.primitives import tables
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap
 from gridslam.world.network_model import NetworkModel
-from gridslam.world.radio import REFLECTION_BINS, SignalModel
+from gridslam.world.radio import REFLECTION_BINS, RadioModel
 from gridslam.world.scan import Scan
 
 Array = NDArray[np.float64]
@@ -150,7 +150,7 @@ def _evidence(state: NetworkState, agent: int, scan: Scan, model: FilterModel, w
     return total
 
 
-def _deviations(heard: AnchorScan, amplitude: float, angles: Array, radio: SignalModel) -> Array:
+def _deviations(heard: AnchorScan, amplitude: float, angles: Array, radio: RadioModel) -> Array:
     """Deviations (M, 3) of all measurements, if a path of this amplitude and these angles caused them."""
     count = len(heard)
     return deviations(heard, np.arange(count), np.full(count, amplitude), np.tile(angles, (count, 1)), radio)

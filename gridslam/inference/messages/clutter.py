@@ -7,17 +7,17 @@ from dataclasses import replace
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.radio import SignalModel
+from gridslam.world.radio import RadioModel
 
 
 def learn_clutter(
-    state: State, anchor: int, ratios: LikelihoodRatios, signal: SignalModel, model: FilterModel
-) -> tuple[State, LikelihoodRatios, SignalModel]:
+    state: State, anchor: int, ratios: LikelihoodRatios, signal: RadioModel, model: FilterModel
+) -> tuple[State, LikelihoodRatios, RadioModel]:
     """Take in how much clutter an anchor's scan holds, before its association.
 
     Parameters
     ----------
-    signal : SignalModel
+    signal : RadioModel
         By which the ratios were evaluated.
 
     Returns

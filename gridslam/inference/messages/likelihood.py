@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.kernels import FAINTEST
-from gridslam.world.radio import SignalModel
+from gridslam.world.radio import RadioModel
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class DetectionTable:
     chance : (T,)
     """
 
-    def __init__(self, signal: SignalModel) -> None:
+    def __init__(self, signal: RadioModel) -> None:
         self._u = np.linspace(0, 40, 2001)
         self.step = float(self._u[1])
         self.chance = signal.detection_probability(np.maximum(self._u, 1e-6))
@@ -59,13 +59,13 @@ class DetectionTable:
 
 
 @lru_cache(16)
-def detection_table(signal: SignalModel) -> DetectionTable:
+def detection_table(signal: RadioModel) -> DetectionTable:
     """The table of a radio, made once."""
     return DetectionTable(signal)
 
 
 def deviations(
-    heard: AnchorScan, measurement: NDArray[np.intp], amplitude: Array, angles: Array, signal: SignalModel
+    heard: AnchorScan, measurement: NDArray[np.intp], amplitude: Array, angles: Array, signal: RadioModel
 ) -> Array:
     """Standard deviations (n, 3) of (distance, AoD, AoA): the table's own, or from Fisher information.
 

@@ -17,7 +17,7 @@ from gridslam.kernels import PATH_BLOCK
 from gridslam.kernels.primitives import blocks, tables
 from gridslam.kernels.primitives.blocks import Gating
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.radio import SignalModel
+from gridslam.world.radio import RadioModel
 
 Array = NDArray[np.float64]
 PORTION = 16
@@ -149,7 +149,7 @@ def evaluate(
     paths: PredictedPaths,
     validity: Array,
     amplitudes: AmplitudeBelief,
-    signal: SignalModel,
+    signal: RadioModel,
     model: FilterModel,
     *,
     work: Workspace,
@@ -163,7 +163,7 @@ def evaluate(
     ----------
     validity : (L,)
         V: probability that the path is open.
-    signal : SignalModel
+    signal : RadioModel
         As the radio seems to be.
     """
     runtime.start()

@@ -31,7 +31,7 @@ from gridslam.inference.state.rings import (
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import line_between, unit
-from gridslam.world.radio import REFLECTION_BINS, SignalModel
+from gridslam.world.radio import REFLECTION_BINS, RadioModel
 
 Array = NDArray[np.float64]
 OVERLAP = 0.6
@@ -68,7 +68,7 @@ def move_rings(state: State, time_s: float, model: FilterModel) -> State:
 
 
 def associate_with_rings(
-    state: State, heard: AnchorScan, ratios: LikelihoodRatios, signal: SignalModel, model: FilterModel
+    state: State, heard: AnchorScan, ratios: LikelihoodRatios, signal: RadioModel, model: FilterModel
 ) -> tuple[Association, Tentative]:
     """Data association of virtual anchors and rings alike."""
     rings = require(state)
@@ -90,7 +90,7 @@ def update_rings(
     state: State,
     heard: AnchorScan,
     tentative: Tentative,
-    signal: SignalModel,
+    signal: RadioModel,
     model: FilterModel,
 ) -> State:
     """Rings follow the belief's update by an anchor's measurements, are updated themselves, and begin."""
@@ -107,7 +107,7 @@ def follow_belief(before: State, state: State) -> State:
     return replace(state, rings=follow(require(state), before.belief, state.belief))
 
 
-def join_shrunk_rings(state: State, signal: SignalModel, model: FilterModel) -> State:
+def join_shrunk_rings(state: State, signal: RadioModel, model: FilterModel) -> State:
     """Rings that have shrunk to a place become virtual anchors."""
     for row in shrunk(require(state), model.anchor_positions, signal)[::-1].tolist():
         rings = require(state)
@@ -177,7 +177,7 @@ class Worth:
     gain: Array
 
 
-def judge(rings: Rings, heard: AnchorScan, table: DetectionTable, signal: SignalModel) -> Worth:
+def judge(rings: Rings, heard: AnchorScan, table: DetectionTable, signal: RadioModel) -> Worth:
     """Evaluate the measurements that carry a distance and no AoA under every hypothesis."""
     rows = np.flatnonzero(rings.anchor == heard.anchor)
     mean, weight = rings.mean[rows], rings.weight[rows]
@@ -199,7 +199,7 @@ def judge(rings: Rings, heard: AnchorScan, table: DetectionTable, signal: Signal
     return Worth(rows, ratio, typical, gap, spread, noise, gain)
 
 
-def _level(heard: AnchorScan, signal: SignalModel) -> tuple[NDArray[np.bool_], Array, Array]:
+def _level(heard: AnchorScan, signal: RadioModel) -> tuple[NDArray[np.bool_], Array, Array]:
     """Which measurements rings may explain; their deviations (m); clutter's share of their ratios (1/m)."""
     usable = ~np.isnan(heard.value[:, 0]) & np.isnan(heard.value[:, 2])
     distance = np.where(usable, heard.value[:, 0], 1.0)
@@ -249,7 +249,7 @@ def learn(rings: Rings, worth: Worth, nu: Array) -> Rings:
 
 
 def expected(
-    belief: Belief, heard: AnchorScan, signal: SignalModel, births: float, middle: Array, radius_m: float
+    belief: Belief, heard: AnchorScan, signal: RadioModel, births: float, middle: Array, radius_m: float
 ) -> tuple[Array, Array]:
     """Expected number of new images per measurement, over clutter, and likelihood of every bearing.
 
@@ -278,7 +278,7 @@ def expected(
 
 
 def begin(
-    rings: Rings, belief: Belief, heard: AnchorScan, signal: SignalModel, chance: Array, weight: Array
+    rings: Rings, belief: Belief, heard: AnchorScan, signal: RadioModel, chance: Array, weight: Array
 ) -> Rings:
     """Add a ring for every measurement that is likely enough to be one.
 

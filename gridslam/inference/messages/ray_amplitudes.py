@@ -24,7 +24,7 @@ from gridslam.inference.state.ray_amplitudes import Key, RayAmplitudes
 from gridslam.inference.state.rays import P_APPEAR, P_STAY, Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
-from gridslam.world.radio import SignalModel
+from gridslam.world.radio import RadioModel
 
 Array = NDArray[np.float64]
 WALK = 0.02
@@ -79,7 +79,7 @@ class AmplitudeModel:
 
     @staticmethod
     @lru_cache(16)
-    def of(signal: SignalModel) -> AmplitudeModel:
+    def of(signal: RadioModel) -> AmplitudeModel:
         """Nodes up to the amplitude of the nearest line of sight."""
         from gridslam.kernels.messages.histograms import SILENT
 
@@ -98,7 +98,7 @@ class AmplitudeModel:
 
 @timed("evaluation")
 def predict_amplitudes(
-    state: State, paths: PredictedPaths, signal: SignalModel, *, work: Workspace
+    state: State, paths: PredictedPaths, signal: RadioModel, *, work: Workspace
 ) -> Histogram:
     """Beliefs one step ahead, given that the ray exists.
 
@@ -111,7 +111,7 @@ def predict_amplitudes(
 
 
 def mean_amplitudes(
-    state: State, rays: Rays, distance: Array, signal: SignalModel, *, work: Workspace
+    state: State, rays: Rays, distance: Array, signal: RadioModel, *, work: Workspace
 ) -> Array:
     """Estimated amplitude of every ray, eq. (18), (L,)."""
     return _walked(state, rays, distance, signal, work)[1]
@@ -120,7 +120,7 @@ def mean_amplitudes(
 @timed("updates")
 def update_amplitudes(
     state: State, paths: PredictedPaths, belief: Histogram, heard: AnchorScan, ratios: LikelihoodRatios,
-    signal: SignalModel, *, work: Workspace,
+    signal: RadioModel, *, work: Workspace,
 ) -> State:  # fmt: skip
     """Update by the measurements, softly by association, eq. (26).
 
@@ -154,7 +154,7 @@ def update_amplitudes(
 
 
 def start_amplitudes(
-    state: State, born: Sequence[tuple[Key, int]], heard: AnchorScan, signal: SignalModel
+    state: State, born: Sequence[tuple[Key, int]], heard: AnchorScan, signal: RadioModel
 ) -> State:
     """First beliefs of the rays that bore surfaces, from their measurements alone.
 
@@ -192,7 +192,7 @@ def require(state: State) -> RayAmplitudes:
 
 
 def _walked(
-    state: State, rays: Rays, distance: Array, signal: SignalModel, work: Workspace
+    state: State, rays: Rays, distance: Array, signal: RadioModel, work: Workspace
 ) -> tuple[Array, Array]:
     """Beliefs one step ahead (L, K), and mean amplitudes before that step (L,)."""
     runtime.start()

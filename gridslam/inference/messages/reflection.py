@@ -18,7 +18,7 @@ from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels.primitives.blocks import Coefficients, Drawn, Hits
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.radio import REFLECTION_BINS, SignalModel
+from gridslam.world.radio import REFLECTION_BINS, RadioModel
 
 Array = NDArray[np.float64]
 BINS = len(REFLECTION_BINS)
@@ -37,7 +37,7 @@ class Reflected:
     """
 
     probability: Array
-    signal: SignalModel
+    signal: RadioModel
 
     spreading = True
 

@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.world.radio import SignalModel
+from gridslam.world.radio import RadioModel
 
 Array = NDArray[np.float64]
 KEEP, KEEP_GAIN = 0.9, 0.99
@@ -92,14 +92,14 @@ class Calibration:
         doubt = math.sqrt(stated / (TRUST + float(self.listened[anchor])))
         return mean if abs(mean - stated) > DOUBTED * doubt else stated
 
-    def tuned(self, stated: SignalModel, anchor: int) -> SignalModel:
+    def tuned(self, stated: RadioModel, anchor: int) -> RadioModel:
         """The radio with the calibration applied."""
         gain, level = self.gain, self.level(anchor, stated.false_alarms)
         if gain == 1 and level == stated.false_alarms:
             return stated
         return replace(stated, amplitude_at_1m=stated.amplitude_at_1m * gain, false_alarms=level)
 
-    def heard_clutter(self, anchor: int, count: float, stated: SignalModel) -> Self:
+    def heard_clutter(self, anchor: int, count: float, stated: RadioModel) -> Self:
         """Take in how much clutter an anchor's scan held, before its association."""
         usual = self.estimate(anchor, stated.false_alarms)
         # a level that jumps is learned afresh, or a burst would be over before it is believed

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from gridslam.inference.state.belief import Belief, give_birth
 from gridslam.world.geometry import line_between, mirror_derivative
-from gridslam.world.radio import SignalModel
+from gridslam.world.radio import RadioModel
 
 Array = NDArray[np.float64]
 BEARINGS = 72
@@ -170,7 +170,7 @@ def prune(rings: Rings, survival: float) -> Rings:
     return replace(rings, existence=existence).take((existence > LEAST_EXISTENCE) & (place < MOST_RINGS))
 
 
-def shrunk(rings: Rings, places: Array, signal: SignalModel) -> NDArray[np.intp]:
+def shrunk(rings: Rings, places: Array, signal: RadioModel) -> NDArray[np.intp]:
     """Rings that have shrunk to one place, the mirrored one gone, and surely exist."""
     if not len(rings):
         return np.zeros(0, np.intp)
