@@ -30,7 +30,7 @@ from gridslam.world.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 SETTLED = 101
-"""Step from which on clocks are compared with the bound, as in [Venus2025network], section IV."""
+"""Step from which on clocks are compared with the bound, as in [Venus2025network], section VI."""
 PS = 1e12
 
 

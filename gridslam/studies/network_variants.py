@@ -1,4 +1,4 @@
-"""The four variants of [Venus2025network], section IV, on the same seed: what clocks and labels are worth.
+"""The four variants of [Venus2025network], section VI, on the same seed: what clocks and labels are worth.
 
 Noise, misses and clutter are the same in all of them. Where anchors are synchronised, their clocks are right
 at all times: a bias that drifts isn't taken away by its first value.

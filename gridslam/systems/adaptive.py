@@ -54,8 +54,8 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     state = recover_pose(state, scans, earlier_s, model, work=work)
     for heard in scans:
         radio = state.calibration.tuned(model.radio, heard.anchor)
-        paths = predict_paths(state, heard.anchor, model, work=work)  # eq. (14)
-        amplitudes = predict_amplitudes(state, paths, model.radio, work=work)  # eq. (13)
+        paths = predict_paths(state, heard.anchor, model, work=work)  # eqs. (13), (14)
+        amplitudes = predict_amplitudes(state, paths, model.radio, work=work)  # eq. (13), amplitude
         cloud, ratios = evaluate(heard, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
         births = propose_births(state, heard, cloud, ratios, radio, model, work=work)

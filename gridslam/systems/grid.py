@@ -47,7 +47,7 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
 
 
 def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:
-    """One step, as the list of its messages ([Li2026grid], section IV)."""
+    """One step, as the list of its messages ([Li2026grid], section III)."""
     work.begin()
     exchanges, earlier_s = list[Exchange](), state.time_s
     state = predict(state, scan.time_s, len(scan), model)  # section III-C
@@ -59,6 +59,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         radio = state.calibration.tuned(model.radio, heard.anchor)
         paths, visible = cast_paths(state, heard.anchor, model, work=work)  # eq. (1)
         amplitudes = Reflected(visible.products, radio)  # eq. (2)
+        # eqs. (8)-(10), (17)-(42)
         cloud, ratios = evaluate(heard, paths, visible.validity, amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
         births = propose_births(state, heard, cloud, ratios, radio, model, work=work)  # eq. (11)

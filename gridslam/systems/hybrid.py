@@ -84,9 +84,9 @@ def step(
     """One step, as the list of its messages ([HybridSlam], sections III to VI)."""
     began, learned = time.perf_counter(), Learned()
     got = snapshot(scan, model)
-    state = predict_agent(state, scan.time_s, model, work.seed)  # eqs. (13)-(19)
+    state = predict_agent(state, scan.time_s, model, work.seed)  # eqs. (19)-(23)
     if state.step < START_STEPS:
-        state, moments = follow_by_particles(state, got, work.front, model, work.seed)  # eqs. (20)-(32)
+        state, moments = follow_by_particles(state, got, work.front, model, work.seed)  # eqs. (24)-(32)
     else:
         state, moments = follow_jointly(state, got, model)
     followed = time.perf_counter()

@@ -1,4 +1,4 @@
-"""Messages of the data association graph [Williams2014bp]; docs/model.md, (M25), (M26)."""
+"""Messages of the data association graph [Williams2014bp]; docs/model.md, (M24)-(M26)."""
 
 import taichi as ti
 

@@ -106,7 +106,7 @@ def mirrored(x, y, nx, ny, c):
 
 @ti.func
 def single_bounce(px, py, ax, ay, nx, ny, c):
-    """Agent, anchor, line -> vector from agent to image, vector from anchor to mirrored agent, validity.
+    """Agent, anchor, line -> vector from agent to image, vector from anchor to mirrored agent, possible.
 
     The interaction point lies strictly inside iff agent and anchor stand on the same side of the line.
     """

@@ -156,7 +156,7 @@ def predict_by(
     mean: ti.template(), covariance: ti.template(), head, path: ti.template(), places: ti.template(), row,
     out: ti.template(),
 ):  # fmt: skip
-    """Predict one path."""
+    """Predict one path, docs/model.md, (M21)."""
     bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
     place = anchor_of(places, mean, head, anchor)
     value, slope = path_of(mean, head, place, bounces, last, first)
@@ -198,7 +198,7 @@ def correct_by(
     row, belief: ti.template(), head, path: ti.template(), pairs: ti.template(), ratios: ti.template(),
     places: ti.template(), account: ti.template(), clocks: ti.template(),
 ):  # fmt: skip
-    """Correct by one path."""
+    """Correct by one path, docs/model.md, (M27)-(M29)."""
     size = belief.mean.shape[0]
     bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
     value, slope = path_of(

@@ -17,8 +17,9 @@ HEARD = 10
 
 EXISTENCE, SURFACES, OPEN, DETECTED, POSSIBLE, CHANCE, THERE, MISSED, WORTH = range(9)
 SURE, ORDER, TOTAL = range(9, 12)
-"""By path, `odds`: existence of the ray and of its surfaces, V, and p_d, before; V where the path is
-possible; chance that it is there, if its surfaces are; chance that it is there; message for "caused none";
+"""By path, `odds`: existence of the ray and of its surfaces, V, and p_d, before; V times the share of states
+where the path is possible; chance that it is there, if its surfaces are; chance that it is there; message for
+"caused none";
 ``sum_m nu_m g_m + 1 - p_d``; chance that it was detected; paths, surest first; normaliser of the path's
 association where it was corrected by."""
 ODDS = 12

@@ -101,7 +101,7 @@ def densities(
 
 @ti.func
 def draw_path(state: ti.template(), path: ti.template(), places: ti.template(), row, k, drawn: ti.template()):
-    """Draw a path at a state as row of ``[L R, 13]``: corners (8), normals of last and first (4), validity.
+    """Draw a path at a state as row of ``[L R, 13]``: corners (8), normals of last and first (4), possible.
 
     The first corner is the anchor, the last the agent, which repeats where there are fewer bounces. The
     first normal belongs to the first interaction point. An impossible path collapses onto the anchor.

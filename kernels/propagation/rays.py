@@ -1,4 +1,4 @@
-"""Rays: which paths there may be, as they are predicted, and which measurements lie near."""
+"""Rays: which paths there may be, as they are predicted, and which measurements lie near; (M20), (M21)."""
 
 import taichi as ti
 

@@ -50,7 +50,7 @@ class Association:
 
 
 def associate(beta: Array, missed: Array, new: Array, rounds: int = ROUNDS) -> tuple[Array, Array]:
-    """Messages of the association graph, [Li2025adaptive], supporting document, eqs. (26)-(31).
+    """Messages of the association graph, (M26); [Li2025adaptive], supporting document, section II-B 4.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def associate(beta: Array, missed: Array, new: Array, rounds: int = ROUNDS) -> t
     -------
     (nu, claimed)
         nu (L, M): message from measurement m to path l, scaled so that "no measurement" is 1;
-        claimed (M,): sum of what the paths send to m, with which new existence is xi / (xi + claimed).
+        claimed (M,): sum of what the paths send to m, with which new existence is (xi - 1) / (xi + claimed).
     """
     runtime.start()
     from gridslam.kernels.messages.association import associate as launch

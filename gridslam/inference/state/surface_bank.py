@@ -121,7 +121,7 @@ class SurfaceBank:
 
 
 def evolve(bank: SurfaceBank, survival: float, walk: float) -> SurfaceBank:
-    """Surfaces survive, and their coefficients walk by `walk` per step ([Li2026grid], section III-C)."""
+    """Surfaces survive, coefficients walk by `walk` per step ([Li2026grid], sections III-C, IV-A)."""
     reflection = bank.reflection
     if walk:
         reflection, step = reflection.copy(), 0.5 * (walk * BINS) ** 2 * np.diff(reflection)
