@@ -48,7 +48,8 @@ BAD = {
 @pytest.mark.parametrize("case", BAD)
 def test_a_scan_that_makes_no_sense_is_refused_and_changes_nothing(case):
     spoil, says = BAD[case]
-    method = method_class(sorted(METHODS)[len(case) % len(METHODS)])
+    methods = sorted(name for name, entry in METHODS.items() if entry.takes == "paths" and not entry.several)
+    method = method_class(methods[len(case) % len(methods)])
     one, two = method(SCENE, seed=1), method(SCENE, seed=1)
     for scan in HEARD[:3]:
         one.step(scan)

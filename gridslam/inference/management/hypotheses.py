@@ -15,7 +15,7 @@ from gridslam.estimates import Health
 from gridslam.inference.management.branching import branches_of, conditioned, linear_width, split, widest
 from gridslam.inference.management.challenge import HANDICAP, challenged, is_low, snapshot_of, watched
 from gridslam.inference.management.mixture import CAP, places, reduce
-from gridslam.inference.management.pose_recovery import is_vague, sources
+from gridslam.inference.management.pose_recovery import crowd, is_vague, sources
 from gridslam.inference.management.pose_search import Modes, find_modes
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.motion import predict
@@ -112,12 +112,14 @@ def _listed(population: Population, scan: Scan, model: FilterModel, work: Worksp
     """
     if len(population) > 1 or not is_vague(population.best.belief) or not tells_poses(model):
         return population
+    scans = split_by_anchor(scan, model)
+    if crowd(scans):  # so much clutter looks like new walls from anywhere; known ones alone tell more
+        return population
     work.recovers = False
     if not len(scan):
         return population
     state = population.best
     prior = predict(state, scan.time_s, len(scan), model)
-    scans = split_by_anchor(scan, model)
     rays = paths_now(prior, replace(model, max_bounces=1), work=work)
     level = prior.surfaces.reflection @ REFLECTION_BINS
     known = sources(rays, prior.belief, model.anchor_positions, level)
