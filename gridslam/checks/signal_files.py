@@ -104,6 +104,8 @@ def describe_signal(
     if not heard.any():
         return lines
     lines += _levels(raw, samples, heard, waveform)
+    if scene is not None and tuple(raw["anchors"]) != scene.anchor_names:
+        lines.append(f"suspect: anchors: names that aren't the scene's ({', '.join(scene.anchor_names)})")
     places = _places(raw, heard, scene, agent)
     if places is None:
         more = "a scene (--scene) or a true track in the file would let the line of sight be looked for"

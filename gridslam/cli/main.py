@@ -14,7 +14,7 @@ from rich.table import Table
 
 from gridslam.cli import bench, files, network, scene, signals
 from gridslam.cli.help import COMPARE, MAP, SCENE_HELP, about, method_names, scene_names
-from gridslam.cli.observed import angles_hint, given_file, recorded, source
+from gridslam.cli.observed import angles_hint, given_file, recorded, require_map_used, source
 from gridslam.cli.output import ended, interruptible, reserved
 from gridslam.cli.resume import as_saved, refuse_contradictions, unfinished
 from gridslam.cli.robustness import robustness
@@ -89,7 +89,6 @@ def run(
     from gridslam import runtime
     from gridslam.maps.frames import fitted
     from gridslam.maps.map import Map
-    from gridslam.runs.map_scene import check_anchors
     from gridslam.world.scene import Scene
 
     if resume is not None:
@@ -116,6 +115,7 @@ def run(
     system = method_class(method, "--method")
     takes = taken_by(system)
     file = given_file(measurements, signal, takes, method)
+    require_map_used(map_file, system, method)
     names = _agents(world, agent, file)
     if file is None and takes == "signal":
         world.waveform(names[0])
@@ -123,8 +123,6 @@ def run(
     going_on = resume is not None
     with interruptible() as termination, reserved(output, world.name, overwrite, going_on) as (folder, place):
         heard = recorded(world, file, truth, takes)
-        if heard is not None:
-            check_anchors(world, heard)
         prior = Map.load(map_file) if map_file else None
         given, note = fitted(prior, world, str(map_file), same_frame) if prior is not None else (None, None)
         with _view(world, names, rerun_to, overwrite) if rerun or rerun_to else nullcontext() as view:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gridslam.errors import InputError
+from gridslam.systems.registry import METHODS
 
 if TYPE_CHECKING:
     from gridslam.measurements.heard import Heard
@@ -33,11 +34,33 @@ def given_file(measurements: Path | None, signal: Path | None, takes: Kind, meth
     return measurements or signal
 
 
+def require_map_used(map_file: Path | None, system: type, method: str) -> None:
+    """Refuse a map that the method would leave aside.
+
+    Raises
+    ------
+    InputError
+        The method goes on from no map.
+    """
+    if map_file is not None and not getattr(system, "uses_maps", True):
+        able = ", ".join(name for name, entry in METHODS.items() if entry.takes_map)
+        found = f"{map_file}, with method {method!r}, which goes on from no map"
+        raise InputError("--map", found, f"none, or a method that does: {able}")
+
+
 def recorded(world: Scene, file: Path | None, truth: Path | None, takes: Kind) -> Heard | None:
-    """What was heard by a file, with the truth that goes with it."""
+    """What was heard by a file, with the truth that goes with it.
+
+    Raises
+    ------
+    InputError
+        No such file, another kind of file, or one of other anchors than the scene's.
+    """
     from gridslam.evaluation.ground_truth import with_truth
+    from gridslam.measurements.csv_hdf5 import located
     from gridslam.measurements.recording import Recording
     from gridslam.measurements.table import Measurements
+    from gridslam.runs.map_scene import check_anchors
     from gridslam.world.trajectory import Trajectory
 
     if file is None:
@@ -47,8 +70,14 @@ def recorded(world: Scene, file: Path | None, truth: Path | None, takes: Kind) -
     track = Trajectory.from_tum(truth) if truth is not None else None
     where = f"{file}: /truth" if truth is None else str(truth)
     if takes == "signal":
-        return with_truth(Recording.load(file), track, where)
-    return with_truth(Measurements.load(file, world.anchor_names, world.clocks is not None), track, where)
+        received = Recording.load(file)
+        with located(file):
+            check_anchors(world, received)
+        return with_truth(received, track, where)
+    heard = Measurements.load(file, world.anchor_names, world.clocks is not None)
+    with located(file):
+        check_anchors(world, heard)
+    return with_truth(heard, track, where)
 
 
 def source(file: Path | None) -> dict[str, Any]:

@@ -74,7 +74,8 @@ class FilterFront(ABC, Generic[Heard, Believed]):
         prior = None
         if prior_map is not None:
             prior, _ = fitted(prior_map, scene, same_frame=same_frame)
-        self.provenance = _provenance(prior if self.uses_maps else None)
+        prior = prior if self.uses_maps else None
+        self.provenance = _provenance(prior)
         begun = self._begun(self.start(self.model, prior))
         self.now = Moment(begun, Identity.of(self.model.anchor_positions))
 

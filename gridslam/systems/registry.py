@@ -81,6 +81,7 @@ _ENTERED = (
         "gridslam.systems.virtual_anchor:VirtualAnchorSlam",
         "virtual-anchor SLAM: each surface serves one anchor",
         "docs/model.md#8-virtual-anchors",
+        takes_map=False,
     ),
     Method(
         "direct",
@@ -119,7 +120,7 @@ _ENTERED = (
         "gridslam.systems.hybrid:HybridSlam",
         "hybrid SLAM: the line of sight by physics, learned features for all else",
         "docs/model.md#15-hybrid-slam",
-        measures="sampled signals of one antenna at the anchor, an array with a known heading at the agent",
+        measures="sampled signals: one antenna at the anchor; where the agent has several, its heading",
         takes="signal",
     ),
     Method(
@@ -128,6 +129,7 @@ _ENTERED = (
         "hybrid SLAM's reference: the line of sight alone, no map",
         "docs/model.md#15-hybrid-slam",
         measures="sampled signals, as hybrid",
+        takes_map=False,
         takes="signal",
     ),
 )

@@ -23,6 +23,7 @@ from gridslam.estimates import Estimate
 from gridslam.io.files import cannot_write, put_in_place
 from gridslam.runs.run_files import AgentFiles
 from gridslam.viewers.plots import STRENGTH
+from gridslam.viewers.signal_plots import BELIEVED
 from gridslam.world.geometry import unit
 from gridslam.world.scene import Scene
 
@@ -141,8 +142,9 @@ def _draw(axes: Axes, scene: Scene, found: AgentFiles, now: Estimate, step: int)
     axes.add_collection(
         LineCollection(list(np.stack([walls.start, walls.end], 1)), colors=GREEN, linewidths=0.8)
     )
-    rays = [row[~np.isnan(row[:, 0])] for row in now.paths.points]
-    level = 20 * np.log10(np.maximum(now.paths.amplitude, 1e-3))
+    paths = now.paths.take(now.paths.existence > BELIEVED)
+    rays = [row[~np.isnan(row[:, 0])] for row in paths.points]
+    level = 20 * np.log10(np.maximum(paths.amplitude, 1e-3))
     axes.add_collection(
         LineCollection(rays, array=level, cmap=STRENGTH, norm=Normalize(6, 40), lw=0.7, alpha=0.7)
     )

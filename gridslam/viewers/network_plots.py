@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from gridslam.drawing.map_figure import PAGE_IN, blank
 from gridslam.runs.network_run import ClockTrack
 from gridslam.runs.run_files import RunFiles
 from gridslam.world.clocks import ClockTruth
 
 COLOURS = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000"
 """Told apart by every kind of colour vision (Okabe and Ito)."""
+WALL = "#BBBBBB"
 NS = 1e9
 
 
-def draw_clocks(clocks: ClockTrack, truth: ClockTruth | None) -> Figure:
+def draw_clocks(clocks: ClockTrack, truth: ClockTruth | None, width: float = PAGE_IN) -> Figure:
     """Offsets over time, and errors with three deviations where the truth is known.
 
     Errors and deviations are those without what all clocks have in common, which nothing tells of.
     """
-    figure = Figure(figsize=(7.2, 4.8 if truth is not None else 2.8), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = blank(width, (0.67 if truth is not None else 0.39) * width)
     rows = figure.subplots(2 if truth is not None else 1, 1, sharex=True, squeeze=False)[:, 0]
     devices = len(clocks.device)
     for number, name in enumerate(clocks.device):
@@ -42,34 +42,37 @@ def draw_clocks(clocks: ClockTrack, truth: ClockTruth | None) -> Figure:
         rows[1].set_ylim(-2 * settled, 2 * settled)
         rows[1].set_ylabel("error without the\ncommon part (ns)")
     rows[-1].set_xlabel("time (s)")
-    figure.legend(loc="outside upper center", ncols=min(devices, 7), fontsize=8, frameon=False)
+    columns = min(devices, 7 if width >= PAGE_IN else 4)
+    figure.legend(loc="outside upper center", ncols=columns, fontsize="small", frameon=False)
     return figure
 
 
-def draw_tracks(run: RunFiles) -> Figure:
+def draw_tracks(run: RunFiles, width: float = PAGE_IN) -> Figure:
     """Tracks of all agents, with true ones where they are known, anchors, true walls and surfaces found."""
-    figure = Figure(figsize=(7.2, 5.4), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = blank(width, 0.75 * width)
     axes = figure.subplots()
     for wall in run.scene.walls:
-        axes.plot(*wall.corners.T, color="#009E73", lw=1.6)
+        axes.plot(*wall.corners.T, color=WALL, lw=3.0)
     last = next(iter(run.agents.values()))
     walls = last.map.wall_segments()
     for ends in walls.ends_m:
         axes.plot(*ends.T, color="k", lw=0.8)
+    axes.plot([], [], color=WALL, lw=3.0, label="true walls")
+    axes.plot([], [], color="k", lw=0.8, label="surfaces found")
     for number, (name, found) in enumerate(run.agents.items()):
         colour = COLOURS[number % len(COLOURS)]
         axes.plot(*found.trajectory.position_m.T, color=colour, lw=1.6, label=name)
         axes.plot(*found.trajectory.position_m[0], "o", color=colour, mec="w", ms=5)
         if found.truth is not None:
             axes.plot(*found.truth.position_m.T, color="k", lw=0.7, ls=(0, (4, 2)))
+    if any(found.truth is not None for found in run.agents.values()):
+        axes.plot([], [], color="k", lw=0.7, ls=(0, (4, 2)), label="true tracks")
     return _finished(figure, axes, run)
 
 
-def draw_labels(run: RunFiles) -> Figure:
+def draw_labels(run: RunFiles, width: float = PAGE_IN) -> Figure:
     """Paths to all agents at the middle step, coloured by the anchor that they are believed to come from."""
-    figure = Figure(figsize=(7.2, 5.4), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = blank(width, 0.75 * width)
     axes = figure.subplots()
     for wall in run.scene.walls:
         axes.plot(*wall.corners.T, color="k", lw=1.0)
@@ -87,9 +90,10 @@ def draw_labels(run: RunFiles) -> Figure:
 def _finished(figure: Figure, axes: Axes, run: RunFiles) -> Figure:
     for anchor in run.scene.anchors:
         axes.plot(*anchor.position_m, "^", color="k", ms=6)
-        axes.annotate(anchor.name, anchor.position_m, (4, 4), textcoords="offset points", fontsize=8)
+        axes.annotate(anchor.name, anchor.position_m, (4, 4), textcoords="offset points", fontsize="small")
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
-    figure.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
+    columns = 4 if figure.get_figwidth() >= PAGE_IN else 3
+    figure.legend(loc="outside lower center", ncols=columns, fontsize="small", frameon=False)
     return figure

@@ -37,6 +37,7 @@ from gridslam.drawing.map_figure import (
 )
 from gridslam.evaluation.ground_truth import inherited_truth, known_bound, truth_of
 from gridslam.evaluation.metrics import SETTLED_STEP, track_errors
+from gridslam.evaluation.signal_bounds import has_single_antennas
 from gridslam.io.files import cannot_write, write_bytes
 from gridslam.maps.map import Map
 from gridslam.measurements.recording import Recording
@@ -46,7 +47,7 @@ from gridslam.simulation.image_source import Truth
 from gridslam.systems.registry import kind_of
 from gridslam.viewers import network_plots
 from gridslam.viewers.feature_plots import draw_features, draw_sights
-from gridslam.viewers.signal_plots import draw_gospa, draw_signal
+from gridslam.viewers.signal_plots import BELIEVED, draw_gospa, draw_signal
 from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
 
@@ -66,7 +67,8 @@ def draw_rays(
     step = len(found.estimates) // 2 if step is None else step
     truth = _truth(scene, name, found) if truth is None else truth
     own = found.estimates[step]
-    panels = [("estimated", own.paths.points, own.paths.amplitude, own.position_m)]
+    paths = own.paths.take(own.paths.existence > BELIEVED)
+    panels = [("estimated", paths.points, paths.amplitude, own.position_m)]
     if truth is not None:
         here = truth.paths.at(step)
         panels.append(("true", here.points, here.amplitude, truth.trajectory.position_m[step]))
@@ -86,7 +88,8 @@ def draw_rays(
         axes.plot(*place, "o", color="k", mfc="w", ms=6, label="agent", zorder=5)
         anchors(axes, scene)
         frame(axes, window)
-        axes.set_title(f"{title}: {len(lines)} paths at step {own.step}", fontsize="small")
+        counted = f"{len(lines)} path{'' if len(lines) == 1 else 's'}"
+        axes.set_title(f"{title}: {counted} at step {own.step}", fontsize="small")
         if number:
             axes.set_ylabel("")
     handles, labels = figure.axes[0].get_legend_handles_labels()
@@ -107,12 +110,15 @@ def draw_errors(
 ) -> Figure:
     """Errors over time, the filter's own deviations, the known-map bound, and the number of surfaces.
 
-    The true number is of the walls that could be heard of so far, by this agent and those before it. Axes end
-    where errors do after the first steps.
+    Without the heading where nothing tells of it. The true number is of the walls that could be heard of so
+    far, by this agent and those before it. Axes end where errors do after the first steps.
     """
     truth = _truth(scene, name, found) if truth is None else truth
-    figure = blank(width, 0.55 * width + 1.64)
-    position, heading, count = figure.subplots(3, 1, sharex=True)
+    blind = takes == "signal" and has_single_antennas(scene, name)
+    told = not blind and "aoa" in scene.radio.measures  # as scores have it: nothing else tells of the heading
+    figure = blank(width, 0.55 * width + 1.64 if told else 0.4 * width + 1.4)
+    rows = figure.subplots(3 if told else 2, 1, sharex=True)
+    position, heading, count = rows[0], rows[1] if told else None, rows[-1]
     steps = np.array([e.step for e in found.estimates])
     own = np.sqrt([np.diag(e.covariance)[[0, 1, 4]] for e in found.estimates])
     lines = [("own standard deviation", 100 * np.hypot(*own[:, :2].T), np.degrees(own[:, 2]), GREEN, ":")]
@@ -128,7 +134,8 @@ def draw_errors(
     for label, far, turned, color, style in lines:
         look: dict[str, Any] = {"color": color, "ls": style, "lw": 0.9 if style == "-" else 1.6}
         position.plot(steps[: len(far)], far, label=label, **look)
-        heading.plot(steps[: len(turned)], turned, **look)
+        if heading is not None:
+            heading.plot(steps[: len(turned)], turned, **look)
     place: dict[str, Any] = {
         "loc": "lower left",
         "bbox_to_anchor": (0, 1),
@@ -137,7 +144,8 @@ def draw_errors(
     }
     position.legend(ncols=3 if width >= PAGE_IN else 1, **place)
     position.set_ylabel("position (cm)")
-    heading.set_ylabel("heading (deg)")
+    if heading is not None:
+        heading.set_ylabel("heading (deg)")
     number = [int(e.detected.sum()) for e in found.estimates]
     count.step(steps, number, where="mid", color=BLUE, lw=2.0, label="detected")
     true: list[int] = []
@@ -148,9 +156,9 @@ def draw_errors(
     top = 1.15 * max([1, *number, *true])
     count.set(xlabel="step", ylabel="surfaces", ylim=(0, top), xlim=(steps[0], max(steps[-1], steps[0] + 1)))
     count.yaxis.set_major_locator(MaxNLocator(5, integer=True))
-    for axes in (position, heading, count):
+    for axes in rows:
         axes.grid(alpha=0.3)
-    for axes in (position, heading):
+    for axes in rows[:-1]:
         _settled(axes, steps)
     figure.align_ylabels()
     return figure
@@ -207,7 +215,7 @@ def draw_all(
             }
             if isinstance(found.measurements, Recording):
                 drawn["signal"] = draw_signal(found.measurements, found.estimates, None, truth, width)
-                if truth is not None:
+                if truth is not None and found.map.features is None:  # features are no images of walls
                     drawn["gospa"] = draw_gospa(run.scene, found.estimates, truth, width)
             if found.map.features is not None:
                 drawn["sights"] = draw_sights(run.scene, found.estimates, truth, width)
@@ -217,12 +225,13 @@ def draw_all(
         earlier += [truth] if truth is not None else []
     if (Path(directory) / network_files.H5).exists():  # several agents at once
         clocks, truth_of_clocks = network_files.read_clocks(Path(directory) / network_files.H5)
-        drawn = {
-            "clocks": network_plots.draw_clocks(clocks, truth_of_clocks),
-            "tracks": network_plots.draw_tracks(run),
-            "labels": network_plots.draw_labels(run),
-        }
-        written += _save(folder, drawn)
+        with fonts(width):
+            drawn = {
+                "clocks": network_plots.draw_clocks(clocks, truth_of_clocks, width),
+                "tracks": network_plots.draw_tracks(run, width),
+                "labels": network_plots.draw_labels(run, width),
+            }
+        written += _save(folder, drawn, form)
     return written
 
 

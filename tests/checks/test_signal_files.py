@@ -205,3 +205,11 @@ def refused(read, path):
     except InputError as error:
         return str(error)
     return str(path)
+
+
+def test_anchors_of_another_scene_are_named(tmp_path):
+    path = written(tmp_path / "z.h5", SCENES["one antenna"], anchors=lambda names: ("X", "Y"))
+    assert suspects(path) == []
+    assert (
+        suspects(path, SCENES["one antenna"])[0] == "suspect: anchors: names that aren't the scene's (A, B)"
+    )

@@ -45,6 +45,9 @@ def test_a_run_of_all_agents_writes_tracks_clocks_and_figures(say, short_exchang
     assert {"clocks.png", "tracks.png", "labels.png", "agent2-map.png"} <= drawn
     with h5py.File(tmp_path / "all" / "agent1" / "measurements.h5") as file:
         assert (file["measurements/anchor"][:] == -1).all()
+    assert say("plot", "all", "--format", "svg", "--width", "8.8").code == 0
+    again = {path.stem for path in (tmp_path / "all" / "figures").glob("*.svg")}
+    assert again == {path.removesuffix(".png") for path in drawn}
 
 
 def test_a_run_of_a_file_has_the_agents_of_the_file(say, short_exchange, tmp_path, monkeypatch):

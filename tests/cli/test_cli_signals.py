@@ -63,3 +63,12 @@ def test_what_cannot_be_extracted_is_told_in_one_line(say, tmp_path, words, says
     assert (said.code, len(said.complaints)) == (2, 1), said
     assert says in said.err
     assert not (tmp_path / "a.csv").exists()
+
+
+@pytest.mark.parametrize(("scene", "method"), [("overlap", "direct"), ("screen", "los"), ("room", "va")])
+def test_a_map_that_the_method_would_leave_aside_is_refused(say, tmp_path, scene, method):
+    said = say("run", scene, "--method", method, "--map", "map.h5", "-o", "out")
+    assert (said.code, len(said.complaints)) == (2, 1), said
+    assert "--map" in said.err
+    assert "goes on from no map" in said.err
+    assert not (tmp_path / "out").exists()

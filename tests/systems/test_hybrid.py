@@ -108,6 +108,7 @@ def test_the_next_agent_goes_on_from_the_map(run, screen, heard, tmp_path):
     assert max(off[10:]) < 0.15
     others = replace(prior, features=replace(prior.features, anchor_m=prior.features.anchor_m + 1))
     assert len(HybridSlam(screen, others).state.joint.features) == 0
+    assert len(SightSlam(screen, prior).state.joint.features) == 0  # the line of sight alone
 
 
 def test_the_line_of_sight_alone_says_whether_it_is_there(screen, heard):

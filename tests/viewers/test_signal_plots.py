@@ -1,10 +1,14 @@
 """Figures of runs on sampled signals show what they are of."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import gridslam as gs
-from gridslam.viewers.signal_plots import draw_gospa, draw_images, draw_signal
+from gridslam.runs.run_files import AgentFiles
+from gridslam.viewers.plots import draw_errors, draw_rays
+from gridslam.viewers.signal_plots import BELIEVED, draw_gospa, draw_images, draw_signal
 
 STEPS = 30
 
@@ -44,3 +48,26 @@ def test_gospa_and_images_have_a_curve_and_a_mark_for_each(ran):
     axes = draw_images(scene, slam.state, 1).axes[0]
     rings = slam.state.tentative.rings
     assert len(axes.collections) == (rings.anchor == 1).sum() > 0
+
+
+@pytest.fixture(scope="module")
+def folder(ran):
+    _, recording, slam, estimates = ran
+    pose = [[getattr(e, name) for e in estimates] for name in ("position_m", "velocity_mps", "heading_rad")]
+    track = gs.Trajectory(np.array([e.time_s for e in estimates]), *map(np.array, pose))
+    return AgentFiles(recording, track, recording.truth, estimates, slam.map())
+
+
+def test_rays_are_of_the_paths_believed_in_as_those_of_the_signals(ran, folder):
+    paths = folder.estimates[20].paths
+    assert (paths.existence > BELIEVED).sum() > 1
+    doubted = replace(paths, existence=np.append(BELIEVED / 2, paths.existence[1:]))
+    found = replace(folder, estimates=[replace(folder.estimates[20], paths=doubted)])
+    axes = draw_rays(ran[0], "agent1", found, 0).axes[0]
+    assert len(paths) == 2
+    assert axes.get_title() == "estimated: 1 path at step 20"
+
+
+def test_errors_leave_out_a_heading_that_nothing_tells_of(ran, folder):
+    labels = [axes.get_ylabel() for axes in draw_errors(ran[0], "agent1", folder, takes="signal").axes]
+    assert labels == ["position (cm)", "surfaces"]
