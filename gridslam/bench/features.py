@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam import reference
 from gridslam.bench.kernels import KernelSpeed, repeated
@@ -14,7 +13,6 @@ from gridslam.inference.messages.learning import POWERS
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 
-Array = NDArray[np.float64]
 NAMES = ("back_project", "differentiate_features", "evaluate_features")
 TWIN_POINTS = 2
 """Points that a twin is given; its time is that for all of the kernel's in proportion."""

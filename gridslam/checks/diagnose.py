@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.checks import time_units
 from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
 from gridslam.checks.rivals import FITTING, range_cure, whole_cure
@@ -24,7 +25,6 @@ from gridslam.world.columns import DEVIATIONS, VALUES, Columns
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
 
-Array = NDArray[np.float64]
 ENOUGH, CERTAIN = 10.0, 30.0
 """Log likelihood ratios in nats above which a reading is told, and told as certain."""
 LEVEL_DB = 2.5

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.checks.range_errors import RangeError
 from gridslam.simulation.image_source import visible
 from gridslam.world.geometry import unit, wrap
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 
-Array = NDArray[np.float64]
 PARTICLES, STEPS = 300, 100
 HEARD = 0.9
 """Share of the scans in which a line of sight is expected."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gridslam.arrays import Array
+
 MOST_OFFSET_M, MOST_HEIGHT_M = 10.0, 8.0
 """Within which they are looked for."""
 LEAST_OFFSET_M, LEAST_HEIGHT_M = 0.3, 0.7

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.checks.line_of_sight_filter import Sight
 from gridslam.checks.range_errors import MOST_HEIGHT_M, MOST_OFFSET_M, RangeError
 from gridslam.world.scene import Scene
 
-Array = NDArray[np.float64]
 DISTANCE_STD_M, ANGLE_STD_RAD = 0.05, 0.03
 OUTLIER = 5.0
 """Standard deviations beyond which a residual counts no further."""

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.measurements.csv_hdf5 import located
 from gridslam.measurements.matlab_signal import read_mat_signal
@@ -24,7 +25,6 @@ from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 from gridslam.world.waveform import Waveform, steering
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 MOST_PLACES, START_STEPS = 60, 3
 """Steps that are looked at: of a known track, and from a known start on."""

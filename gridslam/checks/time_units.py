@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam.checks.line_of_sight_filter import Sight
 from gridslam.checks.unit_hypotheses import Suspicion
 from gridslam.world.columns import Columns
 
-Array = NDArray[np.float64]
 LATEST_S = 1e11
 """Seconds since 1970 stay below this for 1200 years; milliseconds have been above since 1973."""
 UNITS = ((1e17, "nanoseconds", 1e-9), (1e14, "microseconds", 1e-6), (LATEST_S, "milliseconds", 1e-3))

@@ -9,12 +9,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.world.columns import VALUES, Columns
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 
-Array = NDArray[np.float64]
 Reading = Callable[[Array, NDArray], Array]
 ANGLES = ("aod_rad", "aoa_rad")
 PAD_VALUES = (-1.0, 0.0, -99.0, -999.0, -9999.0, 999.0, 9999.0)

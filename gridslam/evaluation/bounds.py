@@ -16,13 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
+from gridslam.inference.state.layout import AGENT
 from gridslam.simulation.image_source import TruePaths, true_paths
 from gridslam.world.geometry import sfv_covariance, trace, unit
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
-Array = NDArray[np.float64]
-AGENT = 5
 JITTER_SHARE = 0.2
 """Share of ``filter.surface_m`` by which the filter lets a surface move along its normal per step."""
 TURN_LEVER_M = 5.0

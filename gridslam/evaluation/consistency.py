@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri
 
+from gridslam.arrays import Array
 from gridslam.estimates import Estimate, PathEstimate
 from gridslam.evaluation.metrics import OSPA_CUTOFF_M, ospa
 from gridslam.evaluation.surface_truth import HeardSurfaces, assigned_error
@@ -18,7 +19,6 @@ from gridslam.simulation.image_source import TruePaths, Truth
 from gridslam.world.geometry import unit, wrap
 from gridslam.world.scene import Scene
 
-Array = NDArray[np.float64]
 FIGURE = re.compile(r"-?\d+(?:\.\d+)?")
 ABOUT_ANCHOR = re.compile(r"anchor .* seems turned by ")
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.estimates import Estimate
 from gridslam.evaluation.metrics import gospa
 from gridslam.simulation.image_source import Truth
 from gridslam.world.geometry import mirror
 from gridslam.world.scene import Scene
 
-Array = NDArray[np.float64]
 CUTOFF_M, ORDER = 2.0, 1.0
 """[LiangDirect], section IV."""
 BELIEVED = 0.5

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.evaluation.bounds import (
     AGENT,
     JITTER_SHARE,
@@ -30,8 +31,6 @@ from gridslam.world.clocks import LEAST_WALK_M, ClockModel
 from gridslam.world.network_scene import clock_model
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

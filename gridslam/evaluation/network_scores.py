@@ -11,10 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.evaluation.metrics import ospa
 from gridslam.world.geometry import mirror
 
-Array = NDArray[np.float64]
 MOSPA_CUTOFF_M, MOSPA_ORDER = 1.0, 2.0
 SYNCHRONISED_S = 3e-9
 """Error, common part removed, within which a clock counts as set."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.evaluation.bounds import Bound, agent_prior, predict_information
 from gridslam.inference.messages.signal_likelihood import Band, superpose
 from gridslam.simulation.image_source import TruePaths, true_paths
@@ -18,8 +19,8 @@ from gridslam.world.geometry import mirror
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
-Array = NDArray[np.float64]
-AGENT = 4
+MOVING = 4
+"""Entries of the agent's state: single antennas tell no heading."""
 DRAWS = 3
 """Of fading amplitudes, over which a scene's bound is averaged."""
 FREE_M = 100.0
@@ -103,9 +104,9 @@ def _bound(
 ) -> Array:  # fmt: skip
     """Mean square error of the position, (N,) m^2, for given amplitudes (L,)."""
     place, slot, count = _images(scene, paths)
-    size = AGENT + (0 if known_map else 2 * count)
+    size = MOVING + (0 if known_map else 2 * count)
     information = np.eye(size) / FREE_M**2
-    information[:AGENT, :AGENT] = agent_prior(scene, agent)[:AGENT, :AGENT]
+    information[:MOVING, :MOVING] = agent_prior(scene, agent)[:MOVING, :MOVING]
     bounds = np.empty(len(track))
     for step in range(len(track)):
         if step:
@@ -121,7 +122,7 @@ def _bound(
             slope[:, :2] = away / distance[:, None]
             moves = np.flatnonzero((slot[rows] >= 0) & (not known_map))
             for side in range(2):
-                slope[moves, AGENT + 2 * slot[rows[moves]] + side] = -slope[moves, side]
+                slope[moves, MOVING + 2 * slot[rows[moves]] + side] = -slope[moves, side]
             gained = distance_information(band, distance, amplitude[rows], paths.amplitude[rows] ** 2)
             information = information + slope.T @ gained @ slope
         # the block of the position alone

@@ -9,12 +9,12 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.estimates import SurfaceEstimate
 from gridslam.evaluation.metrics import OSPA_CUTOFF_M, ospa
 from gridslam.simulation.image_source import Truth
 from gridslam.world.geometry import line_through, sfv
 
-Array = NDArray[np.float64]
 MATCHED_M = 0.5
 """Distance of feature vectors within which a surface that was found is a true one."""
 NEVER = np.iinfo(np.intp).max

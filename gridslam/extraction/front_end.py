@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.extraction.fit import Fit, amplitudes, deviations, noise_power, refine, refit
 from gridslam.extraction.responses import Band, Products
@@ -20,7 +21,6 @@ from gridslam.measurements.table import Measurements
 from gridslam.world.scene import Scene
 from gridslam.world.scene_parts import QUANTITIES
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 STDS = "distance_std_m", "aod_std_rad", "aoa_std_rad"
 COLUMNS = "step", "anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude", *STDS

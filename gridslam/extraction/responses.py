@@ -13,10 +13,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.waveform import Waveform
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 FACTORS = "distance", "aod", "aoa"
 

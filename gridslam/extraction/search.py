@@ -7,11 +7,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.extraction.fit import Fit
 from gridslam.extraction.responses import Band, compose
 from gridslam.world.radio import SPEED_OF_LIGHT
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 FINE, FINE_ARRAYS = 8, 4
 """Points per resolution cell of the delay, with one antenna and with arrays."""

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tomli_w
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.io.files import write_bytes
 from gridslam.world.scene import Scene
@@ -25,7 +25,6 @@ from gridslam.world.scene_parts import SAME_PLACE_M, Wall
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 KNOWN = {"concrete": 0.7, "glass": 0.3}
 ASSUMED = 0.7
 MOST_PIECES, FARTHEST_M = 20_000, 10_000.0

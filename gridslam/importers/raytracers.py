@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.measurements.table import Measurements
 from gridslam.world.geometry import wrap
@@ -22,7 +23,6 @@ from gridslam.world.radio import SPEED_OF_LIGHT
 if TYPE_CHECKING:
     from gridslam.world.scene import Scene
 
-Array = NDArray[np.float64]
 CHOICES = ("slope_deg", "carrier_hz", "least_snr_db")
 SAME_SLOPE_RAD = np.radians(1.0)
 """Largest difference of the slopes at both ends; slopes of ray tracers in single precision are this good."""

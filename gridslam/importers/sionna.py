@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.importers.raytracers import TracedPaths, measurements_of
 from gridslam.measurements.table import Measurements
 from gridslam.world.scene import Scene
 
-Array = NDArray[np.float64]
 ANGLES = ("phi_t", "phi_r", "theta_t", "theta_r")
 
 

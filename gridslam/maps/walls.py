@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.maps.map_cells import MapCells
 from gridslam.world.geometry import unit
 
-Array = NDArray[np.float64]
 OPEN_NAT = -3.0
 """Evidence below which a cell is surely crossed. Cells of a wall that was hit seldom stay near 0, with an
 occupancy as low as the prior: that alone opens nothing."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.measurements.csv_hdf5 import located
 from gridslam.measurements.matlab_signal import read_mat_signal
@@ -20,8 +21,6 @@ from gridslam.world.names import label_fault
 from gridslam.world.signal_scan import SignalScan
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.waveform import Waveform
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.measurements import csv_hdf5, matlab, per_step_arrays
 from gridslam.world.columns import DEVIATIONS, KEYS, MOST_STEPS, VALUES, Columns, check_columns
@@ -19,7 +20,6 @@ from gridslam.world.scan import Scan
 from gridslam.world.trajectory import Trajectory
 
 __all__ = ["Measurements", "Scan"]
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief, give_birth, update
 from gridslam.inference.state.layout import AGENT, StateLayout
 from gridslam.kernels import FAINTEST
@@ -14,7 +15,6 @@ from gridslam.reference.messages import clutter, deviations, log_rician
 from gridslam.reference.paths import lines_of
 from gridslam.world.geometry import course, line_between, mirror, trace, unit, wrap
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 BINS: Array = (np.arange(20) + 0.5) / 20
 REACH, TRIALS = 4.0, 41

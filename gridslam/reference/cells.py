@@ -7,10 +7,10 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.kernels.primitives.blocks import Coefficients, Drawn, Hits, Messages
 from gridslam.reference.messages import log_rician
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 Long = NDArray[np.int64]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief, update
 from gridslam.inference.state.layout import AGENT, HEADING, StateLayout
 from gridslam.world.geometry import trace, wrap
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 UNHEARD, UNMOVED = 1e-3, 1e-6
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.reference.messages import log_rician
-
-Array = NDArray[np.float64]
 
 
 def rescaled(belief: Array, factor: Array, nodes: Array, fine: float, ratio: float) -> Array:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.state.layout import AGENT, StateLayout
 from gridslam.world.geometry import mirror, mirror_derivative, unit, wrap
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
 SURE, OFTEN, SHARP_M = 0.9, 10, 0.1
 """Existence, detections and deviation of the offset from which on a surface may take another's place."""

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import i0e
 
+from gridslam.arrays import Array
 from gridslam.kernels import FAINTEST, PATH_BLOCK, UNMEASURED
 from gridslam.kernels.primitives.blocks import Amplitudes, Anchors, Drawing, PathRows, Ratios
 from gridslam.reference.paths import densities, draw
 from gridslam.world.geometry import wrap
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 GATE, MARGIN = 6.0, 0.3
 """Deviations within reach; m or rad by which the gate is wider."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.state.layout import AGENT, HEADING
 from gridslam.world.geometry import trace, wrap
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 
 

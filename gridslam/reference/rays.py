@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.kernels.primitives.blocks import BOUNCES, HEAD, ONLY, Belief, Links, Query
 from gridslam.reference.gaussian import late, predict
 from gridslam.reference.paths import prepare
 from gridslam.world.geometry import wrap
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 Long = NDArray[np.int64]
 STRONG = 0.3

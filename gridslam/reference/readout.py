@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.layout import AGENT
 from gridslam.inference.state.particles import at_mean
@@ -13,7 +14,6 @@ from gridslam.reference.paths import polylines
 from gridslam.reference.rays import asked, list_paths
 from gridslam.world.geometry import canonical, sfv, sfv_covariance
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 BINS: Array = (np.arange(20) + 0.5) / 20
 

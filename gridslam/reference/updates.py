@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.kernels import PATH_BLOCK
 from gridslam.kernels.primitives.blocks import (
     Account,
@@ -22,7 +23,6 @@ from gridslam.reference.gaussian import correct
 from gridslam.reference.messages import associate
 from gridslam.world.geometry import wrap
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 SURE, WORST, MEASURED = 0.9, 30.0, 1e11
 

@@ -12,6 +12,7 @@ import psutil
 from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
 from gridslam.inference.management.network_readout import NetworkEstimate
@@ -28,7 +29,6 @@ from gridslam.world.scene import Scene
 from gridslam.world.start import Start
 from gridslam.world.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 SETTLED = 101
 """Step from which on clocks are compared with the bound, as in [Venus2025network], section VI."""
 PS = 1e12

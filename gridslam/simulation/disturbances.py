@@ -12,8 +12,8 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.image_source import TruePaths, heard_along, true_paths
@@ -23,7 +23,6 @@ from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.waypoints import TightCorner, smooth_track
 
-Array = NDArray[np.float64]
 STREAM = 0xD1
 
 

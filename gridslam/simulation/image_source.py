@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.reception import apparent_bias, received
@@ -26,7 +27,6 @@ __all__ = [
     "TruePaths", "Truth", "ground_truth", "heard_along", "receive", "simulate", "simulate_labelled",
     "true_paths", "visible",
 ]  # fmt: skip
-Array = NDArray[np.float64]
 GRAZE = 1e-9
 """Share of a leg at either end in which a wall does not block it: the wall that it starts or ends on."""
 MOST_AT_ONCE = 200_000

@@ -9,6 +9,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.measurements.table import Measurements
@@ -21,7 +22,6 @@ from gridslam.world.scene import Scene
 from gridslam.world.scene_parts import Agent, Anchor
 from gridslam.world.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 STREAM = 0x5F
 Names = list[str] | tuple[str, ...]
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from gridslam.arrays import Array
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.true_paths import TruePaths
 from gridslam.world.clocks import Clock
@@ -15,8 +16,6 @@ from gridslam.world.geometry import wrap
 from gridslam.world.radio import SPEED_OF_LIGHT, RadioModel
 from gridslam.world.scene import Scene
 from gridslam.world.start import require_seed
-
-Array = NDArray[np.float64]
 
 
 def apparent_bias(scene: Scene, agent: str, time_s: Array) -> Array:

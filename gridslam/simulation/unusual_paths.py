@@ -11,12 +11,11 @@ from itertools import pairwise, product
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.simulation.image_source import TruePaths, visible
 from gridslam.world.geometry import Segments, crossing, direction, mirror, unit, wrap
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 def triple_bounces(scene: Scene, agent: str, track: Trajectory) -> TruePaths:

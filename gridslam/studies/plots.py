@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from gridslam.evaluation.consistency import nees_band
 from gridslam.studies.tables import Batch
 
-Array = NDArray[np.float64]
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)))
 BOUND_COLOR, KNOWN_COLOR = "#303030", "#8a8a8a"

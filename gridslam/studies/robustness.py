@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
 from gridslam.evaluation.bounds import known_map_bound
@@ -22,7 +22,6 @@ from gridslam.systems.registry import DEFAULT
 from gridslam.systems.slam import Slam
 from gridslam.world.scene import Scene
 
-Array = NDArray[np.float64]
 FIRST = 60
 """Step at which a passing disturbance begins: the map is there by then."""
 MEND = 50

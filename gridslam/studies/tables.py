@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.evaluation.bounds import Bound, MapBound, known_map_bound, unknown_map_bound
 from gridslam.evaluation.consistency import Steps, nees_band, true_rays
@@ -25,7 +26,6 @@ from gridslam.systems.registry import kind_of
 from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
 
-Array = NDArray[np.float64]
 QUANTILES = (0.1, 0.9)
 """Ends of the 80 % sample-quantile interval of [Li2025adaptive]."""
 SETTLED = 50

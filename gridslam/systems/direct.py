@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate, Health
 from gridslam.inference.management.image_merging import merge_images
@@ -48,8 +48,6 @@ from gridslam.world.radio import REFLECTION_BINS
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 from gridslam.world.waveform import Waveform
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ from abc import ABC, abstractmethod
 from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
 from gridslam.maps.frames import fitted
@@ -24,7 +24,6 @@ from gridslam.world.observation import Kind, Observation
 from gridslam.world.scene import Scene
 from gridslam.world.start import require_seed
 
-Array = NDArray[np.float64]
 Heard = TypeVar("Heard", bound=Observation)
 Believed = TypeVar("Believed")
 

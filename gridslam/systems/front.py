@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate, SurfaceEstimate
 from gridslam.inference.management.hypotheses import advance, begun
@@ -36,7 +36,6 @@ from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
 from gridslam.world.signal_scan import SignalScan
 
-Array = NDArray[np.float64]
 Mapped = TypeVar("Mapped", State, NetworkState)
 
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.estimates import Estimate, PathEstimate
 from gridslam.inference.management.feature_tables import feature_estimate, with_features
 from gridslam.inference.management.hybrid_info import HybridInfo, conclude
@@ -38,7 +38,6 @@ from gridslam.world.geometry import wrap
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
-Array = NDArray[np.float64]
 LEARN_EVERY = 30
 """Steps of a segment."""
 

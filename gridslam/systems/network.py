@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.inference.management.network_merging import merge_and_prune_shared
 from gridslam.inference.management.network_readout import CONFIRMED, network_estimate
@@ -48,7 +48,6 @@ from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start
 
-Array = NDArray[np.float64]
 Works = tuple[Workspace, ...]
 
 

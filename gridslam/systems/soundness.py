@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
-from gridslam.inference.state.grid import BINS
 from gridslam.inference.state.layout import StateLayout
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rings import BEARINGS, MOVING
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel
+from gridslam.world.radio import BINS
 
-Array = NDArray[np.float64]
 Shape = tuple[int, ...]
 MOST_HYPOTHESES = 1000
 SLACK = 1e-6

@@ -8,15 +8,14 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PAGE_IN, PURPLE, blank
 from gridslam.estimates import FREE, MIRROR, SCATTERER, Estimate, FeatureEstimate
 from gridslam.simulation.image_source import Truth
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 SIGHT = (-1, -1)
 """Surfaces of a line of sight."""
 KINDS = {MIRROR: ("mirror", BLUE, "x"), SCATTERER: ("scatterer", ORANGE, "+"), FREE: ("free", PURPLE, "1")}

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib import colormaps
 from numpy.typing import ArrayLike, NDArray
 
+from gridslam.arrays import Array
 from gridslam.estimates import Estimate, Health, SurfaceEstimate
 from gridslam.maps.map import Map
 from gridslam.runs.run_files import RunFiles
@@ -18,7 +19,6 @@ from gridslam.world.geometry import unit, wrap
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 BLUE, GREEN, GREY = (0, 114, 178), (0, 158, 115), (170, 170, 170)
 BLACK, WHITE = (0, 0, 0), (255, 255, 255)
 SIGMAS, CIRCLE = 3.0, 48

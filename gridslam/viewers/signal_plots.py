@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PAGE_IN, PURPLE, blank
 from gridslam.estimates import Estimate
 from gridslam.evaluation.image_truth import image_gospa
@@ -18,7 +18,6 @@ from gridslam.measurements.recording import Recording
 from gridslam.simulation.image_source import Truth
 from gridslam.world.scene import Scene
 
-Array = NDArray[np.float64]
 BELIEVED = 0.5
 """Existence from which on a path is drawn."""
 FLOOR_DB = -10.0

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.world.names import Label
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.validation import Strict, fault
 
-Array = NDArray[np.float64]
 NS = 1e-9 * SPEED_OF_LIGHT
 """Metres per nanosecond."""
 HalfWidth = Annotated[float, Field(ge=0, le=1e6)]

@@ -7,13 +7,11 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import RadioModel
 from gridslam.world.scene_parts import FilterSettings, GridSpec
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

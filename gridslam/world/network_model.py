@@ -5,14 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gridslam.arrays import Array
 from gridslam.world.clocks import ClockModel
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.scene_parts import FilterSettings
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

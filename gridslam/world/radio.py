@@ -12,13 +12,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chndtr, i0e
 
-Array = NDArray[np.float64]
+from gridslam.arrays import Array
+
 SPEED_OF_LIGHT = 299_792_458.0
 REFLECTION_BINS: Array = (np.arange(20) + 0.5) / 20
 """Centres of the bins in which beliefs about a reflection coefficient are kept."""
+BINS = len(REFLECTION_BINS)
 CLUTTER_LOG_FLOOR = -25.0
 
 

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.world.columns import DEVIATIONS, VALUES, check_columns
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

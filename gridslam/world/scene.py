@@ -14,6 +14,7 @@ import tomli_w
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.world.clocks import Clocks
 from gridslam.world.filter_model import FilterModel, fixed
@@ -36,7 +37,6 @@ from gridslam.world.validation import Strict, fault, nearest
 from gridslam.world.waveform import Waveform
 from gridslam.world.waypoints import TightCorner, smooth_track
 
-Array = NDArray[np.float64]
 BUNDLED = Path(__file__).parents[1] / "scenes"
 COLLINEAR_M, CLEARANCE_M = 1e-6, 0.01
 """Offset below which pieces share one surface; distance that devices keep from walls."""

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from gridslam.arrays import Array
 from gridslam.world.clocks import Clock
 from gridslam.world.grid_memory import CELL_BYTES, MOST_BYTES, WAY_OUT, in_gb
 from gridslam.world.names import FolderName, Label
 from gridslam.world.radio import SPEED_OF_LIGHT, aperture
 from gridslam.world.validation import Strict, fault
 
-Array = NDArray[np.float64]
 SAME_PLACE_M = 1e-6
 """Points closer than this are one."""
 MOST_STEPS = 1_000_000

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
 
-Array = NDArray[np.float64]
 How = Literal["drawn", "exact"]
 HOWS: tuple[How, ...] = get_args(How)
 STREAM = 0x57

@@ -7,13 +7,12 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.io.files import write_bytes
 from gridslam.world.geometry import wrap
 
-Array = NDArray[np.float64]
 TUM_COLUMNS = "timestamp tx ty tz qx qy qz qw"
 
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.world.radio import SPEED_OF_LIGHT
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 LEAST_FREQUENCIES = 8
 EVEN = 1e-6

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.world.geometry import direction, unit, wrap
 from gridslam.world.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 TURN_STEPS, TIGHTEST_STEPS = 16, 8
 """Radius of a corner in steps, and the tightest allowed: 3.6 and 7.2 degrees of turn per step."""
 

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.management.pose_search import Modes
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief
@@ -20,7 +20,6 @@ from gridslam.inference.state.state import State
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import RadioModel
 
-Array = NDArray[np.float64]
 POSE = np.array([0, 1, 4])
 TOO_WIDE, NARROW, APART, REACH = 1.5, 0.8, 1.2, 2.5
 """In units of the width that can be linearised about: from which on a Gaussian is split, components' width,

@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.mixture import together
 from gridslam.inference.management.pose_recovery import Sources
@@ -27,7 +27,6 @@ from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.scan import Scan
 
-Array = NDArray[np.float64]
 EVERY, KEEP, ENOUGH_LOUD = 10, 0.5, 6.0
 """Steps from one comparison to the next, forgetting from one to the next, loud measurements needed."""
 LOW_LEAD = 5.0

@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from gridslam.arrays import Array
 from gridslam.estimates import FREE, MIRROR, SCATTERER, FeatureEstimate
 from gridslam.inference.messages.joint_update import FORGETS
 from gridslam.inference.state.features import ENTRIES, MOVING, FeatureBank, place_jacobian, places
 from gridslam.inference.state.hybrid_state import JointBelief
 
-Array = NDArray[np.float64]
 SURE = 2.0
 """Deviations within which a feature counts as a mirror image or a scatterer."""
 POWER_STD = float(np.sqrt(FORGETS / (2 - FORGETS)))

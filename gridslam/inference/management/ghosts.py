@@ -10,14 +10,12 @@ Owner of the kernel that finds them.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief, keep
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.kernels import OFTEN, OFTENER
-
-Array = NDArray[np.float64]
 
 
 def drop_ghosts(bank: SurfaceBank, belief: Belief, places: Array) -> tuple[SurfaceBank, Belief]:

@@ -6,15 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.estimates import Health
 from gridslam.inference.messages.learning import Learned
 from gridslam.inference.messages.sight import Moments
 from gridslam.inference.state.hybrid_state import HybridState
 from gridslam.world.signal_model import SignalModel
 
-Array = NDArray[np.float64]
 VAGUE_M = 1.0
 """Deviation of the position from which on an agent counts as lost."""
 SILENT = 5

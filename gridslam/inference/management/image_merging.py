@@ -9,13 +9,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.images import DirectState
 from gridslam.inference.state.rings import MOVING, follow, symmetric
 
-Array = NDArray[np.float64]
 SAME, NEAR_M = 9.0, 0.5
 """Squared distance, by the joint covariance, and distance below which two images are one."""
 

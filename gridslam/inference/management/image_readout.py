@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.estimates import PathEstimate, SurfaceEstimate
 from gridslam.inference.messages.image_prediction import image_distances
 from gridslam.inference.state.images import DirectState
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import crossing, direction, line_between, mirror_derivative, unit, wrap
 
-Array = NDArray[np.float64]
 KNOWN_M = 0.3
 """Deviation of an image's place below which the points of its surface that are hit count."""
 UNKNOWN_REFLECTION = 0.5, 1 / 12

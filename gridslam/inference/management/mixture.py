@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.population import NONE, Population
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import unit, wrap
 
-Array = NDArray[np.float64]
 POSE = np.array([0, 1, 4])
 SLACK = np.array([0.03, 0.03, 0.02]) ** 2
 """Added to the pooled variances of two poses, m^2 and rad^2."""

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.estimates import Estimate
 from gridslam.inference.management.readout import estimates
 from gridslam.inference.management.step_info import StepInfo
@@ -21,7 +22,6 @@ from gridslam.world.network_model import NetworkModel
 from gridslam.world.network_scan import NetworkScan
 from gridslam.world.radio import SPEED_OF_LIGHT
 
-Array = NDArray[np.float64]
 GIVEN = 0.5
 """Probability of a path from which on a measurement counts as its."""
 CONFIRMED = 3

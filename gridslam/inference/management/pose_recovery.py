@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.inference.messages.likelihood import DetectionTable, detection_table, deviations
 from gridslam.inference.messages.prediction import paths_now
 from gridslam.inference.state.anchor_measurements import AnchorScan
@@ -31,7 +32,6 @@ from gridslam.world.geometry import direction, mirror, unit, wrap
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
 from gridslam.world.scene_parts import GridSpec
 
-Array = NDArray[np.float64]
 PURPOSE = 2
 """Names the stream of random numbers that a search takes."""
 POSE = np.array([0, 1, HEADING])

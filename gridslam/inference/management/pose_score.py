@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.management.pose_recovery import Sources
 from gridslam.inference.messages.likelihood import DetectionTable, detection_table, deviations
 from gridslam.inference.state.anchor_measurements import AnchorScan
@@ -20,7 +20,6 @@ from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import unit
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
 
-Array = NDArray[np.float64]
 IN_SIGHT = 0.9
 """Chance that an anchor is in sight."""
 TWICE = 0.1

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.management.pose_score import Snapshot, SnapshotTerms
 from gridslam.inference.state.belief import Belief
 from gridslam.world.geometry import unit, wrap
 from gridslam.world.scene_parts import GridSpec
 
-Array = NDArray[np.float64]
 POSE = np.array([0, 1, 4])
 """Entries of the agent's pose in the state."""
 POSES, COPIES, BEARINGS = 200_000, 20, 720

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.estimates import HypothesisEstimate, PathEstimate, SurfaceEstimate
 from gridslam.inference.messages.prediction import links_of
 from gridslam.inference.state.population import Population
@@ -18,7 +19,6 @@ from gridslam.kernels.primitives import blocks
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 Long = NDArray[np.int64]
 

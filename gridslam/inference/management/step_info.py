@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.estimates import Health
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.calibration import Calibration
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,13 +9,10 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.kernels.primitives import tables
-
-Array = NDArray[np.float64]
-
 
 ROUNDS = 100
 """At most."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.likelihood_ratios import PORTION, LikelihoodRatios
 from gridslam.inference.state.anchor_measurements import AnchorScan
@@ -20,7 +21,6 @@ from gridslam.kernels.primitives.blocks import Anchors, BirthRows, Sketch
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import RadioModel
 
-Array = NDArray[np.float64]
 CONVERGED_STD_M = 0.3
 SAMPLES = 256
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief
@@ -23,7 +24,6 @@ from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import unit
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
 
-Array = NDArray[np.float64]
 MOST_DOUBTFUL_M = 2.0
 """A birth whose offset is less certain than this is put off until the agent knows better where it is."""
 RIVAL = 0.2

@@ -9,9 +9,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.inference.messages.prediction import (
     AS_THEY_ARE,
     ListArguments,
@@ -29,10 +29,8 @@ from gridslam.kernels.primitives import blocks
 from gridslam.kernels.primitives.blocks import Casting, Cells, Links, Listed
 from gridslam.kernels.primitives.tables import PREDICTED
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.radio import REFLECTION_BINS
+from gridslam.world.radio import BINS
 
-Array = NDArray[np.float64]
-BINS = len(REFLECTION_BINS)
 RAYS = 48
 """Sampled rays per path, from which validity and cell messages are averaged."""
 NO_LINKS = Links(np.empty(0), np.empty(0, np.int64), np.empty(0), np.empty((0, 0)), np.empty((0, 0, 0)))

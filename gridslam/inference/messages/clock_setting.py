@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.messages.likelihood import deviations
 from gridslam.inference.messages.prediction import EVERY_ANCHOR, predict_paths
 from gridslam.inference.messages.updates import Exchange
@@ -22,7 +22,6 @@ from gridslam.world.network_model import NetworkModel
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
 from gridslam.world.scan import Scan
 
-Array = NDArray[np.float64]
 TURN_DENSITY = 1 / (2 * np.pi)
 UNMEASURED = 2 * np.pi
 """Variance of an angle of residual 0 whose normal density is that of any angle at all."""

@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.inference.state.particles import at_mean
 from gridslam.inference.state.polylines import draw_paths
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.world.filter_model import FilterModel
-
-Array = NDArray[np.float64]
 
 
 @timed("cells")

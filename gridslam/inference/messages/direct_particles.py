@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.messages.signal_likelihood import Band, Inverse, log_ratio
 from gridslam.inference.state.feature_particles import Features, ParticleState
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import unit
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-BINS = 4096
+SPACES = 4096
 """Of the folding range, into which distances of particles are sorted."""
 WALK_M, INTENSITY_WALK, NOISE_SHAPE = 1e-4, 0.02, 200.0
 """Random walks per step: features' places, intensities (relative), and shape of the noise's Gamma walk."""
@@ -96,7 +96,7 @@ def expect(state: ParticleState, anchor: int, band: Band) -> Expected:
     rows = np.flatnonzero(state.features.anchor == anchor)
     own = state.features.take(rows)
     distance = np.linalg.norm(own.position - state.agent[:, :2], axis=-1)
-    at = distance / band.folding_m * BINS
+    at = distance / band.folding_m * SPACES
     low = np.floor(at).astype(np.int64)
     share, weight = at - low, own.existence[:, None] * own.intensity / distance.shape[1]
     size = len(band)
@@ -104,8 +104,8 @@ def expect(state: ParticleState, anchor: int, band: Band) -> Expected:
     lag = np.arange(size)
     shape = np.outer(band.pulse, np.conj(band.pulse))
     for n in range(len(rows)):
-        histogram = np.bincount(low[n] % BINS, weight[n] * (1 - share[n]), BINS)
-        histogram += np.bincount((low[n] + 1) % BINS, weight[n] * share[n], BINS)
+        histogram = np.bincount(low[n] % SPACES, weight[n] * (1 - share[n]), SPACES)
+        histogram += np.bincount((low[n] + 1) % SPACES, weight[n] * share[n], SPACES)
         column = np.fft.fft(histogram)[:size]
         whole = np.concatenate([np.conj(column[:0:-1]), column])
         terms[n] = whole[size - 1 + lag[:, None] - lag] * shape
@@ -120,10 +120,10 @@ def agent_message(state: ParticleState, expected: Expected, band: Band, samples:
     if not sharp.any():
         return np.zeros(len(state.agent))
     whiten = np.linalg.inv(np.linalg.cholesky(base))
-    grid = band.folding_m / BINS * np.arange(BINS)
+    grid = band.folding_m / SPACES * np.arange(SPACES)
     white = band.response(grid) @ whiten.T
     seen = whiten @ samples
-    low = np.rint(expected.distance[sharp].T / band.folding_m * BINS).astype(np.int64) % BINS
+    low = np.rint(expected.distance[sharp].T / band.folding_m * SPACES).astype(np.int64) % SPACES
     root = np.sqrt(own.existence[sharp, None] * own.intensity[sharp]).T
     wave = white[low] * root[..., None]
     inner = np.eye(low.shape[1]) + np.conj(wave) @ np.swapaxes(wave, 1, 2)
@@ -150,8 +150,8 @@ def feature_messages(
     for n in range(len(own)):
         inverse = np.linalg.inv(expected.covariance(n)).astype(np.complex128)
         table = Inverse(band, samples, inverse, np.zeros((0, 3, len(band)), np.complex128),
-                        nothing.reshape(0, 3)).sweep(BINS)  # fmt: skip
-        at = np.rint(expected.distance[n] / table.spacing_m).astype(np.int64) % BINS
+                        nothing.reshape(0, 3)).sweep(SPACES)  # fmt: skip
+        at = np.rint(expected.distance[n] / table.spacing_m).astype(np.int64) % SPACES
         logs = log_ratio(np.abs(table.matched[at]) ** 2, table.self_power[at], own.intensity[n])
         top = max(float(logs.max()), 0.0)
         mean = float(np.exp(logs - top).mean())
@@ -172,15 +172,15 @@ def new_features(
     rate = max(BIRTHS, FIRST_BIRTHS * float(np.exp(-state.step / FIRST_STEPS)))
     inverse = np.linalg.inv(expected.covariance()).astype(np.complex128)
     blank = np.zeros((0, 3, len(band)), np.complex128)
-    table = Inverse(band, samples, inverse, blank, np.zeros((0, 3))).sweep(BINS)
+    table = Inverse(band, samples, inverse, blank, np.zeros((0, 3))).sweep(SPACES)
     levels = expected.noise * 10 ** (INTENSITIES_DB / 10)
     logs = table.log_ratio(levels[:, None])
     sight = np.linalg.norm(state.agent[:, :2] - position, axis=-1)
     nearest = float(sight.mean()) + NEAR_M + 2 * float(sight.std())
-    grid = table.spacing_m * np.arange(BINS)
+    grid = table.spacing_m * np.arange(SPACES)
     grid = grid + band.folding_m * (grid < nearest)
     open_ = grid < nearest + band.folding_m - band.resolution_m
-    cell = (np.arange(BINS) * len(band)) // BINS
+    cell = (np.arange(SPACES) * len(band)) // SPACES
     count, made = state.agent.shape[0], []
     for number in range(len(band)):
         rows = np.flatnonzero((cell == number) & open_)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
+from gridslam.arrays import Array
 from gridslam.inference.messages.signal_likelihood import Band, Superposition, superpose
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 ROUNDS, HALVINGS = 8, 6
 """Gauss-Newton steps at most, and halvings of each."""

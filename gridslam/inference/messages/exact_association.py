@@ -9,11 +9,10 @@ alone they are all the time. The exact marginals push nothing, and few measureme
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.messages.association import associate
 
-Array = NDArray[np.float64]
 MOST_CONTESTED = 12
 """Measurements that paths may claim, above which belief propagation is used instead."""
 NEGLIGIBLE = 1e-6

@@ -8,13 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.inference.messages.matched_outputs import matched_outputs, pulse_correlation, rows_per_m
 from gridslam.kernels.primitives.blocks import Solver
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.waveform import Waveform
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Tables = NDArray[np.float32]
 ENTRIES_OF_COLUMN = 14

@@ -18,7 +18,6 @@ from gridslam.inference.state.hybrid_state import HybridState
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
-Array = NDArray[np.float64]
 START_STEPS = 10
 """For which particles look for the agent; then the joint belief goes through them again."""
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.messages.distance_mode import Mode, PathPrior, joint_mode
 from gridslam.inference.messages.signal_likelihood import Band, Inverse, Sweep
 from gridslam.inference.state.belief import Belief
@@ -15,7 +16,6 @@ from gridslam.inference.state.rings import BEARINGS, MOVING, Rings, outer
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import line_between, unit
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 INTENSITIES_DB = np.arange(3.0, 34.0, 5.0)
 """Intensities of a new path over the noise, equally likely."""

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.messages.distance_mode import Mode, PathPrior
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.images import DirectState, predict
 from gridslam.inference.state.rings import MOVING, Rings, follow, move, symmetric
 from gridslam.world.filter_model import FilterModel
 
-Array = NDArray[np.float64]
 P_STAY, P_APPEAR = 0.97, 0.01
 """A path that is there stays so for a step; one that isn't appears."""
 WALK_M = 1e-4

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
+from gridslam.arrays import Array
 from gridslam.inference.messages.distance_mode import BEHIND_M
 from gridslam.inference.messages.image_births import LEAST_EXISTENCE, MOST_TENTATIVE, OWN_PLACE_M, Found
 from gridslam.inference.messages.image_prediction import P_STAY, AnchorPaths, hypothesis_distances
@@ -16,7 +17,6 @@ from gridslam.inference.state.images import DirectState, Images
 from gridslam.inference.state.rings import MOVING, Rings, follow, outer, symmetric
 from gridslam.world.filter_model import FilterModel
 
-Array = NDArray[np.float64]
 NODES = np.linspace(-4.0, 4.0, 41)
 """Where a hypothesis integrates the likelihood, in its deviations."""
 NODE_WEIGHTS = np.exp(-0.5 * NODES**2) / np.exp(-0.5 * NODES**2).sum()

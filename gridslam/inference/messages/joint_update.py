@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.state.features import ENTRIES, MOVING, place_jacobian, places
 from gridslam.inference.state.hybrid_state import JointBelief
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.signal_model import SignalModel
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 STAYS, APPEARS = 0.95, 0.01
 """Probability that a line of sight is there after a step, if it was and if it wasn't."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.messages.feature_likelihood import Front
 from gridslam.inference.messages.joint_update import columns, predict, update
 from gridslam.inference.messages.sight import feature_table
@@ -18,7 +19,6 @@ from gridslam.inference.state.features import entries
 from gridslam.inference.state.hybrid_state import HybridState, JointBelief, Segment
 from gridslam.world.signal_model import SignalModel
 
-Array = NDArray[np.float64]
 STEP_M, STEP_RAD = 0.2, np.radians(5.0)
 NEAREST_M = 0.3
 SHARES = (1.0, 0.6, 0.35, 0.2)

@@ -12,11 +12,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.kernels import FAINTEST
 from gridslam.world.radio import RadioModel
-
-Array = NDArray[np.float64]
 
 
 class AmplitudeBelief(Protocol):

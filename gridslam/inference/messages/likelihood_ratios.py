@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.inference.messages.likelihood import AmplitudeBelief, detection_table
 from gridslam.inference.messages.prediction import PredictedPaths
 from gridslam.inference.state.anchor_measurements import AnchorScan
@@ -19,7 +20,6 @@ from gridslam.kernels.primitives.blocks import Gating
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import RadioModel
 
-Array = NDArray[np.float64]
 PORTION = 16
 """Room for measurements comes in portions."""
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.world.radio import SPEED_OF_LIGHT
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 ROWS = 8192
 """Rows over the unambiguous distance; linear between them, 1e-4 of the greatest value off."""

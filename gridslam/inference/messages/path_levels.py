@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.messages.distance_mode import Mode
 from gridslam.inference.messages.image_births import Found
 from gridslam.inference.messages.image_prediction import AnchorPaths
@@ -14,7 +15,6 @@ from gridslam.inference.messages.signal_likelihood import Band, log_ratio
 from gridslam.inference.state.images import MEMORY, DirectState, Links
 from gridslam.world.filter_model import FilterModel
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 FIRST_SHARE, FIRST_HEARD = 0.5, 3.0
 """An anchor's own path begins with no less than this share of the strongest, as if heard so often: it may

@@ -10,9 +10,9 @@ from functools import lru_cache
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.inference.state.particles import Recipe, Sampling, draft_of
 from gridslam.inference.state.rays import P_APPEAR, P_STAY, Rays, listed_at_most
 from gridslam.inference.state.state import State
@@ -23,7 +23,6 @@ from gridslam.kernels.primitives.blocks import ROOTED, Draft, Links, Listed, Que
 from gridslam.kernels.primitives.tables import LENGTH, PREDICTED
 from gridslam.world.filter_model import FilterModel
 
-Array = NDArray[np.float64]
 ListArguments = tuple[Query, blocks.Belief, Array, Links, Draft, Listed]
 """Of a kernel that lists paths."""
 EVERY_ANCHOR = -1

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.messages.association import Association
 from gridslam.inference.messages.exact_association import associate_exactly
 from gridslam.inference.messages.likelihood import DetectionTable, detection_table, deviations
@@ -33,7 +34,6 @@ from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import line_between, unit
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
 
-Array = NDArray[np.float64]
 OVERLAP = 0.6
 """Deviation of a hypothesis along the ring at birth, in spacings: their sum is flat within 1 %."""
 APART = 2.0

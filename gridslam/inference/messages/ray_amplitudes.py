@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.messages.likelihood_ratios import PORTION, LikelihoodRatios
 from gridslam.inference.messages.prediction import PredictedPaths
@@ -26,7 +26,6 @@ from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.world.radio import RadioModel
 
-Array = NDArray[np.float64]
 WALK = 0.02
 """Random walk of an amplitude per step, as a share of it ([Li2025adaptive], section VI-A)."""
 SURPRISE = 1e-9

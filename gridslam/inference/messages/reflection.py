@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.inference.messages.cells import RAYS
 from gridslam.inference.messages.detections import latest_hits
 from gridslam.inference.messages.likelihood import detection_table
@@ -18,10 +18,8 @@ from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels.primitives.blocks import Coefficients, Drawn, Hits
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.radio import REFLECTION_BINS, RadioModel
+from gridslam.world.radio import BINS, RadioModel
 
-Array = NDArray[np.float64]
-BINS = len(REFLECTION_BINS)
 PRODUCTS: Array = np.arange(1, 2 * BINS + 1) / (2 * BINS)
 """Nodes for products of coefficients; they hold every bin's centre, and 1 for the line of sight."""
 

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from gridslam.arrays import Array
 from gridslam.inference.messages.feature_likelihood import Front, Tables
 from gridslam.inference.messages.joint_update import APPEARS, STAYS
 from gridslam.inference.state.features import MOVING, places
 from gridslam.inference.state.hybrid_state import JointBelief, ParticleBelief
 from gridslam.world.signal_model import SignalModel
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 NODES, DECADES_BELOW, DECADES_ABOVE = 16, 1.5, 0.5
 """Of the grid over the line of sight's power, about what is received near the start."""

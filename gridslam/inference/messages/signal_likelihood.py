@@ -13,9 +13,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gridslam.arrays import Array
 from gridslam.world.radio import SPEED_OF_LIGHT
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 SPREAD = np.array([-1.0, 0.0, 1.0])
 SHARE = np.array([1.0, 4.0, 1.0]) / 6

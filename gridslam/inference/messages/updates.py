@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.inference.messages.association import ROUNDS, Association, associate, log_normaliser
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.prediction import PredictedPaths
@@ -19,8 +19,6 @@ from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels.primitives import blocks, tables
 from gridslam.world.filter_model import FilterModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

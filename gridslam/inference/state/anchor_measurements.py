@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.scan import Scan
 
-Array = NDArray[np.float64]
 LOUD = np.log(1000.0)
 """Squared amplitude above the squared threshold that one in a thousand clutter measurements exceeds."""
 QUIET = np.log(20.0)

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf
 
+from gridslam.arrays import Array
 from gridslam.inference.state.layout import HEADING, StateLayout
 from gridslam.world.geometry import wrap
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

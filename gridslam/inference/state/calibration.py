@@ -11,11 +11,10 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.world.radio import RadioModel
 
-Array = NDArray[np.float64]
 KEEP, KEEP_GAIN = 0.9, 0.99
 """Factors by which sums are multiplied per step: forgetting."""
 TRUST = 1.0

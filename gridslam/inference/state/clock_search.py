@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from gridslam.arrays import Array
 from gridslam.world.clocks import ClockModel
 
-Array = NDArray[np.float64]
 CELL_M = 0.1
 NARROW_M = 1.0
 """Half width of a prior up to which a clock counts as set; distance from the peak that counts as decided."""

@@ -8,7 +8,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gridslam.arrays import Array
+
 Indices = NDArray[np.int64]
 MOVING, ENTRIES = 4, 3
 """Entries of the joint belief: the agent's [x, y, vx, vy], each feature's [length, direction, extra]."""

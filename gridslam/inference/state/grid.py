@@ -8,10 +8,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.world.radio import REFLECTION_BINS
+from gridslam.arrays import Array
+from gridslam.world.radio import BINS
 
-Array = NDArray[np.float64]
-BINS = len(REFLECTION_BINS)
 NEVER_HIT = -1
 
 

@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.estimates import Health
 from gridslam.inference.state.calibration import KEEP, Calibration
 from gridslam.kernels import SUMS
 from gridslam.world.filter_model import FilterModel
 
-Array = NDArray[np.float64]
 SLOW = 0.03
 """Share of news that enters what is usual."""
 SILENT, LOST, MISFIT, LOUD_CLUTTER, FEW, VAGUE_M = 5, 0.5, 1.7, 3.0, 3.0, 1.0

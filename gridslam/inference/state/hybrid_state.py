@@ -8,9 +8,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.state.features import ENTRIES, MOVING, FeatureBank
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,12 +13,12 @@ from typing import Any, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rings import BEARINGS, MOVING, Rings
 from gridslam.inference.state.signal_watch import SignalWatch
 from gridslam.world.geometry import unit
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
 Part = TypeVar("Part", "Belief", "Images", "Links", "Rings")
 MEMORY = 50.0

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.layout import AGENT, HEADING, PER_LINE, StateLayout
 from gridslam.world.clocks import ClockModel
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap
 
-Array = NDArray[np.float64]
 JITTER = 1e-12
 """Added to correlations, since a view is singular where clocks are known."""
 

@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.state.calibration import Calibration
 from gridslam.inference.state.clock_search import ClockSearch
 from gridslam.inference.state.grid import Grid
@@ -17,8 +18,6 @@ from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.state import FRESH_SIGHT, State
 from gridslam.inference.state.surface_bank import FRESH_DOUBLE, FRESH_SINGLE, SurfaceBank
 from gridslam.world.network_model import NetworkModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,6 @@ from gridslam.inference.state.layout import HEADING, StateLayout
 from gridslam.kernels import PATH_BLOCK, ROOT_GIVEN, STATE_GIVEN, TAKE_ROOT
 from gridslam.kernels.primitives.blocks import Draft
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 PURPOSE = 0x9A
 DIVERGENCE, SURE = 0.05, 2.33

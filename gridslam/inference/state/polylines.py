@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.inference.state.particles import Cloud
 from gridslam.inference.state.rays import Rays
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,12 @@ from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.state.layout import AGENT
 from gridslam.inference.state.state import State
 from gridslam.world.geometry import wrap
 
-Array = NDArray[np.float64]
 NONE = -1
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.state.rays import Rays
 
-Array = NDArray[np.float64]
 Key = tuple[int, int, int]
 """Anchor, and identities of the surfaces that a ray meets last and first (-1 for none)."""
 

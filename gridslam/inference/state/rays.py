@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from gridslam.arrays import Array
+
 Whole = NDArray[np.int32]
 P_STAY, P_APPEAR = 0.95, 0.005
 """A ray that exists stays so for a step; one that doesn't appears (docs/model.md, (M20))."""

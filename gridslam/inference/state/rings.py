@@ -18,11 +18,11 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief, give_birth
 from gridslam.world.geometry import line_between, mirror_derivative
 from gridslam.world.radio import RadioModel
 
-Array = NDArray[np.float64]
 BEARINGS = 72
 """Hypotheses per ring, 5 degrees apart: at 20 m the arc of one departs by 2 cm from its tangent."""
 MOST_RINGS = 16

@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.estimates import Health
 from gridslam.inference.state.calibration import KEEP
 from gridslam.inference.state.health import MISFIT, SILENT, VAGUE_M, innovation_band
 
-Array = NDArray[np.float64]
 LEAST_EXPLAINED = 0.2
 """Share of the received power that paths of the joint belief explain as long as the agent is followed."""
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.calibration import Calibration
 from gridslam.inference.state.grid import Grid
@@ -17,7 +17,6 @@ from gridslam.inference.state.rings import Rings
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.filter_model import FilterModel
 
-Array = NDArray[np.float64]
 FRESH_SIGHT = 0.9
 """Existence of an anchor's line of sight before the first scan."""
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief
-from gridslam.world.radio import REFLECTION_BINS
+from gridslam.world.radio import BINS
 
-Array = NDArray[np.float64]
-BINS = len(REFLECTION_BINS)
 FRESH_SINGLE, FRESH_DOUBLE, FRESH_BEARER = 0.5, 0.3, 0.98
 """Existence of a new surface's rays: single bounces, double bounces, and the ray that bore it."""
 SETTLED = 100

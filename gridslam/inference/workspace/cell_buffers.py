@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.inference.state.grid import Grid
 from gridslam.kernels import CELL_SLABS
 from gridslam.kernels.primitives.blocks import Slabs
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.grid_memory import check_room, slabs_for
 
-Array = NDArray[np.float64]
 MOSTLY_POSSIBLE = 0.8
 """Share of a path's samples that must be possible before it sends messages to cells."""
 EVIDENCE_CLIP = 12.0

@@ -7,15 +7,12 @@ from collections.abc import Callable, Hashable
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gridslam.arrays import Array
 from gridslam.inference.state.particles import Particles
 from gridslam.inference.state.path_messages import PathMessages
 from gridslam.inference.workspace.cell_buffers import CellBuffers
 from gridslam.world.filter_model import FilterModel
 
-Array = NDArray[np.float64]
 Made = TypeVar("Made")
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -11,8 +11,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
 from gridslam.inference.management.image_readout import UNKNOWN_REFLECTION
 from gridslam.inference.messages.direct_particles import (
@@ -35,7 +35,6 @@ from gridslam.world.geometry import line_between, mirror_derivative
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
-Array = NDArray[np.float64]
 FRESH_SIGHT = 0.9
 
 
