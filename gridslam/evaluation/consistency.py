@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -153,8 +153,11 @@ def follow(estimates: Sequence[Estimate], scene: Scene, truth: Truth, earlier: S
         rays[:, step] = np.bincount(owner, minlength=len(rays))
         belief[:, step] = np.bincount(owner, chance[believed], len(rays))
         apart[:, step] = assigned_error(found[step].sfv_m, heard.feature)
+        held = estimate.paths.take(believed)
+        if scene.clocks is not None:  # predicted distances have offsets of clocks in them, places haven't
+            held = replace(held, distance_m=_lengths(held.points))
         image[step] = _image_ospa(
-            virtual_anchors(estimate.paths.take(believed), estimate.position_m, estimate.heading_rad),
+            virtual_anchors(held, estimate.position_m, estimate.heading_rad),
             virtual_anchors(truth.paths.at(step), place.position_m[step], place.heading_rad[step]),
         )
     return Steps(
@@ -191,6 +194,14 @@ def virtual_anchors(
     bent = np.isfinite(paths.points[:, 1, 0])
     toward = unit(heading_rad + paths.aoa_rad[bent])
     return position_m + paths.distance_m[bent, None] * toward, paths.anchor[bent]
+
+
+def _lengths(points: Array) -> Array:
+    """Lengths (L,) in m of ways over points (L, 4, 2); NaN for a bounce that isn't there."""
+    way = points.copy()
+    for corner in (1, 2):
+        way[:, corner] = np.where(np.isnan(way[:, corner]), way[:, corner - 1], way[:, corner])
+    return np.asarray(np.linalg.norm(np.diff(way, axis=1), axis=-1).sum(1))
 
 
 def _image_ospa(found: tuple[Array, NDArray[np.intp]], truth: tuple[Array, NDArray[np.intp]]) -> float:

@@ -165,3 +165,12 @@ def test_paths_are_counted_from_a_detection_probability_on(alcove):
     assert (likely <= every).all()
     loud = scene.signal_model("agent1").detection_probability(truth.paths.amplitude) > 0.5
     assert likely.sum() == loud.sum() < len(truth.paths)
+
+
+def test_offsets_of_clocks_are_no_part_of_virtual_anchors():
+    scene = gs.Scene.load("exchange")
+    truth = gs.ground_truth(scene, "agent1").first(1)
+    own = perfect(scene, truth, 0)[0]
+    off = replace(own.paths, distance_m=own.paths.distance_m - 30, existence=np.ones(len(own.paths)))
+    own = replace(own, paths=off, heading_rad=float(truth.trajectory.heading_rad[0]))
+    assert follow([own], scene, truth).image_ospa_m[0] == pytest.approx(0, abs=1e-6)
