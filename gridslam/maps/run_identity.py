@@ -112,7 +112,8 @@ def _shared(one: Map, other: Map) -> str | None:
     short, whole = sorted(([row[1:] for row in record] for record in records), key=len)
     if short and len(short) < len(whole) and whole[: len(short)] == short:
         return f"{', '.join(str(row[0]) for row in short)}, of which one was built on the other"
-    same = one.evidence.any() and np.array_equal(one.evidence, other.evidence)
+    here = np.array_equal(one.origin_m, other.origin_m)
+    same = here and one.evidence.any() and np.array_equal(one.evidence, other.evidence)
     return "the same measurements" if same else None
 
 
