@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, fields
 from typing import Self
 
@@ -17,7 +18,7 @@ ANY_SPEED_MPS = 10.0
 """Standard deviation of a velocity of which nothing is known."""
 
 
-class _Rows:
+class _Rows(ABC):
     """Rows of parallel arrays: length, selection and stacking, shared by the tables below."""
 
     @classmethod
@@ -39,9 +40,9 @@ class _Rows:
         return cls(**{name: np.concatenate([getattr(t, name) for t in whole]) for name in cls.columns()})
 
     @classmethod
+    @abstractmethod
     def empty(cls) -> Self:
         """Return a table without rows."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ that has marginal beliefs and virtual anchors per anchor; docs/model.md, section
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -49,6 +49,8 @@ from gridslam.world.scene import Scene
 from gridslam.world.start import Start
 
 Works = tuple[Workspace, ...]
+Turn = Callable[[State, Scan, NetworkState, float | None, FilterModel, Workspace], tuple[State, StepInfo]]
+"""What one agent's scan says: its view of all, what was heard, what all believe, when the step before was."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,17 +78,31 @@ def step(
     """One step: clocks by what all agents heard, then every agent's turn after those before it."""
     for own in work:
         own.begin()
-    earlier_s, infos = state.time_s, list[StepInfo | None]()
+    earlier_s = state.time_s
     state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
     state = set_clocks(state, scan.scans, model, works=work)  # (M103)
+    state, infos = take_turns(state, scan, earlier_s, model, work, turn)
+    state = merge_and_prune_shared(state, model)
+    return replace(state, step=state.step + 1), NetworkInfo(tuple(infos))
+
+
+def take_turns(
+    state: NetworkState,
+    scan: NetworkScan,
+    earlier_s: float | None,
+    model: NetworkModel,
+    work: Works,
+    turn: Turn,
+) -> tuple[NetworkState, list[StepInfo | None]]:
+    """Every agent's turn after those before it; an agent that isn't there has none."""
+    infos = list[StepInfo | None]()
     for agent, heard in enumerate(scan.scans):
         info = None
         if heard is not None:
             part, info = turn(state.part(agent), heard, state, earlier_s, model.agents[agent], work[agent])
             state = doubt_clocks(loosened(state.having(agent, part)), info.exchanges, model)  # (M102)
         infos.append(info)
-    state = merge_and_prune_shared(state, model)
-    return replace(state, step=state.step + 1), NetworkInfo(tuple(infos))
+    return state, infos
 
 
 def turn(

@@ -15,7 +15,7 @@ from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.births import add_births
 from gridslam.inference.messages.cells import cast_paths
-from gridslam.inference.messages.clock_setting import doubt_clocks, loosened, set_clocks
+from gridslam.inference.messages.clock_setting import set_clocks
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.network_cells import update_shared_cells
@@ -28,7 +28,7 @@ from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.map import Map
 from gridslam.systems import network
-from gridslam.systems.network import NetworkInfo, NetworkSlam, Works, by_anchor
+from gridslam.systems.network import NetworkInfo, NetworkSlam, Works, by_anchor, take_turns
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.network_model import NetworkModel
 from gridslam.world.network_scan import NetworkScan
@@ -49,15 +49,10 @@ def step(
     """One step: clocks, every agent's turn, and what all of them together say of the cells."""
     for own in work:
         own.begin()
-    earlier_s, infos = state.time_s, list[StepInfo | None]()
+    earlier_s = state.time_s
     state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
     state = set_clocks(state, scan.scans, model, works=work)  # (M103)
-    for agent, heard in enumerate(scan.scans):
-        info = None
-        if heard is not None:
-            part, info = turn(state.part(agent), heard, state, earlier_s, model.agents[agent], work[agent])
-            state = doubt_clocks(loosened(state.having(agent, part)), info.exchanges, model)  # (M102)
-        infos.append(info)
+    state, infos = take_turns(state, scan, earlier_s, model, work, turn)
     used = [
         None if info is None else own.calibrated(one, info.turned)
         for info, one, own in zip(infos, model.agents, work, strict=True)
