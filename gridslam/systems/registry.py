@@ -84,6 +84,14 @@ _ENTERED = (
         takes_map=False,
     ),
     Method(
+        "refa",
+        "gridslam.systems.published.refa:PublishedVirtualAnchorSlam",
+        "virtual-anchor SLAM by particles, as published (REFA): a reference",
+        "docs/model.md#8-virtual-anchors",
+        takes_map=False,
+        on_angles=True,
+    ),
+    Method(
         "direct",
         "gridslam.systems.direct:DirectSlam",
         "direct SLAM: agent and virtual anchors straight from sampled signals",

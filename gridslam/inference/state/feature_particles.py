@@ -1,7 +1,8 @@
-"""What the published form of direct SLAM believes: particles of agent, noise and features, each apart."""
+"""What published methods believe: particles of the agent and of every potential feature, each apart."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Self
 
@@ -23,7 +24,7 @@ class Features:
     existence : (F,)
     position : (F, P, 2) m
     intensity : (F, P)
-        Mean power of its path.
+        Mean power of its path (direct SLAM), or its normalised amplitude.
     """
 
     identity: NDArray[np.int64]
@@ -47,6 +48,11 @@ class Features:
             column[rows] = getattr(other, name)
         return replace(self, **columns)
 
+    @classmethod
+    def of(cls, parts: Sequence[Features]) -> Self:
+        """Those of several tables, at least one, below one another."""
+        return cls(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)})
+
     def joined(self, other: Features) -> Self:
         """These and then the others."""
         pairs = {f.name: (getattr(self, f.name), getattr(other, f.name)) for f in fields(self)}
@@ -55,7 +61,7 @@ class Features:
 
 @dataclass(frozen=True, eq=False)
 class ParticleState:
-    """The state of the published method, equally weighted after each step.
+    """The state of direct SLAM as published, equally weighted after each step.
 
     Attributes
     ----------
@@ -69,6 +75,27 @@ class ParticleState:
 
     agent: Array
     noise: Array
+    features: Features
+    step: int = 0
+    next_identity: int = 0
+    time_s: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ImageState:
+    """The state of SLAM by virtual anchors as published, equally weighted after each step.
+
+    Attributes
+    ----------
+    agent : (P, 5) m, m/s, rad
+        Position, velocity, heading.
+    features : Features
+        Lines of sight first, then potential virtual anchors; `intensity` is the amplitude of the path.
+    step, next_identity : int
+    time_s : float or None
+    """
+
+    agent: Array
     features: Features
     step: int = 0
     next_identity: int = 0

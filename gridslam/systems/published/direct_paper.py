@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
-from gridslam.inference.management.image_readout import UNKNOWN_REFLECTION
+from gridslam.estimates import Estimate, PathEstimate
+from gridslam.inference.management.particle_readout import feature_surfaces
 from gridslam.inference.messages.direct_particles import (
     LEAST_EXISTENCE,
     agent_message,
@@ -31,7 +31,6 @@ from gridslam.inference.state.feature_particles import Features, ParticleState
 from gridslam.maps.map import Map
 from gridslam.systems.direct import require_single_antennas
 from gridslam.systems.signal_front import SignalFilter
-from gridslam.world.geometry import line_between, mirror_derivative
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
@@ -126,7 +125,7 @@ class PublishedDirectSlam(SignalFilter[ParticleState]):
         mean, covariance = state.agent.mean(0), np.cov(state.agent.T)
         whole = np.zeros((5, 5))
         whole[:4, :4], whole[4, 4] = covariance, np.pi**2 / 3
-        table = self._surfaces(state)
+        table = feature_surfaces(state.features, self.model.anchor_positions)
         return Estimate(
             scan.step, scan.time_s, mean[:2], mean[2:], float(np.arctan2(mean[3], mean[2])), whole, table,
             PathEstimate.empty(), table.existence > self.model.settings.detect_above, np.nan,
@@ -136,18 +135,3 @@ class PublishedDirectSlam(SignalFilter[ParticleState]):
     def map(self) -> Map:
         """A blank map: features that aren't at one place yet would be no walls."""
         return replace(Map.of_scene(self.scene), provenance=self.latest())
-
-    def _surfaces(self, state: ParticleState) -> SurfaceEstimate:
-        """Lines between anchors and mean places of features."""
-        found = state.features.take(~state.features.fixed)
-        place = found.position.mean(1)
-        off = found.position - place[:, None]
-        spread = np.einsum("fpi,fpj->fij", off, off) / off.shape[1] + 1e-9 * np.eye(2)
-        anchor = self.model.anchor_positions[found.anchor]
-        line = line_between(anchor, place)
-        back = np.linalg.inv(mirror_derivative(line, anchor) + 1e-9 * np.eye(2))
-        size, (level, doubt) = len(found), UNKNOWN_REFLECTION
-        return SurfaceEstimate.from_lines(
-            line, back @ spread @ np.swapaxes(back, 1, 2), np.full(size, level), np.full(size, doubt),
-            found.existence.copy(), None, found.identity.copy(), found.anchor.copy(),
-        )  # fmt: skip
