@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.measurements.table import Measurements
-from gridslam.simulation.reception import apparent_bias, received
+from gridslam.simulation.clocks import apparent_bias
+from gridslam.simulation.reception import received
 from gridslam.simulation.true_paths import TruePaths
 from gridslam.world.columns import DEVIATIONS, VALUES
 from gridslam.world.geometry import Segments, course, crossing, mirror, wrap
@@ -196,7 +197,7 @@ def heard_along(
     scene: Scene, agent: str, track: Trajectory, paths: TruePaths, seed: int = 0
 ) -> tuple[Measurements, NDArray[np.intp]]:
     """As `simulate_labelled`, of any track and of paths that were traced (or made up) before."""
-    offset = apparent_bias(scene, agent, track.time_s) if scene.clocks is not None else None
+    offset = apparent_bias(scene, agent, track.time_s, seed) if scene.clocks is not None else None
     columns, label = received(paths, scene, agent, seed, len(track), offset)
     measurements = Measurements(
         anchors=scene.anchor_names,

@@ -13,13 +13,13 @@ from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.measurements.table import Measurements
+from gridslam.simulation.clocks import apparent_bias, clock_truth
 from gridslam.simulation.image_source import Truth, true_paths
 from gridslam.simulation.image_source import simulate as simulate_one
-from gridslam.simulation.reception import apparent_bias, received
-from gridslam.world.clocks import Clock, ClockTruth
+from gridslam.simulation.reception import received
+from gridslam.world.clocks import ClockTruth
 from gridslam.world.network_scene import require_agents
 from gridslam.world.scene import Scene
-from gridslam.world.scene_parts import Agent, Anchor
 from gridslam.world.trajectory import Trajectory
 
 STREAM = 0x5F
@@ -127,7 +127,7 @@ def shared_air(
         first, track = presence(scene, name)
         paths = true_paths(scene, name, track)
         rate = scene.radio.false_alarms / sharing
-        offset = apparent_bias(scene, name, track.time_s) if scene.clocks is not None else None
+        offset = apparent_bias(scene, name, track.time_s, seed) if scene.clocks is not None else None
         columns, cause = received(paths, scene, name, seed, len(track), offset, rate)
         columns["step"] = columns["step"] + first
         tables.append(columns | {"cause": cause, "agent": np.full(len(cause), index)})
@@ -143,7 +143,7 @@ def shared_air(
     source = np.where(cause < 0, -1, rows["anchor"])
     steps = max(firsts[name] + len(truths[name].trajectory) for name in names)
     present = [[firsts[name], firsts[name] + len(truths[name].trajectory) - 1] for name in names]
-    clocks = clock_truth(scene, names, _times(interval, 0, steps))
+    clocks = clock_truth(scene, names, _times(interval, 0, steps), seed)
     table = Measurements(
         anchors=scene.anchor_names,
         anchor_position_m=scene.anchor_positions,
@@ -182,10 +182,3 @@ def presence(scene: Scene, name: str) -> tuple[int, Trajectory]:
 
 def _times(interval_s: float, first: int, count: int) -> Array:
     return np.asarray(interval_s * (first + np.arange(count)), np.float64)
-
-
-def clock_truth(scene: Scene, names: Sequence[str], time_s: Array) -> ClockTruth:
-    """True offsets of the clocks of all anchors and of some agents at given times (N,)."""
-    devices: tuple[Anchor | Agent, ...] = (*scene.anchors, *(scene.agent(name) for name in names))
-    offsets = [(device.clock or Clock()).offset_s(time_s) for device in devices]
-    return ClockTruth(tuple(device.name for device in devices), time_s, np.stack(offsets, -1))

@@ -11,18 +11,10 @@ from scipy.special import ndtr
 from gridslam.arrays import Array
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.true_paths import TruePaths
-from gridslam.world.clocks import Clock
 from gridslam.world.geometry import wrap
-from gridslam.world.radio import SPEED_OF_LIGHT, RadioModel
+from gridslam.world.radio import RadioModel
 from gridslam.world.scene import Scene
 from gridslam.world.start import require_seed
-
-
-def apparent_bias(scene: Scene, agent: str, time_s: Array) -> Array:
-    """What the clocks add to measured distances, anchor's minus agent's, (N, J) m."""
-    own = scene.agent(agent).clock or Clock()
-    offsets = [(anchor.clock or Clock()).offset_s(time_s) for anchor in scene.anchors]
-    return SPEED_OF_LIGHT * (np.stack(offsets, -1) - own.offset_s(time_s)[:, None])
 
 
 def received(
@@ -39,7 +31,7 @@ def received(
     Parameters
     ----------
     offset_m : (steps, J) m, optional
-        What the clocks add to distances; see `apparent_bias`.
+        What the clocks add to distances; see `clocks.apparent_bias`.
     false_alarms : float, optional
         Per anchor and step, instead of the scene's.
     """

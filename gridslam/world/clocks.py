@@ -31,6 +31,7 @@ class Clock(Strict):
     """One device's clock: the truth, to simulate, and a prior of its own.
 
     `zigzag_s` is the period of a drift that changes its sign every half of it; `jump_ns` happens at `jump_s`.
+    `walk_ns` per root second is a random walk, drawn by the seed of the simulation.
     """
 
     offset_ns: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.0
@@ -38,10 +39,11 @@ class Clock(Strict):
     zigzag_s: Annotated[float, Field(gt=0, le=1e9)] | None = None
     jump_s: Annotated[float, Field(ge=0, le=1e9)] | None = None
     jump_ns: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.0
+    walk_ns: Annotated[float, Field(ge=0, le=1e6)] = 0.0
     prior_ns: HalfWidth | None = None
 
     def offset_s(self, time_s: Array) -> Array:
-        """True offset at given times (N,), s."""
+        """True offset at given times (N,), s, without its walk."""
         time = np.asarray(time_s, np.float64)
         run = time
         if self.zigzag_s is not None:

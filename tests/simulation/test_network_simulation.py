@@ -6,6 +6,7 @@ from scipy.stats import kstest
 
 import gridslam as gs
 from gridslam.errors import InputError
+from gridslam.simulation.clocks import apparent_bias, clock_truth
 from gridslam.simulation.network import shared_air, simulate_network
 from gridslam.world.clocks import NS, Clock
 from gridslam.world.network_scene import clock_model, network_model
@@ -125,3 +126,27 @@ def test_filter_knows_priors_of_clocks_alone(scene):
 def test_clocks_that_nothing_ties_down_are_refused(scene, changes, says):
     with pytest.raises(InputError, match=says):
         changed(scene, **changes)
+
+
+def test_a_true_clock_walks_by_the_seed(scene):
+    whole = scene.model_dump(exclude_none=True)
+    whole["anchors"][1]["clock"] = {"offset_ns": 3.0, "walk_ns": 2.0}
+    for agent in whole["agents"]:
+        agent["interval_s"] = 0.25
+    walking = gs.Scene.checked(whole, "test")
+    times = 0.25 * np.arange(4001)
+    truth = clock_truth(walking, AGENTS, times, seed=1)
+    walk = 1e9 * truth.offset_s[:, 1] - 3.0
+    steps = np.diff(walk)
+    np.testing.assert_allclose(walk[0], 0, atol=1e-9)
+    # 2 ns per root second are 1 ns in a quarter of one; 4000 draws tell a deviation to 1.1 %
+    assert abs(steps.std() - 1.0) < 0.05
+    assert abs(np.corrcoef(steps[:-1], steps[1:])[0, 1]) < 0.06
+    still = clock_truth(scene, AGENTS, times, seed=1).offset_s
+    np.testing.assert_array_equal(truth.offset_s[:, [0, 2, 4]], still[:, [0, 2, 4]])
+    # an agent that comes later meets the same clock
+    late = apparent_bias(walking, "agent1", times[40:], seed=1)
+    np.testing.assert_array_equal(late, apparent_bias(walking, "agent1", times, seed=1)[40:])
+    assert not np.array_equal(
+        clock_truth(walking, AGENTS, times, seed=2).offset_s[:, 1], truth.offset_s[:, 1]
+    )
