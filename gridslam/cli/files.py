@@ -13,11 +13,12 @@ from gridslam.cli.help import LOOK, SCENES
 from gridslam.errors import InputError
 
 out = Console()
-OTHERS = ".toml", ".tum", ".yaml", ".yml", ".pgm", ".json"
+OTHERS = ".toml", ".tum", ".yaml", ".yml", ".pgm", ".json", ".geojson", ".jsonl"
 """Endings of files that are neither measurements nor signals."""
 KINDS = (
     "a scene (.toml or a bundled name), measurements (.csv, .mat, .h5), signals (.mat, .h5), "
-    "a map or steps (.h5), a track (.tum), a nav2 map (.yaml) or a folder of a run or a study"
+    "a map, steps, clocks or a checkpoint (.h5), a track (.tum), a nav2 map (.yaml), a table that gridslam "
+    "wrote (.csv, .json) or a folder of a run or a study"
 )
 
 
@@ -165,7 +166,7 @@ def _say(text: str) -> None:
 
 
 def _describe(file: Path) -> str:
-    from gridslam.checks import other_files
+    from gridslam.checks import other_files, own_tables
     from gridslam.maps.map import Map
 
     if file.is_dir():
@@ -180,11 +181,21 @@ def _describe(file: Path) -> str:
         return other_files.nav2_line(file)
     if file.name == "run.json":
         return other_files.run_line(file.parent)
+    if file.name == "study.jsonl":
+        return other_files.study_line(file.parent)
+    if kind == ".csv":
+        return own_tables.table_line(file)
+    if kind in (".json", ".geojson"):
+        return own_tables.json_line(file)
     held = _kind(file)
-    if held == "gridslam-map":
-        return f"map {Map.load(file).told()}"
-    if held == "gridslam-steps":
-        return other_files.steps_line(file)
+    lines = {
+        "gridslam-map": lambda path: f"map {Map.load(path).told()}",
+        "gridslam-steps": other_files.steps_line,
+        "gridslam-clocks": own_tables.clocks_line,
+        "gridslam-checkpoint": own_tables.checkpoint_line,
+    }
+    if held in lines:
+        return lines[held](file)
     raise InputError(str(file), f"an HDF5 file of format {held!r}", KINDS)
 
 
@@ -218,7 +229,11 @@ def _holds_samples(file: Path) -> bool:
 def _is_table(file: Path) -> bool:
     if file.is_dir() or file.suffix.lower() in OTHERS or _is_bundled(file):
         return False
-    return file.suffix.lower() in (".csv", ".mat") or _kind(file) == "gridslam-measurements"
+    if file.suffix.lower() == ".csv":
+        from gridslam.checks.own_tables import is_own_table
+
+        return not is_own_table(file)
+    return file.suffix.lower() == ".mat" or _kind(file) == "gridslam-measurements"
 
 
 def _kind(file: Path) -> str:

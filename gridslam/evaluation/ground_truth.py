@@ -84,6 +84,18 @@ def inherited_truth(scene: Scene, grid: Map, latest: bool = True) -> list[Truth]
     ]
 
 
+def tells_heading(scene: Scene, agent: str, takes: Kind = "paths") -> bool:
+    """Whether anything that a method is handed tells which way an agent faces.
+
+    Parameters
+    ----------
+    takes : "paths" or "signal"
+        What the method is handed.
+    """
+    blind = takes == "signal" and has_single_antennas(scene, agent)
+    return not blind and "aoa" in scene.radio.measures
+
+
 def known_bound(
     scene: Scene, agent: str, truth: Truth | Trajectory | None, takes: Kind = "paths"
 ) -> Bound | None:

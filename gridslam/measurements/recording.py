@@ -249,10 +249,13 @@ class Recording:
         Raises
         ------
         InputError
-            As the reader of its kind.
+            A CSV file, or as the reader of its kind.
         """
-        mat = os.path.splitext(os.fspath(path))[1].lower() == ".mat"
-        return cls.from_matlab(path) if mat else cls.from_h5(path)
+        kind = os.path.splitext(os.fspath(path))[1].lower()
+        if kind == ".csv":
+            allowed = "sampled signals (.h5, .mat); a method on paths takes it as --measurements"
+            raise InputError(str(path), "a CSV file, which holds measured paths", allowed)
+        return cls.from_matlab(path) if kind == ".mat" else cls.from_h5(path)
 
     @classmethod
     def from_matlab(cls, path: str | os.PathLike[str]) -> Recording:

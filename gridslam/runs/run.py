@@ -111,7 +111,7 @@ class Run:
             The true track doesn't cover the run.
         """
         from gridslam.evaluation.consistency import complaints
-        from gridslam.evaluation.ground_truth import known_bound
+        from gridslam.evaluation.ground_truth import known_bound, tells_heading
         from gridslam.evaluation.metrics import (
             diverged,
             map_scores,
@@ -120,7 +120,6 @@ class Run:
             rmse,
             track_errors,
         )
-        from gridslam.evaluation.signal_bounds import has_single_antennas
         from gridslam.evaluation.surface_truth import surface_scores
         from gridslam.simulation.image_source import Truth
         from gridslam.systems.registry import kind_of
@@ -157,8 +156,7 @@ class Run:
             done = slice(len(self.trajectory))
             scores["position_bound_m"] = rmse(bound.position_m[done])
             scores["heading_bound_deg"] = float(np.degrees(rmse(bound.heading_rad[done])))
-        blind = takes == "signal" and has_single_antennas(self.scene, self.agent)
-        if blind or "aoa" not in self.scene.radio.measures:  # nothing tells of the heading then
+        if not tells_heading(self.scene, self.agent, takes):
             scores |= dict.fromkeys(("heading_rmse_deg", "heading_bound_deg", "heading_std_deg"))
         if isinstance(truth, Truth):
             whole = truth.first(len(self.trajectory)).joined(earlier)

@@ -26,6 +26,7 @@ from gridslam.runs.reservation import Place, reserve
 from gridslam.runs.run import Run
 from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.runs.stopping import held_back
+from gridslam.systems.registry import particles_of
 from gridslam.world.names import folder_fault
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
@@ -244,7 +245,7 @@ def _fill(
         "method": last.method,
         "seed": last.seed,
         "start": last.start,
-        "particles": last.scene.filter.particles,
+        "particles": particles_of(last.method, last.scene.filter.particles),
         "device": last.device,
         "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
         **settings,

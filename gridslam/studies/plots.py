@@ -23,6 +23,8 @@ MOST_SURFACES = 12
 """Panels in the figure of single surfaces; those that are there longest come first."""
 LEAST_M, LEAST_DEG = 1e-4, 1e-3
 """Errors below these are drawn as these."""
+ERRORS = ("position_error_m", 1.0, LEAST_M), ("heading_error_rad", np.degrees(1.0), LEAST_DEG)
+"""Errors that are drawn, with the factor to m and degrees; the heading's only where something tells of it."""
 
 
 def draw_study(directory: Path, found: Sequence[Batch]) -> list[Path]:
@@ -52,44 +54,40 @@ def draw_study(directory: Path, found: Sequence[Batch]) -> list[Path]:
 
 def draw_errors(own: Sequence[Batch]) -> Figure:
     """Position and heading RMSE over time, 80 % of runs, bounds ([Li2025adaptive], Figs. 6b, 6c)."""
-    figure = _figure(8, 6.5)
-    position, heading = figure.subplots(2, 1, sharex=True)
+    told = _heading_told(own)
+    figure = _figure(8, 6.5 if told else 3.8)
+    panels = figure.subplots(2 if told else 1, 1, sharex=True, squeeze=False)[:, 0]
     for number, batch in enumerate(own):
         color, style = _look(number)
-        for axes, name, scale, least in (
-            (position, "position_error_m", 1.0, LEAST_M),
-            (heading, "heading_error_rad", np.degrees(1.0), LEAST_DEG),
-        ):
+        for axes, (name, scale, least) in zip(panels, ERRORS, strict=False):
             low, high = np.maximum(scale * batch.quantiles(name), least)
             axes.fill_between(np.arange(len(low)), low, high, color=color, alpha=0.18, lw=0)
             axes.plot(scale * batch.rmse(name), color=color, ls=style, lw=1.3, label=_label(batch, own))
-    for axes, name, scale in ((position, "position_m", 1.0), (heading, "heading_rad", np.degrees(1.0))):
+    for axes, name, (_, scale, _) in zip(panels, ("position_m", "heading_rad"), ERRORS, strict=False):
         known = [scale * getattr(batch.benchmark.known, name) for batch in own]
         unknown = [scale * getattr(batch.benchmark.unknown, name) for batch in own]
         _bound(axes, known, "known-map bound", ":")
         _bound(axes, unknown, "bound", "--")
         axes.set_yscale("log")
         axes.grid(alpha=0.3)
-    position.set_ylabel("position RMSE (m)")
-    heading.set(ylabel="heading RMSE (deg)", xlabel="step")
-    _legend(figure, position)
+    for axes, what in zip(panels, ("position RMSE (m)", "heading RMSE (deg)"), strict=False):
+        axes.set_ylabel(what)
+    panels[-1].set_xlabel("step")
+    _legend(figure, panels[0])
     return figure
 
 
 def draw_cdf(own: Sequence[Batch]) -> Figure:
     """Share of all steps of all runs with an error below a value."""
     figure = _figure(8, 3.8)
-    axes = figure.subplots(1, 2, sharey=True)
+    axes = figure.subplots(1, 2 if _heading_told(own) else 1, sharey=True, squeeze=False)[0]
     for number, batch in enumerate(own):
         color, style = _look(number)
-        for panel, name, scale, least in (
-            (axes[0], "position_error_m", 1.0, LEAST_M),
-            (axes[1], "heading_error_rad", np.degrees(1.0), LEAST_DEG),
-        ):
+        for panel, (name, scale, least) in zip(axes, ERRORS, strict=False):
             error = np.sort(np.maximum(scale * np.abs(batch.steps[name]).ravel(), least))
             share = np.arange(1, len(error) + 1) / len(error)
             panel.step(error, share, where="post", color=color, ls=style, lw=1.3, label=_label(batch, own))
-    for panel, what in zip(axes, ("position error (m)", "heading error (deg)"), strict=True):
+    for panel, what in zip(axes, ("position error (m)", "heading error (deg)"), strict=False):
         panel.set(xscale="log", xlabel=what, ylim=(0, 1.01))
         panel.grid(alpha=0.3)
     axes[0].set_ylabel("share of steps")
@@ -180,9 +178,10 @@ def draw_rays(own: Sequence[Batch]) -> Figure:
 
 def draw_consistency(own: Sequence[Batch]) -> Figure:
     """Mean NEES of position and heading over time in the 95 % band of consistent filters."""
-    figure = _figure(8, 6)
-    panels = figure.subplots(2, 1, sharex=True)
-    for panel, name, degrees in zip(panels, ("position", "heading"), (2, 1), strict=True):
+    told = _heading_told(own)
+    figure = _figure(8, 6 if told else 3.5)
+    panels = figure.subplots(2 if told else 1, 1, sharex=True, squeeze=False)[:, 0]
+    for panel, name, degrees in zip(panels, ("position", "heading"), (2, 1), strict=False):
         for number, batch in enumerate(own):
             color, style = _look(number)
             panel.plot(batch.mean(f"{name}_nees"), color=color, ls=style, lw=1.1, label=_label(batch, own))
@@ -194,6 +193,11 @@ def draw_consistency(own: Sequence[Batch]) -> Figure:
     panels[-1].set_xlabel("step (grey: 95 % band)")
     _legend(figure, panels[0])
     return figure
+
+
+def _heading_told(own: Sequence[Batch]) -> bool:
+    """Whether a heading is drawn: whether anything tells of it in any batch."""
+    return any(batch.benchmark.heading_told for batch in own)
 
 
 def _bound(axes: Axes, values: Sequence[NDArray[Any]], label: str, style: str) -> None:

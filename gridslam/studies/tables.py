@@ -16,6 +16,7 @@ from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.evaluation.bounds import Bound, MapBound, known_map_bound, unknown_map_bound
 from gridslam.evaluation.consistency import Steps, nees_band, true_rays
+from gridslam.evaluation.ground_truth import tells_heading
 from gridslam.evaluation.metrics import OSPA_CUTOFF_M
 from gridslam.evaluation.signal_bounds import has_single_antennas, scene_signal_bound
 from gridslam.evaluation.surface_truth import HeardSurfaces
@@ -28,6 +29,8 @@ from gridslam.world.scene import Scene
 
 QUANTILES = (0.1, 0.9)
 """Ends of the 80 % sample-quantile interval of [Li2025adaptive]."""
+HEADINGS = "heading_error_rad", "heading_nees"
+"""Fields of `Steps` that say nothing where nothing tells of the heading."""
 SETTLED = 50
 """Step after which the issue's, and the paper's, steady numbers are taken; halfway if a track is short."""
 
@@ -50,6 +53,8 @@ class Benchmark:
         Curved wall of which it is a facet; -1 for a straight one.
     anchors : tuple of str
         Their J names.
+    heading_told : bool
+        Whether anything tells which way the agent faces; if not, errors of that are left out.
     """
 
     known: Bound
@@ -59,6 +64,7 @@ class Benchmark:
     surface_since: NDArray[np.intp]
     curve: NDArray[np.intp]
     anchors: tuple[str, ...]
+    heading_told: bool = True
 
     @property
     def surfaces(self) -> NDArray[np.intp]:
@@ -166,6 +172,8 @@ def batches(outcome: Outcome) -> list[Batch]:
         mark = marks[which][agent]
         runs = [_arrays(record, agent, mark) for record in records]
         steps = {name: np.stack([run[name] for run in runs]) for name in runs[0]}
+        if not mark.heading_told:
+            steps |= {name: np.full_like(steps[name], np.nan) for name in HEADINGS}
         found.append(Batch(variant, method, agent, records, steps, mark))
     return found
 
@@ -207,9 +215,12 @@ def _benchmarks(variant: Variant, takes: Kind, agents: Sequence[str]) -> dict[st
                 blank = np.full_like(known.position_m, np.nan)
                 known = apart = replace(known, position_m=blank, heading_rad=blank)
             unknown = replace(before, position_m=apart.position_m, heading_rad=apart.heading_rad)
-        found[name] = Benchmark(
-            known, unknown, rays, likely, heard.first, heard.curve, tuple(scene.anchor_names)
-        )
+        told = tells_heading(scene, name, takes)
+        if not told:
+            nothing = np.full_like(known.heading_rad, np.nan)
+            known, unknown = replace(known, heading_rad=nothing), replace(unknown, heading_rad=nothing)
+        anchors = tuple(scene.anchor_names)
+        found[name] = Benchmark(known, unknown, rays, likely, heard.first, heard.curve, anchors, told)
         earlier.append(truth)
     return found
 

@@ -48,6 +48,8 @@ class Method:
         Whether it takes several agents at once.
     on_angles : bool
         Whether it lives on angles: distances alone tell it too little.
+    draws_particles : bool
+        Whether ``filter.particles`` means anything to it.
     """
 
     name: str
@@ -59,6 +61,7 @@ class Method:
     takes: Kind = "paths"
     several: bool = False
     on_angles: bool = False
+    draws_particles: bool = True
 
 
 _ENTERED = (
@@ -99,6 +102,7 @@ _ENTERED = (
         "samples over frequency, one antenna at either end",
         takes_map=False,
         takes="signal",
+        draws_particles=False,
     ),
     Method(
         "direct-paper",
@@ -168,6 +172,11 @@ def taken_by(method: type) -> Kind:
 def kind_of(name: str) -> Kind:
     """What the method of this name takes, if it is ours; of others, path measurements are supposed."""
     return METHODS[name].takes if name in METHODS else "paths"
+
+
+def particles_of(name: str, particles: int) -> int | None:
+    """How many particles the method of this name draws where a scene asks for some; None if it has none."""
+    return None if name in METHODS and not METHODS[name].draws_particles else particles
 
 
 def method_name(method: str | type) -> str:

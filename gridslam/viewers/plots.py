@@ -35,9 +35,8 @@ from gridslam.drawing.map_figure import (
     true_walls,
     window_of,
 )
-from gridslam.evaluation.ground_truth import inherited_truth, known_bound, truth_of
+from gridslam.evaluation.ground_truth import inherited_truth, known_bound, tells_heading, truth_of
 from gridslam.evaluation.metrics import SETTLED_STEP, track_errors
-from gridslam.evaluation.signal_bounds import has_single_antennas
 from gridslam.io.files import cannot_write, write_bytes
 from gridslam.maps.map import Map
 from gridslam.measurements.recording import Recording
@@ -114,8 +113,7 @@ def draw_errors(
     far, by this agent and those before it. Axes end where errors do after the first steps.
     """
     truth = _truth(scene, name, found) if truth is None else truth
-    blind = takes == "signal" and has_single_antennas(scene, name)
-    told = not blind and "aoa" in scene.radio.measures  # as scores have it: nothing else tells of the heading
+    told = tells_heading(scene, name, takes)
     figure = blank(width, 0.55 * width + 1.64 if told else 0.4 * width + 1.4)
     rows = figure.subplots(3 if told else 2, 1, sharex=True)
     position, heading, count = rows[0], rows[1] if told else None, rows[-1]
@@ -171,9 +169,9 @@ def _settled(axes: Axes, steps: NDArray[np.int64]) -> None:
     top = 1.2 * max(float(np.nanmax(values[late[: len(values)]], initial=0)) for values in curves)
     most = max(float(np.nanmax(values, initial=0)) for values in curves)
     axes.set_ylim(0, top if top > 0 else 1)
-    if most > top > 0:
-        where: dict[str, Any] = {"transform": axes.transAxes, "fontsize": "small", "va": "top"}
-        axes.text(0.02, 0.93, f"first steps: up to {most:.3g}", **where)
+    if most > top > 0:  # beside the axes, where no curve is
+        where: dict[str, Any] = {"transform": axes.transAxes, "fontsize": "small"}
+        axes.text(1, 1.02, f"first steps: up to {most:.3g}", ha="right", va="bottom", **where)
 
 
 def draw_all(

@@ -2,8 +2,13 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tiny import TINY
+
+import gridslam as gs
+from gridslam.runs.network_files import write_clocks, write_csv
+from gridslam.runs.network_run import ClockTrack
 
 
 @pytest.fixture(scope="module")
@@ -55,10 +60,52 @@ def test_every_file_that_a_run_leaves_can_be_checked(say, made):
             assert say("check", path).code == 0, path
 
 
+def test_tables_pictures_and_plans_of_an_export_can_be_checked(say, made):
+    assert say("export", made / "out" / "map.h5", "-o", "there").code == 0
+    told = {path.name: say("check", path) for path in Path("there").iterdir() if path.suffix != ".png"}
+    assert {said.code for said in told.values()} == {0}, told
+    assert "table of observed cells of a map: " in told["cells.csv"].out
+    assert "table of surfaces of a map: " in told["surfaces.csv"].out
+    assert "GeoJSON: " in told["surfaces.geojson"].out
+    with Path("there/cells.csv").open("a") as file:
+        file.write("1,2\n")
+    said = say("check", "there/cells.csv")
+    assert (said.code, len(said.complaints)) == (2, 1)
+    assert "found 2 cells; allowed: 5, as the header" in said.err
+
+
+def test_checkpoint_is_told(say):
+    slam = gs.GridSlam(gs.Scene.from_toml(TINY, "tiny"))
+    slam.save("state.h5")
+    said = say("check", "state.h5")
+    assert (said.code, said.out) == (0, "checkpoint of grid in tiny, after 0 steps of agent1\n")
+
+
+def test_clocks_are_told(say):
+    time = np.array([0.0, 1.0])
+    offsets = np.array([[0.0, 0.0], [1e-9, 3e-9]])
+    spread = np.zeros((2, 2, 2))
+    track = ClockTrack(("A", "me"), 1, np.arange(2), time, offsets, spread, np.zeros((2, 1), bool))
+    write_clocks("clocks.h5", track)
+    write_csv("clocks.csv", track)
+    line = "offsets of 2 clocks (A, me) over 2 steps: at the end 2 ns (0.6 m) apart\n"
+    assert say("check", "clocks.h5").out == line
+    assert say("check", "clocks.csv").out == "table of offsets of clocks: 4 rows\n"
+
+
+@pytest.mark.parametrize("content", ["{", "[1]", '{"format": "other"}'])
+def test_other_json_is_refused_in_one_line(say, content):
+    Path("other.json").write_text(content)
+    said = say("check", "other.json")
+    assert (said.code, len(said.complaints)) == (2, 1)
+    assert "allowed: GeoJSON, a run.json or what bench --json wrote" in said.err
+
+
 def test_study_is_told(say, made):
     Path("study").mkdir()
     Path("study/study.jsonl").write_text('{"format": "gridslam-study"}\n{"agents": {}}\n{"agents": {}}\n')
-    assert "study: 2 finished runs" in say("check", "study").out
+    for path in ("study", "study/study.jsonl"):
+        assert "study: 2 finished runs" in say("check", path).out
     Path("study/study.jsonl").write_text("{")
     assert say("check", "study").code == 2
 

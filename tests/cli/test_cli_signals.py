@@ -72,3 +72,13 @@ def test_a_map_that_the_method_would_leave_aside_is_refused(say, tmp_path, scene
     assert "--map" in said.err
     assert "goes on from no map" in said.err
     assert not (tmp_path / "out").exists()
+
+
+def test_measured_paths_given_as_signals_are_called_what_they_are(say, tmp_path, room):
+    (tmp_path / "heard.csv").write_text("step,time_s,anchor,distance_m\n0,0,A,1\n")
+    said = say("run", "overlap", "--method", "direct", "--signal", "heard.csv", "-o", "out")
+    assert said.code == 2
+    assert said.complaints == [
+        "error: heard.csv: found a CSV file, which holds measured paths; "
+        "allowed: sampled signals (.h5, .mat); a method on paths takes it as --measurements"
+    ]

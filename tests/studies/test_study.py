@@ -20,7 +20,7 @@ from gridslam.errors import InputError
 from gridslam.evaluation.bounds import Bound, MapBound
 from gridslam.evaluation.consistency import true_rays
 from gridslam.evaluation.surface_truth import HeardSurfaces
-from gridslam.studies.plots import draw_study
+from gridslam.studies.plots import draw_cdf, draw_consistency, draw_errors, draw_study
 from gridslam.studies.study import Outcome, Study, identity, run_study
 from gridslam.studies.tables import Benchmark, batches, run_rows, step_rows, summary_rows, write_tables
 from gridslam.world.scene import Scene
@@ -273,6 +273,19 @@ def test_tables_add_up(scene, tmp_path):
     with (tmp_path / "runs.csv").open(newline="") as file:
         first, *_ = csv.DictReader(file)
     assert (first["seed"], first["map_auc"], first["reflection_mae"]) == ("0", "", "0.25")
+
+
+def test_heading_that_nothing_tells_of_is_left_out_as_in_runs(scene, tmp_path):
+    whole = scene.model_dump(exclude_none=True)
+    blind = Scene.checked(whole | {"radio": whole["radio"] | {"measures": ["distance", "aod"]}}, "blind")
+    found = batches(run_study(plan(blind, 2, agents=("agent1",)), tmp_path / "s", Here()))
+    (row,) = summary_rows(found)
+    assert np.isnan([value for name, value in row.items() if name.startswith("heading")]).all()
+    assert np.isnan([value for name, value in step_rows(found)[0].items() if "heading" in name]).all()
+    assert row["position_rmse_m"] > 0
+    labels = [axes.get_ylabel() for draw in (draw_errors, draw_consistency) for axes in draw(found).axes]
+    assert labels == ["position RMSE (m)", "mean NEES of position"]
+    assert len(draw_cdf(found).axes) == 1
 
 
 @pytest.mark.parametrize(

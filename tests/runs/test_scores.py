@@ -1,0 +1,107 @@
+"""Scores of runs, and files of their steps."""
+
+from dataclasses import fields
+
+import h5py
+import numpy as np
+import pytest
+from run_samples import hall, some_estimate, some_run
+
+from gridslam.errors import InputError
+from gridslam.runs.step_files import read_steps, write_steps
+from gridslam.simulation.image_source import ground_truth
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return hall()
+
+
+def test_score_without_truth_is_null_where_it_needs_truth(scene):
+    scores = some_run(scene, "agent1").score(None)
+    assert scores["surfaces_detected"] == 1
+    assert scores["steps"] == len(scene.track("agent1"))
+    known = {"surfaces_detected", "steps", "interrupted", "seconds_per_step", "peak_memory_mb", "map"}
+    known |= {"health", "position_std_m", "heading_std_deg"}
+    assert {key for key, value in scores.items() if value is not None} == known
+    assert set(scores["map"].values()) == {None}
+
+
+def test_score_against_the_truth(scene):
+    scores = some_run(scene, "agent1", error=0.6).score(ground_truth(scene, "agent1"))
+    for name in ("position_rmse_m", "position_p95_m", "final_position_error_m"):
+        assert scores[name] == pytest.approx(0.6)
+    assert scores["heading_rmse_deg"] == pytest.approx(0)
+    assert scores["diverged"] is True
+    assert (scores["surfaces_true"], scores["surfaces_detected"]) == (1, 1)
+    assert scores["surface_ospa_m"] == pytest.approx(0, abs=1e-9)
+    assert scores["map"]["occupied_recall"] == 1
+    assert scores["map"]["free_precision"] == 1
+
+
+def test_known_track_alone_scores_the_track_alone(scene):
+    scores = some_run(scene, "agent1", error=0.1).score(scene.track("agent1"))
+    assert scores["position_rmse_m"] == pytest.approx(0.1)
+    assert scores["diverged"] is False
+    assert scores["surfaces_true"] is None
+    assert scores["map"]["auc"] is None
+
+
+def test_steps_read_back_equal_with_and_without_rows(tmp_path):
+    written = [some_estimate(*sizes) for sizes in ((0, 0, 0), (1, 3, 2), (2, 0, 5), (3, 2, 0))]
+    write_steps(tmp_path / "steps.h5", written)
+    again = read_steps(tmp_path / "steps.h5")
+    assert len(again) == 4
+    for a, b in zip(written, again, strict=True):
+        assert np.isnan(b.seconds)
+        for name in ("step", "time_s", "position_m", "velocity_mps", "heading_rad", "covariance", "detected"):
+            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+        for table in ("surfaces", "paths", "hypotheses"):
+            for field in fields(getattr(a, table)):
+                np.testing.assert_array_equal(
+                    getattr(getattr(a, table), field.name), getattr(getattr(b, table), field.name)
+                )
+    write_steps(tmp_path / "none.h5", [])
+    assert read_steps(tmp_path / "none.h5") == []
+
+
+def test_steps_of_a_file_without_hypotheses_have_none(tmp_path):
+    written = [some_estimate(1, 3, 1)]
+    assert len(written[0].hypotheses)
+    write_steps(tmp_path / "steps.h5", written)
+    with h5py.File(tmp_path / "steps.h5", "a") as file:
+        del file["hypotheses"]
+    (again,) = read_steps(tmp_path / "steps.h5")
+    assert not len(again.hypotheses)
+
+
+def test_steps_of_a_file_without_owners_serve_all_anchors(tmp_path):
+    written = [some_estimate(0, 3, 1)]
+    assert (written[0].surfaces.owner >= 0).any()
+    write_steps(tmp_path / "steps.h5", written)
+    with h5py.File(tmp_path / "steps.h5", "a") as file:
+        del file["surfaces/owner"]
+    (again,) = read_steps(tmp_path / "steps.h5")
+    assert again.surfaces.owner.tolist() == [-1, -1, -1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("surfaces/offset", [0, 3, 0, 3, 5]),
+        ("paths/offset", [0, 0, 2, 7, 99]),
+        ("hypotheses/offset", [0, 0, 9, 9, 9]),
+        ("steps/time_s", [0.0, 1.0]),
+    ],
+)
+def test_steps_that_contradict_themselves_are_refused(tmp_path, name, values):
+    write_steps(
+        tmp_path / "steps.h5",
+        [some_estimate(*sizes) for sizes in ((0, 0, 0), (1, 3, 2), (2, 0, 5), (3, 2, 0))],
+    )
+    with h5py.File(tmp_path / "steps.h5", "a") as file:
+        del file[name]
+        file[name] = np.array(values)
+    with pytest.raises(InputError, match=r"steps\.h5"):
+        read_steps(tmp_path / "steps.h5")
