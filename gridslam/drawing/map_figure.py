@@ -156,6 +156,7 @@ def window_of(grid: Cells, scene: Scene | None = None) -> NDArray[np.float64]:
     if scene is not None:
         walls = scene.segments()
         seen += [walls.start.reshape(-1, 2), walls.end.reshape(-1, 2), scene.anchor_positions]
+        seen.append(scene.scatterer_positions)
     points = np.concatenate(seen)
     if not len(points):
         return whole
@@ -217,6 +218,15 @@ def true_walls(axes: Axes, scene: Scene, color: str, width: float) -> None:
         axes.add_collection(
             LineCollection(lines, colors=color, linewidths=width, label="true walls", zorder=1)
         )
+    scatterers(axes, scene, color)
+
+
+def scatterers(axes: Axes, scene: Scene, color: str) -> None:
+    """The scene's scatterers as rings."""
+    place = scene.scatterer_positions
+    if len(place):
+        style: dict[str, Any] = {"color": color, "mfc": "none", "ms": 3, "mew": 0.6, "zorder": 1}
+        axes.plot(*place.T, "o", ls="", label="true scatterers", **style)
 
 
 def surfaces(axes: Axes, grid: Cells) -> None:

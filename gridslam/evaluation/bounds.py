@@ -84,6 +84,7 @@ def known_map_bound(
     """
     track = scene.track(agent) if track is None else track
     paths = true_paths(scene, agent, track) if paths is None else paths
+    paths = paths.take(paths.of_walls)
     jacobian = whitened_jacobian(scene, agent, paths, hit_surfaces(scene, paths), track)
     rows = _information(scene, agent, paths, jacobian, len(track))
     information, bounds = agent_prior(scene, agent), []
@@ -118,6 +119,7 @@ def unknown_map_bound(
         Bound of the earlier agent whose map this one starts from.
     """
     paths = true_paths(scene, agent) if paths is None else paths
+    paths = paths.take(paths.of_walls)
     jitter = JITTER_SHARE * scene.filter.surface_m if jitter_m is None else jitter_m
     surface = hit_surfaces(scene, paths)
     if before is not None:

@@ -36,7 +36,7 @@ def image_gospa(scene: Scene, estimates: Sequence[Estimate], truth: Truth, latel
     lately : int
     """
     anchors, paths = scene.anchor_positions, truth.paths
-    single = paths.bounces == 1
+    single = (paths.bounces == 1) & paths.of_walls
     surface = truth.segments.surface[paths.segment[:, 0]] if len(truth.segments) else paths.segment[:, 0]
     count = int(truth.segments.surface.max(initial=-1)) + 1
     seen = np.full((len(anchors), count), -np.inf)

@@ -89,6 +89,7 @@ def signal_bound(
     """
     track = scene.track(agent) if track is None else track
     paths = true_paths(scene, agent, track) if paths is None else paths
+    paths = paths.take(paths.of_walls)
     rng = np.random.default_rng(seed)
     square = np.zeros(len(track))
     for _ in range(draws):

@@ -17,7 +17,7 @@ from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.image_source import TruePaths, heard_along, true_paths
-from gridslam.simulation.unusual_paths import diffuse_points, grazing, joined, triple_bounces
+from gridslam.simulation.unusual_paths import diffuse_points, grazing, triple_bounces
 from gridslam.world.columns import DEVIATIONS, KEYS, VALUES
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
@@ -205,7 +205,7 @@ def strides(case: Case, times: int = 10, steps: int = 150, pause: bool = False) 
 
 def _again(case: Case, paths: TruePaths, more: TruePaths | None = None) -> Case:
     """The case with other paths heard throughout; `more` are heard without counting for the bound."""
-    whole = paths if more is None else joined([paths, more])
+    whole = paths if more is None else paths.joined(more)
     heard, _ = heard_along(case.scene, case.agent, case.track, whole, case.seed)
     interval = case.believed.agent(case.agent).interval_s
     return _throughout(replace(case, paths=paths, heard=replace(heard, interval_s=interval)))

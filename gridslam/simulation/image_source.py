@@ -17,7 +17,9 @@ from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.clocks import apparent_bias
+from gridslam.simulation.occlusion import visible
 from gridslam.simulation.reception import received
+from gridslam.simulation.scattering import scattered_paths
 from gridslam.simulation.true_paths import TruePaths
 from gridslam.world.columns import DEVIATIONS, VALUES
 from gridslam.world.geometry import Segments, course, crossing, mirror, wrap
@@ -28,8 +30,6 @@ __all__ = [
     "TruePaths", "Truth", "ground_truth", "heard_along", "receive", "simulate", "simulate_labelled",
     "true_paths", "visible",
 ]  # fmt: skip
-GRAZE = 1e-9
-"""Share of a leg at either end in which a wall does not block it: the wall that it starts or ends on."""
 MOST_AT_ONCE = 200_000
 """Pairs of step and order of walls that are looked at together."""
 
@@ -57,22 +57,6 @@ class Truth:
         return replace(self, paths=TruePaths(*columns))
 
 
-def visible(start: Array, end: Array, walls: Segments) -> NDArray[np.bool_]:
-    """Which legs (K, 2) -> (K, 2) meet no wall strictly inside."""
-    clear = np.ones(len(start), dtype=bool)
-    lines = walls.line
-    for wall in range(len(walls)):
-        line = lines[wall]
-        here = crossing(start, end, line)
-        span = walls.end[wall] - walls.start[wall]
-        with np.errstate(invalid="ignore"):
-            point = start + here[:, None] * (end - start)
-            along = (point - walls.start[wall]) @ span / (span @ span)
-            blocked = (here > GRAZE) & (here < 1 - GRAZE) & (along >= 0) & (along <= 1)
-        clear &= ~blocked
-    return clear
-
-
 def _on_piece(point: Array, walls: Segments, index: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Whether every point on the line of its wall piece lies on the piece itself."""
     span = walls.end[index] - walls.start[index]
@@ -83,7 +67,8 @@ def _on_piece(point: Array, walls: Segments, index: NDArray[np.intp]) -> NDArray
 def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> TruePaths:
     """Trace every visible path of an agent's track (default: the scene's), up to ``radio.max_bounces``.
 
-    Every leg is checked against every wall, and every interaction point must lie on its wall piece.
+    A scatterer adds a path of its own. Every leg is checked against every wall, and every interaction point
+    must lie on its wall piece.
     """
     track = scene.track(agent) if track is None else track
     walls, signal = scene.segments(), scene.signal_model(agent)
@@ -152,7 +137,9 @@ def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> Tru
         open_sight = visible(starts, ends, walls.take(screens))
         np.logical_and.at(clear, owner, open_sight | (table.bounces[owner] > 0))
     order = np.flatnonzero(clear)[np.argsort(table.step[clear], kind="stable")]
-    return TruePaths(*(getattr(table, f.name)[order] for f in fields(table)))
+    table = TruePaths(*(getattr(table, f.name)[order] for f in fields(table)))
+    sizes = np.array([point.size_m for point in scene.scatterers])
+    return table.joined(scattered_paths(scene, agent, track, scene.scatterer_positions, sizes))
 
 
 def _plausible(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gridslam.errors import InputError
 from gridslam.measurements.recording import Recording
 from gridslam.simulation.image_source import TruePaths, true_paths
+from gridslam.simulation.scattering import dense_tail
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
 from gridslam.world.start import require_seed
@@ -50,6 +51,7 @@ def received_along(scene: Scene, agent: str, track: Trajectory, paths: TruePaths
     for step in range(len(track)):
         noise = draw.standard_normal((2, *waveform.shape)) * np.sqrt(0.5)
         samples[step] = noise[0] + 1j * noise[1] + superposed(paths, paths.step == step, gain, waveform)
+        samples[step] += dense_tail(scene, agent, track.position_m[step], waveform, draw)
     heading = None
     if body.heading_sensor_deg is not None:
         error = waveform.heading_std_rad * draw.standard_normal(len(track))

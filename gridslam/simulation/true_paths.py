@@ -36,8 +36,27 @@ class TruePaths:
     segment: NDArray[np.intp]
     points: Array
 
+    @classmethod
+    def empty(cls) -> TruePaths:
+        """No paths."""
+        return cls(
+            *(np.zeros(0, np.intp),) * 2, *(np.zeros(0),) * 4, np.zeros(0, np.intp),
+            np.zeros((0, 2), np.intp), np.zeros((0, 4, 2)),
+        )  # fmt: skip
+
     def __len__(self) -> int:
         return len(self.step)
+
+    def joined(self, *others: TruePaths) -> TruePaths:
+        """All rows of these tables, by step."""
+        whole = [np.concatenate([getattr(t, f.name) for t in (self, *others)]) for f in fields(self)]
+        order = np.argsort(whole[0], kind="stable")
+        return TruePaths(*(column[order] for column in whole))
+
+    @property
+    def of_walls(self) -> NDArray[np.bool_]:
+        """Which paths are lines of sight or go over walls alone (L,): not those over scatterers."""
+        return (self.bounces == 0) | (self.segment[:, 0] >= 0)
 
     def at(self, step: int) -> TruePaths:
         """The paths of one step."""

@@ -5,15 +5,17 @@ They are made for `disturbances`; `image_source` traces the ordinary ones.
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.simulation.image_source import TruePaths, visible
-from gridslam.world.geometry import Segments, crossing, direction, mirror, unit, wrap
+from gridslam.simulation.occlusion import visible
+from gridslam.simulation.scattering import path_rows, scattered_paths
+from gridslam.simulation.true_paths import TruePaths
+from gridslam.world.geometry import Segments, crossing, mirror, unit
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
@@ -34,8 +36,10 @@ def triple_bounces(scene: Scene, agent: str, track: Trajectory) -> TruePaths:
             here &= np.logical_and.reduce([visible(a, b, walls) for a, b in legs])
             if here.any():
                 strength = float(walls.reflection[list(numbers)].prod())
-                tables.append(_rows(scene, agent, track, anchor, [c[here] for c in corners], here, strength))
-    return joined(tables)
+                tables.append(
+                    path_rows(scene, agent, track, anchor, [c[here] for c in corners], here, strength)
+                )
+    return TruePaths.empty().joined(*tables)
 
 
 def diffuse_points(
@@ -50,7 +54,7 @@ def diffuse_points(
     size_m : float
         Amplitude ``u_1m size / (d_1 d_2)``: sqrt of the radar cross-section over 4 pi.
     """
-    walls, tables = scene.segments(), []
+    walls = scene.segments()
     low, high = np.transpose([scene.grid.x_m, scene.grid.y_m])
     places: list[Array] = []
     while len(places) < count:
@@ -58,16 +62,7 @@ def diffuse_points(
         starts = scene.anchor_positions
         if visible(starts, np.broadcast_to(place, starts.shape), walls).any():
             places.append(place)
-    for place in places:
-        there = np.broadcast_to(place, track.position_m.shape)
-        seen = visible(there, track.position_m, walls)
-        for anchor, source in enumerate(scene.anchor_positions):
-            here = seen & visible(source[None], place[None], walls)
-            corners = [np.broadcast_to(source, there.shape)[here], there[here], track.position_m[here]]
-            to, fro = (np.linalg.norm(b - a, axis=1) for a, b in pairwise(corners))
-            strength = size_m * (to + fro) / np.maximum(to * fro, 1e-3)
-            tables.append(_rows(scene, agent, track, anchor, corners, here, strength))
-    return joined(tables)
+    return scattered_paths(scene, agent, track, np.reshape(places, (-1, 2)), np.full(len(places), size_m))
 
 
 def grazing(scene: Scene, agent: str, paths: TruePaths, share: float) -> TruePaths:
@@ -94,17 +89,6 @@ def fresnel(normal: Array, cosine: Array) -> Array:
     index = (1 + normal) / (1 - normal)
     inside = np.sqrt(index**2 - 1 + cosine**2)
     return np.asarray((inside - cosine) / (inside + cosine))
-
-
-def joined(tables: list[TruePaths]) -> TruePaths:
-    """All rows, by step."""
-    empty = TruePaths(
-        *(np.zeros(0, np.intp),) * 2, *(np.zeros(0),) * 4, np.zeros(0, np.intp), np.zeros((0, 2), np.intp),
-        np.zeros((0, 4, 2)),
-    )  # fmt: skip
-    whole = [np.concatenate([getattr(t, f.name) for t in (empty, *tables)]) for f in fields(TruePaths)]
-    order = np.argsort(whole[0], kind="stable")
-    return TruePaths(*(column[order] for column in whole))
 
 
 def _filled(points: Array) -> Array:
@@ -135,25 +119,3 @@ def _unfold(
         corners.insert(0, np.where(here[:, None], point, start))
     corners.insert(0, np.broadcast_to(source, agents.shape))
     return corners, here
-
-
-def _rows(
-    scene: Scene, agent: str, track: Trajectory, anchor: int, corners: list[Array],
-    here: NDArray[np.bool_], strength: Array | float,
-) -> TruePaths:  # fmt: skip
-    """Rows of paths with these corners (each (K, 2)), at the steps where `here` (N,)."""
-    step = np.flatnonzero(here)
-    distance = sum(np.linalg.norm(b - a, axis=1) for a, b in pairwise(corners))
-    points = np.full((len(step), 4, 2), np.nan)
-    points[:, 0], points[:, 3] = corners[0], corners[-1]
-    return TruePaths(
-        step,
-        np.full(len(step), anchor),
-        np.asarray(distance),
-        wrap(direction(corners[0], corners[1]) - scene.anchor_orientations[anchor]),
-        wrap(direction(corners[-1], corners[-2]) - track.heading_rad[step]),
-        scene.signal_model(agent).amplitude(np.asarray(distance), strength),
-        np.full(len(step), len(corners) - 2),
-        np.full((len(step), 2), -1),
-        points,
-    )

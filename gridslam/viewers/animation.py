@@ -17,7 +17,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE
+from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, scatterers
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
 from gridslam.io.files import cannot_write, put_in_place
@@ -142,6 +142,7 @@ def _draw(axes: Axes, scene: Scene, found: AgentFiles, now: Estimate, step: int)
     axes.add_collection(
         LineCollection(list(np.stack([walls.start, walls.end], 1)), colors=GREEN, linewidths=0.8)
     )
+    scatterers(axes, scene, GREEN)
     paths = now.paths.take(now.paths.existence > BELIEVED)
     rays = [row[~np.isnan(row[:, 0])] for row in paths.points]
     level = 20 * np.log10(np.maximum(paths.amplitude, 1e-3))

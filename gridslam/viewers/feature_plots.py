@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from gridslam.arrays import Array
-from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PAGE_IN, PURPLE, blank
+from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PAGE_IN, PURPLE, blank, scatterers
 from gridslam.estimates import FREE, MIRROR, SCATTERER, Estimate, FeatureEstimate
 from gridslam.simulation.image_source import Truth
 from gridslam.world.scene import Scene
@@ -72,6 +72,7 @@ def draw_features(
     pieces = scene.segments()
     for piece in np.stack([pieces.start, pieces.end], 1):
         axes.plot(*piece.T, color="k", lw=1.2)
+    scatterers(axes, scene, "k")
     if truth is not None:
         axes.plot(*truth.position_m.T, color="0.6", lw=2.4, label="true track")
     axes.plot(*trajectory.position_m.T, color=GREEN, lw=1.0, label="estimated track")

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from gridslam.arrays import Array
-from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PAGE_IN, PURPLE, blank
+from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PAGE_IN, PURPLE, blank, scatterers
 from gridslam.estimates import Estimate
 from gridslam.evaluation.image_truth import image_gospa
 from gridslam.inference.messages.signal_likelihood import Band
@@ -88,6 +88,7 @@ def draw_images(scene: Scene, state: DirectState, anchor: int = 0, width: float 
     axes.set_aspect("equal")
     for piece in np.stack([scene.segments().start, scene.segments().end], 1):
         axes.plot(*piece.T, color="k", lw=1.2)
+    scatterers(axes, scene, "k")
     rings = state.tentative.rings
     for row in np.flatnonzero(rings.anchor == anchor):
         image, weight = rings.mean[row, :, MOVING:], rings.weight[row]

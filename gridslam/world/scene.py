@@ -29,6 +29,7 @@ from gridslam.world.scene_parts import (
     GridSpec,
     Name,
     Radio,
+    Scatterer,
     Share,
     Wall,
 )
@@ -38,8 +39,8 @@ from gridslam.world.waveform import Waveform
 from gridslam.world.waypoints import TightCorner, smooth_track
 
 BUNDLED = Path(__file__).parents[1] / "scenes"
-COLLINEAR_M, CLEARANCE_M = 1e-6, 0.01
-"""Offset below which pieces share one surface; distance that devices keep from walls."""
+COLLINEAR_M, CLEARANCE_M, SCATTERER_M = 1e-6, 0.01, 0.1
+"""Offset below which pieces share one surface; distance that devices keep from walls, and from scatterers."""
 PATH_SAMPLES = 2500
 """Samples over all antenna pairs, where a scene gives neither them nor frequencies."""
 LEAST_PRIOR = 1e-4
@@ -64,6 +65,7 @@ class Scene(Strict):
     materials: dict[Name, Share] = Field(default_factory=lambda: {"concrete": 0.7, "glass": 0.3})
     anchors: tuple[Anchor, ...] = Field(min_length=1)
     walls: tuple[Wall, ...] = ()
+    scatterers: tuple[Scatterer, ...] = ()
     agents: tuple[Agent, ...] = ()
     clocks: Clocks | None = None
     filter: FilterSettings = FilterSettings()
@@ -156,6 +158,11 @@ class Scene(Strict):
     def anchor_positions(self) -> Array:
         """Positions of the anchors, (J, 2) m."""
         return np.array([anchor.position_m for anchor in self.anchors], dtype=np.float64)
+
+    @property
+    def scatterer_positions(self) -> Array:
+        """Positions of the scatterers, (S, 2) m."""
+        return np.reshape([point.position_m for point in self.scatterers], (-1, 2)).astype(np.float64)
 
     @property
     def anchor_orientations(self) -> Array:
@@ -360,6 +367,12 @@ class Scene(Strict):
                 x, y = way[near][0]
                 found = f"({x:.4g}, {y:.4g}) in walls[{walls.wall[number]}]"
                 raise fault(where, found, f"places at least {CLEARANCE_M} m from every wall")
+        gap = np.linalg.norm(way[:, None] - self.scatterer_positions, axis=-1)
+        if gap.size and gap.min() < SCATTERER_M:
+            row, number = np.unravel_index(gap.argmin(), gap.shape)
+            x, y = way[row]
+            found = f"({x:.4g}, {y:.4g}) at scatterers[{number}]"
+            raise fault(where, found, f"places at least {SCATTERER_M} m from every scatterer")
 
 
 def _size(array: ArraySpec) -> int:

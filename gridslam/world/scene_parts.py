@@ -67,6 +67,13 @@ class Pulse(Strict):
         return np.sqrt(0.5 * (1 + np.cos(np.pi * np.clip(share, 0, 1))))
 
 
+class DenseTail(Strict):
+    """What is too weak to be told apart: complex Gaussian, decaying from the line of sight's length on."""
+
+    power_db: Decibel
+    decay_m: Positive
+
+
 class Radio(Strict):
     """The radio link; defaults as in [Li2025adaptive] and [Li2026grid].
 
@@ -74,9 +81,9 @@ class Radio(Strict):
     `window_m` is what measured distances may be, where clocks are off; `reports_std` has simulated
     measurements come with deviations, by their own amplitude. Where measurements don't say whose they are,
     `false_alarms` counts those of all anchors together.
-    `frequencies`, `frequency_step_hz`, `fading` and `pulse` are those of sampled signals. Where they are
-    given, `bandwidth_hz` and `max_distance_m` follow: the width from the first to the last frequency (with a
-    pulse, the pulse's), and the length at which paths fold back.
+    `frequencies`, `frequency_step_hz`, `fading`, `pulse` and `dense` are those of sampled signals. Where
+    they are given, `bandwidth_hz` and `max_distance_m` follow: the width from the first to the last frequency
+    (with a pulse, the pulse's), and the length at which paths fold back.
     """
 
     carrier_hz: Positive = 6.0e9
@@ -97,6 +104,7 @@ class Radio(Strict):
     frequency_step_hz: Positive | None = None
     fading: Literal["steady", "swerling1"] = "steady"
     pulse: Pulse | None = None
+    dense: DenseTail | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -120,6 +128,8 @@ class Radio(Strict):
         if count is None or step is None:
             if self.pulse is not None:
                 raise fault("pulse", "a pulse without frequencies", "frequencies and frequency_step_hz, too")
+            if self.dense is not None:
+                raise fault("dense", "a tail without frequencies", "frequencies and frequency_step_hz, too")
             return self
         band = (count - 1) * step
         if band >= 2 * self.carrier_hz:
@@ -250,6 +260,13 @@ class Wall(Strict):
         else:
             corners = np.reshape(self.points_m or (), (-1, 2)).astype(np.float64)
         return np.concatenate([corners, corners[:1]]) if self.closed else corners
+
+
+class Scatterer(Strict):
+    """A point that scatters to all sides: its path has the amplitude of 1 m times ``size_m / (d_1 d_2)``."""
+
+    position_m: Point
+    size_m: Positive
 
 
 class Prior(Strict):

@@ -19,6 +19,7 @@ def test_bundled_scenes_cite_their_source_and_say_what_is_hard():
         "hall",
         "overlap",
         "room",
+        "scatter",
         "screen",
         "seminar",
     ]
@@ -189,3 +190,15 @@ def test_annex_hides_anchors_from_its_agents():
         assert 100 < len(steps_of(paths, seen)) < 200
     glass = heard("annex", "agent1", 2.0)[2]
     assert (glass == 2).any()
+
+
+def test_scatter_hides_the_sight_and_has_more_power_in_scatterers_than_in_it():
+    scene = Scene.load("scatter")
+    paths = true_paths(scene, "agent1")
+    sight = np.isin(np.arange(190), paths.step[paths.bounces == 0])
+    assert np.flatnonzero(~sight).tolist() == list(range(68, 127))
+    assert not paths.of_walls[paths.bounces > 0].any()
+    for step in range(0, 190, 10):
+        now = paths.at(step)
+        direct = (10 ** (42 / 20) / np.hypot(*(now.points[0, 3] - now.points[0, 0]))) ** 2
+        assert (now.amplitude[now.bounces == 1] ** 2).sum() > direct
