@@ -15,6 +15,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from ctypes import addressof, c_char
 from functools import cache, wraps
 from typing import Any
 
@@ -37,6 +38,8 @@ MOST_KEPT, KEYS = 8, ("only", "start", "whose", "anchor", "path", "radio")
 PRIVATE = ("arguments", "compiled_kernels", "runtime")
 """What a kernel of Taichi 1.7 keeps of itself."""
 GOOD = [True]
+START_OF = (c_char * 0).from_buffer
+"""Stands at an array's first number."""
 
 
 def quick(kernel: Any) -> Any:
@@ -126,6 +129,7 @@ def _hurrying(kernel: Any) -> Launch:
     kinds = [_kind(known[n].annotation) for n in others] + [_kind(kind) for kind in members]
     # Taichi leaves a pack its place, and hands its arrays over behind all arguments
     places = [(n,) for n in others] + [(len(known) + n,) for n in range(len(members))]
+    slots = [(*place, place, kind) for place, kind in zip(places, kinds, strict=True)]
     spare = {n: known[n].annotation for n in packs}
     own, key = threading.local(), _key(flat_names(known), places) if ON_CPU else None
 
@@ -147,8 +151,8 @@ def _hurrying(kernel: Any) -> Launch:
         context, handed = kept.context, kept.handed
         if not ON_CPU:
             context, handed = _context(code, kept.empty), [NOTHING] * len(handed)
-        for value, place, kind in zip(values, places, kinds, strict=True):
-            if value is not handed[place[0]] and not _hand_over(context, handed, place, value, kind):
+        for value, (number, place, kind) in zip(values, slots, strict=True):
+            if value is not handed[number] and not _hand_over(context, handed, place, value, kind):
                 return plain(*arguments)
         return primal.runtime.prog.launch_kernel(kept.machine, context)
 
@@ -174,12 +178,10 @@ def _kept(
     spare: Mapping[int, Any], places: Sequence[Place],
 ) -> "_Kept":  # fmt: skip
     """The launch that a thread keeps for such a key; else a new one, or the one not used for longest."""
-    launches = own.__dict__.get("launches")
-    if launches is None:
-        launches = own.launches = []
-    elif launches and (launches[-1].code is not code or launches[-1].program is not program):
-        launches.clear()
-    if key is None and launches:
+    launches: list[_Kept] | None = own.__dict__.get("launches")
+    if not launches or launches[-1].code is not code or launches[-1].program is not program:
+        launches = own.launches = [_Kept.first(code, program, spare, places)]
+    if key is None:
         return launches[0]
     number, place = key or (0, 0)
     for one in launches:  # the anchor whose turn it is was launched longest ago
@@ -187,7 +189,7 @@ def _kept(
             launches.remove(one)
             break
     else:
-        one = launches.pop(0) if len(launches) == MOST_KEPT else _Kept(code, program, spare, places)
+        one = launches.pop(0) if len(launches) == MOST_KEPT else launches[0].another()
     launches.append(one)
     return one
 
@@ -195,12 +197,20 @@ def _kept(
 class _Kept:
     """What one thread keeps of a kernel: machine code, a launch, and the arguments that this holds."""
 
-    def __init__(self, code: Any, program: Any, spare: Mapping[int, Any], places: Sequence[Place]) -> None:
-        self.code, self.program = code, program
-        self.machine = program.compile_kernel(program.config(), program.get_device_caps(), code)
-        self.empty = {place: kind(**dict.fromkeys(kind.members)) for place, kind in spare.items()}
-        self.context = _context(code, self.empty)
-        self.handed = [NOTHING] * (max((place for (place,) in places), default=0) + 1)
+    def __init__(self, code: Any, program: Any, machine: Any, empty: Mapping[int, Any], most: int) -> None:
+        self.code, self.program, self.machine, self.empty = code, program, machine, empty
+        self.context, self.handed = _context(code, empty), [NOTHING] * most
+
+    @classmethod
+    def first(cls, code: Any, program: Any, spare: Mapping[int, Any], places: Sequence[Place]) -> "_Kept":
+        """The first of a kernel: its machine code, and packs that hold nothing."""
+        machine = program.compile_kernel(program.config(), program.get_device_caps(), code)
+        empty = {place: kind(**dict.fromkeys(kind.members)) for place, kind in spare.items()}
+        return cls(code, program, machine, empty, max((place for (place,) in places), default=0) + 1)
+
+    def another(self) -> "_Kept":
+        """Another one of the same kernel, to which nothing is handed over yet."""
+        return _Kept(self.code, self.program, self.machine, self.empty, len(self.handed))
 
 
 def _first(kernel: Launch, arguments: Sequence[Any]) -> Any:
@@ -256,7 +266,8 @@ def _hand_over(context: Any, handed: list[Any], place: Place, value: Any, kind: 
     if type(value) is ndarray and type(kind) is tuple:
         if value.dtype != kind[0] or value.ndim != kind[1] or not value.flags.c_contiguous:
             return False
-        context.set_arg_external_array_with_shape(place, value.ctypes.data, value.nbytes, value.shape, 0)
+        address = addressof(START_OF(value)) if value.flags.writeable else value.ctypes.data
+        context.set_arg_external_array_with_shape(place, address, value.nbytes, value.shape, 0)
         handed[number] = value  # which keeps it where it is
     elif kind is float or kind is int:
         if type(value) is not kind:
