@@ -31,72 +31,111 @@ def densities(
 ):  # fmt: skip
     """Sum, over a block of particles, the density of every gated pair where the path is possible.
 
-    Arguments are those of `evaluation.evaluate`; `pair` is its `table`, `out` its `blocks`.
+    And count the particles at which each path is. Arguments are those of `evaluation.evaluate`; `pair` is its
+    `table`, `out` its `blocks`.
     """
-    at, paths = block * BLOCK, path.shape[0]
-    for row in range(paths):
-        anchor = path[row, 3]
-        ax, ay = ti.cast(places[anchor, 0], ti.f32), ti.cast(places[anchor, 1], ti.f32)
-        facing = ti.cast(places[anchor, 2], ti.f32)
-        tx, ty = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
-        wx, wy = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
-        good, far = ti.Vector([1.0] * BLOCK), ti.Vector([0.0] * BLOCK)
-        bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
-        if bounces == 0:
-            for i in range(BLOCK):
-                x, y = ax - state[0, at + i], ay - state[1, at + i]
-                tx[i], ty[i], wx[i], wy[i] = x, y, -x, -y
-        elif bounces == 1:
-            for i in range(BLOCK):
-                k = at + i
-                a, b, c, d, ok = single_bounce(
-                    state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k]
-                )
-                tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
+    for row in range(path.shape[0]):
+        if start[row] == start[row + 1]:  # of most paths, nothing is asked but whether they are possible
+            out[row, block] = possible(block * BLOCK, row, state, path, places)
         else:
-            for i in range(BLOCK):
-                k = at + i
-                a, b, c, d, ok = double_bounce(
-                    state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k],
-                    state[r, k], state[r + 1, k], state[r + 2, k],
-                )  # fmt: skip
-                tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
-        low, high = 1 << 30, -(1 << 30)  # range interval in fixed point: integer extrema vectorise
+            weigh_pairs(block, row, head, state, path, places, start, pair, out)
+
+
+@ti.func
+def possible(at, row, state: ti.template(), path: ti.template(), places: ti.template()):
+    """At how many of a block of particles, which begins at `at`, a path is possible."""
+    anchor = path[row, 3]
+    ax, ay = ti.cast(places[anchor, 0], ti.f32), ti.cast(places[anchor, 1], ti.f32)
+    bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
+    count = ti.cast(BLOCK, ti.f32)
+    if bounces > 0:
         count = 0.0
+    if bounces == 1:
         for i in range(BLOCK):
-            far[i] = ti.sqrt(tx[i] * tx[i] + ty[i] * ty[i])
-        clock = clock_row(head, anchor, state.shape[0])
-        if clock >= 0:
-            for i in range(BLOCK):
-                far[i] += state[clock, at + i]
+            k = at + i
+            _, _, _, _, ok = single_bounce(
+                state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k]
+            )
+            count += ok
+    elif bounces > 1:
         for i in range(BLOCK):
-            fixed = ti.cast(far[i] * FINE, ti.i32)
-            low, high = ti.min(low, fixed), ti.max(high, fixed)
+            k = at + i
+            _, _, _, _, ok = double_bounce(
+                state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k],
+                state[r, k], state[r + 1, k], state[r + 2, k],
+            )  # fmt: skip
+            count += ok
+    return count
+
+
+@ti.func
+def weigh_pairs(
+    block, row, head, state: ti.template(), path: ti.template(), places: ti.template(),
+    start: ti.template(), pair: ti.template(), out: ti.template(),
+):  # fmt: skip
+    """The same sums for the gated pairs of one path, and at how many particles it is possible."""
+    at, paths, anchor = block * BLOCK, path.shape[0], path[row, 3]
+    ax, ay = ti.cast(places[anchor, 0], ti.f32), ti.cast(places[anchor, 1], ti.f32)
+    facing = ti.cast(places[anchor, 2], ti.f32)
+    bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
+    tx, ty = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+    wx, wy = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+    good, far = ti.Vector([1.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+    if bounces == 0:
         for i in range(BLOCK):
-            count += good[i]
-        out[row, block] = count
-        wanted = 0
+            x, y = ax - state[0, at + i], ay - state[1, at + i]
+            tx[i], ty[i], wx[i], wy[i] = x, y, -x, -y
+    elif bounces == 1:
+        for i in range(BLOCK):
+            k = at + i
+            a, b, c, d, ok = single_bounce(
+                state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k]
+            )
+            tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
+    else:
+        for i in range(BLOCK):
+            k = at + i
+            a, b, c, d, ok = double_bounce(
+                state[0, k], state[1, k], ax, ay, state[s, k], state[s + 1, k], state[s + 2, k],
+                state[r, k], state[r + 1, k], state[r + 2, k],
+            )  # fmt: skip
+            tx[i], ty[i], wx[i], wy[i], good[i] = a, b, c, d, ok
+    low, high = 1 << 30, -(1 << 30)  # range interval in fixed point: integer extrema vectorise
+    count = 0.0
+    for i in range(BLOCK):
+        far[i] = ti.sqrt(tx[i] * tx[i] + ty[i] * ty[i])
+    clock = clock_row(head, anchor, state.shape[0])
+    if clock >= 0:
+        for i in range(BLOCK):
+            far[i] += state[clock, at + i]
+    for i in range(BLOCK):
+        fixed = ti.cast(far[i] * FINE, ti.i32)
+        low, high = ti.min(low, fixed), ti.max(high, fixed)
+    for i in range(BLOCK):
+        count += good[i]
+    out[row, block] = count
+    wanted = 0
+    for n in range(start[row], start[row + 1]):
+        near = count > 0.0 and pair[n, 9] * FINE <= high and pair[n, 10] * FINE >= low
+        out[paths + n, block] = 1.0 if near else 0.0
+        wanted += 1 if near else 0
+    if wanted > 0:
+        for i in range(BLOCK):
+            arrival = angle_of(tx[i], ty[i]) - state[2, at + i]
+            departure = angle_of(wx[i], wy[i]) - facing
+            tx[i], wx[i] = arrival, departure
         for n in range(start[row], start[row + 1]):
-            near = count > 0.0 and pair[n, 9] * FINE <= high and pair[n, 10] * FINE >= low
-            out[paths + n, block] = 1.0 if near else 0.0
-            wanted += 1 if near else 0
-        if wanted > 0:
-            for i in range(BLOCK):
-                arrival = angle_of(tx[i], ty[i]) - state[2, at + i]
-                departure = angle_of(wx[i], wy[i]) - facing
-                tx[i], wx[i] = arrival, departure
-            for n in range(start[row], start[row + 1]):
-                if out[paths + n, block] > 0.0:
-                    z0, z1, z2 = pair[n, 0], pair[n, 1], pair[n, 2]
-                    i00, i11, i22 = pair[n, 3], pair[n, 4], pair[n, 5]
-                    i01, i02, i12 = pair[n, 6], pair[n, 7], pair[n, 8]
-                    total = 0.0
-                    for i in range(BLOCK):
-                        e0, e1, e2 = z0 - far[i], wrapped(z1 - wx[i]), wrapped(z2 - tx[i])
-                        q = i00 * e0 * e0 + i11 * e1 * e1 + i22 * e2 * e2
-                        q += 2 * (i01 * e0 * e1 + i02 * e0 * e2 + i12 * e1 * e2)
-                        total += good[i] * exp_of(-0.5 * q)
-                    out[paths + n, block] = total
+            if out[paths + n, block] > 0.0:
+                z0, z1, z2 = pair[n, 0], pair[n, 1], pair[n, 2]
+                i00, i11, i22 = pair[n, 3], pair[n, 4], pair[n, 5]
+                i01, i02, i12 = pair[n, 6], pair[n, 7], pair[n, 8]
+                total = 0.0
+                for i in range(BLOCK):
+                    e0, e1, e2 = z0 - far[i], wrapped(z1 - wx[i]), wrapped(z2 - tx[i])
+                    q = i00 * e0 * e0 + i11 * e1 * e1 + i22 * e2 * e2
+                    q += 2 * (i01 * e0 * e1 + i02 * e0 * e2 + i12 * e1 * e2)
+                    total += good[i] * exp_of(-0.5 * q)
+                out[paths + n, block] = total
 
 
 @ti.func
