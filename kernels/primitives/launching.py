@@ -38,7 +38,7 @@ MOST_KEPT, KEYS = 8, ("only", "start", "whose", "anchor", "path", "radio")
 PRIVATE = ("arguments", "compiled_kernels", "runtime")
 """What a kernel of Taichi 1.7 keeps of itself."""
 GOOD = [True]
-START_OF = (c_char * 0).from_buffer
+START_OF: Callable[[Any], Any] = (c_char * 0).from_buffer
 """Stands at an array's first number."""
 
 
