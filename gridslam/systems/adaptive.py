@@ -25,9 +25,14 @@ from gridslam.inference.messages.ray_amplitudes import (
     start_amplitudes,
     update_amplitudes,
 )
+from gridslam.inference.messages.sample_updates import (
+    at_samples,
+    keep_samples,
+    move_samples,
+    weigh_samples,
+)
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
 from gridslam.inference.state.anchor_measurements import split_by_anchor
-from gridslam.inference.state.belief import separated
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -48,6 +53,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     work.begin()
     exchanges, earlier_s = list[Exchange](), state.time_s
     state = predict(state, scan.time_s, len(scan), model)
+    state = move_samples(state, earlier_s, model, work=work)
     reckoned = state.calibration
     model = work.calibrated(model, reckoned.turned)
     scans = split_by_anchor(scan, model)
@@ -56,19 +62,22 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         radio = state.calibration.tuned(model.radio, heard.anchor)
         paths = predict_paths(state, heard.anchor, model, work=work)  # eqs. (13), (14)
         amplitudes = predict_amplitudes(state, paths, model.radio, work=work)  # eq. (13), amplitude
+        paths = at_samples(paths, state)
         cloud, ratios = evaluate(heard, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
         births = propose_births(state, heard, cloud, ratios, radio, model, work=work)
+        before = state
         state, exchange = update_surfaces_and_agent(
             state, heard, paths, ratios, reckoned.turned, model, work=work
         )
+        state = weigh_samples(before, state, paths, heard, ratios, model, work=work)
         state = update_amplitudes(state, paths, amplitudes, heard, ratios, model.radio, work=work)  # eq. (26)
         state = mark_detections(state, paths.rays, ratios.responsible.sum(1), model, work=work)
         state, exchange, born = add_births(state, births, heard, exchange, radio, model, work=work)
         state = start_amplitudes(state, born, heard, model.radio)
-        state = state if model.settings.correlated else replace(state, belief=separated(state.belief))
+        state = keep_samples(state, model, work=work)
         exchanges.append(exchange)
-    state = forget_amplitudes(merge_and_prune(state, model))
+    state = keep_samples(forget_amplitudes(merge_and_prune(state, model)), model, work=work)
     return conclude(state, exchanges, reckoned, model, work)
 
 
@@ -98,5 +107,6 @@ class AdaptiveSlam(SurfaceFilter):
     """
 
     method = "adaptive"
+    by_particles = True
     start = staticmethod(start)
     advance = staticmethod(step)

@@ -56,6 +56,8 @@ class FilterFront(ABC, Generic[Heard, Believed]):
     """What it is handed: path measurements, or sampled signals."""
     uses_maps: ClassVar[bool] = True
     """Whether what an earlier agent left enters its belief."""
+    by_particles: ClassVar[bool] = False
+    """Whether ``filter.representation = "particles"`` says something that it does."""
 
     def __init__(
         self,
@@ -66,6 +68,10 @@ class FilterFront(ABC, Generic[Heard, Believed]):
         same_frame: bool = False,
     ) -> None:
         require_seed(seed)
+        asked = scene.filter.representation
+        if asked == "particles" and not self.by_particles:
+            allowed = "'gaussian': grid and adaptive SLAM, and the published methods, take particles"
+            raise InputError(f"{scene.name}: filter.representation", f"{asked!r} for {self.method}", allowed)
         self.scene, self.seed = scene, seed
         self.model = self._model(scene.filter_model(agent))
         self.agent = self.model.agent

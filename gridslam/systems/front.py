@@ -80,13 +80,20 @@ class SurfaceFilter(FilterFront[Scan, Population]):
         return Workspace(self.model, self.seed, self.keeps_grid)
 
     def _begun(self, state: State) -> Population:
-        return begun(state, self.model) if self.branches else Population.of(state)
+        return begun(state, self.model) if self._branches(state) else Population.of(state)
+
+    def _branches(self, state: State) -> bool:
+        """Particles hold several modes by themselves."""
+        return self.branches and state.samples is None
 
     @staticmethod
     def moved(state: State, position_m: Array, heading_rad: float) -> State:
         """The state before the first step, with its prior about another start (m, rad)."""
         mean = state.belief.mean.copy()
         mean[[0, 1, 4]] = [*position_m, heading_rad]
+        if state.samples is not None:
+            samples = state.samples.shifted(mean[[0, 1, 4]])
+            return replace(state, samples=samples, belief=samples.moments())
         return replace(state, belief=replace(state.belief, mean=mean))
 
     @staticmethod
@@ -101,7 +108,7 @@ class SurfaceFilter(FilterFront[Scan, Population]):
         return scan.checked(len(self.model.anchors), after)
 
     def _advanced(self, scan: Scan) -> tuple[Population, StepInfo]:
-        if self.branches:
+        if self._branches(self.state):
             return advance(self.population, scan, self.model, self.work, self.start, self.advance)
         state, info = self.advance(self.state, scan, self.model, self.work)
         return Population.of(state), info

@@ -19,9 +19,14 @@ from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.messages.reflection import Reflected, update_coefficients
+from gridslam.inference.messages.sample_updates import (
+    at_samples,
+    keep_samples,
+    move_samples,
+    weigh_samples,
+)
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
 from gridslam.inference.state.anchor_measurements import split_by_anchor
-from gridslam.inference.state.belief import separated
 from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -51,6 +56,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     work.begin()
     exchanges, earlier_s = list[Exchange](), state.time_s
     state = predict(state, scan.time_s, len(scan), model)  # section III-C
+    state = move_samples(state, earlier_s, model, work=work)
     reckoned = state.calibration
     model = work.calibrated(model, reckoned.turned)
     scans = split_by_anchor(scan, model)
@@ -60,19 +66,22 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         paths, visible = cast_paths(state, heard.anchor, model, work=work)  # eq. (1)
         amplitudes = Reflected(visible.products, radio)  # eq. (2)
         # eqs. (8)-(10), (17)-(42)
+        paths = at_samples(paths, state)
         cloud, ratios = evaluate(heard, paths, visible.validity, amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
         births = propose_births(state, heard, cloud, ratios, radio, model, work=work)  # eq. (11)
+        before = state
         state, exchange = update_surfaces_and_agent(
             state, heard, paths, ratios, reckoned.turned, model, work=work
         )
+        state = weigh_samples(before, state, paths, heard, ratios, model, work=work)
         state, exchange, _ = add_births(state, births, heard, exchange, radio, model, work=work)
-        state = state if model.settings.correlated else replace(state, belief=separated(state.belief))
+        state = keep_samples(state, model, work=work)
         exchanges.append(exchange)
     drawn = cast_messages(state, model, work=work)  # eqs. (43) to (45)
     state = update_coefficients(state, drawn, model, work=work)
     state = update_cells(state, work=work)  # eq. (46)
-    state = merge_and_prune(state, model)
+    state = keep_samples(merge_and_prune(state, model), model, work=work)
     return conclude(state, exchanges, reckoned, model, work)
 
 
@@ -99,6 +108,7 @@ class GridSlam(SurfaceFilter):
 
     method = "grid"
     keeps_grid = True
+    by_particles = True
     start = staticmethod(start)
     advance = staticmethod(step)
 

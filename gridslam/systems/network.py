@@ -222,6 +222,11 @@ class NetworkSlam(FilterFront[NetworkScan, NetworkState]):
         """The state before the first step, with the first agent's prior about another start (m, rad)."""
         return started_at(state, 0, position_m, heading_rad)
 
+    @staticmethod
+    def started_at(state: Any, agent: int, position_m: Array, heading_rad: float) -> Any:
+        """The state before the first step, with an agent's prior about another start (m, rad)."""
+        return started_at(state, agent, position_m, heading_rad)
+
     def start_all(self, starts: Mapping[str, Start]) -> None:
         """Believe in other starts than the scene's.
 
@@ -235,7 +240,7 @@ class NetworkSlam(FilterFront[NetworkScan, NetworkState]):
             raise InputError("start", f"told after {state.step} steps", "before the first")
         for name, told in starts.items():
             number = self.model.names.index(name)
-            state = started_at(state, number, told.position_m, told.heading_rad)
+            state = self.started_at(state, number, told.position_m, told.heading_rad)
         self.now = self.now._replace(believed=state)
 
     def estimate(self, believed: NetworkState, scan: NetworkScan, info: NetworkInfo, began: float) -> Any:

@@ -128,6 +128,15 @@ _ENTERED = (
         several=True,
     ),
     Method(
+        "network-paper",
+        "gridslam.systems.published.network_paper:PublishedNetworkSlam",
+        "network SLAM by particles, as published: a reference",
+        "docs/model.md#13-network-slam",
+        takes_map=False,
+        several=True,
+        on_angles=True,
+    ),
+    Method(
         "hybrid",
         "gridslam.systems.hybrid:HybridSlam",
         "hybrid SLAM: the line of sight by physics, learned features for all else",

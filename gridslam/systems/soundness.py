@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
-from gridslam.inference.state.layout import StateLayout
+from gridslam.inference.state.layout import AGENT, StateLayout
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rings import BEARINGS, MOVING
 from gridslam.inference.state.state import State
+from gridslam.inference.state.state_samples import StateSamples
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import BINS
 
@@ -99,6 +100,11 @@ def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shap
         for name in ("evidence", "observed", "row"):
             yield f"grid/{name}", getattr(state.grid, name).shape, model.grid.shape
         yield "grid/hit", state.grid.hit.shape, (len(state.grid.hit), BINS)
+    if state.samples is not None:
+        count = len(StateSamples.start(model))
+        yield "samples/agent", state.samples.agent.shape, (count, AGENT)
+        yield "samples/lines", state.samples.lines.shape, (surfaces, count, 2)
+        yield "samples/identity", state.samples.identity.shape, (surfaces,)
     if state.rings is not None:
         count, entries = len(state.rings.anchor), MOVING + 2
         mixture: dict[str, Shape] = {
@@ -129,6 +135,11 @@ def _claims_of_parts(state: State, model: FilterModel) -> list[tuple[str, bool, 
         claims.append(("amplitudes/probability", fits, f"probabilities over {nodes} nodes"))
         whose = np.array([key[0] for key in state.amplitudes.known], np.int64)
         claims.append(("amplitudes/key", _within(whose, 0, anchors - 1), "anchors' numbers"))
+    wanted, samples = model.settings.representation == "particles", state.samples
+    claims.append(("samples", wanted == (samples is not None), f"as filter.representation says: {wanted}"))
+    if samples is not None:
+        same = np.array_equal(samples.identity, state.surfaces.identity)
+        claims.append(("samples/identity", same, "those of the surfaces"))
     if rings is not None:
         claims += [
             ("rings/anchor", _within(rings.anchor, 0, anchors - 1), "anchors' numbers"),

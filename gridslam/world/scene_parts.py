@@ -334,3 +334,4 @@ class FilterSettings(Strict):
     mean_free_path_m: Positive = 10.0
     adapt_particles: bool = False  # true: as few as the spread of the agent's pose asks for
     correlated: bool = True  # false: separate beliefs of agent and surfaces, as published
+    representation: Literal["gaussian", "particles"] = "gaussian"  # "particles": as published

@@ -134,7 +134,7 @@ def recover_pose(
     """
     count = sum(int(np.count_nonzero(heard.loud)) for heard in scans)
     vague = is_vague(state.belief)
-    if not work.recovers or (count < ENOUGH and not vague):
+    if not work.recovers or state.samples is not None or (count < ENOUGH and not vague):
         return state
     near = near_paths(scans, state, model)
     lost = state.monitor.is_lost(count, near)

@@ -14,6 +14,7 @@ from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.health import HealthMonitor
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rings import Rings
+from gridslam.inference.state.state_samples import StateSamples
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.filter_model import FilterModel
 
@@ -47,6 +48,8 @@ class State:
         Amplitude of every ray (adaptive SLAM).
     rings : Rings, optional
         Tentative virtual anchors (SLAM by virtual anchors).
+    samples : StateSamples, optional
+        Particles of agent and surfaces (``filter.representation = "particles"``); `belief` has their moments.
     """
 
     belief: Belief
@@ -60,14 +63,17 @@ class State:
     grid: Grid | None = None
     amplitudes: RayAmplitudes | None = None
     rings: Rings | None = None
+    samples: StateSamples | None = None
 
     @classmethod
     def start(cls, model: FilterModel) -> Self:
         """Before the first step: the agent's prior, and no surfaces."""
-        anchors = len(model.anchors)
+        anchors, by_samples = len(model.anchors), model.settings.representation == "particles"
+        samples = StateSamples.start(model) if by_samples else None
+        gaussian = Belief(model.start_mean, np.diag(model.start_variance))
         return cls(
-            Belief(model.start_mean, np.diag(model.start_variance)), SurfaceBank.empty(anchors),
-            np.full(anchors, FRESH_SIGHT), Calibration.start(anchors), HealthMonitor(),
+            gaussian if samples is None else samples.moments(), SurfaceBank.empty(anchors),
+            np.full(anchors, FRESH_SIGHT), Calibration.start(anchors), HealthMonitor(), samples=samples,
         )  # fmt: skip
 
     def require_grid(self) -> Grid:

@@ -103,6 +103,7 @@ class PublishedDirectSlam(SignalFilter[ParticleState]):
 
     method = "direct-paper"
     uses_maps = False
+    by_particles = True
     start = staticmethod(start)
     advance = staticmethod(step)
 

@@ -98,6 +98,7 @@ class PublishedVirtualAnchorSlam(FilterFront[Scan, ImageState]):
 
     method = "refa"
     uses_maps = False
+    by_particles = True
     start = staticmethod(start)
     advance = staticmethod(step)
     require_sound = staticmethod(require_sound_particles)
