@@ -417,8 +417,10 @@ def _table(runs: list[Run], scores: list[dict[str, Any]]) -> Table:
         return "-" if value is None else format(scale * value, form)
 
     for done, score in zip(runs, scores, strict=True):
-        matched, true = score["surfaces_matched"], score["surfaces_true"]
+        found, matched, true = (score[f"surfaces_{key}"] for key in ("detected", "matched", "true"))
         of = "" if true is None else f" {matched}/{true}"
+        if found is None:
+            found = f"{score['features']} features" if score["features"] else "-"
         table.add_row(
             done.agent,
             str(score["steps"]),
@@ -426,7 +428,7 @@ def _table(runs: list[Run], scores: list[dict[str, Any]]) -> Table:
             number(score["position_bound_m"], ".2f", 100),
             number(score["heading_rmse_deg"], ".2f", 1, score["heading_std_deg"]),
             number(score["heading_bound_deg"], ".2f"),
-            f"{score['surfaces_detected']}{of}",
+            f"{found}{of}",
             number(score["map"]["occupied_precision"], ".1%"),
             number(score["map"]["occupied_recall"], ".1%"),
             number(score["seconds_per_step"], ".3f"),

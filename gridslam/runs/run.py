@@ -125,12 +125,14 @@ class Run:
         from gridslam.systems.registry import kind_of
 
         found = self.surfaces.take(self.surfaces.existence > self.scene.filter.detect_above)
+        maps_surfaces = self.map.surfaces is not None or len(found) > 0
         scores: dict[str, Any] = dict.fromkeys(AGENT_KEYS) | {
             "steps": len(self.trajectory),
             "interrupted": self.interrupted,
             "position_std_m": float(np.sqrt(np.trace(self.covariance[:, :2, :2], axis1=1, axis2=2).mean())),
             "heading_std_deg": float(np.degrees(np.sqrt(self.covariance[:, 4, 4].mean()))),
-            "surfaces_detected": len(found),
+            "surfaces_detected": len(found) if maps_surfaces else None,
+            "features": None if self.map.features is None else len(self.map.features),
             "map": dict.fromkeys(MAP_KEYS),
             "health": {
                 "unwell_steps": sum(not e.health.ok for e in self.estimates),
@@ -160,8 +162,9 @@ class Run:
             scores |= dict.fromkeys(("heading_rmse_deg", "heading_bound_deg", "heading_std_deg"))
         if isinstance(truth, Truth):
             whole = truth.first(len(self.trajectory)).joined(earlier)
-            scores |= surface_scores(found, whole)
-            scores["reflection_mae"] = reflection_mae(self.map, whole.segments)
+            if maps_surfaces:  # nor does every method tell surfaces
+                scores |= surface_scores(found, whole)
+                scores["reflection_mae"] = reflection_mae(self.map, whole.segments)
             if self.map.observed.any():  # not every method tells cells
                 scores["map"] = map_scores(self.map, whole.segments, whole.paths)
         return scores
@@ -180,6 +183,7 @@ AGENT_KEYS = (
     "position_std_m",
     "heading_std_deg",
     "surfaces_detected",
+    "features",
     "surfaces_matched",
     "surfaces_true",
     "surface_ospa_m",

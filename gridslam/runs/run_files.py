@@ -238,7 +238,8 @@ def _fill(
     last = runs[-1]
     twin = place.part / last.agent / "map.h5"
     attempt("map.h5", lambda p: write_bytes(p, twin.read_bytes()) if twin.exists() else last.map.save(p))
-    attempt("map.yaml", lambda path: last.map.to_nav2(path.parent))
+    if last.map.observed.any():
+        attempt("map.yaml", lambda path: last.map.to_nav2(path.parent))
     attempt("scene.toml", lambda path: write_bytes(path, scene.to_toml().encode("utf-8")))
     summary = {
         "scene": scene.name,

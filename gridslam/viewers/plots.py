@@ -207,10 +207,11 @@ def draw_all(
         with fonts(width):
             drawn = {
                 "map": draw_map(found.map, run.scene, found.trajectory, found.truth, found.estimates, width),
-                "reflection": draw_reflection(found.map, run.scene, width),
                 "rays": draw_rays(run.scene, name, found, truth=truth, width=width),
                 "errors": draw_errors(run.scene, name, found, truth, earlier, width, takes),
             }
+            if found.map.observed.any():
+                drawn["reflection"] = draw_reflection(found.map, run.scene, width)
             if isinstance(found.measurements, Recording):
                 drawn["signal"] = draw_signal(found.measurements, found.estimates, None, truth, width)
                 if truth is not None and found.map.features is None:  # features are no images of walls

@@ -39,6 +39,7 @@ SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
     "heading_bound_deg": ("heading, known-map bound", "{:.2f} deg".format),
     "heading_std_deg": ("heading, own standard deviation", "{:.2f} deg".format),
     "surfaces_detected": ("surfaces found", "{:.0f}".format),
+    "features": ("learned features", "{:.0f}".format),
     "surfaces_matched": ("true surfaces among them", "{:.0f}".format),
     "surfaces_true": ("surfaces there are", "{:.0f}".format),
     "surface_ospa_m": ("surfaces, OSPA", lambda v: f"{100 * v:.1f} cm"),

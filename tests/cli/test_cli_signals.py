@@ -35,6 +35,23 @@ def test_samples_become_paths_and_paths_become_a_map(say, room, tmp_path, no_fig
         assert score["surfaces_detected"] >= 3
 
 
+@pytest.mark.slow
+def test_what_a_method_does_not_map_is_neither_scored_nor_written(say, tmp_path):
+    """Hybrid SLAM and its reference map no surfaces and no cells: no OSPA of 5 m, no empty pictures."""
+    whole = shortened(gs.Scene.load("screen"), 12).with_filter(particles=500)
+    (tmp_path / "screen.toml").write_text(whole.to_toml())
+    for method in ("hybrid", "los"):
+        said = say("run", "screen.toml", "--method", method, "-o", method)
+        assert said.code == 0, said
+        score = json.loads((tmp_path / method / "run.json").read_text())["agents"]["agent1"]
+        assert {score[key] for key in ("surfaces_detected", "surfaces_true", "surface_ospa_m")} == {None}
+        assert score["features"] == 0
+        assert "0/2" not in said.out
+        left = {path.name for path in (tmp_path / method).rglob("*")}
+        assert "map.h5" in left
+        assert not left & {"map.pgm", "map.yaml", "agent1-reflection.png"}
+
+
 def test_extract_writes_a_table_that_reads_back_and_replaces_nothing(say, tmp_path):
     assert say("simulate", "screen", "--signal", "-o", "z.h5").code == 0
     assert say("extract", "z.h5", "--false-alarms", "0.01", "-o", "heard.csv").code == 0
