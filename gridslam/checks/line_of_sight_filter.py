@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.checks.range_errors import RangeError
 from gridslam.simulation.image_source import visible
-from gridslam.world.geometry import unit, wrap
+from gridslam.world.geometry import slant, unit, wrap
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 
@@ -92,7 +92,7 @@ def explain(
     draw = np.random.default_rng(0)
     position, heading, pace = _start(scene, agent, draw, 1 if error is None else CROWD)
     size = error.start(len(position), draw) if error is not None else None
-    turn = np.radians(scene.filter.heading_deg)
+    turn, heights = np.radians(scene.filter.heading_deg), scene.heights(agent)
     step, anchor = columns["step"], columns["anchor"]
     first = int(step[0]) if len(step) else 0
     used = np.flatnonzero(step < first + STEPS)
@@ -112,9 +112,10 @@ def explain(
             own = group[anchor[group] == number]
             away = position - scene.anchor_positions[number]
             direction = np.arctan2(away[:, 1], away[:, 0])
-            distance = np.hypot(*away.T)
+            level, height = np.hypot(*away.T), float(heights[number])
+            distance = slant(level, height)
             if error is not None and size is not None:
-                distance = error.spoilt(distance, size, int(number))
+                distance = error.spoilt(level, size, int(number), height)
             ahead = direction - scene.anchor_orientations[number]
             behind = direction + (np.pi if world_arrival else np.pi - heading)
             expected = dict(zip(QUANTITIES, (distance, ahead, behind), strict=True))

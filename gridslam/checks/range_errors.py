@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gridslam.arrays import Array
+from gridslam.world.geometry import level_of, slant
 
 MOST_OFFSET_M, MOST_HEIGHT_M = 10.0, 8.0
 """Within which they are looked for."""
@@ -23,7 +24,7 @@ class RangeError:
     Attributes
     ----------
     kind : str
-        "offset" adds a constant; "slant" makes the hypotenuse of the distance and a height difference.
+        "offset" adds a constant; "slant" is a height difference other than the scene's.
     anchors : tuple of int
         Whose distances have it, as indices into the scene's.
     """
@@ -48,8 +49,17 @@ class RangeError:
         noise = np.sqrt(1 - SHRINKAGE**2) * spread * draw.standard_normal(len(size))
         return mean + SHRINKAGE * (size - mean) + noise
 
-    def spoilt(self, distance: Array, size: Array, anchor: int) -> Array:
-        """What is measured (N,) in m for true horizontal distances (N,)."""
+    def spoilt(self, level: Array, size: Array, anchor: int, height: float) -> Array:
+        """What is measured (N,) in m for true horizontal distances (N,).
+
+        `height` is that of the anchor above the agent by the scene; a slant range has `size` in its place.
+        """
         if anchor not in self.anchors:
-            return distance
-        return np.hypot(distance, size) if self.kind == "slant" else distance + size
+            return slant(level, height)
+        return slant(level, size) if self.kind == "slant" else slant(level, height) + size
+
+    def cured(self, distance: Array, size: float, height: Array) -> Array:
+        """What would have been measured without it."""
+        if self.kind == "slant":
+            return slant(np.maximum(level_of(distance, size), 1e-2), height)
+        return distance - size

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.checks.line_of_sight_filter import Sight
 from gridslam.checks.range_errors import MOST_HEIGHT_M, MOST_OFFSET_M, RangeError
+from gridslam.world.geometry import level_of, slant
 from gridslam.world.scene import Scene
 
 DISTANCE_STD_M, ANGLE_STD_RAD = 0.05, 0.03
@@ -52,7 +53,11 @@ class RangeFit:
 
 
 def fits(
-    columns: Mapping[str, NDArray], sight: Sight, scene: Scene, errors: list[RangeError]
+    columns: Mapping[str, NDArray],
+    sight: Sight,
+    scene: Scene,
+    errors: list[RangeError],
+    agent: str | None = None,
 ) -> list[RangeFit]:
     """Fit no error and each of `errors` to the lines of sight of a table.
 
@@ -65,6 +70,8 @@ def fits(
     scene : Scene
         For its anchors.
     errors : list of RangeError
+    agent : str, optional
+        Above which the anchors stand; default: the first.
 
     Returns
     -------
@@ -74,7 +81,7 @@ def fits(
     heard = _heard(columns, sight, scene)
     if heard is None:
         return []
-    places = scene.anchor_positions
+    places = np.column_stack([scene.anchor_positions, scene.heights(agent)])
     count = int(np.isfinite(heard).sum() - 3 * len(heard))
     found = [RangeFit(None, 0.0, float(_misfit(heard, places, None, np.zeros(1))[0]), count)]
     for error in errors:
@@ -107,11 +114,12 @@ def _heard(columns: Mapping[str, NDArray], sight: Sight, scene: Scene) -> Array 
 
 
 def _misfit(heard: Array, places: Array, error: RangeError | None, sizes: Array) -> Array:
-    """Sums of squared residuals (S,), one for each size of the error.
+    """Sums of squared residuals (S,), one for each size of the error; `places` (J, 3) with heights.
 
     The poses (S, N, 3) are those that make them least, by Gauss-Newton with weights.
     """
-    first = _first(heard, places)
+    places, heights = places[:, :2], places[:, 2]
+    first = _first(heard, places, heights)
     pose = np.tile(first, (len(sizes), 1, 1))
     told = np.isfinite(heard)
     values = np.nan_to_num(heard)
@@ -120,10 +128,13 @@ def _misfit(heard: Array, places: Array, error: RangeError | None, sizes: Array)
         away = pose[..., None, :2] - places
         flat = np.maximum(np.hypot(away[..., 0], away[..., 1]), 1e-3)
         direction = np.arctan2(away[..., 1], away[..., 0])
-        slope, predicted = np.ones_like(flat), flat.copy()
+        predicted = slant(flat, heights)
+        slope = flat / predicted
         for number in error.anchors if error is not None else ():
-            predicted[..., number] = error.spoilt(flat[..., number], sizes[:, None], number)  # type: ignore[union-attr]
-            if error is not None and error.kind == "slant":
+            assert error is not None
+            height = float(heights[number])
+            predicted[..., number] = error.spoilt(flat[..., number], sizes[:, None], number, height)
+            if error.kind == "slant":
                 slope[..., number] = flat[..., number] / predicted[..., number]
         expected = np.stack([predicted, direction, direction + np.pi - pose[..., None, 2]], -1)
         gap = values - expected
@@ -146,10 +157,12 @@ def _misfit(heard: Array, places: Array, error: RangeError | None, sizes: Array)
     return np.asarray(np.minimum(gap**2, OUTLIER**2).sum((1, 2, 3)))
 
 
-def _first(heard: Array, places: Array) -> Array:
+def _first(heard: Array, places: Array, heights: Array) -> Array:
     """Poses (N, 3) to begin with: the middle of where each anchor alone would put the agent."""
     toward = heard[..., 1]
-    spots = places + heard[..., :1] * np.stack([np.cos(toward), np.sin(toward)], -1)
+    spots = places + level_of(heard[..., 0], heights)[..., None] * np.stack(
+        [np.cos(toward), np.sin(toward)], -1
+    )
     spot = np.where(np.isfinite(spots).all(-1).any(1)[:, None], _mean(spots), places.mean(0))
     away = spot[:, None] - places
     facing = np.arctan2(away[..., 1], away[..., 0]) + np.pi - heard[..., 2]

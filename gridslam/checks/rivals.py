@@ -92,7 +92,7 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
     """
     if not _has_both(table):
         return None
-    found = fits(table, sight, scene, range_errors(scene))
+    found = fits(table, sight, scene, range_errors(scene), agent)
     if not found:
         return None
     plain, ranked = found[0], sorted(found[1:], key=lambda fit: fit.misfit)
@@ -104,10 +104,7 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
     spoilt = np.isin(table["anchor"], error.anchors)
     distance = table["distance_m"]
     with np.errstate(invalid="ignore"):
-        if error.kind == "slant":
-            cured = np.sqrt(np.maximum(distance**2 - best.size_m**2, 1e-4))
-        else:
-            cured = distance - best.size_m
+        cured = error.cured(distance, best.size_m, scene.heights(agent)[table["anchor"]])
     whole = table | {"distance_m": np.where(spoilt, cured, distance)}
     after = explain(whole, scene, agent)
     if after.explained < FITTING:
@@ -132,9 +129,10 @@ def _words(error: RangeError, size: float, scene: Scene) -> str:
     names = ", ".join(scene.anchor_names[number] for number in error.anchors)
     whose = "of all anchors" if every else f"of anchor {names}"
     if error.kind == "slant":
+        wrong = "other heights than the scene's" if scene.has_heights else "the scene has no heights"
         return (
-            f"slant ranges {whose}, about {size:.2f} m above or below the agent, where horizontal distances "
-            f"d belong (d = sqrt(distance_m^2 - {size:.2f}^2))"
+            f"slant ranges {whose}, about {size:.2f} m above or below the agent: {wrong}; "
+            "give them as third numbers of position_m, and the agent's as height_m"
         )
     time = abs(size) / SPEED_OF_LIGHT * 1e9
     long, cure = ("long", "subtract it") if size > 0 else ("short", "add it")

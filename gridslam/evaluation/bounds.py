@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.state.layout import AGENT
 from gridslam.simulation.image_source import TruePaths, true_paths
-from gridslam.world.geometry import sfv_covariance, trace, unit
+from gridslam.world.geometry import lean, sfv_covariance, trace, unit
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
@@ -232,12 +232,14 @@ def whitened_jacobian(
     double = paths.bounces == 2
     last = np.where(double, hit[:, 1], hit[:, 0])
     lines = surface_lines(scene) if len(scene.walls) else np.zeros((1, 2))
+    heights = scene.heights(agent)[paths.anchor]
     geometry = trace(
         track.position_m[paths.step],
         scene.anchor_positions[paths.anchor],
         lines[np.maximum(last, 0)],
         lines[np.maximum(hit[:, 0], 0)],
         paths.bounces,
+        heights,
     )
     jacobian = np.zeros((len(paths), 3, AGENT + 2 * len(surface)))
     jacobian[:, :, [0, 1, 4]] = geometry.jacobian[:, :, :3]
@@ -247,10 +249,11 @@ def whitened_jacobian(
         for side, column in enumerate(columns):
             jacobian[rows, :, slot + side] = geometry.jacobian[rows, :, column]
     anchors = signal.anchor_aperture[paths.anchor]
+    steep = lean(paths.distance_m, heights)
     std = (
         signal.distance_std(paths.amplitude),
-        signal.angle_std(paths.amplitude, paths.aod_rad, anchors),
-        signal.angle_std(paths.amplitude, paths.aoa_rad, signal.agent_aperture),
+        signal.angle_std(paths.amplitude, paths.aod_rad, anchors, steep),
+        signal.angle_std(paths.amplitude, paths.aoa_rad, signal.agent_aperture, steep),
     )
     measured = [quantity in signal.measures for quantity in ("distance", "aod", "aoa")]
     return jacobian / np.where(measured, np.stack(std, -1), np.inf)[:, :, None]

@@ -154,11 +154,14 @@ def follow(estimates: Sequence[Estimate], scene: Scene, truth: Truth, earlier: S
         belief[:, step] = np.bincount(owner, chance[believed], len(rays))
         apart[:, step] = assigned_error(found[step].sfv_m, heard.feature)
         held = estimate.paths.take(believed)
-        if scene.clocks is not None:  # predicted distances have offsets of clocks in them, places haven't
+        there = truth.paths.at(step)
+        if scene.clocks is not None or scene.has_heights:  # distances hold offsets and heights, places don't
             held = replace(held, distance_m=_lengths(held.points))
+        if scene.has_heights:
+            there = replace(there, distance_m=_lengths(there.points))
         image[step] = _image_ospa(
             virtual_anchors(held, estimate.position_m, estimate.heading_rad),
-            virtual_anchors(truth.paths.at(step), place.position_m[step], place.heading_rad[step]),
+            virtual_anchors(there, place.position_m[step], place.heading_rad[step]),
         )
     return Steps(
         np.linalg.norm(position, axis=1),

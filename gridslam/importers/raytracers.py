@@ -1,8 +1,10 @@
-"""Paths of three-dimensional ray tracers as planar measurements: Sionna RT, DeepMIMO.
+"""Paths of three-dimensional ray tracers as measurements: Sionna RT, DeepMIMO.
 
-A path that a planar map can explain runs over vertical walls alone: it leaves and arrives at the same slope,
-and not too far from the horizontal. Every other path (over the floor, the ceiling, a roof) is left out. What
-is kept is projected on the plane: the azimuths as they are, the length times the cosine of the slope.
+A path that a map of walls can explain runs over vertical walls alone: it leaves and arrives at one slope.
+Every other path (over the floor, the ceiling, a roof) is left out. Where the scene has heights, lengths stay
+as they are, and so do paths of any slope that lead from the anchor's height to the agent's. Without heights,
+what isn't too steep is projected on the plane: the azimuths as they are, the length times the cosine of the
+slope.
 """
 
 from __future__ import annotations
@@ -23,9 +25,11 @@ from gridslam.world.radio import SPEED_OF_LIGHT
 if TYPE_CHECKING:
     from gridslam.world.scene import Scene
 
-CHOICES = ("slope_deg", "carrier_hz", "least_snr_db")
+CHOICES = ("slope_deg", "carrier_hz", "least_snr_db", "agent")
 SAME_SLOPE_RAD = np.radians(1.0)
 """Largest difference of the slopes at both ends; slopes of ray tracers in single precision are this good."""
+STEEPEST_DEG, SAME_HEIGHT_M = 30.0, 0.1
+"""Steepest path that is projected; by how much paths may miss the agent's height, on top of 1 degree."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,9 +98,10 @@ def plane_table(
     paths: TracedPaths,
     scene: Scene,
     heading_rad: ArrayLike,
-    slope_deg: float = 30.0,
+    slope_deg: float | None = None,
     carrier_hz: float | None = None,
     least_snr_db: float | None = None,
+    agent: str | None = None,
 ) -> dict[str, Any]:
     """Quantities for `gridslam.Measurements.from_arrays`, of the paths that run in the plane.
 
@@ -109,15 +114,17 @@ def plane_table(
         amplitude.
     heading_rad : float or (N,) float, rad
         Heading of the agent at each step.
-    slope_deg : float
-        Steepest path that is kept; paths over the floor or the ceiling never are. Too small a value leaves
-        out the line of sight to anchors close by; the amplitude isn't projected, and at 30 degrees is 13 %
-        below what the plane lets expect.
+    slope_deg : float, optional
+        Steepest path that is kept; paths over the floor or the ceiling never are. Default: any where the
+        scene has heights, else 30: too small a value leaves out the line of sight to anchors close by; the
+        amplitude isn't projected, and at 30 degrees is 13 % below what the plane lets expect.
     carrier_hz : float or None
         Frequency that was traced; None takes the scene's.
     least_snr_db : float or None
         Weaker paths are left out; None takes the scene's detection threshold. For `simulate.receive`, which
         decides itself what is detected, go some 10 dB below that.
+    agent : str, optional
+        Whose height it is, where the scene has heights; default: the first.
 
     Returns
     -------
@@ -146,12 +153,16 @@ def plane_table(
     signal = scene.signal_model()
     amplitude = signal.amplitude_at_1m * paths.gain * 4 * np.pi / wavelength
     least = signal.threshold if least_snr_db is None else 10 ** (least_snr_db / 20)
-    slope = np.abs(paths.departure_zenith_rad - 0.5 * np.pi)
+    slope, length = np.abs(paths.departure_zenith_rad - 0.5 * np.pi), SPEED_OF_LIGHT * paths.delay_s
+    steepest = slope_deg if slope_deg is not None else 90.0 if scene.has_heights else STEEPEST_DEG
     with np.errstate(invalid="ignore"):
-        kept = paths.planar & (slope <= np.radians(slope_deg)) & (paths.delay_s > 0) & (amplitude > least)
+        kept = paths.planar & (slope <= np.radians(steepest)) & (paths.delay_s > 0) & (amplitude > least)
+        if scene.has_heights:  # up and down again over floor and ceiling keeps the slope, too
+            off = length * np.cos(paths.departure_zenith_rad) + scene.heights(agent)[:, None]
+            kept &= np.abs(off) < SAME_HEIGHT_M + SAME_SLOPE_RAD * length
     turned = np.broadcast_to(heading, (steps,))[:, None, None]
     columns = {
-        "distance_m": SPEED_OF_LIGHT * paths.delay_s * np.cos(slope),
+        "distance_m": length if scene.has_heights else length * np.cos(slope),
         "aod_rad": wrap(paths.departure_rad - scene.anchor_orientations[:, None]),
         "aoa_rad": wrap(paths.arrival_rad - turned),
         "amplitude": amplitude,

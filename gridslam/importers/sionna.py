@@ -44,8 +44,9 @@ def measurements_from_sionna(
     uplink : bool
         Transmitters are the agent, receivers the anchors.
     **more
-        ``slope_deg``, ``carrier_hz`` and ``least_snr_db`` of `gridslam.importers.raytracers.plane_table`;
-        ``time_s``, ``interval_s``, ``truth`` and other arguments of `Measurements.from_arrays`.
+        ``slope_deg``, ``carrier_hz``, ``least_snr_db`` and ``agent`` of
+        `gridslam.importers.raytracers.plane_table`; ``time_s``, ``interval_s``, ``truth`` and other
+        arguments of `Measurements.from_arrays`.
 
     Raises
     ------

@@ -13,7 +13,7 @@ from gridslam.reference.cells import cells_of
 from gridslam.reference.gaussian import late
 from gridslam.reference.messages import clutter, deviations, log_rician
 from gridslam.reference.paths import lines_of
-from gridslam.world.geometry import course, line_between, mirror, trace, unit, wrap
+from gridslam.world.geometry import course, lean, level_of, line_between, mirror, trace, unit, wrap
 
 Whole = NDArray[np.int32]
 BINS: Array = (np.arange(20) + 0.5) / 20
@@ -42,7 +42,7 @@ def _proposed(
     place, explained, delta = places[anchor], measured[0], late(mean, head, anchor)
     silent, double, length = heard[:, 6] < 0, (known >= 0).any(1), heard[:, 0] - delta
     usual = np.where(silent, 0.5 * radio[7] / np.maximum(length, 1e-3), heard[:, 6])
-    std = deviations(np.maximum(usual, FAINTEST), heard[:, 1:3], radio)
+    std = deviations(np.maximum(usual, FAINTEST), heard[:, 1:3], radio, lean(length, place[3]))
     std = np.where(heard[:, 3:6] > 0, heard[:, 3:6], np.minimum(std, 1e9))
     std = np.where(heard[:, 3:6] < 0, 1e9, std)
     nodes = np.multiply.outer(radio[7] / np.maximum(length, 1e-3), np.outer([1.0, USUAL], BINS))
@@ -50,7 +50,8 @@ def _proposed(
     level = np.where(silent[:, None], 1.0, said) / clutter(heard[:, 6], radio)[:, None]
     common, least = rate * length, np.maximum(FAINT, EXPLAINED * explained)
     most = common * (level.max(1) if len(known) > 1 else level[:, 0]) / np.sqrt(2 * np.pi)
-    keep = (most > least * np.minimum(std[:, 1], WIDEST)) & (heard[:, [3, 5]] >= 0).all(1) & (length > 0)
+    keep = (most > least * np.minimum(std[:, 1], WIDEST)) & (heard[:, [3, 5]] >= 0).all(1)
+    keep &= length > abs(place[3])
     keep &= (heard[:, 9] < 0) | (heard[:, 9] == anchor)
     weight = np.zeros((len(heard), len(known)))
     clock = state[len(state) - (head - AGENT) + anchor] if head > AGENT else np.zeros(state.shape[1])
@@ -60,7 +61,7 @@ def _proposed(
     lines, line = mean[head:].reshape(-1, 2), np.zeros((*ratio.shape, 2))
     for m, h in np.argwhere(ratio > least[:, None]):
         last, first = known[h]
-        image = mean[:2] + length[m] * unit(mean[4] + heard[m, 2])
+        image = mean[:2] + level_of(length[m], place[3]) * unit(mean[4] + heard[m, 2])
         source = mirror(lines[first], place[:2]) if first >= 0 else place[:2]
         line[m, h] = line_between(source, mirror(lines[last], image) if last >= 0 else image)
     return np.where(ratio > least[:, None], ratio, 0.0), line
@@ -75,7 +76,7 @@ def likely(state: Array, clock: Array, noise: Array, heard: Array, known: Whole,
     for m, (distance, departure, arrival, distance_std, departure_std, arrival_std) in enumerate(heard):
         reach = distance + distance_std * noise[0] - clock
         bearing = arrival + arrival_std * noise[1] + agent[2]
-        image = agent[:2].T + reach[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], -1)
+        image = agent[:2].T + level_of(reach, place[3])[:, None] * unit(bearing)
         for h, (last, first) in enumerate(known):
             end = mirror(surfaces[last], image) if last >= 0 else image
             source = mirror(surfaces[first], anchor) if first >= 0 else anchor
@@ -96,7 +97,7 @@ def likely(state: Array, clock: Array, noise: Array, heard: Array, known: Whole,
             if departure_std < 1e6:
                 gap = wrap(departure - (drawn.departure - place[2])) / departure_std
                 density = np.exp(-0.5 * gap**2) / (departure_std * np.sqrt(2 * np.pi))
-            good = drawn.valid & (span > 1e-2) & (reach > 0)
+            good = drawn.valid & (span > 1e-2) & (reach > abs(place[3]))
             weight[m, h] = np.where(good, density / np.maximum(span, 1e-12), 0.0).mean()
     return weight
 
@@ -137,14 +138,16 @@ def initialise_surface(
     known, size, layout = max(last, first), len(mean), StateLayout.of_view(len(mean), head - AGENT)
     new, line_of = layout.surfaces, layout.line
     strength = amplitude if amplitude >= 0 else 0.5 * radio[7] / max(value[0], 1e-3)
-    std = deviations(np.array([max(strength, FAINTEST)]), value[None, 1:], radio)[0]
+    height = places[anchor, 3]
+    steep = lean(value[0], height)
+    std = deviations(np.array([max(strength, FAINTEST)]), value[None, 1:], radio, steep)[0]
     std = np.where(heard[m, 3:6] > 0, heard[m, 3:6], std)
     known_line = mean[line_of(known)] if known >= 0 else np.zeros(2)
 
     def lines_by(inputs: Array) -> Array:
         """Lines (n, 2) by x, y, heading, distance, AoA, and the known line, (n, 7)."""
         other = inputs[:, 5:]
-        image = inputs[:, :2] + inputs[:, 3, None] * unit(inputs[:, 2] + inputs[:, 4])
+        image = inputs[:, :2] + level_of(inputs[:, 3], height)[:, None] * unit(inputs[:, 2] + inputs[:, 4])
         source = mirror(other, place) if first >= 0 else np.broadcast_to(place, other.shape)
         return line_between(source, mirror(other, image) if last >= 0 else image)
 

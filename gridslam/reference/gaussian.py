@@ -34,6 +34,7 @@ def predict(
         lines[last],
         lines[first],
         bounces,
+        place[:, 3],
     )
     far, bearing = drawn.distance + late(mean, head, source), drawn.arrival - mean[HEADING]
     value = np.stack([far, wrap(drawn.departure - place[:, 2]), wrap(bearing)], -1)

@@ -10,7 +10,7 @@ from gridslam.arrays import Array
 from gridslam.kernels import FAINTEST, PATH_BLOCK, UNMEASURED
 from gridslam.kernels.primitives.blocks import Amplitudes, Anchors, Drawing, PathRows, Ratios
 from gridslam.reference.paths import densities, draw
-from gridslam.world.geometry import wrap
+from gridslam.world.geometry import lean, wrap
 
 Whole = NDArray[np.int32]
 GATE, MARGIN = 6.0, 0.3
@@ -35,15 +35,18 @@ def clutter(amplitude: Array, radio: Array) -> Array:
     return np.asarray(false_alarms * density / (max_distance * 4 * np.pi**2))
 
 
-def deviations(amplitude: Array, angles: Array, radio: Array) -> Array:
-    """Deviations (..., 3) by Fisher information, of paths with AoD and AoA `angles` (..., 2)."""
+def deviations(amplitude: Array, angles: Array, radio: Array, steep: Array | float = 1.0) -> Array:
+    """Deviations (..., 3) by Fisher information, of paths with AoD and AoA `angles` (..., 2).
+
+    `steep` is the cosine of the elevation.
+    """
     std = np.empty((*amplitude.shape, 3))
     std[..., 0] = np.where(radio[..., 1] > 0, radio[..., 1], radio[..., 0] / amplitude)
     for q in (1, 2):
         across, along = radio[..., 2 * q], radio[..., 2 * q + 1]
         square = np.sin(angles[..., q - 1]) ** 2 * across + np.cos(angles[..., q - 1]) ** 2 * along
         with np.errstate(divide="ignore"):
-            std[..., q] = 1 / (np.sqrt(8) * np.pi * amplitude * np.sqrt(square))
+            std[..., q] = 1 / (np.sqrt(8) * np.pi * amplitude * steep * np.sqrt(square))
     return std
 
 
@@ -77,7 +80,7 @@ def weigh(
 
 def gate(
     belief: Array, nodes: Array, spreading: float, path: Whole, predicted: Array, heard: Array, chance: Array,
-    step: float, radio: Array, kept: float, odds: Array,
+    step: float, places: Array, radio: Array, kept: float, odds: Array,
 ) -> tuple[Whole, Array, Array, Array, Array]:  # fmt: skip
     """Twin of `gating.gate`: index, table and inverse covariance of the pairs; p_d; strength."""
     worth = odds[:3].prod(0)
@@ -85,7 +88,8 @@ def gate(
     value, spread = predicted[:, None, :3], predicted[:, 3:12].reshape(-1, 3, 3)
     angles = np.broadcast_to(value[..., 1:], (*strength[1].shape, 2))
     own = radio[path[:, 3]]
-    std = deviations(np.maximum(strength[1], FAINTEST), angles, own[:, None])
+    steep = lean(predicted[:, 12], places[path[:, 3], 3])[:, None]
+    std = deviations(np.maximum(strength[1], FAINTEST), angles, own[:, None], steep)
     std = np.where(heard[:, 3:6] > 0, heard[:, 3:6], std)
     std[..., :] = np.where(heard[:, 3:6] < 0, np.inf, std)
     missing = np.square(std) >= UNMEASURED
@@ -137,7 +141,7 @@ def evaluate(
     """Twin of `evaluation.evaluate`: what it writes, by the names of the blocks' arrays."""
     (probability, nodes, chance), (path, predicted), (odds, message, measured) = amplitudes, rows, ratios
     index, pair, inverse, detected, _ = gate(
-        probability, nodes, spreading, path, predicted, heard, chance, step, anchors.radio, kept, odds
+        probability, nodes, spreading, path, predicted, heard, chance, step, *anchors, kept, odds
     )
     odds, start = odds.copy(), np.searchsorted(index[:, 0], np.arange(len(path) + 1)).astype(np.int32)
     odds[3] = detected

@@ -32,7 +32,7 @@ def densities(
         place = places[number]
         drawn = trace(
             position, np.broadcast_to(place[:2], (particles, 2)), surfaces[max(last, 0)],
-            surfaces[max(first, 0)], np.full(particles, bounces),
+            surfaces[max(first, 0)], np.full(particles, bounces), place[3],
         )  # fmt: skip
         possible = drawn.valid.astype(np.float64)
         valid[row] = possible.reshape(blocks, block).sum(1)

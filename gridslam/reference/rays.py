@@ -9,7 +9,7 @@ from gridslam.arrays import Array
 from gridslam.kernels.primitives.blocks import BOUNCES, HEAD, ONLY, Belief, Links, Query
 from gridslam.reference.gaussian import late, predict
 from gridslam.reference.paths import prepare
-from gridslam.world.geometry import wrap
+from gridslam.world.geometry import lean, wrap
 
 Whole = NDArray[np.int32]
 Long = NDArray[np.int64]
@@ -73,9 +73,10 @@ def near(
     own = radio[path[:, 3]][:, None]
     std = np.empty((*amplitude.shape, 3))
     std[..., 0] = np.where(own[..., 1] > 0, own[..., 1], own[..., 0] / amplitude)
+    steep = lean(predicted[:, 12], places[path[:, 3], 3])[:, None]
     for q in (1, 2):
         square = own[..., 2 * q : 2 * q + 2].mean(-1)
-        std[..., q] = 1 / (np.sqrt(8) * np.pi * amplitude * np.sqrt(np.maximum(square, 1e-30)))
+        std[..., q] = 1 / (np.sqrt(8) * np.pi * amplitude * steep * np.sqrt(np.maximum(square, 1e-30)))
     std = np.where(heard[:, 3:6] > 0, heard[:, 3:6], std)
     gap = heard[:, :3] - predicted[:, None, :3]
     gap[..., 1:] = wrap(gap[..., 1:])

@@ -88,8 +88,10 @@ def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> Tru
     block = max(MOST_AT_ONCE // len(pieces), 1)
 
     rows = []
-    for number, anchor in enumerate(scene.anchors):
-        position, facing = np.asarray(anchor.position_m), scene.anchor_orientations[number]
+    for number, (position, height) in enumerate(
+        zip(scene.anchor_positions, scene.heights(agent), strict=True)
+    ):
+        facing = scene.anchor_orientations[number]
         for start in range(0, len(track), block):
             places = track.position_m[start : start + block]
             steps, keep = np.nonzero(_plausible(places, position, lines, safe, bounces))
@@ -101,6 +103,7 @@ def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> Tru
                 lines[safe[keep, 1]],
                 lines[safe[keep, 0]],
                 bounces[keep],
+                height,
             )
             good = geometry.valid.copy()
             if count:

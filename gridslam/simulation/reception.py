@@ -11,7 +11,7 @@ from scipy.special import ndtr
 from gridslam.arrays import Array
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.true_paths import TruePaths
-from gridslam.world.geometry import wrap
+from gridslam.world.geometry import lean, wrap
 from gridslam.world.radio import RadioModel
 from gridslam.world.scene import Scene
 from gridslam.world.start import require_seed
@@ -46,8 +46,11 @@ def received(
     given = signal.given_detection
     heard = np.flatnonzero(amplitude > signal.threshold if given is None else ndtr(noise[:, 0]) < given)
     clean = paths.amplitude[heard]
-    aod_std = signal.angle_std(clean, paths.aod_rad[heard], signal.anchor_aperture[paths.anchor[heard]])
-    aoa_std = signal.angle_std(clean, paths.aoa_rad[heard], signal.agent_aperture)
+    heights = scene.heights(agent)
+    steep = lean(paths.distance_m[heard], heights[paths.anchor[heard]])
+    apertures = signal.anchor_aperture[paths.anchor[heard]]
+    aod_std = signal.angle_std(clean, paths.aod_rad[heard], apertures, steep)
+    aoa_std = signal.angle_std(clean, paths.aoa_rad[heard], signal.agent_aperture, steep)
     distance = paths.distance_m[heard] + signal.distance_std(clean) * noise[heard, 2]
     if offset_m is None:
         distance = np.abs(distance)
@@ -80,7 +83,7 @@ def received(
     for angle, std in (("aod_rad", aod_std), ("aoa_rad", aoa_std)):  # a lone antenna measures no angle
         columns[angle][: len(heard)][~np.isfinite(std)] = np.nan
     if scene.radio.reports_std:
-        columns |= _own_deviations(columns, signal)
+        columns |= _own_deviations(columns, signal, heights)
     for quantity, name in (("aod", "aod_rad"), ("aoa", "aoa_rad"), ("amplitude", "amplitude")):
         if quantity not in signal.measures:
             columns[name] = np.full(len(label), np.nan)
@@ -90,13 +93,14 @@ def received(
     return {name: column[order] for name, column in columns.items()}, label[order]
 
 
-def _own_deviations(columns: dict[str, Any], signal: RadioModel) -> dict[str, Any]:
+def _own_deviations(columns: dict[str, Any], signal: RadioModel, heights: Array) -> dict[str, Any]:
     """Deviations that a radio reports with its measurements: Fisher information at their own amplitude."""
     amplitude = np.maximum(columns["amplitude"], signal.threshold)
     aperture = signal.anchor_aperture[columns["anchor"]]
+    steep = lean(columns["distance_m"], heights[columns["anchor"]])
     std = {
         "distance_std_m": signal.distance_std(amplitude),
-        "aod_std_rad": signal.angle_std(amplitude, columns["aod_rad"], aperture),
-        "aoa_std_rad": signal.angle_std(amplitude, columns["aoa_rad"], signal.agent_aperture),
+        "aod_std_rad": signal.angle_std(amplitude, columns["aod_rad"], aperture, steep),
+        "aoa_std_rad": signal.angle_std(amplitude, columns["aoa_rad"], signal.agent_aperture, steep),
     }
     return {name: np.where(np.isfinite(values), values, np.nan) for name, values in std.items()}

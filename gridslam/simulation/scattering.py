@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.simulation.occlusion import visible
 from gridslam.simulation.true_paths import TruePaths
-from gridslam.world.geometry import direction, wrap
+from gridslam.world.geometry import direction, slant, wrap
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.waveform import Waveform
@@ -24,7 +24,8 @@ RAYS = 64
 def scattered_paths(scene: Scene, agent: str, track: Trajectory, places: Array, sizes_m: Array) -> TruePaths:
     """A path per anchor, scatterer and step where no wall blocks either way; docs/model.md, (M207).
 
-    A path has one interaction point and no wall piece (-1). Walls that block sights alone don't count.
+    A path has one interaction point and no wall piece (-1). Walls that block sights alone don't count. Under
+    anchors at heights a scatterer is a post, at which paths keep their slope.
 
     Parameters
     ----------
@@ -32,6 +33,7 @@ def scattered_paths(scene: Scene, agent: str, track: Trajectory, places: Array, 
     sizes_m : (S,)
     """
     walls, tables = scene.segments(), [TruePaths.empty()]
+    heights = scene.heights(agent)
     walls = walls.take(np.array([wall.blocks == "all" for wall in scene.walls], dtype=bool)[walls.wall])
     for place, size in zip(places, sizes_m, strict=True):
         there = np.broadcast_to(place, track.position_m.shape)
@@ -41,6 +43,7 @@ def scattered_paths(scene: Scene, agent: str, track: Trajectory, places: Array, 
             corners = [np.broadcast_to(source, there.shape)[here], there[here], track.position_m[here]]
             to, fro = (np.linalg.norm(b - a, axis=1) for a, b in pairwise(corners))
             strength = size * (to + fro) / np.maximum(to * fro, NEAREST_M2)
+            strength *= (to + fro) / slant(to + fro, heights[anchor])  # both ways are longer in space
             tables.append(path_rows(scene, agent, track, anchor, corners, here, strength))
     return tables[0].joined(*tables[1:])
 
@@ -51,7 +54,8 @@ def path_rows(
 ) -> TruePaths:  # fmt: skip
     """Rows of paths with these corners (each (K, 2)), at the steps where `here` (N,); without wall pieces."""
     step = np.flatnonzero(here)
-    distance = sum(np.linalg.norm(b - a, axis=1) for a, b in pairwise(corners))
+    level = sum(np.linalg.norm(b - a, axis=1) for a, b in pairwise(corners))
+    distance = slant(np.asarray(level), scene.heights(agent)[anchor])
     points = np.full((len(step), 4, 2), np.nan)
     points[:, 0], points[:, 3] = corners[0], corners[-1]
     if len(corners) == 3:
@@ -59,10 +63,10 @@ def path_rows(
     return TruePaths(
         step,
         np.full(len(step), anchor),
-        np.asarray(distance),
+        distance,
         wrap(direction(corners[0], corners[1]) - scene.anchor_orientations[anchor]),
         wrap(direction(corners[-1], corners[-2]) - track.heading_rad[step]),
-        scene.signal_model(agent).amplitude(np.asarray(distance), strength),
+        scene.signal_model(agent).amplitude(distance, strength),
         np.full(len(step), len(corners) - 2),
         np.full((len(step), 2), -1),
         points,

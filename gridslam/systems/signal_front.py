@@ -55,6 +55,7 @@ class SignalFilter(FilterFront[SignalScan, Believed]):
         waveform: Waveform | None = None,
     ) -> None:
         scene.filter_model(agent)  # whoever isn't there is told first
+        scene.require_planar()
         self.waveform = scene.waveform(agent) if waveform is None else waveform
         if len(self.waveform.anchor_element_m) != len(scene.anchors):
             found = f"{len(self.waveform.anchor_element_m)} anchors"

@@ -89,8 +89,9 @@ def draw_labels(run: RunFiles, width: float = PAGE_IN) -> Figure:
 
 def _finished(figure: Figure, axes: Axes, run: RunFiles) -> Figure:
     for anchor in run.scene.anchors:
-        axes.plot(*anchor.position_m, "^", color="k", ms=6)
-        axes.annotate(anchor.name, anchor.position_m, (4, 4), textcoords="offset points", fontsize="small")
+        x, y = anchor.position_m[:2]
+        axes.plot(x, y, "^", color="k", ms=6)
+        axes.annotate(anchor.name, (x, y), (4, 4), textcoords="offset points", fontsize="small")
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")

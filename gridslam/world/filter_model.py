@@ -29,6 +29,8 @@ class FilterModel:
     anchor_names : tuple of str
     anchors : (J, 3) float64
         x, y (m) and orientation (rad), read-only.
+    anchor_heights : (J,) float64
+        How high they stand above the agent (m), read-only: 0 where all is planar.
     max_bounces : int
         Bounces of the paths that are listed.
     grid : GridSpec
@@ -43,6 +45,7 @@ class FilterModel:
     radio: RadioModel
     anchor_names: tuple[str, ...]
     anchors: Array
+    anchor_heights: Array
     max_bounces: int
     grid: GridSpec
     settings: FilterSettings
@@ -58,6 +61,11 @@ class FilterModel:
     def anchor_orientations(self) -> Array:
         """Where the anchors' arrays point, (J,) rad."""
         return self.anchors[:, 2]
+
+    @cached_property
+    def places(self) -> Array:
+        """The anchors as kernels take them, (J, 4): x, y (m), orientation (rad), height (m)."""
+        return fixed(np.column_stack([self.anchors, self.anchor_heights]))
 
     @cached_property
     def middle(self) -> Array:

@@ -17,6 +17,9 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 
+STEEPEST = 0.999
+"""Sine of the elevation up to which a horizontal array is said to see azimuths."""
+
 
 def wrap(angle: Array | float) -> Array:
     """Angle in (-pi, pi], rad."""
@@ -93,6 +96,31 @@ def sfv_covariance(line: Array, covariance: Array) -> Array:
     return jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
 
 
+def slant(level: Array | float, height: Array | float) -> Array:
+    """Length of a path over vertical walls whose picture from above is `level` long, m.
+
+    docs/model.md, (M221). Its slope by `level` is their ratio, the cosine of the elevation.
+
+    Parameters
+    ----------
+    level : (...) m
+    height : (...) m
+        Of the anchor above the agent.
+    """
+    return np.asarray(np.hypot(level, height))
+
+
+def level_of(length: Array | float, height: Array | float) -> Array:
+    """The inverse of `slant`: 0 where a length can't reach the height."""
+    length = np.asarray(length, np.float64)
+    return np.sqrt(np.maximum((length - height) * (length + height), 0.0))
+
+
+def lean(length: Array | float, height: Array | float) -> Array:
+    """Cosine of the elevation at which paths of a length run, at least that of `STEEPEST`."""
+    return np.sqrt(1 - np.minimum(np.abs(height) / np.maximum(length, 1e-3), STEEPEST) ** 2)
+
+
 @dataclass(frozen=True)
 class Segments:
     """Finite wall pieces.
@@ -153,6 +181,8 @@ class Course:
     Attributes
     ----------
     distance : (L,) m
+    level : (L,) m
+        How long the path is seen from above.
     departure, arrival : (L,) rad
         World direction in which the path leaves the anchor; direction from the agent to where it comes from.
     last_point, first_point : (L, 2) m
@@ -162,6 +192,7 @@ class Course:
     """
 
     distance: Array
+    level: Array
     departure: Array
     arrival: Array
     last_point: Array
@@ -183,7 +214,10 @@ class PathGeometry(Course):
     jacobian: Array
 
 
-def course(agent: Array, anchor: Array, last: Array, first: Array, bounces: NDArray[np.intp]) -> Course:
+def course(
+    agent: Array, anchor: Array, last: Array, first: Array, bounces: NDArray[np.intp],
+    height: Array | float = 0.0,
+) -> Course:  # fmt: skip
     """Distance, directions and interaction points of paths.
 
     Parameters
@@ -193,14 +227,16 @@ def course(agent: Array, anchor: Array, last: Array, first: Array, bounces: NDAr
         Lines hit last and first (normal angle, offset); ignored where `bounces` says so.
     bounces : (L,) int
         0 line of sight, 1 single bounce (uses `last`), 2 double bounce.
+    height : (L,) m
+        Of the anchor above the agent.
     """
     single, double = bounces == 1, bounces == 2
     reflected = single | double
     image_first = np.where(double[:, None], mirror(first, anchor), anchor)
     image = np.where(reflected[:, None], mirror(last, image_first), anchor)
     away = agent - image
-    distance = np.maximum(np.linalg.norm(away, axis=-1), 1e-9)
-    toward = -away / distance[:, None]
+    level = np.maximum(np.linalg.norm(away, axis=-1), 1e-9)
+    toward = -away / level[:, None]
     arrival = np.arctan2(toward[:, 1], toward[:, 0])
     departure = np.where(
         single,
@@ -218,25 +254,29 @@ def course(agent: Array, anchor: Array, last: Array, first: Array, bounces: NDAr
     valid = np.where(double, inside & inside_first, np.where(single, inside, True))
     last_point = np.where(reflected[:, None], last_point, np.nan)
     first_point = np.where(double[:, None], first_point, last_point)
-    return Course(distance, wrap(departure), arrival, last_point, first_point, valid)
+    return Course(slant(level, height), level, wrap(departure), arrival, last_point, first_point, valid)
 
 
-def trace(agent: Array, anchor: Array, last: Array, first: Array, bounces: NDArray[np.intp]) -> PathGeometry:
+def trace(
+    agent: Array, anchor: Array, last: Array, first: Array, bounces: NDArray[np.intp],
+    height: Array | float = 0.0,
+) -> PathGeometry:  # fmt: skip
     """As `course`, and derivatives."""
     single, double = bounces == 1, bounces == 2
-    path = course(agent, anchor, last, first, bounces)
+    path = course(agent, anchor, last, first, bounces, height)
     toward = unit(path.arrival)
     image_first = np.where(double[:, None], mirror(first, anchor), anchor)
     by_last = mirror_derivative(last, image_first) * (single | double)[:, None, None]
     normal = unit(last[:, 0])
     flip = np.eye(2) - 2 * normal[:, :, None] * normal[:, None, :]
     by_first = flip @ mirror_derivative(first, anchor) * double[:, None, None]
-    across = np.stack([-toward[:, 1], toward[:, 0]], axis=-1) / path.distance[:, None]
+    across = np.stack([-toward[:, 1], toward[:, 0]], axis=-1) / path.level[:, None]
     jacobian = np.zeros((len(agent), 3, 7))
     for block, derivative in ((slice(3, 5), by_last), (slice(5, 7), by_first)):
         jacobian[:, 0, block] = np.einsum("li,lij->lj", toward, derivative)
         jacobian[:, 2, block] = np.einsum("li,lij->lj", across, derivative)
     jacobian[:, 0, 0:2] = -toward
+    jacobian[:, 0] *= (path.level / path.distance)[:, None]
     jacobian[:, 2, 0:2] = -across
     jacobian[:, 1] = np.where(single[:, None], -jacobian[:, 2], jacobian[:, 2])
     jacobian[:, 1, 3] += np.where(single, 2.0, np.where(double, -2.0, 0.0))

@@ -96,14 +96,15 @@ class RadioModel:
             return np.full(np.shape(amplitude), self.given_distance_std)
         return self.distance_scale / amplitude
 
-    def angle_std(self, amplitude: Array, angle: Array, aperture: Array) -> Array:
+    def angle_std(self, amplitude: Array, angle: Array, aperture: Array, steep: Array | float = 1.0) -> Array:
         """sigma of an angle seen by an array with mean square extents `aperture` (..., 2), rad.
 
-        Infinite where the array has no extent across the direction.
+        Infinite where the array has no extent across the direction. Of a path with the cosine `steep` of its
+        elevation, a horizontal array sees that share of the difference between elements.
         """
         square = np.sin(angle) ** 2 * aperture[..., 0] + np.cos(angle) ** 2 * aperture[..., 1]
         with np.errstate(divide="ignore"):
-            return 1 / (np.sqrt(8) * np.pi * amplitude * np.sqrt(square))
+            return 1 / (np.sqrt(8) * np.pi * amplitude * np.sqrt(square)) / steep
 
     def amplitude_std(self, amplitude: Array) -> Array:
         """Scale sigma_u of the Rician amplitude."""

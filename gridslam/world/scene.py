@@ -156,8 +156,39 @@ class Scene(Strict):
 
     @property
     def anchor_positions(self) -> Array:
-        """Positions of the anchors, (J, 2) m."""
-        return np.array([anchor.position_m for anchor in self.anchors], dtype=np.float64)
+        """Positions of the anchors, (J, 2) m, as seen from above."""
+        return np.array([anchor.position_m[:2] for anchor in self.anchors], dtype=np.float64)
+
+    @property
+    def has_heights(self) -> bool:
+        """Whether anchors have heights; without, all is planar."""
+        return len(self.anchors[0].position_m) > 2
+
+    def require_planar(self) -> None:
+        """Refuse heights, for methods that know none: those on sampled signals, and `refa`.
+
+        Raises
+        ------
+        InputError
+            Anchors have heights.
+        """
+        if self.has_heights:
+            where, found = f"{self.name}: anchors[0].position_m", str(list(self.anchors[0].position_m))
+            raise InputError(where, found, "[x, y] and no height_m: sampled signals, and refa, are planar")
+
+    def heights(self, agent: str | None = None) -> Array:
+        """How high the anchors stand above an agent, by default the first, (J,) m: 0 in a planar scene.
+
+        Raises
+        ------
+        InputError
+            There is no such agent.
+        """
+        if not self.has_heights:
+            return np.zeros(len(self.anchors))
+        bodies = self.agents[:1] if agent is None else (self.agent(agent),)
+        own = sum(body.height_m or 0.0 for body in bodies)
+        return np.array([anchor.position_m[2] - own for anchor in self.anchors], dtype=np.float64)
 
     @property
     def scatterer_positions(self) -> Array:
@@ -206,9 +237,11 @@ class Scene(Strict):
         Raises
         ------
         InputError
-            ``radio.frequencies`` isn't given, the anchors' arrays differ in size, or there is no such agent.
+            ``radio.frequencies`` isn't given, the anchors' arrays differ in size or have heights, or there is
+            no such agent.
         """
         radio = self.radio
+        self.require_planar()
         if radio.frequencies is None:
             raise InputError(f"{self.name}: radio.frequencies", "none", "frequencies and frequency_step_hz")
         body = self.agent(agent) if agent is not None else self.agents[0]
@@ -251,7 +284,8 @@ class Scene(Strict):
         anchors = np.column_stack([self.anchor_positions, self.anchor_orientations])
         return FilterModel(
             self.name, body.name, self.signal_model(body.name), self.anchor_names, fixed(anchors),
-            self.radio.max_bounces, self.grid, self.filter, fixed(mean), fixed(variance),
+            fixed(self.heights(body.name)), self.radio.max_bounces, self.grid, self.filter, fixed(mean),
+            fixed(variance),
         )  # fmt: skip
 
     def segments(self) -> Segments:
@@ -288,6 +322,7 @@ class Scene(Strict):
             for index, name in enumerate(names):
                 if name in names[:index]:
                     raise fault(f"{key}[{index}].name", repr(name), "a name that isn't taken")
+        self._check_heights()
         self._check_clocks()
         folders = [same_folder(agent.name) for agent in self.agents]
         for index, folder in enumerate(folders):
@@ -301,12 +336,26 @@ class Scene(Strict):
         self._check_samples()
         walls = self.segments()
         for index, anchor in enumerate(self.anchors):
-            self._check_way(np.array([anchor.position_m]), walls, f"anchors[{index}].position_m")
+            self._check_way(np.array([anchor.position_m[:2]]), walls, f"anchors[{index}].position_m")
         for index, agent in enumerate(self.agents):
             self._check_way(np.array([agent.start_m]), walls, f"agents[{index}].start_m")
             if agent.waypoints_m is not None:
                 self._check_track(agent, walls, f"agents[{index}]")
         return self
+
+    def _check_heights(self) -> None:
+        """Heights of all anchors and agents, or of none."""
+        for index, anchor in enumerate(self.anchors):
+            if (len(anchor.position_m) > 2) != self.has_heights:
+                same = "[x, y, z]" if self.has_heights else "[x, y]"
+                found, allowed = str(list(anchor.position_m)), f"{same}, as of the first anchor"
+                raise fault(f"anchors[{index}].position_m", found, allowed)
+        for index, agent in enumerate(self.agents):
+            if self.has_heights and agent.height_m is None:
+                raise fault(f"agents[{index}].height_m", "none", "its height: the anchors have heights")
+            if agent.height_m is not None and not self.has_heights:
+                found = f"{agent.height_m:g}, but no anchor has a height"
+                raise fault(f"agents[{index}].height_m", found, "[x, y, z] for every anchor's position_m")
 
     def _check_clocks(self) -> None:
         kinds: dict[str, tuple[Anchor | Agent, ...]] = {"anchors": self.anchors, "agents": self.agents}

@@ -28,6 +28,7 @@ Decibel = Annotated[float, Field(ge=-200, le=200)]
 Metre = Annotated[float, Field(ge=-1e6, le=1e6)]
 Degree = Annotated[float, Field(ge=-720, le=720)]
 Point = tuple[Metre, Metre]
+Place = Annotated[tuple[Metre, ...], Field(min_length=2, max_length=3)]
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 Quantity = Literal["distance", "aod", "aoa", "amplitude"]
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
@@ -206,7 +207,7 @@ class Anchor(Strict):
     """A radio at a known place."""
 
     name: Label
-    position_m: Point
+    position_m: Place
     orientation_deg: Degree = 0.0
     array: ArraySpec | None = None
     clock: Clock | None = None
@@ -284,10 +285,12 @@ class Agent(Strict):
     ``filter.acceleration_mps2`` makes of it. Among several agents, `present_s` says from when to when it is
     there: its way begins then, and it is waited for even if nothing is heard. `heading_sensor_deg` is the
     deviation of the heading that recordings of sampled signals hold (0: exact); without it they hold none.
+    `height_m` is the height that it keeps, counted from where the heights of anchors are.
     """
 
     name: FolderName
     start_m: Point
+    height_m: Metre | None = None
     start_heading_deg: Degree = 0.0
     waypoints_m: tuple[Point, ...] | None = None
     step_m: Positive = 0.05

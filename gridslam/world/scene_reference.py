@@ -120,7 +120,7 @@ def _allowed(field: FieldInfo) -> str:
     elif text.startswith("tuple[tuple"):
         kind = "points [x, y]"
     elif text.startswith("tuple"):
-        kind = "two numbers"
+        kind = "two or three numbers" if text.endswith("...]") else "two numbers"
     return ", ".join([kind, *_range(limits)])
 
 

@@ -12,6 +12,7 @@ from gridslam.kernels.primitives.functions import (
     cos_of,
     double_bounce,
     exp_of,
+    level_of,
     mirrored,
     sin_of,
     single_bounce,
@@ -21,7 +22,15 @@ from gridslam.kernels.primitives.functions import (
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.layout import HEADING, anchor_of, clock_row, line_entry, lines_in
 from gridslam.kernels.primitives.packing import pack
-from gridslam.kernels.primitives.radio import AT_1M, FALSE_ALARMS, SAMPLES, clutter_of, deviations_of, rician
+from gridslam.kernels.primitives.radio import (
+    AT_1M,
+    FALSE_ALARMS,
+    SAMPLES,
+    clutter_of,
+    deviations_of,
+    lean_of,
+    rician,
+)
 from gridslam.kernels.primitives.tables import EXPLAINED, LABEL, NEW
 from gridslam.kernels.propagation.bundles import lay_leg, meet_cells, rows_alone
 from gridslam.kernels.propagation.coefficients import BINS
@@ -55,9 +64,9 @@ def mean_rician(radio: ti.template(), anchor, distance, amplitude, other):
 
 
 @ti.func
-def known_std(radio: ti.template(), anchor, heard: ti.template(), m, amplitude):
+def known_std(radio: ti.template(), anchor, heard: ti.template(), m, amplitude, lean):
     """sigma of distance, AoD and AoA: the table's own, by Fisher information, or 1e9 for "not measured"."""
-    std = deviations_of(radio, anchor, ti.max(amplitude, FAINTEST), heard[m, 1], heard[m, 2])
+    std = deviations_of(radio, anchor, ti.max(amplitude, FAINTEST), heard[m, 1], heard[m, 2], lean)
     for q in ti.static(range(3)):
         own = heard[m, 3 + q]
         if own > 0:
@@ -69,8 +78,8 @@ def known_std(radio: ti.template(), anchor, heard: ti.template(), m, amplitude):
 @ti.func
 def line_of(mean: ti.template(), head, length, arrival, place, last, first):
     """Angle and offset of the new line that explains a length and an AoA at the mean of the belief."""
-    bearing = mean[HEADING] + arrival
-    vx, vy = mean[0] + length * cos_of(bearing), mean[1] + length * sin_of(bearing)
+    bearing, level = mean[HEADING] + arrival, level_of(length, place[4])
+    vx, vy = mean[0] + level * cos_of(bearing), mean[1] + level * sin_of(bearing)
     sx, sy = place[0], place[1]
     if last >= 0:
         entry = line_entry(head, last)
@@ -207,13 +216,13 @@ def propose(
         place, clock = anchor_of(anchors.places, mean, head, anchor), clock_row(head, anchor, state.shape[0])
         length = heard[m, 0] - place[3]
         common = rate * length
-        keep = heard[m, 3] >= 0 and heard[m, 5] >= 0 and hypotheses > 0 and length > 0
+        keep = heard[m, 3] >= 0 and heard[m, 5] >= 0 and hypotheses > 0 and length > ti.abs(place[4])
         keep = keep and (heard[m, LABEL] < 0 or heard[m, LABEL] == anchor)
         std, level = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64), ti.Vector([0.0, 0.0], dt=ti.f64)
         if keep:
             amplitude = heard[m, 6]
             usual = amplitude if amplitude >= 0 else anchors.radio[anchor, AT_1M] / ti.max(length, 1e-3) * 0.5
-            std = known_std(anchors.radio, anchor, heard, m, usual)
+            std = known_std(anchors.radio, anchor, heard, m, usual, lean_of(length, place[4]))
             clutter = anchors.radio[anchor, FALSE_ALARMS] * clutter_of(anchors.radio, anchor, amplitude)
             level[0] = mean_rician(anchors.radio, anchor, length, amplitude, 1.0) / clutter
             level[1] = mean_rician(anchors.radio, anchor, length, amplitude, USUAL_REFLECTION) / clutter
@@ -223,7 +232,7 @@ def propose(
         reach, reach_std = ti.cast(heard[m, 0], ti.f32), ti.cast(std[0], ti.f32)
         arrival, arrival_std = ti.cast(heard[m, 2], ti.f32), ti.cast(std[2], ti.f32)
         departure, departure_std = ti.cast(heard[m, 1] + place[2], ti.f32), ti.cast(std[1], ti.f32)
-        ax, ay = ti.cast(place[0], ti.f32), ti.cast(place[1], ti.f32)
+        ax, ay, height = ti.cast(place[0], ti.f32), ti.cast(place[1], ti.f32), ti.cast(place[4], ti.f32)
         for block in range(blocks if keep else 0):
             at, there, late = block * BLOCK, ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
             end_x, end_y = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
@@ -235,8 +244,9 @@ def propose(
                 distance = reach + reach_std * ti.cast(noise[0, k], ti.f32) - late[i]
                 turned = arrival + arrival_std * ti.cast(noise[1, k], ti.f32)
                 cosine, sine = turn_of(wrapped(turned + state[2, k]))
-                end_x[i], end_y[i] = state[0, k] + distance * cosine, state[1, k] + distance * sine
-                there[i] = ti.select(distance > 0, 1.0, 0.0)
+                above = level_of(distance, height)  # as seen from there
+                end_x[i], end_y[i] = state[0, k] + above * cosine, state[1, k] + above * sine
+                there[i] = ti.select(distance > ti.abs(height), 1.0, 0.0)
             for h in range(hypotheses):
                 last, first, so_far = known[h, 0], known[h, 1], births.ratio[m, begin + h]
                 more = likely(
@@ -281,7 +291,7 @@ def weigh_by_visibility(
     head: ti.i32,  # entry of the mean where the lines begin: see `layout`
     wide: ti.i32,  # cells of a row
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 4] anchors: see `blocks`
     occupied: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [2, ny nx] o of a traversed cell, of a hit one in V
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [4 or more] see `blocks.Cells`
     sketch: pack(Sketch),

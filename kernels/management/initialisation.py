@@ -10,6 +10,7 @@ from gridslam.kernels.primitives.functions import (
     cos_of,
     decay_of,
     double_bounce,
+    level_of,
     mirrored,
     sin_of,
     single_bounce,
@@ -19,7 +20,7 @@ from gridslam.kernels.primitives.gaussian import entry_of, mirror_of, path_of
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.layout import HEADING, anchor_of, clock_entry, line_entry, lines_in
 from gridslam.kernels.primitives.packing import pack
-from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, log_rician
+from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, lean_of, log_rician
 from gridslam.kernels.propagation.coefficients import BINS
 
 REACH, TRIALS = 4.0, 41
@@ -34,11 +35,11 @@ VAGUE = 1e-6
 
 @ti.func
 def misfit_of(
-    arrival, mean: ti.template(), place, known, last, first, length, heard: ti.template(), m, std, wide
+    arrival, mean: ti.template(), place, known, last, first, level, heard: ti.template(), m, std, wide
 ):  # fmt: skip
     """How badly a direction of arrival explains AoA and AoD; `known` is the normal and offset of a line."""
     px, py, bearing = mean[0], mean[1], mean[HEADING] + arrival
-    vx, vy = px + length * cos_of(bearing), py + length * sin_of(bearing)
+    vx, vy = px + level * cos_of(bearing), py + level * sin_of(bearing)
     sx, sy = place[0], place[1]
     if last >= 0:
         vx, vy = mirrored(vx, vy, known[0], known[1], known[2])
@@ -62,17 +63,20 @@ def misfit_of(
 
 
 @ti.func
-def line_at(arrival, mean: ti.template(), place, known, last, first, distance):
-    """The new line's angle and offset, and their derivatives by x, y, heading, length, AoA, known line."""
+def line_at(arrival, mean: ti.template(), place, known, last, first, level, lean):
+    """The new line's angle and offset, and their derivatives by x, y, heading, length, AoA, known line.
+
+    `level` is the length seen from above, `lean` the slope of the length by it.
+    """
     bearing = mean[HEADING] + arrival
     u = ti.Vector([cos_of(bearing), sin_of(bearing)], dt=ti.f64)
     across = ti.Vector([-u[1], u[0]], dt=ti.f64)
-    image = ti.Vector([mean[0], mean[1]], dt=ti.f64) + distance * u
+    image = ti.Vector([mean[0], mean[1]], dt=ti.f64) + level * u
     source = ti.Vector([place[0], place[1]], dt=ti.f64)
     moved, left = ti.Matrix.zero(ti.f64, 2, 7), ti.Matrix.zero(ti.f64, 2, 7)  # of image, and of source
     for i in ti.static(range(2)):
-        moved[i, i], moved[i, 3] = 1.0, u[i]
-        moved[i, 2], moved[i, 4] = distance * across[i], distance * across[i]
+        moved[i, i], moved[i, 3] = 1.0, u[i] / lean
+        moved[i, 2], moved[i, 4] = level * across[i], level * across[i]
     if last >= 0:
         image, by_angle, by_offset = mirror_of(image[0], image[1], mean[known], mean[known + 1])
         nx, ny = cos_of(mean[known]), sin_of(mean[known])
@@ -168,7 +172,8 @@ def initialise_surface(
         distance, amplitude = heard[m, 0] - place[3], heard[m, 6]  # a length, whatever clocks made of it
         at_1m = anchors.radio[anchor, AT_1M] / ti.max(distance, 1e-3)
         strength = ti.max(amplitude if amplitude >= 0 else 0.5 * at_1m, FAINTEST)
-        std = known_std(anchors.radio, anchor, heard, m, strength)
+        lean, level = lean_of(distance, place[4]), level_of(distance, place[4])
+        std = known_std(anchors.radio, anchor, heard, m, strength, lean)
         # where to linearise
         departs, arrival = heard[m, 4] >= 0 and std[1] < UNTOLD, heard[m, 2]
         wide = ti.sqrt(std[2] * std[2] + belief.covariance[HEADING, HEADING])
@@ -177,13 +182,11 @@ def initialise_surface(
             middle, best, least = arrival, arrival, ti.cast(1e30, ti.f64)
             for k in range(TRIALS):
                 trial = middle + reach * (2 * ti.cast(k, ti.f64) / (TRIALS - 1) - 1)
-                misfit = misfit_of(
-                    trial, belief.mean, place, wall, last, first, distance, heard, m, std, wide
-                )
+                misfit = misfit_of(trial, belief.mean, place, wall, last, first, level, heard, m, std, wide)
                 if misfit < least:
                     best, least = trial, misfit
             arrival = best
-        angle, offset, slope = line_at(arrival, belief.mean, place, known, last, first, distance)
+        angle, offset, slope = line_at(arrival, belief.mean, place, known, last, first, level, lean)
         off = wrapped(heard[m, 2] - arrival)
         back = ti.Vector([slope[0, 4] * off, slope[1, 4] * off], dt=ti.f64)
         # the line as a function of state and measurement
@@ -236,8 +239,8 @@ def initialise_surface(
         for n in range(BINS):
             density = ti.cast(1.0, ti.f64)
             if amplitude >= 0:
-                level = at_1m * other * (n + 0.5) / BINS
-                density = decay_of(log_rician(amplitude, level, anchors.radio[anchor, SAMPLES])) + VAGUE
+                strong = at_1m * other * (n + 0.5) / BINS
+                density = decay_of(log_rician(amplitude, strong, anchors.radio[anchor, SAMPLES])) + VAGUE
             out.coefficient[n] = density
             total += density
         for n in range(BINS):

@@ -33,7 +33,7 @@ def evaluate(
     ti.loop_config(serialize=True)
     for _ in range(1):
         weigh(amplitudes, spreading, step, rows, heard, anchors.radio, scratch, ratios.odds)
-        gate(rows, heard, anchors.radio, kept, scratch, pairs, ratios)
+        gate(rows, heard, anchors.places, anchors.radio, kept, scratch, pairs, ratios)
     for item in range(ti.min(pairs.blocks.shape[1], TASKS) * SPREAD):
         if item % SPREAD == 0:
             share = (pairs.blocks.shape[1] + TASKS - 1) // TASKS

@@ -4,8 +4,9 @@ import taichi as ti
 
 from gridslam.kernels import FAINTEST, UNMEASURED
 from gridslam.kernels.primitives.functions import wrapped
-from gridslam.kernels.primitives.radio import SPAN, deviations_of
-from gridslam.kernels.primitives.tables import ANCHOR, LABEL, UNEXPLAINED
+from gridslam.kernels.primitives.layout import HEIGHT
+from gridslam.kernels.primitives.radio import SPAN, deviations_of, lean_of
+from gridslam.kernels.primitives.tables import ANCHOR, LABEL, LENGTH, UNEXPLAINED
 from gridslam.kernels.propagation.amplitudes import NEGLIGIBLE, worth_of
 
 ROOT_TURN = 2.5066282746310002
@@ -18,8 +19,8 @@ LEAST_STD = 1e-6
 
 @ti.func
 def gate(
-    rows: ti.template(), heard: ti.template(), radio: ti.template(), kept, scratch: ti.template(),
-    pairs: ti.template(), ratios: ti.template(),
+    rows: ti.template(), heard: ti.template(), places: ti.template(), radio: ti.template(), kept,
+    scratch: ti.template(), pairs: ti.template(), ratios: ti.template(),
 ):  # fmt: skip
     """Pick the pairs whose distance and angles lie within reach of what is predicted, path by path.
 
@@ -37,7 +38,10 @@ def gate(
             own = heard[m, LABEL] < 0 or heard[m, LABEL] == anchor
             if own and ratio > 0 and worth_of(ratios.odds, row) > NEGLIGIBLE:
                 amplitude = ti.max(scratch.strength[1, row, m], FAINTEST)
-                std = deviations_of(radio, anchor, amplitude, rows.predicted[row, 1], rows.predicted[row, 2])
+                lean = lean_of(rows.predicted[row, LENGTH], places[anchor, HEIGHT])
+                std = deviations_of(
+                    radio, anchor, amplitude, rows.predicted[row, 1], rows.predicted[row, 2], lean
+                )
                 near, absent = True, ti.cast(1.0, ti.f64)
                 variance = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64)
                 for q in ti.static(range(3)):

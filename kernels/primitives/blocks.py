@@ -42,7 +42,8 @@ class Belief(NamedTuple):
 
 
 class Anchors(NamedTuple):
-    """Anchors: x, y, orientation [J, 3]; the radio's numbers [J, 11], see `primitives.radio`."""
+    """Anchors: x, y, orientation, height above the agent [J, 4]; the radio's numbers [J, 11], see
+    `primitives.radio`."""
 
     places: Square
     radio: Square

@@ -105,6 +105,21 @@ def mirrored(x, y, nx, ny, c):
 
 
 @ti.func
+def slant_of(square, height):
+    """Length of a path by the square of its length seen from above: docs/model.md, (M221).
+
+    `height` is that of the anchor above the agent; walls are vertical.
+    """
+    return ti.sqrt(square + height * height)
+
+
+@ti.func
+def level_of(length, height):
+    """The inverse: how long a path is seen from above; 0 where it can't reach the anchor's height."""
+    return ti.sqrt(ti.max((length - height) * (length + height), 0.0))
+
+
+@ti.func
 def single_bounce(px, py, ax, ay, nx, ny, c):
     """Agent, anchor, line -> vector from agent to image, vector from anchor to mirrored agent, possible.
 

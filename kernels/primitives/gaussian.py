@@ -7,7 +7,7 @@ which lengthens its distance and nothing else.
 import taichi as ti
 
 from gridslam.kernels import UNMEASURED
-from gridslam.kernels.primitives.functions import PI, bearing_of, cos_of, decay_of, sin_of, wrapped
+from gridslam.kernels.primitives.functions import PI, bearing_of, cos_of, decay_of, sin_of, slant_of, wrapped
 from gridslam.kernels.primitives.layout import anchor_of, clock_entry, line_entry
 from gridslam.kernels.primitives.tables import (
     BETA,
@@ -65,6 +65,8 @@ def path_of(mean: ti.template(), head, place, bounces, last, first):
             turn_last = ti.cast(2.0, ti.f64)
     toward = ti.Vector([image[0] - mean[0], image[1] - mean[1]], dt=ti.f64)
     distance = ti.max(toward.norm(), 1e-9)
+    length = slant_of(distance * distance, place[4])
+    lean = distance / length  # slope of the one by the other
     toward /= distance
     across = ti.Vector([-toward[1], toward[0]], dt=ti.f64) / distance
     arrival = bearing_of(toward[0], toward[1])
@@ -76,14 +78,14 @@ def path_of(mean: ti.template(), head, place, bounces, last, first):
     if bounces == 2:
         departure += turn_first * mean[by_first_line]
     value = ti.Vector(
-        [distance + place[3], wrapped(departure - place[2]), wrapped(arrival - mean[4])], dt=ti.f64
+        [length + place[3], wrapped(departure - place[2]), wrapped(arrival - mean[4])], dt=ti.f64
     )
     slope = ti.Matrix.zero(ti.f64, 3, 7)
-    slope[0, 0], slope[0, 1] = -toward[0], -toward[1]
+    slope[0, 0], slope[0, 1] = -lean * toward[0], -lean * toward[1]
     slope[2, 0], slope[2, 1], slope[2, 2] = -across[0], -across[1], -1.0
-    slope[0, 3], slope[0, 4] = toward.dot(by_last), toward.dot(by_c)
+    slope[0, 3], slope[0, 4] = lean * toward.dot(by_last), lean * toward.dot(by_c)
     slope[2, 3], slope[2, 4] = across.dot(by_last), across.dot(by_c)
-    slope[0, 5], slope[0, 6] = toward.dot(by_first), toward.dot(by_d)
+    slope[0, 5], slope[0, 6] = lean * toward.dot(by_first), lean * toward.dot(by_d)
     slope[2, 5], slope[2, 6] = across.dot(by_first), across.dot(by_d)
     for n in ti.static(range(7)):
         if ti.static(n != 2):

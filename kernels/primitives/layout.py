@@ -11,6 +11,8 @@ import taichi as ti
 
 HEADING, CLOCKS = 4, 5
 """Entries of a view: the heading; the first difference of clocks, if there are any."""
+HEIGHT = 3
+"""Column of `Anchors.places` and of nothing else: height above the agent."""
 KNOWN = -1
 """Stands for the entry of a clock that is known."""
 
@@ -41,9 +43,12 @@ def clock_row(head, anchor, rows):
 
 @ti.func
 def anchor_of(places: ti.template(), mean: ti.template(), head, anchor):
-    """Position and orientation of an anchor, and by how much its clock lengthens distances: 0 if known."""
+    """Position and orientation of an anchor, by how much its clock lengthens distances (0 if known), and how
+    high it stands above the agent."""
     clock = clock_entry(head, anchor)
     late = ti.cast(0.0, ti.f64)
     if clock >= 0:
         late = mean[clock]
-    return ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2], late], dt=ti.f64)
+    return ti.Vector(
+        [places[anchor, 0], places[anchor, 1], places[anchor, 2], late, places[anchor, HEIGHT]], dt=ti.f64
+    )

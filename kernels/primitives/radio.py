@@ -10,6 +10,8 @@ apertures of anchor and agent (2 each); longest distance; u at 1 m; number of sa
 clutter."""
 FLOOR = -25.0
 """Log of the Rayleigh density that clutter has at least, or a ratio to it would overflow."""
+STEEPEST = 0.999
+"""Sine of the elevation up to which an array is said to see azimuths."""
 TURN_SQUARED = 39.47841760435743
 
 
@@ -21,13 +23,20 @@ def angle_std(angle, across, along, amplitude):
 
 
 @ti.func
-def deviations_of(radio: ti.template(), anchor, amplitude, departure, arrival):
-    """sigma of distance, AoD and AoA by Fisher information."""
+def lean_of(length, height):
+    """cos(elevation) of a path of a length, measured or predicted, to an anchor so high above the agent."""
+    sine = ti.min(ti.abs(height) / ti.max(length, 1e-3), STEEPEST)
+    return ti.sqrt(1 - sine * sine)
+
+
+@ti.func
+def deviations_of(radio: ti.template(), anchor, amplitude, departure, arrival, lean):
+    """sigma of distance, AoD and AoA by Fisher information; horizontal arrays see cos(elevation) `lean`."""
     std = ti.Vector([radio[anchor, SCALE] / amplitude, 0.0, 0.0], dt=ti.f64)
     if radio[anchor, GIVEN] > 0:
         std[0] = radio[anchor, GIVEN]
-    std[1] = angle_std(departure, radio[anchor, THERE], radio[anchor, THERE + 1], amplitude)
-    std[2] = angle_std(arrival, radio[anchor, HERE], radio[anchor, HERE + 1], amplitude)
+    std[1] = angle_std(departure, radio[anchor, THERE], radio[anchor, THERE + 1], amplitude) / lean
+    std[2] = angle_std(arrival, radio[anchor, HERE], radio[anchor, HERE + 1], amplitude) / lean
     return std
 
 

@@ -15,10 +15,11 @@ from gridslam.kernels.primitives.functions import (
     exp_of,
     sin_of,
     single_bounce,
+    slant_of,
     wrapped,
 )
 from gridslam.kernels.primitives.launching import quick
-from gridslam.kernels.primitives.layout import HEADING, clock_row, line_entry, lines_in
+from gridslam.kernels.primitives.layout import HEADING, HEIGHT, clock_row, line_entry, lines_in
 
 BLOCK = PATH_BLOCK
 FINE = 4096.0
@@ -76,7 +77,7 @@ def weigh_pairs(
     """The same sums for the gated pairs of one path, and at how many particles it is possible."""
     at, paths, anchor = block * BLOCK, path.shape[0], path[row, 3]
     ax, ay = ti.cast(places[anchor, 0], ti.f32), ti.cast(places[anchor, 1], ti.f32)
-    facing = ti.cast(places[anchor, 2], ti.f32)
+    facing, height = ti.cast(places[anchor, 2], ti.f32), ti.cast(places[anchor, HEIGHT], ti.f32)
     bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
     tx, ty = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
     wx, wy = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
@@ -103,7 +104,7 @@ def weigh_pairs(
     low, high = 1 << 30, -(1 << 30)  # range interval in fixed point: integer extrema vectorise
     count = 0.0
     for i in range(BLOCK):
-        far[i] = ti.sqrt(tx[i] * tx[i] + ty[i] * ty[i])
+        far[i] = slant_of(tx[i] * tx[i] + ty[i] * ty[i], height)
     clock = clock_row(head, anchor, state.shape[0])
     if clock >= 0:
         for i in range(BLOCK):
@@ -200,7 +201,7 @@ def stand_at(mean: ti.template(), head, state: ti.template()):
 def polylines(
     state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S or more, R] see `layout`
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 4] anchors: see `blocks`
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 13] out
 ):
     """Draw every path at every sampled state."""

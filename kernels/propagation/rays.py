@@ -24,7 +24,7 @@ from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.layout import anchor_of, clock_entry
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.particles import ready
-from gridslam.kernels.primitives.radio import GIVEN, HERE, SCALE, THERE, THRESHOLD
+from gridslam.kernels.primitives.radio import GIVEN, HERE, SCALE, THERE, THRESHOLD, lean_of
 from gridslam.kernels.primitives.tables import LABEL
 
 STRONG = 0.3
@@ -87,7 +87,7 @@ def list_and_predict(
 def list_paths(
     query: pack(Query),
     belief: pack(Belief),
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 4] anchors: see `blocks`
     links: pack(Links),
     draft: pack(Draft),
     out: pack(Listed),
@@ -99,7 +99,7 @@ def list_paths(
 
 
 @ti.func
-def lies_near(m, value, spread, heard: ti.template(), radio: ti.template(), anchor):
+def lies_near(m, value, spread, lean, heard: ti.template(), radio: ti.template(), anchor):
     """Whether a measurement lies where a path is predicted. Which way an array faces doesn't matter here."""
     there = 0.5 * (radio[anchor, THERE] + radio[anchor, THERE + 1])
     here = 0.5 * (radio[anchor, HERE] + radio[anchor, HERE + 1])
@@ -111,7 +111,7 @@ def lies_near(m, value, spread, heard: ti.template(), radio: ti.template(), anch
             gap = wrapped(gap)
         if std == 0:
             square = there if ti.static(q == 1) else here
-            std = 1 / (ROOT_8_PI * amplitude * ti.sqrt(ti.max(square, 1e-30)))
+            std = 1 / (ROOT_8_PI * amplitude * lean * ti.sqrt(ti.max(square, 1e-30)))
             if ti.static(q == 0):
                 given = radio[anchor, GIVEN]
                 std = given if given > 0 else radio[anchor, SCALE] / amplitude
@@ -126,7 +126,7 @@ def near(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]
     covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
     head: ti.i32,  # entry of the mean where the lines begin: see `layout`
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 3] anchors: x, y, orientation
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 4] anchors: see `blocks`
     surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
     owner: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] the one anchor that a surface serves; -1 for all
     heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] of all anchors: see `AnchorScan.table`
@@ -150,7 +150,8 @@ def near(
                     spread = spread_of(slope, entry, covariance)
                     if clock >= 0:
                         spread += spread_by_clocks(slope, entry, clock, covariance)
+                    lean = lean_of(value[0] - place[3], place[4])
                     for m in range(heard.shape[0]):
                         if heard[m, 7] > 0.5 and (heard[m, LABEL] < 0 or heard[m, LABEL] == anchor):
-                            if lies_near(m, value, spread, heard, radio, anchor):
+                            if lies_near(m, value, spread, lean, heard, radio, anchor):
                                 claimed[m] = 1

@@ -14,12 +14,17 @@ from gridslam.world.scene_parts import GridSpec
 
 
 def model_of(scene="room", anchors=None, radio=None, **settings):
-    """What a filter may know of a bundled scene, with other anchors (J, 3), radio or settings."""
+    """What a filter may know of a bundled scene, with other anchors (J, 3 or 4), radio or settings."""
     model = gs.Scene.load(scene).filter_model()
     model = replace(model, settings=model.settings.model_copy(update=settings))
     if anchors is not None:
+        whole = np.zeros((len(anchors), 4))
+        whole[:, : np.shape(anchors)[1]] = anchors
         model = replace(
-            model, anchors=np.asarray(anchors, float), anchor_names=tuple(map(str, range(len(anchors))))
+            model,
+            anchors=whole[:, :3],
+            anchor_heights=whole[:, 3],
+            anchor_names=tuple(map(str, range(len(anchors)))),
         )
     return model if radio is None else replace(model, radio=radio)
 

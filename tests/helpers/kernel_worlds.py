@@ -15,8 +15,13 @@ def random_world(draw, particles, kind, spread=0.05, surfaces=4):
     state[:3], state[3::3], state[4::3], state[5::3] = agent, np.cos(angle), np.sin(angle), offset
     path = [[0, -1, -1]] + [[1, s, s] for s in range(surfaces)]
     path += [[2, s, r] for s in range(surfaces) for r in range(surfaces) if s != r]
-    place = np.array([*draw.uniform(-5, 5, 2), draw.uniform(-3, 3)], kind)
-    return state, np.array(path, np.int32), place
+    return state, np.array(path, np.int32), random_places(draw, 1)[0].astype(kind)
+
+
+def random_places(draw, anchors):
+    """Positions, orientations and heights of anchors; some stand as high as the agent."""
+    heights = draw.choice([0.0, 1.0], anchors) * draw.uniform(-3, 3, anchors)
+    return np.column_stack([draw.uniform(-5, 5, (anchors, 2)), draw.uniform(-3, 3, anchors), heights])
 
 
 def random_belief(draw, surfaces, clocks=0):

@@ -1,5 +1,7 @@
 """Bundled scenes made small, for tests that run the whole filter."""
 
+import numpy as np
+
 import gridslam as gs
 
 
@@ -9,3 +11,13 @@ def shortened(scene, steps, agents=1):
     first = {**data["agents"][0], "steps": steps}
     data["agents"] = [{**first, "name": f"agent{number + 1}"} for number in range(agents)]
     return gs.Scene.checked(data, data["name"])
+
+
+def raised(scene, above_m, agent_m=1.0):
+    """The scene with its agents at a height, and each anchor so much above them (one number, or J)."""
+    data = scene.model_dump(exclude_none=True)
+    for anchor, above in zip(data["anchors"], np.broadcast_to(above_m, len(scene.anchors)), strict=True):
+        anchor["position_m"] = (*anchor["position_m"][:2], agent_m + float(above))
+    for agent in data["agents"]:
+        agent["height_m"] = agent_m
+    return gs.Scene.checked(data, scene.name)

@@ -102,10 +102,11 @@ def trace(scene, agent, step, building):
     track = scene.track(agent)
     for number, anchor in enumerate(scene.anchors):
         turn = [float(scene.anchor_orientations[number]), 0.0, 0.0]
-        place = [*anchor.position_m, building.anchor]
+        place = [*anchor.position_m[:2], (*anchor.position_m, building.anchor)[2]]
         world.add(rt.Transmitter(f"anchor-{number}", position=place, orientation=turn))
     for number in range(0, len(track), step):
-        place = [*map(float, track.position_m[number]), building.agent]
+        own = scene.agent(agent).height_m
+        place = [*map(float, track.position_m[number]), building.agent if own is None else own]
         turn = [float(track.heading_rad[number]), 0.0, 0.0]
         world.add(rt.Receiver(f"agent-{number:06d}", position=place, orientation=turn))
     samples = 100_000 if building.flat else 500_000

@@ -5,7 +5,7 @@ import pytest
 from filter_states import model_of
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from kernel_worlds import random_belief, random_radio, random_table
+from kernel_worlds import random_belief, random_places, random_radio, random_table
 
 import gridslam as gs
 from gridslam import reference, runtime
@@ -92,13 +92,13 @@ def worth_a_birth(draw, surfaces, clocks):
     """A belief, and a measurement of the path over a new line, maybe with one of its surfaces."""
     mean, covariance, _ = random_belief(draw, surfaces, clocks)
     covariance *= draw.choice([1e-4, 0.01, 1.0])
-    places = np.column_stack([draw.uniform(-5, 5, (2, 2)), draw.uniform(-3, 3, 2)])
+    places = random_places(draw, 2)
     ends = [(-1, -1), *(pair for s in range(surfaces) for pair in ((s, -1), (-1, s)))]
     last, first = ends[draw.integers(len(ends))]
     line = np.array([draw.uniform(-np.pi, np.pi), draw.choice([-1, 1]) * draw.uniform(1, 6)])
     lines = np.concatenate([mean[5 + clocks :].reshape(-1, 2), line[None]])
     bounces = np.array([1 if last == first else 2])
-    path = trace(mean[None, :2], places[1:, :2], lines[[last]], lines[[first]], bounces)
+    path = trace(mean[None, :2], places[1:, :2], lines[[last]], lines[[first]], bounces, places[1:, 3])
     value = np.array([path.distance[0], path.departure[0] - places[1, 2], path.arrival[0] - mean[4]])
     heard = random_table(draw, 3)
     heard[1, :3] = value + draw.normal(0, [0.02, 0.1, 0.2])

@@ -24,7 +24,7 @@ from gridslam.inference.state.layout import StateLayout
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.geometry import trace, wrap
 
-ANCHORS = np.array([[-4.0, -3.0, 0.4], [5.0, -2.0, 2.5]])
+ANCHORS = np.array([[-4.0, -3.0, 0.4, 1.2], [5.0, -2.0, 2.5, 0.0]])
 WALLS = np.array([[0.1, 6.0], [1.6, 4.0]])
 POSE, LATE = np.array([0.5, -0.7, 0.0, 0.0, 0.3]), np.array([12.0, -9.0])
 AT_1M = gs.Scene.load("room").filter_model().radio.amplitude_at_1m
@@ -48,7 +48,8 @@ def heard(rows, late, label):
     lines, value, strength = np.concatenate([WALLS, [[-2.0, 5.0]]]), [], []
     for anchor, *hits in rows:
         last, first = (lines[[hits[n]]] if hits else lines[[0]] for n in (-1, 0))
-        path = trace(POSE[None, :2], ANCHORS[[anchor], :2], last, first, np.array([len(hits)]))
+        bounces = np.array([len(hits)])
+        path = trace(POSE[None, :2], ANCHORS[[anchor], :2], last, first, bounces, ANCHORS[anchor, 3])
         departure, arrival = path.departure[0] - ANCHORS[anchor, 2], path.arrival[0] - POSE[4]
         value.append([path.distance[0] + late[anchor], wrap(departure), wrap(arrival)])
         strength.append(AT_1M * 0.6 ** len(hits) / path.distance[0])

@@ -35,7 +35,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def scan_of(case, step):
     scan, world = case.heard.scan(step), case.believed
     threshold = world.signal_model(case.agent).threshold
-    return anchor_scans(scan, world.anchor_positions, world.anchor_orientations, threshold)
+    return anchor_scans(scan, world.filter_model(case.agent).places, threshold)
 
 
 @pytest.fixture(scope="module")

@@ -123,7 +123,7 @@ def test_a_straight_way_leaves_the_image_and_its_mirror_image_equally_likely(sce
     for side, sign in ((above, 1.0), (below, -1.0)):
         middle = weight[side] @ place[side] / weight[side].sum()
         np.testing.assert_allclose(middle, image * [1, sign], atol=0.8)
-    assert not len(rings.shrunk(bank, PLACE[None], scene.signal_model()))
+    assert not len(rings.shrunk(bank, np.array([[*PLACE, 0.0, 0.0]]), scene.signal_model()))
 
 
 @pytest.mark.slow
@@ -137,7 +137,7 @@ def test_a_turn_shrinks_the_ring_to_the_true_image(scene, seed):
     assert gap @ np.linalg.solve(covariance, gap) < 18.4  # chi square of 2, one in 10 000
     assert np.sqrt(np.linalg.eigvalsh(covariance)[-1]) < 0.25
     assert bank.existence[0] > 0.99
-    assert len(rings.shrunk(bank, np.array([[-9.0, 9.0]]), scene.signal_model())) == 1
+    assert len(rings.shrunk(bank, np.array([[-9.0, 9.0, 0.0, 0.0]]), scene.signal_model())) == 1
 
 
 def test_misses_end_a_ring(scene):

@@ -5,7 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_stages import stages
-from kernel_worlds import detection_table, random_bank, random_belief, random_radio, random_table
+from kernel_worlds import (
+    detection_table,
+    random_bank,
+    random_belief,
+    random_places,
+    random_radio,
+    random_table,
+)
 from scipy.special import i0e
 
 from gridslam import reference, runtime
@@ -52,12 +59,13 @@ def test_gated_pairs_equal_their_twin(seed, given_std, flat_array, spreading):
     start, room = np.zeros(paths + 1, np.int32), max(paths * count, 1)
     index, pair, table = np.zeros((room, 2), np.int32), np.zeros((room, 8)), np.zeros((room, 11), np.float32)
     strength = np.full((2, paths, count), np.nan)
-    given_to = belief, level, float(spreading), path, predicted, heard, chance, step, radio, 0.1
+    places = random_places(draw, 2)
+    given_to = belief, level, float(spreading), path, predicted, heard, chance, step, places, radio, 0.1
     measured = np.full((4, count), np.nan)
     chosen, expected, inverse, sure, weight = reference.gate(*given_to, odds)
     gate(
         float(spreading), step, 0.1, Amplitudes(belief, level, chance), PathRows(path, predicted), heard,
-        radio, Gating(np.empty((2, count, nodes)), strength, table),
+        places, radio, Gating(np.empty((2, count, nodes)), strength, table),
         Pairs(start, index, pair, np.zeros((0, 0), np.float32)), Ratios(odds, np.zeros((0, 0, 0)), measured),
     )  # fmt: skip
     found = start[-1]
@@ -123,7 +131,7 @@ def test_evaluation_equals_its_twin(seed, spreading, clocks):
     draw = np.random.default_rng(seed)
     surfaces, count, nodes, blocks = int(draw.integers(0, 4)), int(draw.integers(0, 9)), 12, 3
     mean, covariance, path = random_belief(draw, surfaces, clocks)
-    places = np.column_stack([draw.uniform(-5, 5, (2, 2)), draw.uniform(-3, 3, 2)])
+    places = random_places(draw, 2)
     path[:, 3] = np.sort(draw.integers(0, 2, len(path)))
     predicted = predicted_of(mean, covariance, 5 + clocks, path, places)
     rows = predicted[:, 12] > 0.5  # next to its image, an agent has no direction to it
@@ -205,7 +213,7 @@ def test_updates_equal_their_twin(seed, surfaces, rounds, noted, clocks):
 
     draw = np.random.default_rng(seed)
     mean, covariance, path = random_belief(draw, surfaces, clocks)
-    places = np.column_stack([draw.uniform(-5, 5, (2, 2)), draw.uniform(-3, 3, 2)])
+    places = random_places(draw, 2)
     path[:, 3] = np.sort(draw.integers(0, 2, len(path)))
     predicted = predicted_of(mean, covariance, 5 + clocks, path, places)
     far = predicted[:, 12] > 0.5  # next to its image, an agent has no direction to it

@@ -43,7 +43,7 @@ def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0):
     single = square.astype(np.float32)
     query = Query(np.array([ALREADY_LISTED, 0, 0, 0, STATE_GIVEN], np.int32), np.array([0.0, 0.0, 1.0]))
     cast(
-        query, Belief(row, square), np.append(place, 0.0)[None],
+        query, Belief(row, square), np.append(place, [0.0, 0.0])[None],
         Links(row, entries, row, square, np.empty((0, 0, 0))),
         Draft(single, square, single, single, state, np.full(1, 9, np.int32)),
         Listed(table, row, row, square, np.array([len(path)], np.int32)),

@@ -9,6 +9,7 @@ from kernel_worlds import (
     detection_table,
     random_bank,
     random_belief,
+    random_places,
     random_radio,
     random_table,
     random_world,
@@ -41,10 +42,6 @@ seeds = st.integers(0, 2**32 - 1)
 clocks = st.sampled_from([0, 2])
 
 
-def places_of(draw, anchors):
-    return np.column_stack([draw.uniform(-5, 5, (anchors, 2)), draw.uniform(-3, 3, anchors)])
-
-
 @given(seeds, st.integers(0, 4), st.integers(0, 2), st.sampled_from([-1, 0, 1]), clocks)
 @settings(max_examples=60, deadline=None)
 def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, only, clocks):
@@ -56,7 +53,7 @@ def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, onl
     change = (0.95, 0.005) if only >= 0 else (1.0, 0.0)
     bank = surface, owner, sight, single, double
     query = Query(np.array([only, bounces, 5 + clocks, 0, TAKE_ROOT], np.int32), np.array([*change, 0.9]))
-    into = query, Belief(mean, covariance), places_of(draw, anchors), Links(*bank)
+    into = query, Belief(mean, covariance), random_places(draw, anchors), Links(*bank)
     room = anchors * (1 + surfaces**2)
     path, existence, together = np.zeros((room, 4), np.int32), np.zeros(room), np.zeros(room)
     predicted, found = np.zeros((room, 13)), np.zeros(1, np.int32)
@@ -92,7 +89,7 @@ def test_loud_measurements_near_a_path_equal_their_twin(seed, surfaces, given_st
     draw, anchors = np.random.default_rng(seed), 2
     mean, covariance, _ = random_belief(draw, surfaces, clocks)
     head, bank = 5 + clocks, random_bank(draw, surfaces, anchors)
-    places = places_of(draw, anchors)
+    places = random_places(draw, anchors)
     links = Links(*bank[:2], *bank[3:])
     query = Query(np.array([-1, 1, head, 0, 0], np.int32), np.array([1.0, 0.0, 1.0]))
     _, _, _, predicted = reference.list_paths(query, Belief(mean, covariance), places, links)
@@ -111,7 +108,7 @@ def test_birth_proposals_equal_their_twin(seed, with_departure, particles, clock
 
     draw, count = np.random.default_rng(seed), 5
     state, _, place = random_world(draw, particles, np.float32, surfaces=2)
-    places, radio = np.stack([places_of(draw, 1)[0], place.astype(np.float64)]), random_radio(draw)
+    places, radio = np.stack([random_places(draw, 1)[0], place.astype(np.float64)]), random_radio(draw)
     mean = np.concatenate([state[:2, 0], [0.0, 0.0], state[2:3, 0], reference.lines_of(state)[:, 0].ravel()])
     late = draw.uniform(-3, 3, clocks)  # longer than some distances
     mean = np.insert(mean.astype(np.float64), 5, late)
@@ -153,7 +150,7 @@ def test_a_glance_at_births_equals_its_twin(seed, surfaces, clocks):
 
     draw = np.random.default_rng(seed)
     mean, _, _ = random_belief(draw, surfaces, clocks)
-    places, shape = places_of(draw, 2), (17, 23)
+    places, shape = random_places(draw, 2), (17, 23)
     occupied = draw.uniform(0.001, 0.5, (2, shape[0] * shape[1])).astype(np.float32)
     frame = np.array([-4.0, -3.0, 0.41, 0.1])  # much is outside
     hit = np.array([[-1, -1]] * 3 + [p for s in range(surfaces) for p in ((-1, s), (s, -1))], np.int32)
@@ -216,7 +213,7 @@ def test_ghosts_equal_their_twin(seed, surfaces, clocks):
     mean, covariance, _ = random_belief(draw, surfaces, clocks)
     existence, _, _, _, single, _ = random_bank(draw, surfaces, anchors)
     covariance *= draw.choice([0.01, 1.0, 30.0])
-    places, seen = places_of(draw, anchors)[:, :2].copy(), draw.choice([3, 12, 60], surfaces)
+    places, seen = random_places(draw, anchors)[:, :2].copy(), draw.choice([3, 12, 60], surfaces)
     existence[:2], seen[:2], single[:] = 0.999, 60, draw.choice([0.05, 0.9], single.shape, p=[0.8, 0.2])
     lines = mean[5 + clocks :].reshape(-1, 2)
     for ghost in range(2, surfaces):  # at or near where the double bounce of the first two seems to come from
@@ -343,7 +340,7 @@ def test_what_users_are_told_equals_its_twin(seed, surfaces, clocks):
     mean[5 + clocks :: 2] += draw.choice([-7.0, 0.0, 9.0], surfaces)  # angles aren't kept wrapped
     mean[6 + clocks :: 2] *= draw.choice([-1, 1], surfaces)
     existence, owner, _, sight, single, double = random_bank(draw, surfaces, anchors)
-    places = places_of(draw, anchors)
+    places = random_places(draw, anchors)
     extent = draw.choice([np.nan, 1.0], (surfaces, 1)) * np.sort(draw.normal(size=(surfaces, 2)))
     single[:, ::2], double[:, ::2] = 0.9, 0.95
     head, reflection = 5 + clocks, draw.dirichlet(np.ones(BINS), surfaces)

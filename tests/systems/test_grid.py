@@ -129,10 +129,10 @@ def test_a_checkpoint_whose_parts_do_not_fit_is_refused(tmp_path, name, shape):
 
 def test_rows_of_anchors_that_the_scene_lacks_are_passed_over():
     scan = gs.Scan(0, 0.0, np.array([1, 7, -1, 0]), *(np.arange(4.0) + n for n in range(4)))
-    heard = anchor_scans(scan, np.zeros((2, 2)), np.zeros(2))
+    heard = anchor_scans(scan, np.zeros((2, 4)))
     assert [h.amplitude.tolist() for h in heard] == [[6.0], [3.0]]
     none = np.zeros(0)
-    assert [len(h) for h in anchor_scans(gs.Scan(0, 0.0, *[none] * 5), np.zeros((2, 2)), np.zeros(2))] == [
+    assert [len(h) for h in anchor_scans(gs.Scan(0, 0.0, *[none] * 5), np.zeros((2, 4)))] == [
         0,
         0,
     ]

@@ -28,7 +28,7 @@ from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.geometry import direction, mirror, unit, wrap
+from gridslam.world.geometry import direction, level_of, mirror, slant, unit, wrap
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
 from gridslam.world.scene_parts import GridSpec
 
@@ -171,7 +171,7 @@ def near_paths(scans: Sequence[AnchorScan], state: State, model: FilterModel) ->
     table = np.concatenate([heard.table for heard in scans])
     claimed = np.empty(len(table), np.int32)
     near(
-        belief.mean, belief.covariance, belief.layout.head, model.anchors, bank.existence, bank.owner, table,
+        belief.mean, belief.covariance, belief.layout.head, model.places, bank.existence, bank.owner, table,
         model.radio.numbers, claimed,
     )  # fmt: skip
     return int(claimed.sum())
@@ -309,7 +309,8 @@ def _proposals(
             leaving = heard.orientation + value[None, :, 1]
             straight = (own.image == heard.position).all(1)[:, None]
             back = np.where(straight, leaving + np.pi, 2 * own.line[:, 0, None] - leaving)
-            place = own.image[:, None] - value[None, :, :1] * unit(back)
+            level = level_of(value[None, :, :1], heard.height)
+            place = own.image[:, None] - level * unit(back)
             poses.append(
                 np.concatenate([place, wrap(back - value[None, :, 2])[..., None]], -1).reshape(-1, 3)
             )
@@ -321,7 +322,7 @@ def _log_likelihood(
 ) -> Array:
     """Log-likelihood (N,) of one anchor's measurements at poses (N, 3), relative to clutter alone."""
     back = direction(poses[:, None, :2], own.image[None])
-    distance = np.linalg.norm(poses[:, None, :2] - own.image[None], axis=-1)
+    distance = slant(np.linalg.norm(poses[:, None, :2] - own.image[None], axis=-1), heard.height)
     straight = (own.image == heard.position).all(1)
     leaving = np.where(straight, back + np.pi, 2 * own.line[:, 0] - back) - heard.orientation
     normal, offset = unit(own.line[:, 0]), own.line[:, 1]

@@ -17,7 +17,7 @@ from gridslam.inference.management.pose_recovery import Sources
 from gridslam.inference.messages.likelihood import DetectionTable, detection_table, deviations
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.geometry import unit
+from gridslam.world.geometry import level_of, slant, unit
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
 
 IN_SIGHT = 0.9
@@ -41,6 +41,8 @@ class SnapshotTerms:
     Attributes
     ----------
     position : (2,) m
+    height : float, m
+        Of the anchor above the agent.
     value : (M, 3)
         Distance (m), AoD in the world and AoA (rad); 0 where not measured.
     variance : (M, 3)
@@ -58,6 +60,7 @@ class SnapshotTerms:
     """
 
     position: Array
+    height: float
     value: Array
     variance: Array
     amplitude: Array
@@ -95,8 +98,8 @@ class SnapshotTerms:
         with np.errstate(divide="ignore"):
             log_born = np.log(whole * birth_rate * value[:, 0] * born.mean(1))
         return cls(
-            heard.position, value, std**2, heard.amplitude, clutter + np.log(radio.false_alarms), log_born,
-            radio, detection_table(radio), over,
+            heard.position, heard.height, value, std**2, heard.amplitude,
+            clutter + np.log(radio.false_alarms), log_born, radio, detection_table(radio), over,
         )  # fmt: skip
 
     def __len__(self) -> int:
@@ -111,7 +114,7 @@ class SnapshotTerms:
             By which deviations are multiplied.
         """
         away = poses[:, :2] - self.position
-        distance = np.hypot(away[:, 0], away[:, 1])
+        distance = slant(np.hypot(away[:, 0], away[:, 1]), self.height)
         strength = self.radio.amplitude(distance)
         log = -IN_SIGHT * self.table(strength)
         if not len(self):
@@ -126,7 +129,8 @@ class SnapshotTerms:
         straight += weight[:, 1] * _wrapped(self.value[:, 1] - leaving) ** 2
         straight += weight[:, 2] * _wrapped(world - leaving - np.pi) ** 2
         straight = norm.sum(1) - 0.5 * straight + np.log(IN_SIGHT) + self._heard_at(strength)
-        image = away[:, None] + self.value[:, :1] * np.stack([np.cos(world), np.sin(world)], -1)
+        level = level_of(self.value[:, :1], self.height)
+        image = away[:, None] + level * np.stack([np.cos(world), np.sin(world)], -1)
         gap = np.hypot(image[..., 0], image[..., 1])
         spread = widen**2 * (self.variance[:, 1] + self.variance[:, 2])
         known = np.isfinite(spread)
@@ -152,7 +156,7 @@ class SnapshotTerms:
         image, (angle, offset) = self.known.image[source], self.known.line[source]
         normal = unit(angle)
         toward = image - poses[:, :2]
-        distance = np.hypot(toward[:, 0], toward[:, 1])
+        distance = slant(np.hypot(toward[:, 0], toward[:, 1]), self.height)
         side = (poses[:, :2] @ normal - offset) * float(normal @ self.position - offset)
         there = self.known.chance[source] * (side > 0)
         strength = self.radio.amplitude(distance, self.known.level[source])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.management.pose_score import Snapshot, SnapshotTerms
 from gridslam.inference.state.belief import Belief
-from gridslam.world.geometry import unit, wrap
+from gridslam.world.geometry import level_of, unit, wrap
 from gridslam.world.scene_parts import GridSpec
 
 POSE = np.array([0, 1, 4])
@@ -166,7 +166,7 @@ def line_of_sight_poses(
         if rows.size and not measured[rows[0], 1]:
             value[..., 1] = 2 * np.pi * (np.arange(count) + draw.random()) / count
         value = value.reshape(-1, 3)
-        place = terms.position + value[:, :1] * unit(value[:, 1])
+        place = terms.position + level_of(value[:, :1], terms.height) * unit(value[:, 1])
         parts.append(np.column_stack([place, wrap(value[:, 1] + np.pi - value[:, 2])]))
     return np.concatenate(parts)
 
@@ -184,7 +184,7 @@ def reflected_poses(terms: SnapshotTerms, draw: np.random.Generator, copies: int
         noise[:, 0] = 0.0
         value = (terms.value[rows][:, None] + std * noise).reshape(-1, 3)
         back = 2 * line[0] - value[:, 1]  # towards the image, by the law of reflection
-        place = image - value[:, :1] * unit(back)
+        place = image - level_of(value[:, :1], terms.height) * unit(back)
         parts.append(np.column_stack([place, wrap(back - value[:, 2])]))
     return np.concatenate(parts)
 

@@ -42,7 +42,7 @@ def estimates(
     strength : callable, optional
         Amplitudes (L,) of rays of given lengths (L,), if they are known otherwise.
     """
-    return _described(state, state.los, model.anchors, model.max_bounces, at_1m, strength, work)
+    return _described(state, state.los, model.places, model.max_bounces, at_1m, strength, work)
 
 
 def described(population: Population) -> HypothesisEstimate:

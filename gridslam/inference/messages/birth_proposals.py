@@ -91,7 +91,7 @@ def propose_births(
     births = work.buffers(_rows, 0, capacity, hypotheses)
     launch(
         model.birth_rate, belief.layout.head, belief.mean, cloud.state, _noise(len(known)), heard.table,
-        known, senders, Anchors(model.anchors, signal.numbers), ratios.measured, births,
+        known, senders, Anchors(model.places, signal.numbers), ratios.measured, births,
     )  # fmt: skip
     born, told = births.born, births.told
     if state.grid is not None and born[0, 0]:
@@ -116,7 +116,7 @@ def _weigh_by_visibility(
         np.empty((1, 14)),
     )  # fmt: skip
     weigh_by_visibility(
-        layout.head, grid.shape[1], state.belief.mean, model.anchors, cells.occupancy(grid), cells.frame,
+        layout.head, grid.shape[1], state.belief.mean, model.places, cells.occupancy(grid), cells.frame,
         sketch, births, ratios.measured,
     )  # fmt: skip
 

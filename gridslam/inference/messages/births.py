@@ -167,7 +167,7 @@ def initialise_surface(
     reflection = np.empty(len(REFLECTION_BINS))
     launch(
         belief.layout.head, anchor, row, last, first, blocks.Belief(belief.mean, belief.covariance),
-        blocks.Anchors(model.anchors, signal.numbers), heard.table,
+        blocks.Anchors(model.places, signal.numbers), heard.table,
         blocks.Newborn(np.empty(size + 2), mean, covariance, reflection),
     )  # fmt: skip
     return replace(belief, mean=mean, covariance=covariance), reflection

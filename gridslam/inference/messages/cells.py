@@ -91,7 +91,7 @@ def cast_messages(state: State, model: FilterModel, *, work: Workspace) -> Polyl
     draft = work.buffers(draft_of, anchors, state.belief.layout, RAYS)
     samples = work.particles.samples(state.belief, _number(state, anchors, model), draft)
     cast = work.buffers(casting_of, anchors, len(messages.path), RAYS, 0)
-    cast_at(samples, state.require_grid(), cast, model.anchors, work)
+    cast_at(samples, state.require_grid(), cast, model.places, work)
     return Polylines(int(messages.count[0]), cast.drawn, cast.seen)
 
 

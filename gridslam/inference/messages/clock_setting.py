@@ -17,7 +17,7 @@ from gridslam.inference.state.network_state import NetworkState
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.kernels.primitives import tables
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.geometry import wrap
+from gridslam.world.geometry import lean, wrap
 from gridslam.world.network_model import NetworkModel
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
 from gridslam.world.scan import Scan
@@ -140,7 +140,8 @@ def _evidence(state: NetworkState, agent: int, scan: Scan, model: FilterModel, w
     for anchor in np.flatnonzero(search.unset):
         mine = np.flatnonzero(sure & (rays.anchor == anchor))
         able = (heard.label < 0) | (heard.label == anchor)
-        std = [_deviations(heard, amplitude[row], predicted[row, 1:], radio)[able] for row in mine]
+        steep = lean(length, model.anchor_heights[anchor])
+        std = [_deviations(heard, amplitude[n], predicted[n, 1:], steep[n], radio)[able] for n in mine]
         if len(mine):
             total[anchor] = clock_evidence(
                 predicted[mine], paths.prediction.spread[mine], chance[mine], heard.value[able],
@@ -149,10 +150,11 @@ def _evidence(state: NetworkState, agent: int, scan: Scan, model: FilterModel, w
     return total
 
 
-def _deviations(heard: AnchorScan, amplitude: float, angles: Array, radio: RadioModel) -> Array:
+def _deviations(heard: AnchorScan, amplitude: float, angles: Array, steep: float, radio: RadioModel) -> Array:
     """Deviations (M, 3) of all measurements, if a path of this amplitude and these angles caused them."""
     count = len(heard)
-    return deviations(heard, np.arange(count), np.full(count, amplitude), np.tile(angles, (count, 1)), radio)
+    every = np.arange(count)
+    return deviations(heard, every, np.full(count, amplitude), np.tile(angles, (count, 1)), radio, steep)
 
 
 def doubt_clocks(state: NetworkState, exchanges: Sequence[Exchange], model: NetworkModel) -> NetworkState:

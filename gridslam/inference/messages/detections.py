@@ -30,7 +30,7 @@ def mark_detections(state: State, rays: Rays, share: Array, model: FilterModel, 
     from gridslam.kernels.propagation.detections import mark
 
     bank, belief = state.surfaces, state.belief
-    lines = draw_paths(rays, at_mean(belief), model.anchors)
+    lines = draw_paths(rays, at_mean(belief), model.places)
     rays.check(len(bank))
     if len(belief.lines) != len(bank) or not len(rays) == lines.count == len(share):
         raise ValueError("belief, bank, rays and what was drawn of them don't belong together")

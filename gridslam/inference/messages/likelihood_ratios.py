@@ -186,7 +186,7 @@ def evaluate(
         1.0 if amplitudes.spreading else 0.0, table.step, recipe.layout.head, recipe.kept,
         blocks.Amplitudes(amplitudes.probability, nodes, table.chance),
         blocks.PathRows(rays.table, paths.prediction.whole), heard.table,
-        blocks.Anchors(model.anchors, signal.numbers),
+        blocks.Anchors(model.places, signal.numbers),
         blocks.Drawing(recipe.root, recipe.base, recipe.points, state), scratch, found, ratios,
     )  # fmt: skip
     pairs = Pairs(int(found.start[-1]), found.start, found.index, found.pair)

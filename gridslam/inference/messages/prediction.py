@@ -83,8 +83,8 @@ class PathQuery:
     ----------
     query : Query
     belief : Belief
-    places : (J, 3)
-        x, y (m) and orientation (rad) of the anchors.
+    places : (J, 4)
+        x, y (m), orientation (rad) and height above the agent (m) of the anchors.
     links : Links
     sampling : Sampling
     buffers : Listed
@@ -117,7 +117,7 @@ class PathQuery:
         change : (float, float)
             Probabilities that a ray stays, and that one appears.
         """
-        bank, belief, anchors = state.surfaces, state.belief, model.anchors
+        bank, belief, anchors = state.surfaces, state.belief, model.places
         surfaces, places = len(bank), len(anchors)
         bank.check(belief, places, len(state.los))
         if anchor >= places:

@@ -31,7 +31,7 @@ from gridslam.inference.state.rings import (
 )
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.geometry import line_between, unit
+from gridslam.world.geometry import level_of, line_between, slant, unit
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
 
 OVERLAP = 0.6
@@ -109,7 +109,7 @@ def follow_belief(before: State, state: State) -> State:
 
 def join_shrunk_rings(state: State, signal: RadioModel, model: FilterModel) -> State:
     """Rings that have shrunk to a place become virtual anchors."""
-    for row in shrunk(require(state), model.anchor_positions, signal)[::-1].tolist():
+    for row in shrunk(require(state), model.places, signal)[::-1].tolist():
         rings = require(state)
         ring = rings.take(np.array([row]))
         anchor = int(ring.anchor[0])
@@ -182,8 +182,9 @@ def judge(rings: Rings, heard: AnchorScan, table: DetectionTable, signal: RadioM
     rows = np.flatnonzero(rings.anchor == heard.anchor)
     mean, weight = rings.mean[rows], rings.weight[rows]
     away = mean[..., MOVING:] - mean[..., :2]
-    distance = np.maximum(np.linalg.norm(away, axis=-1), 1e-6)
-    toward = away / distance[..., None]
+    level = np.maximum(np.linalg.norm(away, axis=-1), 1e-6)
+    distance = slant(level, heard.height)
+    toward = away / level[..., None] * (level / distance)[..., None]
     slope = np.concatenate([-toward, np.zeros_like(toward), toward], -1)
     gain = np.einsum("lkij,lkj->lki", rings.covariance[rows], slope)
     spread = (gain * slope).sum(-1)
@@ -264,13 +265,14 @@ def expected(
     """
     usable, deviation, loudness = _level(heard, signal)
     distance = np.where(usable, heard.value[:, 0], 0.0)
-    image = belief.mean[:2] + distance[:, None, None] * unit(_bearings())
+    image = belief.mean[:2] + level_of(distance, heard.height)[:, None, None] * unit(_bearings())
     line = line_between(heard.position, image)
     span = np.linalg.norm(image - heard.position, axis=-1)
     crosses = np.abs((unit(line[..., 0]) @ middle) - line[..., 1]) < radius_m
     # no image is nearer than its anchor, and one that is hardly farther looks the same
     doubt = np.where(usable, deviation, 0.0) ** 2 + np.trace(belief.covariance[:2, :2])
-    nearer = np.linalg.norm(belief.mean[:2] - heard.position) + APART * np.sqrt(doubt) < distance
+    itself = slant(np.hypot(*(belief.mean[:2] - heard.position)), heard.height)
+    nearer = itself + APART * np.sqrt(doubt) < distance
     density = crosses * nearer[:, None] / np.maximum(span, 0.1)
     common = births / (4 * np.pi * radius_m) * distance * 2 * np.pi * loudness
     ratio = np.where(usable, common * density.mean(-1), 0.0)
@@ -290,7 +292,9 @@ def begin(
         Of the bearings.
     """
     rows = np.flatnonzero(chance > LEAST_EXISTENCE)
-    distance, variance = heard.value[rows, 0, None], np.square(_level(heard, signal)[1][rows, None])
+    length = heard.value[rows, 0, None]
+    distance = np.maximum(level_of(length, heard.height), 1e-6)  # as seen from above
+    variance = np.square(_level(heard, signal)[1][rows, None] * length / distance)
     toward = np.broadcast_to(unit(_bearings()), (len(rows), BEARINGS, 2))
     across = np.stack([-toward[..., 1], toward[..., 0]], -1)
     arc = np.square(OVERLAP * 2 * np.pi / BEARINGS * distance)[..., None, None]

@@ -123,7 +123,7 @@ def update_surfaces_and_agent(
     launch(
         belief.layout.head, rounds, blocks.Belief(belief.mean, belief.covariance),
         blocks.PathRows(rays.table, paths.prediction.whole), pairs.block(ratios.blocks), ratios.block,
-        heard.table, blocks.Anchors(model.anchors, model.radio.numbers),
+        heard.table, blocks.Anchors(model.places, model.radio.numbers),
         blocks.Existence(existence, los, single, double), blocks.Account(scratch, share, turned, fits),
         messages.block(),
     )  # fmt: skip

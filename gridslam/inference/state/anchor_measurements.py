@@ -34,6 +34,8 @@ class AnchorScan:
     position : (2,) m
     orientation : float, rad
         Of the anchor; NaN where it is unknown.
+    height : float, m
+        Of the anchor above the agent.
     value : (M, 3)
         Distance (m), AoD and AoA (rad).
     own_std : (M, 3)
@@ -50,6 +52,7 @@ class AnchorScan:
     anchor: int
     position: Array
     orientation: float
+    height: float
     value: Array
     own_std: Array
     amplitude: Array
@@ -67,41 +70,49 @@ class AnchorScan:
     @classmethod
     def of(
         cls, anchor: int, position: Array, orientation: float, value: Array, own_std: Array, amplitude: Array,
-        threshold: float = 0.0,
+        threshold: float = 0.0, height: float = 0.0,
     ) -> AnchorScan:  # fmt: skip
         """Measurements given one by one; `threshold` is the amplitude from which on the radio detects."""
         label = np.full(len(amplitude), anchor)
         table = _table(value, own_std, amplitude, label, threshold)
-        return cls(anchor, position, orientation, value, own_std, amplitude, label, table)
+        return cls(anchor, position, orientation, height, value, own_std, amplitude, label, table)
 
 
 def split_by_anchor(scan: Scan, model: FilterModel) -> list[AnchorScan]:
     """A scan, anchor by anchor, the silent ones too."""
-    return anchor_scans(scan, model.anchor_positions, model.anchor_orientations, model.radio.threshold)
+    return anchor_scans(scan, model.places, model.radio.threshold)
 
 
-def anchor_scans(scan: Scan, places: Array, facings: Array, threshold: float = 0.0) -> list[AnchorScan]:
+def anchor_scans(scan: Scan, anchors: Array, threshold: float = 0.0) -> list[AnchorScan]:
     """A scan, anchor by anchor.
 
     Parameters
     ----------
-    places, facings : (J, 2) m and (J,) rad
-        Of the anchors.
+    anchors : (J, 4)
+        As `FilterModel.places`.
     threshold : float
         Amplitude from which on the radio detects.
     """
     whose = np.asarray(scan.anchor, np.intp)
     order = whose.argsort(kind="stable")
-    ends = whose[order].searchsorted(np.arange(len(places) + 1)).tolist()
+    ends = whose[order].searchsorted(np.arange(len(anchors) + 1)).tolist()
     rows = slice(ends[0], ends[-1])  # others belong to no anchor of the scene
     value, own, amplitude, label = _columns(scan, order[rows])
     table = _table(value, own, amplitude, label, threshold)
     parts = (slice(begin - rows.start, end - rows.start) for begin, end in itertools.pairwise(ends))
     return [
         AnchorScan(
-            anchor, places[anchor], facing, value[part], own[part], amplitude[part], label[part], table[part]
+            anchor,
+            anchors[anchor, :2],
+            facing,
+            height,
+            value[part],
+            own[part],
+            amplitude[part],
+            label[part],
+            table[part],
         )
-        for anchor, (facing, part) in enumerate(zip(facings.tolist(), parts, strict=True))
+        for anchor, (facing, height, part) in enumerate(zip(*anchors[:, 2:].T.tolist(), parts, strict=True))
     ]
 
 
@@ -109,7 +120,7 @@ def of_all_anchors(scan: Scan, threshold: float = 0.0) -> AnchorScan:
     """A whole scan, of which some rows or all don't say which anchor sent them: its `anchor` is -1 there."""
     value, own, amplitude, label = _columns(scan, np.arange(len(scan)))
     table = _table(value, own, amplitude, label, threshold)
-    return AnchorScan(UNKNOWN, np.full(2, np.nan), np.nan, value, own, amplitude, label, table)
+    return AnchorScan(UNKNOWN, np.full(2, np.nan), np.nan, np.nan, value, own, amplitude, label, table)
 
 
 def _columns(scan: Scan, rows: NDArray[np.intp]) -> tuple[Array, Array, Array, NDArray[np.intp]]:

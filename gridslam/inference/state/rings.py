@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief, give_birth
-from gridslam.world.geometry import line_between, mirror_derivative
+from gridslam.world.geometry import line_between, mirror_derivative, slant
 from gridslam.world.radio import RadioModel
 
 BEARINGS = 72
@@ -170,15 +170,19 @@ def prune(rings: Rings, survival: float) -> Rings:
     return replace(rings, existence=existence).take((existence > LEAST_EXISTENCE) & (place < MOST_RINGS))
 
 
-def shrunk(rings: Rings, places: Array, signal: RadioModel) -> NDArray[np.intp]:
-    """Rings that have shrunk to one place, the mirrored one gone, and surely exist."""
+def shrunk(rings: Rings, anchors: Array, signal: RadioModel) -> NDArray[np.intp]:
+    """Rings that have shrunk to one place, the mirrored one gone, and surely exist.
+
+    `anchors` (J, 4) is `FilterModel.places`.
+    """
     if not len(rings):
         return np.zeros(0, np.intp)
     mean, covariance = rings.matched
     thickness, width = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[:, MOVING:, MOVING:]), 0)).T
-    distance = np.linalg.norm(mean[:, MOVING:] - mean[:, :2], axis=-1)
-    thin = THIN * signal.distance_std(signal.amplitude(distance, 0.5))
-    span = np.linalg.norm(mean[:, MOVING:] - places[rings.anchor], axis=-1)
+    level = np.linalg.norm(mean[:, MOVING:] - mean[:, :2], axis=-1)
+    distance = slant(level, anchors[rings.anchor, 3])
+    thin = THIN * signal.distance_std(signal.amplitude(distance, 0.5)) * distance / np.maximum(level, 1e-6)
+    span = np.linalg.norm(mean[:, MOVING:] - anchors[rings.anchor, :2], axis=-1)
     return np.flatnonzero(
         (width < SHRUNK_M) & (width < SHRUNK_SHARE * span) & (thickness < thin) & (rings.existence > SURE)
     )

@@ -112,6 +112,7 @@ class PublishedVirtualAnchorSlam(FilterFront[Scan, ImageState]):
         same_frame: bool = False,
     ) -> None:
         require_known_clocks(scene, agent)
+        scene.require_planar()
         super().__init__(scene, prior_map, agent, seed, same_frame)
 
     def _workspace(self) -> int:
