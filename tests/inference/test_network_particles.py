@@ -16,6 +16,7 @@ from gridslam.inference.messages.network_particles import (
     evaluate_network,
     move_network,
     propose_network,
+    regularised,
     update_network,
 )
 from gridslam.inference.state.anchor_measurements import of_all_anchors
@@ -59,14 +60,16 @@ def scan_of(state, label=-1, feature=None, shift=(0.1, 0.02, -0.03)):
     return of_all_anchors(Scan(3, 3.0, np.array([label]), *value, nan, *STD[:, None]), RADIO.threshold)
 
 
-def density(state, heard, anchor, place, sight):
-    """Ratio to clutter of every particle of agent and place with every one of the clock, (P, P)."""
-    agent = state.agents[0]
-    values = path_values(agent[:, :5], place, np.array([sight]), ANCHORS[anchor])[:, 0]
-    measured, late = heard.value[0], state.clocks[anchor][None] - agent[:, CLOCK, None]
-    ratio = norm.pdf(measured[0] - values[0][:, None] - late, scale=STD[0])
-    for kind in (1, 2):
-        ratio *= norm.pdf(wrap(measured[kind] - values[kind]), scale=STD[kind])[:, None]
+def density(state, heard, anchor, agents, places, clocks, sight):
+    """Ratio to clutter of every agent with every place and clock, (A, V, C)."""
+    ratio = np.empty((len(agents), len(places), len(clocks)))
+    for row, agent in enumerate(agents):
+        poses = np.tile(agent[:5], (len(places), 1))
+        values = path_values(poses, places[None], np.array([sight]), ANCHORS[anchor])[:, 0]
+        left = heard.value[0, 0] - values[0][:, None] - clocks + agent[CLOCK]
+        ratio[row] = norm.pdf(left, scale=STD[0])
+        for kind in (1, 2):
+            ratio[row] *= norm.pdf(wrap(heard.value[0, kind] - values[kind]), scale=STD[kind])[:, None]
     return RADIO.given_detection * ratio / (RADIO.false_alarms / (RADIO.span_m * 4 * np.pi**2))
 
 
@@ -81,24 +84,43 @@ def test_blurring_is_the_mean_of_gaussians():
     assert not blurred(np.zeros(5), None, np.array([50.0, 60.0]), 0.2).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("feature", [None, 0])
 def test_ratios_and_messages_to_clocks_integrate_over_all_others(feature):
     state, _ = state_of(1)
     heard = scan_of(state, feature=feature)
     seen = evaluate_network(state, 0, heard, OWN)
     row, anchor = (1, 1) if feature is None else (4, 2)
-    place = np.tile(ANCHORS[1, :2], (1, COUNT, 1)) if feature is None else state.features.position
-    ratio = density(state, heard, anchor, place, feature is None)
-    mean = ratio.mean(1)
-    np.testing.assert_allclose(seen.ratio[row, 0], mean, atol=0.02 * mean.max())
+    places = ANCHORS[1:2, :2] if feature is None else state.features.position[0]
+    agents, clocks, some = state.agents[0], state.clocks[anchor], np.arange(12)
+    mean = density(state, heard, anchor, agents[some], places, clocks, feature is None).mean((1, 2))
+    np.testing.assert_allclose(seen.ratio[row, 0, some], mean, atol=0.03 * mean.max())
+    if feature is not None:
+        mean = density(state, heard, anchor, agents, places[some], clocks, False).mean((0, 2))
+        np.testing.assert_allclose(seen.by_place[0, 0, some], mean, atol=0.03 * mean.max())
     found = associate_network(seen, propose_network(state, 0, heard, OWN, np.random.default_rng(0)))
     assert found.given.tolist() == [anchor]
     logs = clock_messages(state, seen, found)
     exists, nu = seen.existence[row], found.nu[row, 0]
-    expected = np.log(exists * (nu * ratio.mean(0) + 1 - RADIO.given_detection) + 1 - exists)
-    others = logs[anchor] - expected  # of the anchor's other features, which weigh the same everywhere
-    assert np.ptp(logs[anchor]) > 0.5
+    mean = density(state, heard, anchor, agents, places, clocks[some], feature is None).mean((0, 1))
+    expected = np.log(exists * (nu * mean + 1 - RADIO.given_detection) + 1 - exists)
+    others = logs[anchor][some] - expected  # of the anchor's other features, which weigh the same everywhere
+    assert np.ptp(expected) > 0.5
     np.testing.assert_allclose(others, others.mean(), atol=0.05)
+
+
+def test_regularising_keeps_the_moments_and_parts_copies():
+    draw = np.random.default_rng(0)
+    few = draw.standard_normal((20, 6)) * [1, 2, 0.1, 0.1, 0.2, 0.3] + [0, 0, 0, 0, np.pi, 0]
+    copies = few[draw.integers(0, 20, 6000)]
+    copies[:, 4] = wrap(copies[:, 4])
+    apart = regularised(copies, draw)
+    assert len(np.unique(apart[:, 0])) == 6000
+    before, after = copies.copy(), apart.copy()
+    for whole in (before, after):
+        whole[:, 4] = wrap(whole[:, 4] - np.pi)
+    np.testing.assert_allclose(after.mean(0), before.mean(0), atol=0.02 * before.std(0).max())
+    np.testing.assert_allclose(np.cov(after.T), np.cov(before.T), atol=0.05 * np.cov(before.T).max())
 
 
 def test_births_of_a_lone_measurement_are_those_of_all_events():

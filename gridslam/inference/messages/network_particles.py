@@ -1,8 +1,9 @@
 """Messages of network SLAM as published: every agent, clock and virtual anchor by itself.
 
 [Venus2025network], sections IV and V, with the slips mended that docs/differences.md lists; docs/model.md,
-(M143) to (M145). Equations without a key are that paper's. What two beliefs share is integrated by pairing
-their particles, orders being independent; over a clock, which is one number, by a histogram.
+(M143) to (M145). Equations without a key are that paper's. A message to an agent integrates over a virtual
+anchor by its moments, one to a virtual anchor over the agent by that one's; over a clock, which is one number
+and may have several modes, by a histogram.
 """
 
 from __future__ import annotations
@@ -37,19 +38,19 @@ GIVEN = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Heard:
-    """One pair of a feature and a measurement, where angles fit: particles, and what they say.
+    """A pair of a feature and a measurement whose angles fit: particles of one belief, and what they say.
 
     Attributes
     ----------
     feature, measurement : int
     at : (N,) int
-        Particles of agent and feature whose angles fit.
+        Particles whose angles fit.
     weight : (N,)
         p_d times the density of the angles over that of clutter, at these.
     late : (N,) m
-        What is left of the measured distance, the anchor's clock offset if all else is right.
+        What is left of the measured distance, given the angles: the clock offset if all else is right.
     std : float, m
-        Of the measured distance.
+        Its deviation.
     """
 
     feature: int
@@ -73,8 +74,11 @@ class NetworkRatios:
     missed : float
         1 - p_d.
     pairs : sequence of Heard
+        By the agent's particles.
     ratio : (F, M, P)
-        Likelihood ratios (17), (18), with the clocks integrated out.
+        Likelihood ratios (17), (18) at the agent's particles, all else integrated out.
+    by_place : (F - J, M, P)
+        The same at the virtual anchors' particles.
     """
 
     anchor: NDArray[np.int64]
@@ -82,6 +86,7 @@ class NetworkRatios:
     missed: float
     pairs: Sequence[Heard]
     ratio: Array
+    by_place: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,30 +154,103 @@ def move_network(
 def evaluate_network(
     state: NetworkParticleState, agent: int, heard: AnchorScan, model: FilterModel
 ) -> NetworkRatios:
-    """All features of all anchors at one agent's particles, (3) to (7), (17), (18)."""
+    """All features of all anchors at one agent's particles and at their own, (3) to (7), (17), (18)."""
     known, own, radio = state.features, state.agents[agent], model.radio
-    anchors, count = len(model.anchors), len(own)
+    anchors, count, several = len(model.anchors), len(own), len(heard)
     whose = np.concatenate([np.arange(anchors), known.anchor])
     existence = np.concatenate([np.ones(anchors), known.existence])
-    several, missed = len(heard), 1 - detection(radio)
-    std, base = measured_deviations(heard, radio), np.log1p(-missed) - log_clutter(heard, radio)
+    missed, std = 1 - detection(radio), measured_deviations(heard, radio)
+    base = np.log1p(-missed) - log_clutter(heard, radio)
     ratio, pairs = np.zeros((len(whose), several, count)), list[Heard]()
+    by_place = np.zeros((len(known), several, count))
+    pose, doubt = _moments(own)
     for f, anchor in enumerate(whose.tolist()):
-        sight = f < anchors
-        fixed = np.broadcast_to(model.anchor_positions[anchor], (1, count, 2))
-        place = fixed if sight else known.position[f - anchors][None]
-        values = path_values(own[:, :CLOCK], place, np.array([sight]), model.anchors[anchor])[:, 0]
-        middle = np.angle(np.exp(1j * values[1:]).mean(-1))
-        off = wrap(values[1:] - middle[:, None])
-        for m in np.flatnonzero((heard.label < 0) | (heard.label == anchor)):
-            at, logs = _angles_fit(middle, off, heard.value[m, 1:], std[m, 1:])
-            if not len(at):
-                continue
-            late = heard.value[m, 0] - values[0, at] + own[at, CLOCK]
-            pair = Heard(f, int(m), at, np.exp(logs + base[m]), late, float(std[m, 0]))
-            ratio[f, m, at] = pair.weight * blurred(state.clocks[anchor], None, late, pair.std)
+        sight, clock = f < anchors, state.clocks[anchor]
+        place = model.anchor_positions[anchor][None] if sight else known.position[f - anchors]
+        rows = np.flatnonzero((heard.label < 0) | (heard.label == anchor))
+        middle, spread = place.mean(0), np.cov(place.T, bias=True) if len(place) > 1 else np.zeros((2, 2))
+        slopes = _slopes(pose, middle, sight, model.anchors[anchor])
+        values = _values(own, middle[None], sight, model.anchors[anchor])
+        for pair in _pairs(f, values, slopes[:, 6:] @ spread @ slopes[:, 6:].T, heard, rows, std, base):
+            ratio[f, pair.measurement, pair.at] = pair.weight * blurred(clock, None, pair.late, pair.std)
             pairs.append(pair)
-    return NetworkRatios(whose, existence, missed, pairs, ratio)
+        if sight:
+            continue
+        values = _values(pose[None], place, sight, model.anchors[anchor])
+        for pair in _pairs(f, values, slopes[:, :6] @ doubt @ slopes[:, :6].T, heard, rows, std, base):
+            weight = pair.weight * blurred(clock, None, pair.late, pair.std)
+            by_place[f - anchors, pair.measurement, pair.at] = weight
+    return NetworkRatios(whose, existence, missed, pairs, ratio, by_place)
+
+
+def _moments(agent: Array) -> tuple[Array, Array]:
+    """Mean (6,) and covariance (6, 6) of an agent's particles, whose heading turns."""
+    heading = np.angle(np.exp(1j * agent[:, 4]).mean())
+    whole = agent.copy()
+    whole[:, 4] = heading + wrap(agent[:, 4] - heading)
+    return whole.mean(0), np.cov(whole.T, bias=True)
+
+
+def _values(agent: Array, place: Array, sight: bool, anchor: Array) -> Array:
+    """Distance less the agent's clock, AoD and AoA, (3, P), of agents (P or 1, 6) and places (P or 1, 2)."""
+    count = max(len(agent), len(place))
+    places = np.broadcast_to(place, (count, 2))[None]
+    poses = np.broadcast_to(agent, (count, agent.shape[1]))
+    values = path_values(poses[:, :CLOCK], places, np.array([sight]), anchor)[:, 0]
+    values[0] -= poses[:, CLOCK]
+    return values
+
+
+def _slopes(pose: Array, place: Array, sight: bool, anchor: Array) -> Array:
+    """Derivatives of `_values` by agent (6) and place (2), (3, 8), by differences."""
+    step = 1e-5
+    ends = np.concatenate([pose, place]) + step * np.vstack([np.eye(8), -np.eye(8)])
+    values = _values(ends[:, :6], ends[:, 6:], sight, anchor)
+    change = values[:, :8] - values[:, 8:]
+    change[1:] = wrap(change[1:])
+    return change / (2 * step)
+
+
+def _pairs(
+    feature: int, values: Array, extra: Array, heard: AnchorScan, rows: NDArray[np.intp], std: Array,
+    base: Array,
+) -> list[Heard]:  # fmt: skip
+    """Measurements near what particles predict.
+
+    Parameters
+    ----------
+    values : (3, P)
+    extra : (3, 3)
+        Covariance from what is integrated out.
+    rows : (N,) int
+        Measurements.
+    std, base : (M, 3), (M,)
+        Their deviations, and log of p_d over clutter.
+    """
+    middle = np.angle(np.exp(1j * values[1:]).mean(-1))
+    off = wrap(values[1:] - middle[:, None])
+    farthest, pairs = np.abs(off).max(1), []
+    for m in rows.tolist():
+        kinds = np.flatnonzero(np.isfinite(std[m, 1:]))
+        whole = extra + np.diag(np.where(np.isfinite(std[m]), std[m], 0.0) ** 2)
+        angles = whole[1:, 1:][np.ix_(kinds, kinds)]
+        reach, turn = GATE * np.sqrt(np.diagonal(angles)), wrap(heard.value[m, 1:] - middle)[kinds]
+        if (np.abs(turn) > farthest[kinds] + reach).any():
+            continue
+        gap = turn[:, None] - off[kinds]
+        if (np.abs(turn) + farthest[kinds] > np.pi).any():
+            gap = wrap(gap)
+        at = np.flatnonzero((np.abs(gap) < reach[:, None]).all(0))
+        if not len(at):
+            continue
+        gap, inverse = gap[:, at], np.linalg.inv(angles)
+        gain = whole[0, 1:][kinds] @ inverse
+        logs = base[m] - 0.5 * np.einsum("ap,ab,bp->p", gap, inverse, gap)
+        logs = logs - np.log(2 * np.pi) * (2 - 0.5 * len(kinds)) - 0.5 * np.linalg.slogdet(angles)[1]
+        late = heard.value[m, 0] - values[0, at] - gain @ gap
+        left = float(np.sqrt(whole[0, 0] - gain @ whole[1:, 0][kinds]))
+        pairs.append(Heard(feature, m, at, np.exp(logs), late, left))
+    return pairs
 
 
 def blurred(at: Array, weight: Array | None, where: Array, std: float) -> Array:
@@ -255,20 +333,33 @@ def update_network(
     anchors, exists = len(state.clocks), seen.existence[:, None]
     agents = state.agents.copy()
     logs = np.log(exists * found.bracket + 1 - exists).sum(0)
-    agents[agent] = agents[agent][resampled(logs, draw)]
+    agents[agent] = regularised(agents[agent][resampled(logs, draw)], draw)
     clocks = state.clocks.copy()
     clock_logs = clock_messages(state, seen, found)
     for j in range(anchors):
         if np.ptp(clock_logs[j]) > 0 and np.ptp(clocks[j]) > 0:
             clocks[j] = clocks[j][draw.permutation(resampled(clock_logs[j], draw))]
-    known, own = state.features, found.bracket[anchors:]
+    known, odds = state.features, state.features.existence * found.bracket[anchors:].mean(-1)
+    own = np.einsum("fm,fmp->fp", found.nu[anchors:], seen.by_place) + seen.missed
     position = known.position.copy()
     for row in range(len(known)):
         if np.ptp(own[row]) > 0:
             position[row] = position[row][draw.permutation(resampled(np.log(own[row]), draw))]
-    odds = known.existence * own.mean(-1)
     features = replace(known, position=position, existence=odds / (odds + 1 - known.existence))
     return replace(state, agents=agents, clocks=clocks, features=features)
+
+
+def regularised(particles: Array, draw: np.random.Generator) -> Array:
+    """Particles (P, D) of an agent moved apart by a Gaussian kernel, with the same mean and covariance.
+
+    Copies of one particle would stay together where an agent's motion is all but known.
+    """
+    mean, covariance = _moments(particles)
+    share = len(particles) ** (-2 / (particles.shape[1] + 4))
+    off = particles - mean
+    off[:, 4] = wrap(off[:, 4])
+    root = np.linalg.cholesky(covariance + 1e-12 * np.eye(len(mean)))
+    return mean + np.sqrt(1 - share) * off + np.sqrt(share) * draw.standard_normal(off.shape) @ root.T
 
 
 def clock_messages(state: NetworkParticleState, seen: NetworkRatios, found: NetworkMarginals) -> Array:
@@ -319,28 +410,6 @@ def measured_deviations(heard: AnchorScan, radio: RadioModel) -> Array:
 def log_clutter(heard: AnchorScan, radio: RadioModel) -> Array:
     """Log of mu_fp f_fp over distance and angles, (M,)."""
     return np.log(radio.false_alarms) + radio.log_clutter(np.full(len(heard), np.nan))
-
-
-def _angles_fit(middle: Array, off: Array, measured: Array, std: Array) -> tuple[NDArray[np.intp], Array]:
-    """Particles whose AoD and AoA are near measured ones (2,), and the log of their density there.
-
-    Parameters
-    ----------
-    middle, off : (2,), (2, P)
-        The angles' mean directions, and how far each particle is from them.
-    """
-    at, logs = np.arange(off.shape[1]), np.zeros(off.shape[1])
-    for kind in (0, 1):
-        if np.isinf(std[kind]):
-            logs = logs - np.log(2 * np.pi)
-            continue
-        turn, own = float(wrap(measured[kind] - middle[kind])), off[kind, at]
-        gap = turn - own
-        if abs(turn) + np.abs(own).max(initial=0.0) > np.pi:
-            gap = wrap(gap)
-        near = np.abs(gap) < GATE * std[kind]
-        at, logs = at[near], logs[near] + _log_gaussian(gap[near], std[kind])
-    return at, logs
 
 
 def _log_gaussian(off: Array, std: float) -> Array:
