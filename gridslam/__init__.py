@@ -17,6 +17,7 @@ from gridslam.simulation.image_source import Truth, ground_truth
 from gridslam.simulation.simulate import simulate
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.direct import DirectSlam
+from gridslam.systems.direct_grid import DirectGridSlam
 from gridslam.systems.grid import GridSlam
 from gridslam.systems.network import NetworkSlam
 from gridslam.systems.network_grid import NetworkGridSlam
@@ -31,6 +32,7 @@ from gridslam.world.waveform import Waveform
 __version__ = "0.2.0"
 __all__ = [
     "AdaptiveSlam",
+    "DirectGridSlam",
     "DirectSlam",
     "Estimate",
     "GridSlam",

@@ -30,8 +30,8 @@ Tell = Callable[[str, int, int], None]
 Kind = tuple[str | type[Slam], str, int, int]
 """Method, scene, particles, steps before any is timed."""
 VERSION = 4
-SAMPLED = "overlap"
-"""Scene on which methods that take sampled signals are timed."""
+SAMPLED, ARRAYS = "overlap", "chamber"
+"""Scenes on which methods that take sampled signals are timed, and those of arrays that map cells."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,8 @@ def _chosen(
     if any(issubclass(found, SurfaceFilter) for found in classes):
         alcove = Scene.load("alcove").with_filter(particles=plan.kernel_particles)
         idle = IdleLaunches(largest_launches(alcove, plan.kernel_before))
-    on = {found: SAMPLED if taken_by(found) == "signal" else "alcove" for found in classes}
+    sampled = {found: ARRAYS if getattr(found, "keeps_grid", False) else SAMPLED for found in classes}
+    on = {found: sampled[found] if taken_by(found) == "signal" else "alcove" for found in classes}
     kinds: list[Kind] = [
         (method, on[found], n, plan.before)
         for method, found in zip(methods, classes, strict=True)

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from gridslam.cli import bench, files, network, scene, signals
 from gridslam.cli.help import COMPARE, MAP, SCENE_HELP, about, method_names, scene_names
-from gridslam.cli.observed import angles_hint, given_file, recorded, require_map_used, source
+from gridslam.cli.observed import angles_hint, given_file, recorded, require_map_used, source, suited_method
 from gridslam.cli.output import ended, interruptible, reserved
 from gridslam.cli.resume import as_saved, refuse_contradictions, unfinished
 from gridslam.cli.robustness import robustness
@@ -112,11 +112,12 @@ def run(
         out.print(_table(list(whole.runs.values()), tables), width=max(out.width, WIDEST_TABLE), crop=False)
         network.say(more, out)
         return
-    system = method_class(method, "--method")
-    takes = taken_by(system)
+    takes = taken_by(method_class(method, "--method"))
     file = given_file(measurements, signal, takes, method)
-    require_map_used(map_file, system, method)
     names = _agents(world, agent, file)
+    method = suited_method(method, world, names, file)
+    system = method_class(method, "--method")
+    require_map_used(map_file, system, method)
     if file is None and takes == "signal":
         world.waveform(names[0])
     how = _start(start, file)

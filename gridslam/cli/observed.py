@@ -34,6 +34,17 @@ def given_file(measurements: Path | None, signal: Path | None, takes: Kind, meth
     return measurements or signal
 
 
+def suited_method(method: str, world: Scene, names: list[str], file: Path | None) -> str:
+    """The method that stands for this one on signals of a file, or of the scene: `registry.suited`."""
+    from gridslam.measurements.recording import Recording
+    from gridslam.systems.registry import suited
+
+    if method != "direct" or (file is None and world.radio.frequencies is None):
+        return method
+    waveform = world.waveform(names[0]) if file is None else Recording.load(file).waveform
+    return str(suited(method, waveform))
+
+
 def require_map_used(map_file: Path | None, system: type, method: str) -> None:
     """Refuse a map that the method would leave aside.
 

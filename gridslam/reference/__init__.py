@@ -4,7 +4,7 @@ Each takes what its kernel takes and returns what that writes, worked out anothe
 """
 
 from gridslam.reference.births import initialise_surface, likely, propose, weigh_by_visibility
-from gridslam.reference.cells import cast, cells_of, dense, fold_messages, learn, mark, recall
+from gridslam.reference.cells import cast, cells_of, dense, fold_messages, learn, learn_ratios, mark, recall
 from gridslam.reference.feature_likelihood import (
     back_project,
     columns,
@@ -45,6 +45,7 @@ __all__ = [
     "gate",
     "initialise_surface",
     "learn",
+    "learn_ratios",
     "likely",
     "lines_of",
     "list_paths",

@@ -160,11 +160,7 @@ def learn(
 
     def tell(row: int, corner: int, log: Array) -> None:
         points = drawn[row * rays : (row + 1) * rays, 2 * corner : 2 * corner + 2]
-        cell = np.floor((points - frame[:2]) / frame[2]).astype(int)
-        cell = cell[((cell >= 0) & (cell < held.shape[1::-1])).all(1)]
-        met = cell[:, 1], cell[:, 0]
-        np.add.at(held, met, told[0, row] * log / rays)
-        held[met] = np.maximum(held[met] - held[met].max(1, keepdims=True), -frame[4])
+        _add_to_cells(held, points, told[0, row] * log / rays, frame)
 
     for row, (bounces, last, first) in enumerate(path[:, :3]):
         heard = told[2, row] > 0.05
@@ -178,6 +174,39 @@ def learn(
             tell(row, 2, likelihood(row, usual[first]))
             tell(row, 1, likelihood(row, usual[last]))
     return surface, held, *marked
+
+
+def learn_ratios(
+    head: int, mean: Array, ratio: Array, frame: Array, rays_cast: Drawn, messages: Messages,
+    known: Coefficients, hits: Hits,
+) -> tuple[Array, Array, Array, Array, Long]:  # fmt: skip
+    """Twin of `coefficients.learn_ratios`: by log-likelihoods (L, 2, BINS) at last and first hit."""
+    (drawn, seen), (count, path, factor, told, _, _) = rays_cast, messages
+    rays, path = len(drawn) // max(len(path), 1), path[: count[0]]
+    send = (factor[: len(path), 1] > 0.5) & (seen[: len(path), 1] > frame[5])
+    apart = np.pad(seen[: len(path), 2:], ((0, 0), (2, 0)), constant_values=1)
+    marked = mark(mean, head, path, apart, send * told[2, : len(path)], *hits)
+    surface, held = known.surface.copy(), dense(known.where, known.held)
+    for row, (bounces, last, _) in enumerate(path[:, :3]):
+        if told[2, row] > 0.05 and bounces == 1:
+            posterior = surface[last] * np.exp(ratio[row, 0] - ratio[row, 0].max()) + 1e-9
+            surface[last] = posterior / posterior.sum()
+        if not send[row] or bounces == 0 or (bounces == 2 and told[2, row] <= 0.05):
+            continue
+        hit = [(1, 1), (2, 0)] if bounces == 2 else [(1, 0)]
+        for corner, which in hit:
+            points = drawn[row * rays : (row + 1) * rays, 2 * corner : 2 * corner + 2]
+            _add_to_cells(held, points, told[0, row] * ratio[row, which] / rays, frame)
+    return surface, held, *marked
+
+
+def _add_to_cells(held: Array, points: Array, log: Array, frame: Array) -> None:
+    """Add a log-likelihood (BINS,) to the cells at points (R, 2), once for each."""
+    cell = np.floor((points - frame[:2]) / frame[2]).astype(int)
+    cell = cell[((cell >= 0) & (cell < held.shape[1::-1])).all(1)]
+    met = cell[:, 1], cell[:, 0]
+    np.add.at(held, met, log)
+    held[met] = np.maximum(held[met] - held[met].max(1, keepdims=True), -frame[4])
 
 
 def mark(

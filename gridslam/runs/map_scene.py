@@ -20,7 +20,7 @@ from gridslam.measurements.recording import Recording
 from gridslam.runs.run import Run
 from gridslam.runs.stopping import asked_to_stop
 from gridslam.runs.unfinished import AgentCheckpoint
-from gridslam.systems.registry import DEFAULT, method_class, method_name, taken_by
+from gridslam.systems.registry import DEFAULT, method_class, method_name, suited, taken_by
 from gridslam.systems.slam import Slam, built, mapped, stepped
 from gridslam.world.geometry import wrap
 from gridslam.world.observation import Observation
@@ -57,6 +57,7 @@ def map_scene(
     method : str or class
         One of `gridslam.systems.registry.METHODS` ("grid" and others), a class of your own (`Slam` says what
         it needs), "package.module:Class", or the name of an entry point of the group "gridslam.methods".
+        "direct" is "direct_grid" where the samples are those of arrays.
     agent : str, optional
         Default: the scene's first.
     seed : int
@@ -90,6 +91,8 @@ def map_scene(
         particles out of range, a map of another frame, measurements of anchors that aren't the scene's, or of
         the kind that the method doesn't take.
     """
+    waveform = measurements.waveform if isinstance(measurements, Recording) else None
+    method = suited(method, waveform)
     found = method_class(method)
     if particles is not None:
         scene = scene.with_filter(particles=particles)
@@ -107,7 +110,6 @@ def map_scene(
         slam, estimates = resumed
         peak, spent = checkpoint.progress.peak_mb, checkpoint.progress.seconds
     else:
-        waveform = measurements.waveform if isinstance(measurements, Recording) else None
         slam = _started(found, scene, prior_map, agent, seed, start, waveform)
     began = time.perf_counter() - spent
     with _watcher(progress, slam.agent, measurements) as tell, asked_to_stop() as stopped:

@@ -116,7 +116,7 @@ def require_single_antennas(waveform: Waveform) -> None:
     if at_anchor * at_agent > 1:
         raise InputError(
             "signal: elements", f"{at_anchor} at anchors, {at_agent} at the agent",
-            "one at either end (choose one of the recording's, or extract paths)",
+            "one at either end (arrays: --method direct_grid, gs.DirectGridSlam; or extract paths)",
         )  # fmt: skip
 
 

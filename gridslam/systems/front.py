@@ -31,35 +31,26 @@ from gridslam.systems.soundness import require_sound_population
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap
 from gridslam.world.network_scene import require_known_clocks
+from gridslam.world.observation import Observation
 from gridslam.world.radio import REFLECTION_BINS
 from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
 from gridslam.world.signal_scan import SignalScan
 
 Mapped = TypeVar("Mapped", State, NetworkState)
+Heard = TypeVar("Heard", bound=Observation)
 
 
-class SurfaceFilter(FilterFront[Scan, Population]):
-    """The front of systems whose state is `State`, of which it holds several where one Gaussian won't do.
+class SurfaceFront(FilterFront[Heard, Population]):
+    """The front of systems whose state is `State`, on measurements of any kind.
 
     A system adds its `start` and `advance`, of one state.
     """
 
     keeps_grid: ClassVar[bool] = False
     """Whether it maps cells."""
-    branches: ClassVar[bool] = True
+    branches: ClassVar[bool] = False
     """Whether it holds several hypotheses where one Gaussian won't do."""
-
-    def __init__(
-        self,
-        scene: Scene,
-        prior_map: Map | None = None,
-        agent: str | None = None,
-        seed: int = 0,
-        same_frame: bool = False,
-    ) -> None:
-        require_known_clocks(scene, agent)
-        super().__init__(scene, prior_map, agent, seed, same_frame)
 
     @property
     def state(self) -> State:
@@ -101,15 +92,7 @@ class SurfaceFilter(FilterFront[Scan, Population]):
         """Refuse hypotheses from a file whose numbers can't be."""
         require_sound_population(believed, model, where)
 
-    def _checked(self, scan: Scan, after: float | None) -> Scan:
-        if isinstance(scan, SignalScan):
-            allowed = "path measurements, a Scan: gridslam extract makes them of signals"
-            raise InputError(f"{type(self).__name__}.step", "sampled signals", allowed)
-        return scan.checked(len(self.model.anchors), after)
-
-    def _advanced(self, scan: Scan) -> tuple[Population, StepInfo]:
-        if self._branches(self.state):
-            return advance(self.population, scan, self.model, self.work, self.start, self.advance)
+    def _advanced(self, scan: Heard) -> tuple[Population, StepInfo]:
         state, info = self.advance(self.state, scan, self.model, self.work)
         return Population.of(state), info
 
@@ -126,7 +109,7 @@ class SurfaceFilter(FilterFront[Scan, Population]):
         radio, work = self.model.radio, self.work
         return lambda rays, distance: mean_amplitudes(state, rays, distance, radio, work=work)
 
-    def estimate(self, believed: Population, scan: Scan, info: StepInfo, began: float) -> Estimate:
+    def estimate(self, believed: Population, scan: Heard, info: StepInfo, began: float) -> Estimate:
         """MMSE estimates of the agent; surfaces and paths of the likeliest hypothesis; all hypotheses."""
         state, population = believed.best, believed
         model = self.work.calibrated(self.model, info.turned)
@@ -139,6 +122,34 @@ class SurfaceFilter(FilterFront[Scan, Population]):
             table.existence > model.settings.detect_above, info.health.effective_sample_size,
             time.perf_counter() - began, info.health, described(population),
         )  # fmt: skip
+
+
+class SurfaceFilter(SurfaceFront[Scan]):
+    """The front of systems on path measurements; it holds several states where one Gaussian won't do."""
+
+    branches = True
+
+    def __init__(
+        self,
+        scene: Scene,
+        prior_map: Map | None = None,
+        agent: str | None = None,
+        seed: int = 0,
+        same_frame: bool = False,
+    ) -> None:
+        require_known_clocks(scene, agent)
+        super().__init__(scene, prior_map, agent, seed, same_frame)
+
+    def _checked(self, scan: Scan, after: float | None) -> Scan:
+        if isinstance(scan, SignalScan):
+            allowed = "path measurements, a Scan: gridslam extract makes them of signals"
+            raise InputError(f"{type(self).__name__}.step", "sampled signals", allowed)
+        return scan.checked(len(self.model.anchors), after)
+
+    def _advanced(self, scan: Scan) -> tuple[Population, StepInfo]:
+        if self._branches(self.state):
+            return advance(self.population, scan, self.model, self.work, self.start, self.advance)
+        return super()._advanced(scan)
 
 
 def bare_map(slam: FilterFront[Any, Any], surfaces: SurfaceEstimate, reflection: Array) -> Map:

@@ -114,10 +114,15 @@ class GridSlam(SurfaceFilter):
 
     def map(self) -> Map:
         """The map as it stands: evidence, coefficients, detected surfaces."""
-        grid = self.state.require_grid()
-        return replace(
-            super().map(),
-            evidence=grid.evidence.astype(np.float32),
-            coefficient=grid.coefficient,
-            observed=grid.observed.copy(),
-        )
+        return with_cells(super().map(), self.state)
+
+
+def with_cells(sheet: Map, state: State) -> Map:
+    """A map with the cells of a state."""
+    grid = state.require_grid()
+    return replace(
+        sheet,
+        evidence=grid.evidence.astype(np.float32),
+        coefficient=grid.coefficient,
+        observed=grid.observed.copy(),
+    )

@@ -18,6 +18,7 @@ from gridslam.errors import InputError
 if TYPE_CHECKING:
     from gridslam.systems.slam import Slam
     from gridslam.world.observation import Kind
+    from gridslam.world.waveform import Waveform
 
 GROUP = "gridslam.methods"
 """Of the entry points by which other packages enter methods of theirs."""
@@ -99,10 +100,18 @@ _ENTERED = (
         "gridslam.systems.direct:DirectSlam",
         "direct SLAM: agent and virtual anchors straight from sampled signals",
         "docs/model.md#12-direct-slam",
-        "samples over frequency, one antenna at either end",
+        "samples over frequency, one antenna at either end; of arrays it is direct_grid",
         takes_map=False,
         takes="signal",
         draws_particles=False,
+    ),
+    Method(
+        "direct_grid",
+        "gridslam.systems.direct_grid:DirectGridSlam",
+        "direct grid SLAM: surfaces, coefficients and an occupancy grid straight from samples of arrays",
+        "docs/model.md#direct-grid-slam",
+        "samples over frequency, an array at the agent, one antenna or an array at the anchors",
+        takes="signal",
     ),
     Method(
         "direct-paper",
@@ -157,6 +166,12 @@ _ENTERED = (
 METHODS = {entry.name: entry for entry in _ENTERED}
 """Ours, by name."""
 DEFAULT = "grid"
+
+
+def suited(method: str | type, waveform: Waveform | None) -> str | type:
+    """The method that stands for another one on these signals: `direct` is `direct_grid` on arrays."""
+    arrays = waveform is not None and max(waveform.shape[1:3]) > 1
+    return "direct_grid" if method == "direct" and arrays else method
 
 
 def method_help(more: str = "") -> str:

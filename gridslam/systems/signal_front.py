@@ -63,7 +63,7 @@ class SignalFilter(FilterFront[SignalScan, Believed]):
         super().__init__(scene, prior_map, agent, seed, same_frame)
 
     def _model(self, model: FilterModel) -> Any:
-        return SignalModel.of(model, self.waveform)
+        return SignalModel.of(model, self.waveform, self.scene.radio.fading == "swerling1")
 
     def _checked(self, scan: SignalScan, after: float | None) -> SignalScan:
         if not isinstance(scan, SignalScan):

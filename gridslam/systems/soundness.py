@@ -105,6 +105,8 @@ def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shap
         yield "samples/agent", state.samples.agent.shape, (count, AGENT)
         yield "samples/lines", state.samples.lines.shape, (surfaces, count, 2)
         yield "samples/identity", state.samples.identity.shape, (surfaces,)
+    if state.noise is not None:
+        yield "noise", state.noise.shape, (anchors,)
     if state.rings is not None:
         count, entries = len(state.rings.anchor), MOVING + 2
         mixture: dict[str, Shape] = {
@@ -123,6 +125,8 @@ def _claims_of_parts(state: State, model: FilterModel) -> list[tuple[str, bool, 
     """What must hold of the parts that not every system keeps."""
     claims: list[tuple[str, bool, str]] = []
     anchors, grid, rings = len(model.anchors), state.grid, state.rings
+    if state.noise is not None:
+        claims.append(("noise", _within(state.noise, 0, np.inf), "0 or more"))
     if grid is not None:
         rows = np.sort(grid.row[grid.row >= 0])
         each = np.array_equal(rows, np.arange(len(grid.hit))) and _within(grid.row, -1, np.inf)

@@ -17,11 +17,15 @@ class SignalModel(FilterModel):
     ----------
     waveform : Waveform
         Frequencies, pulse and elements. Its anchors are those of the model, in their order.
+    fades : bool
+        Whether amplitudes are drawn anew at each step (Swerling 1); else they are steady.
     """
 
     waveform: Waveform
+    fades: bool = False
 
     @classmethod
-    def of(cls, model: FilterModel, waveform: Waveform) -> Self:
+    def of(cls, model: FilterModel, waveform: Waveform, fades: bool = False) -> Self:
         """A filter's model and a recording's waveform, as one."""
-        return cls(**{f.name: getattr(model, f.name) for f in fields(FilterModel)}, waveform=waveform)
+        known = {f.name: getattr(model, f.name) for f in fields(FilterModel)}
+        return cls(**known, waveform=waveform, fades=fades)

@@ -273,3 +273,52 @@ def learn(
                     rays,
                     1,
                 )
+
+
+@quick
+@ti.kernel
+def learn_ratios(
+    head: ti.i32,  # entry of the mean where the lines begin: see `layout`
+    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
+    ratio: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [L, 2, BINS] log-likelihoods over the coefficient at the
+    # last and the first hit of every path
+    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] see `blocks.Cells`
+    rays_cast: pack(Drawn),
+    messages: pack(Messages),
+    known: pack(Coefficients),
+    hits: pack(Hits),
+):
+    """As `learn`, by log-likelihoods that are given: they hold detections and misses in one."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        for s in range(known.surface.shape[0]):
+            known.latest[s] = -1
+        rays = rays_cast.drawn.shape[0] // ti.max(messages.noted.shape[0], 1)
+        log = ti.Vector([0.0] * BINS, dt=ti.f64)
+        for row in range(messages.count[0]):
+            bounces, last = messages.noted[row, 0], messages.noted[row, 1]
+            heard = messages.told[SHARE, row] > AUDIBLE
+            send = messages.factor[row, 1] > 0.5 and rays_cast.seen[row, 1] > frame[LEAST]
+            if send and messages.told[SHARE, row] > LIKELIER_THAN_NOT:
+                spot(
+                    messages.noted, row, rays_cast.seen, mean, head, hits.foot, hits.extent, hits.times,
+                    known.latest,
+                )  # fmt: skip
+            if bounces == 1 and heard:
+                most, total = ti.cast(-1e30, ti.f64), ti.cast(0.0, ti.f64)
+                for n in range(BINS):
+                    most = ti.max(most, ratio[row, 0, n])
+                for n in range(BINS):
+                    known.surface[last, n] = known.surface[last, n] * decay_of(ratio[row, 0, n] - most) + 1e-9
+                    total += known.surface[last, n]
+                for n in range(BINS):
+                    before = known.surface[last, n]
+                    known.surface[last, n] = before / total
+            if send and (bounces == 1 or (bounces == 2 and heard)):
+                for corner in range(bounces):  # after the anchor: the first hit, then the last
+                    for n in range(BINS):
+                        log[n] = ratio[row, bounces - 1 - corner, n]
+                    add_to_cells(
+                        log, messages.told[THERE, row], rays_cast.drawn, known.where, known.held, known.used,
+                        frame, row, rays, corner + 1,
+                    )  # fmt: skip

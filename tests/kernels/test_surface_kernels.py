@@ -269,6 +269,39 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
         np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
 
 
+@given(seeds, st.sampled_from([1, 5, 48]))
+@settings(max_examples=20, deadline=None)
+def test_coefficients_learned_by_given_ratios_equal_their_twin(seed, rays):
+    from gridslam.kernels.propagation.coefficients import learn_ratios
+    from gridslam.kernels.propagation.paths import polylines
+
+    draw = np.random.default_rng(seed)
+    state, path, place = random_world(draw, rays, np.float64, surfaces=3)
+    path, room = np.pad(path, ((0, 2), (0, 1))), len(path) + 2  # more than are noted
+    drawn = np.zeros((room * rays, 13))
+    polylines(state, path, place[None], drawn)
+    drawn, seen = np.pad(drawn, ((0, 0), (0, 1))), draw.uniform(0.5, 1.0, (room, 6))
+    where, rows = some_rows(draw, (9, 11), 3.0)
+    held, used = np.full((99, BINS), np.nan, np.float32), np.array([len(rows)], np.int32)
+    held[: len(rows)] = rows
+    factor, told = draw.integers(0, 2, (room, 2)).astype(float), draw.uniform(0, 1, (4, room))
+    told[2] = draw.choice([0.0, 0.01, 0.6, 1.0], room)
+    frame = np.array([-3.0, -2.0, 0.7, 0.1, 12.0, 0.8, 0.05])
+    count, pairs = np.array([room - 2, 0], np.int32), (np.zeros(room + 1, np.int32), np.zeros((2, 0)))
+    messages = Messages(count, path, factor, told, *pairs)
+    ratio = np.log(draw.uniform(0, 3, (room, 2, BINS)) * draw.choice([1e-3, 1.0, 1e9], (room, 2, 1)))
+    into = 7, draw.normal(size=13), ratio, frame, Drawn(drawn, seen), messages
+    sights = draw.normal(size=3), draw.choice([np.nan, 0.3], (3, 2)), draw.integers(0, 9, 3)
+    surface = draw.dirichlet(np.full(BINS, 0.2), 3)
+    own = Coefficients(surface, where, held, used, np.empty(3), np.full(3, 9, np.int32))
+    expected = reference.learn_ratios(*into, own._replace(surface=surface.copy()), Hits(*sights))
+    learn_ratios(*into, own, Hits(*sights))
+    np.testing.assert_allclose(surface, expected[0], rtol=1e-5, atol=1e-12)
+    np.testing.assert_allclose(reference.dense(where, held), expected[1], rtol=1e-6, atol=1e-3)
+    for found, wanted in zip(sights, expected[2:], strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
+
+
 @given(seeds, st.integers(0, 4), st.integers(0, 12), clocks)
 @settings(max_examples=60, deadline=None)
 def test_sightings_of_surfaces_equal_their_twin(seed, surfaces, paths, clocks):

@@ -21,7 +21,10 @@ from gridslam.systems.registry import METHODS, method_class
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
 NAME = "own_method:SightFilter"
-SAMPLED = {"direct": "overlap", "direct-paper": "overlap", "hybrid": "screen", "los": "screen"}
+SAMPLED = {
+    "direct": "overlap", "direct-paper": "overlap", "direct_grid": "chamber", "hybrid": "screen",
+    "los": "screen",
+}  # fmt: skip
 """Scenes whose samples a method takes."""
 SCENE = gs.Scene.from_toml(TINY, "tiny")
 HEARD = gs.simulate(SCENE, "agent1", seed=1)

@@ -15,6 +15,7 @@ def test_bundled_scenes_cite_their_source_and_say_what_is_hard():
         "alcove",
         "annex",
         "canyon",
+        "chamber",
         "exchange",
         "hall",
         "overlap",

@@ -5,16 +5,35 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.estimates import Health
-from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.calibration import Calibration
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
+
+
+class Exchanged(Protocol):
+    """Messages of one anchor, or of all: of measurements, or of a snapshot of samples."""
+
+    @property
+    def fit(self) -> Array:
+        """How they fitted, (1 or J, 9); see `gridslam.kernels.SUMS`."""
+        ...
+
+    @property
+    def effective_sample_size(self) -> float:
+        """Least effective number of particles behind them."""
+        ...
+
+    @property
+    def log_evidence(self) -> float:
+        """Log of their normaliser."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +42,7 @@ class StepInfo:
 
     Attributes
     ----------
-    exchanges : sequence of Exchange
+    exchanges : sequence of Exchange or SnapshotExchange
         Of every anchor, in the order in which they were taken in.
     health : Health
     seconds : mapping of str to float
@@ -36,7 +55,7 @@ class StepInfo:
         Ratio of true to stated amplitude that was used.
     """
 
-    exchanges: Sequence[Exchange]
+    exchanges: Sequence[Any]
     health: Health
     seconds: Mapping[str, float]
     found_again: bool
@@ -50,7 +69,7 @@ class StepInfo:
 
 
 def conclude(
-    state: State, exchanges: Sequence[Exchange], reckoned: Calibration, model: FilterModel, work: Workspace
+    state: State, exchanges: Sequence[Exchanged], reckoned: Calibration, model: FilterModel, work: Workspace
 ) -> tuple[State, StepInfo]:
     """Update calibration and health, count the step, and assemble what it reports.
 

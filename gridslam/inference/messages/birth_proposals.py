@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache, lru_cache
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.messages.births import Births
-from gridslam.inference.messages.likelihood_ratios import PORTION, LikelihoodRatios
+from gridslam.inference.messages.likelihood_ratios import PORTION
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.particles import Cloud
@@ -23,6 +24,15 @@ from gridslam.world.radio import RadioModel
 
 CONVERGED_STD_M = 0.3
 SAMPLES = 256
+
+
+class Measured(Protocol):
+    """What known paths say of M measurements: `measured` (4, M), rows as in `kernels.primitives.tables`."""
+
+    @property
+    def measured(self) -> Array:
+        """Rows by measurement; `NEW` is written."""
+        ...
 
 
 def partners(bank: SurfaceBank, belief: Belief, most_bounces: int) -> NDArray[np.int32]:
@@ -55,7 +65,7 @@ def propose_births(
     state: State,
     heard: AnchorScan,
     cloud: Cloud,
-    ratios: LikelihoodRatios,
+    ratios: Measured,
     signal: RadioModel,
     model: FilterModel,
     senders: NDArray[np.int32] | None = None,
@@ -104,7 +114,7 @@ def propose_births(
 
 
 def _weigh_by_visibility(
-    state: State, births: BirthRows, ratios: LikelihoodRatios, model: FilterModel, work: Workspace
+    state: State, births: BirthRows, ratios: Measured, model: FilterModel, work: Workspace
 ) -> None:  # fmt: skip
     """Weigh births, where they were proposed, by V of their paths at the mean of the belief."""
     from gridslam.kernels.management.births import weigh_by_visibility

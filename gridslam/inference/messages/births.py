@@ -123,9 +123,29 @@ def add_births(
     (state, exchange, bearers)
         exchange: with what was born; bearers: the ray that bore each new surface, and its measurement.
     """
+    state, born, bearers = add_chosen(state, births, heard, exchange.claimed, signal, model, shared)
+    return state, replace(exchange, born=born), bearers
+
+
+def add_chosen(
+    state: State,
+    births: Births,
+    heard: AnchorScan,
+    claimed: Array,
+    signal: RadioModel,
+    model: FilterModel,
+    shared: bool = True,
+) -> tuple[State, Array, list[tuple[Key, int]]]:
+    """As `add_births`, of measurements of which known paths claim (M,).
+
+    Returns
+    -------
+    (state, born, bearers)
+        born (B, 2): measurement and existence of every new surface.
+    """
     bearers: list[tuple[Key, int]] = []
     born: list[tuple[int, float]] = []
-    for number, existence in births.chosen(exchange.claimed, 0.5 * model.settings.prune_below):
+    for number, existence in births.chosen(claimed, 0.5 * model.settings.prune_below):
         belief, reflection = initialise_surface(births, number, heard, state.belief, signal, model)
         if belief.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not np.isfinite(belief.mean).all():
             continue
@@ -143,7 +163,7 @@ def add_births(
         measurement = int(births.measurement[number])
         bearers.append(((anchor, last, first), measurement))
         born.append((measurement, existence))
-    return state, replace(exchange, born=np.array(born).reshape(-1, 2)), bearers
+    return state, np.array(born).reshape(-1, 2), bearers
 
 
 def initialise_surface(

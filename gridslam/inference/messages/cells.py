@@ -47,6 +47,8 @@ class Visibility:
     ----------
     validity : (L,)
         V of every path, eq. (1): probability that it is open.
+    possible : (L,)
+        Share of the rays of each that are possible.
     products : (L, 2 BINS)
         Belief over the product of the coefficients along every path, eq. (2), by nodes
         ``(n + 1) / (2 BINS)``. A hit's own combines the beliefs of surface and cells there, and a share for
@@ -54,6 +56,7 @@ class Visibility:
     """
 
     validity: Array
+    possible: Array
     products: Array
 
 
@@ -76,7 +79,8 @@ def cast_paths(
     cast = work.buffers(casting_of, anchor, most, RAYS, most)
     _cast(query.attempts(), state.require_grid(), cast, state.surfaces.reflection, work)
     paths = query.paths()
-    return paths, Visibility(cast.seen[: len(paths), 0], cast.products[: len(paths)])
+    seen = cast.seen[: len(paths)]
+    return paths, Visibility(seen[:, 0], seen[:, 1], cast.products[: len(paths)])
 
 
 @timed("cells")

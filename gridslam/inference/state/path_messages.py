@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.kernels.primitives.blocks import Messages
 
 PORTION = 64
@@ -53,6 +54,15 @@ class PathMessages:
     def clear(self) -> None:
         """Begin a new step."""
         self.count[:], self.among = 0, (0, 0)
+
+    def append(self, path: NDArray[np.int32], factor: Array, summary: Array, among: tuple[int, int]) -> None:
+        """Append L paths without pairs: rows of `path`, `factor` and, transposed, `summary` (4, L)."""
+        first, last = int(self.count[0]), int(self.count[0]) + len(path)
+        self.reserve(len(path), 0, among)
+        rows = slice(first, last)
+        self.path[rows], self.factor[rows], self.summary[:, rows] = path, factor, summary
+        self.begin[first + 1 : last + 1] = self.count[1]
+        self.count[0] = last
 
     def reserve(self, paths: int, pairs: int, among: tuple[int, int]) -> None:
         """Have capacity for so many more, which name surfaces and anchors below these."""

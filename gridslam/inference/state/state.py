@@ -50,6 +50,8 @@ class State:
         Tentative virtual anchors (SLAM by virtual anchors).
     samples : StateSamples, optional
         Particles of agent and surfaces (``filter.representation = "particles"``); `belief` has their moments.
+    noise : (J,), optional
+        Power of the noise in each sample, 0 where it isn't known yet (systems on sampled signals).
     """
 
     belief: Belief
@@ -64,6 +66,7 @@ class State:
     amplitudes: RayAmplitudes | None = None
     rings: Rings | None = None
     samples: StateSamples | None = None
+    noise: Array | None = None
 
     @classmethod
     def start(cls, model: FilterModel) -> Self:

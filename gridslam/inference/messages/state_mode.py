@@ -1,0 +1,251 @@
+"""Joint mode of agent and surfaces, given a snapshot of antenna arrays; docs/model.md, (M151), (M152).
+
+Lengths and angles of all paths of an anchor are functions of one state of fewer numbers, so that their
+covariance is singular. The mode is sought over the state, in coordinates in which its prior is unit Gaussian.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array
+from gridslam.inference.messages.array_likelihood import (
+    ArrayBand,
+    ArraySuperposition,
+    Complex,
+    superpose_arrays,
+)
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.layout import HEADING
+from gridslam.world.geometry import trace, wrap
+
+ROUNDS, HALVINGS = 8, 6
+"""Gauss-Newton steps at most, and halvings of each."""
+FARTHEST = 0.36
+"""Longest step of a path that matters, as a root mean square turn of phase, rad: 0.2 of c/B in length."""
+STILL = 0.02
+"""Share of a deviation below which a step ends the search."""
+FREE = np.array([1e-2, 1e-1, 1e-1])
+"""Prior precision (1/m, 1/rad; its root) of a path of which nothing is known."""
+WIDE, STARTS = 0.7, 48
+"""Turn of phase (rms, rad) within a deviation of a path's prediction, from which on the posterior may have
+several modes; states that are tried then, drawn from the belief."""
+Whole = NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class PathsPrior:
+    """What is predicted of one anchor's paths: functions of the state, and free ones.
+
+    Attributes
+    ----------
+    belief : Belief
+        Of agent and surfaces.
+    place : (3,)
+        x, y (m) and orientation (rad) of the anchor.
+    table : (N, 4) int32
+        Rows of `Rays.table`.
+    weight : (N + F,)
+        Mean power of each path, times the probability that it is there.
+    free : (F, 3) m, rad, rad
+        Paths of which nothing is known: where the search for them begins.
+    """
+
+    belief: Belief
+    place: Array
+    table: Whole
+    weight: Array
+    free: Array
+
+    def with_path(self, path: Array, weight: float) -> PathsPrior:
+        """One free path (3,) more."""
+        free = np.concatenate([self.free, path[None]])
+        return replace(self, free=free, weight=np.append(self.weight, weight))
+
+    def reweighted(self, row: int, weight: float) -> PathsPrior:
+        """The same with another weight of one path."""
+        fresh = self.weight.copy()
+        fresh[row] = weight
+        return replace(self, weight=fresh)
+
+
+@dataclass(frozen=True, eq=False)
+class StateMode:
+    """Where the posterior is highest, and its Gaussian there.
+
+    Attributes
+    ----------
+    belief : Belief
+        Of agent and surfaces after the snapshot.
+    path : (N + F, 3) m, rad, rad
+        Its paths, the free ones last.
+    spread : (N + F, 3, 3)
+        Covariance of each.
+    paths : ArraySuperposition
+        The paths at the mode.
+    shift : (n,)
+        Of the state, in prior deviations.
+    told : (n, n)
+        Information of the snapshot about these.
+    log_posterior : float
+        log CN(z; 0, C) + log prior but for constants.
+    """
+
+    belief: Belief
+    path: Array
+    spread: Array
+    paths: ArraySuperposition
+    shift: Array
+    told: Array
+    log_posterior: float
+
+    @property
+    def noise_ratio(self) -> float:
+        """Power left over in ratio to what is expected, less what fitting the paths took."""
+        block = np.einsum("npq,nqp->", self.spread, _blocks(self.paths.whole_information))
+        taken = 0.5 * min(float(block), float(self.spread.size) / 3)
+        return self.paths.rest_power / (self.paths.noise * max(self.paths.unexplained - taken, 1.0))
+
+    def log_evidence(self) -> Array:
+        """What a ratio of likelihoods at the mode is worth as a mean over what was believed, (N + F,) logs.
+
+        Laplace's approximation of the integral over each path's parameters, as all other paths predict them:
+        with S its covariance at the mode and Lambda its own information, S (I - Lambda S)^-1 is that
+        prediction's (M153).
+        """
+        own, gradient = _blocks(self.paths.whole_information), self.paths.gradient
+        kept = np.eye(3) - own @ self.spread
+        share = np.maximum(np.linalg.det(kept), 1e-9)
+        cavity = self.spread @ np.linalg.inv(kept + 1e-9 * np.eye(3))
+        pulled = np.einsum("np,npq,nq->n", gradient, cavity, gradient)
+        return np.asarray(0.5 * np.log(np.minimum(share, 1.0)) - 0.5 * np.clip(pulled, 0.0, 50.0))
+
+
+def _blocks(whole: Complex) -> Array:
+    """Each path's own information (N, 3, 3)."""
+    rows = np.arange(len(whole))
+    return np.asarray(whole[rows, :, rows, :].real)
+
+
+def paths_at(mean: Array, place: Array, table: Whole, head: int) -> tuple[Array, Array]:
+    """Lengths, departures, arrivals (N, 3) of paths at a state (n,), and derivatives by it (N, 3, n)."""
+    count, size = len(table), len(mean)
+    lines = mean[head:].reshape(-1, 2)
+    lines = lines if len(lines) else np.zeros((1, 2))
+    bounces, last, first = table[:, 0].astype(np.intp), np.maximum(table[:, 1], 0), np.maximum(table[:, 2], 0)
+    agent, anchor = np.broadcast_to(mean[:2], (count, 2)), np.broadcast_to(place[:2], (count, 2))
+    course = trace(agent, anchor, lines[last], lines[first], bounces)
+    path = np.column_stack([course.distance, course.departure - place[2], course.arrival - mean[HEADING]])
+    slope, rows = np.zeros((count, 3, size)), np.arange(count)
+    slope[:, :, :2], slope[:, :, HEADING] = course.jacobian[:, :, :2], course.jacobian[:, :, 2]
+    for column, surface, hit in ((3, last, bounces > 0), (5, first, bounces > 1)):
+        for side in range(2):
+            own = rows[hit]
+            slope[own, :, head + 2 * surface[hit] + side] += course.jacobian[own, :, column + side]
+    return path, slope
+
+
+def state_mode(band: ArrayBand, samples: Complex, prior: PathsPrior, noise: float) -> StateMode:
+    """Find the mode by Gauss-Newton steps with the information of the whole snapshot (M151).
+
+    Parameters
+    ----------
+    samples : (A, B, M) complex128
+    noise : float
+        Power of the noise in each sample.
+    """
+    search = _Search(band, samples, prior, noise)
+    if search.is_wide():
+        search.start_afresh()
+    for _ in range(ROUNDS):
+        gradient, curvature, _ = search.slopes()
+        step: Array = np.asarray(np.linalg.solve(curvature, gradient), np.float64)
+        if float(gradient @ step) < STILL**2 or not search.climb(step):
+            break
+    return search.mode()
+
+
+class _Search:
+    """Where a search for the mode has got to."""
+
+    def __init__(self, band: ArrayBand, samples: Complex, prior: PathsPrior, noise: float) -> None:
+        self.band, self.samples, self.prior, self.noise = band, samples, prior, noise
+        self.root, self.head = prior.belief.root, prior.belief.layout.head
+        self.size = len(self.root)
+        self.matters = prior.weight > noise
+        self.at = np.zeros(self.size + prior.free.size)
+        self.path, self.turn, self.paths, self.value = self._evaluated(self.at)
+
+    def _evaluated(self, at: Array) -> tuple[Array, Array, ArraySuperposition, float]:
+        prior, size = self.prior, self.size
+        mean = prior.belief.mean + self.root @ at[:size]
+        known, slope = paths_at(mean, prior.place, prior.table, self.head)
+        off = at[size:].reshape(-1, 3)
+        path = np.concatenate([known, prior.free + off])
+        paths = superpose_arrays(self.band, self.samples, path, prior.weight, self.noise)
+        value = paths.log_density - 0.5 * float(at[:size] @ at[:size] + ((FREE * off) ** 2).sum())
+        turn = np.zeros((len(path), 3, len(at)))
+        turn[: len(known), :, :size] = slope @ self.root
+        free = np.arange(len(off))
+        for side in range(3):
+            turn[len(known) + free, side, size + 3 * free + side] = 1.0
+        return path, turn.reshape(-1, len(at)), paths, value
+
+    def is_wide(self) -> bool:
+        """Whether a path that matters is known less well than within a wave of its correlation."""
+        spread = np.sqrt((self.turn[:, : self.size] ** 2).sum(1)).reshape(-1, 3) * self.band.steepness
+        return bool((spread[: len(self.prior.table)][self.matters[: len(self.prior.table)]] > WIDE).any())
+
+    def start_afresh(self) -> None:
+        """Begin at the likeliest of states drawn from the belief, if it is likelier than the mean."""
+        for drawn in _points(self.size):
+            at = np.concatenate([drawn, self.at[self.size :]])
+            trial = self._evaluated(at)
+            if trial[3] > self.value:
+                self.at = at
+                self.path, self.turn, self.paths, self.value = trial
+
+    def slopes(self) -> tuple[Array, Array, Array]:
+        """Gradient and curvature of the posterior, and the snapshot's part of the curvature."""
+        precision = np.concatenate([np.ones(self.size), np.tile(FREE**2, len(self.prior.free))])
+        told = self.turn.T @ self.paths.information @ self.turn
+        gradient = self.turn.T @ self.paths.gradient.reshape(-1) - precision * self.at
+        return gradient, told + np.diag(precision), told
+
+    def climb(self, step: Array) -> bool:
+        """Go as far along a step as the posterior rises; whether it does at all."""
+        moved = np.abs((self.turn @ step).reshape(-1, 3)) * self.band.steepness
+        farthest = float(moved[self.matters].max(initial=0.0))
+        step = step * min(1.0, FARTHEST / max(farthest, 1e-12))
+        for _ in range(HALVINGS):
+            trial = self._evaluated(self.at + step)
+            if trial[3] > self.value:
+                self.at = self.at + step
+                self.path, self.turn, self.paths, self.value = trial
+                return True
+            step = 0.5 * step
+        return False
+
+    def mode(self) -> StateMode:
+        """What is believed there."""
+        _, curvature, told = self.slopes()
+        covariance = np.linalg.inv(curvature)
+        mean = self.prior.belief.mean + self.root @ self.at[: self.size]
+        mean[HEADING] = wrap(mean[HEADING])
+        own = self.root @ covariance[: self.size, : self.size] @ self.root.T
+        belief = replace(self.prior.belief, mean=mean, covariance=0.5 * (own + own.T))
+        turn = self.turn.reshape(-1, 3, len(self.at))
+        return StateMode(
+            belief, self.path, turn @ covariance @ np.swapaxes(turn, 1, 2), self.paths, self.at[: self.size],
+            told[: self.size, : self.size], self.value,
+        )  # fmt: skip
+
+
+@lru_cache(64)
+def _points(size: int) -> Array:
+    """Standard normal points, (STARTS, size)."""
+    return np.random.default_rng(size).standard_normal((STARTS, size))

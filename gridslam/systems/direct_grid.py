@@ -1,0 +1,126 @@
+"""Direct grid SLAM: agent, surfaces with coefficients and occupancy grid straight from samples of arrays.
+
+Ours: grid SLAM [Li2026grid] with the likelihood of the samples [LiangDirect] in place of measured paths;
+docs/model.md, section 12.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gridslam.errors import InputError
+from gridslam.inference.management.merging import merge_and_prune
+from gridslam.inference.management.step_info import StepInfo, conclude
+from gridslam.inference.messages.array_births import add_new_surfaces
+from gridslam.inference.messages.array_paths import (
+    Heard,
+    Told,
+    evaluate_snapshot,
+    hear,
+    learn_noise,
+    start_noise,
+)
+from gridslam.inference.messages.array_updates import (
+    SnapshotExchange,
+    exchange_of,
+    update_coefficients_by_ratios,
+    update_existence,
+)
+from gridslam.inference.messages.cells import cast_messages, cast_paths, update_cells
+from gridslam.inference.messages.motion import predict
+from gridslam.inference.messages.reflection import Reflected
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace.workspace import Workspace
+from gridslam.maps.map import Map
+from gridslam.systems import grid
+from gridslam.systems.front import SurfaceFront
+from gridslam.systems.signal_front import SignalFilter
+from gridslam.world.network_scene import require_known_clocks
+from gridslam.world.signal_model import SignalModel
+from gridslam.world.signal_scan import SignalScan
+from gridslam.world.waveform import Waveform
+
+
+def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) -> tuple[State, StepInfo]:
+    """One step, as the list of its messages (docs/model.md, section 12)."""
+    work.begin()
+    listened = list[tuple[Heard, Told]]()
+    exchanges = [SnapshotExchange.silent(anchor) for anchor in range(len(model.anchors))]
+    state = predict(state, scan.time_s, len(scan), model)
+    reckoned = state.calibration
+    for anchor in np.flatnonzero(scan.heard).tolist():
+        state = start_noise(state, anchor, scan, model)
+        radio = reckoned.tuned(model.radio, anchor)
+        paths, visible = cast_paths(state, anchor, model, work=work)  # (M36)
+        amplitudes = Reflected(visible.products, radio)  # (M41)
+        heard = hear(state, anchor, scan, paths, visible, amplitudes, model, work=work)
+        state, told = evaluate_snapshot(state, heard, model, work=work)  # (M151) to (M153)
+        state = update_existence(state, heard, told, work=work)
+        state = learn_noise(state, anchor, told)
+        state, _ = add_new_surfaces(state, heard, told, model, work=work)  # (M154)
+        exchanges[anchor] = exchange_of(heard, told, model)
+        listened.append((heard, told))
+    if listened:
+        drawn = cast_messages(state, model, work=work)
+        state = update_coefficients_by_ratios(state, drawn, listened, work=work)  # (M155)
+        state = update_cells(state, work=work)
+    state = merge_and_prune(state, model)
+    return conclude(state, exchanges, reckoned, model, work)
+
+
+def require_arrays(waveform: Waveform) -> None:
+    """Refuse recordings whose angles of arrival can't be told: no surface could be born.
+
+    Raises
+    ------
+    InputError
+        The agent's elements stand in one line, or there is one alone.
+    """
+    element = waveform.agent_element_m
+    spread = np.linalg.svd(element - element.mean(0), compute_uv=False)
+    if len(element) < 3 or spread[-1] < 1e-6 * spread[0]:
+        raise InputError(
+            "signal: agent element_m", f"{len(element)} in one line" if len(element) > 1 else "one",
+            "three or more that don't stand in one line (or one at either end, for virtual anchors)",
+        )  # fmt: skip
+
+
+class DirectGridSlam(SurfaceFront[SignalScan], SignalFilter[Any]):
+    """Direct grid SLAM, one step at a time: samples of arrays in, agent, surfaces and cells out.
+
+    Parameters
+    ----------
+    scene : Scene
+        Radio, anchors, grid and filter settings; its walls are never read.
+    prior_map : Map, optional
+        Map that an earlier agent left: evidence, coefficients and surfaces.
+    agent : str, optional
+        Which of the scene's agents (default: the first): start and prior.
+    seed : int
+    same_frame : bool
+        The user's word that `prior_map` is in the scene's frame, where it shares no anchor with it.
+    waveform : Waveform, optional
+        Of the recording. Default: what the scene's radio would sample.
+
+    Raises
+    ------
+    InputError
+        A scene without agents, an unknown one, a map of another frame, a waveform of other anchors or of an
+        agent whose elements stand in one line, or too many cells for this machine.
+    """
+
+    method = "direct_grid"
+    keeps_grid = True
+    start = staticmethod(grid.start)
+    advance = staticmethod(step)
+
+    def __init__(self, scene: Any, *args: Any, **more: Any) -> None:
+        super().__init__(scene, *args, **more)
+        require_known_clocks(scene, self.agent)
+        require_arrays(self.waveform)
+
+    def map(self) -> Map:
+        """The map as it stands: evidence, coefficients, detected surfaces."""
+        return grid.with_cells(super().map(), self.state)
