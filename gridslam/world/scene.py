@@ -165,7 +165,7 @@ class Scene(Strict):
         return len(self.anchors[0].position_m) > 2
 
     def require_planar(self) -> None:
-        """Refuse heights, for methods that know none: those on sampled signals, and `refa`.
+        """Refuse heights, for methods that know none: those on sampled signals, and the published ones.
 
         Raises
         ------
@@ -174,7 +174,9 @@ class Scene(Strict):
         """
         if self.has_heights:
             where, found = f"{self.name}: anchors[0].position_m", str(list(self.anchors[0].position_m))
-            raise InputError(where, found, "[x, y] and no height_m: sampled signals, and refa, are planar")
+            raise InputError(
+                where, found, "[x, y] and no height_m: sampled signals, refa and network-paper are planar"
+            )
 
     def heights(self, agent: str | None = None) -> Array:
         """How high the anchors stand above an agent, by default the first, (J,) m: 0 in a planar scene.

@@ -21,10 +21,14 @@ from gridslam.world.geometry import mirror, wrap
 STEPS = 6
 
 
-@pytest.fixture(scope="module")
-def followed():
-    """Adaptive SLAM by particles after some steps, and the scan that is next."""
-    scene = gs.Scene.load("room").with_filter(particles=960, representation="particles")
+@pytest.fixture(scope="module", params=[0.0, 1.2])
+def followed(request):
+    """Adaptive SLAM by particles after some steps, of anchors at a height, and the scan that is next."""
+    data = gs.Scene.load("room").model_dump(exclude_none=True)
+    for anchor in data["anchors"]:
+        anchor["position_m"] = [*anchor["position_m"][:2], request.param]
+    data["agents"][0]["height_m"] = 0.0
+    scene = gs.Scene.checked(data, "room").with_filter(particles=960, representation="particles")
     heard = list(gs.simulate(scene, "agent1", 3))
     slam = gs.AdaptiveSlam(scene, seed=2)
     for scan in heard[:STEPS]:
@@ -59,7 +63,7 @@ def test_kernels_average_over_the_very_particles(evaluated):
             only = np.zeros_like(ratios.message[tables.NU])
             only[row, m] = 1.0
             possible, density = _densities(
-                state.samples, paths.rays.table[row], row, ratios, only, model.anchors
+                state.samples, paths.rays.table[row], row, ratios, only, model.places
             )
             expected = density[possible].sum() / max(possible.sum(), 1)
             if possible.mean() > 0.1 and expected > 1e-3:
@@ -69,7 +73,7 @@ def test_kernels_average_over_the_very_particles(evaluated):
 
 
 def test_weights_of_a_single_bounce_are_those_of_its_events(evaluated):
-    state, heard, paths, ratios, model = evaluated
+    state, _, paths, ratios, model = evaluated
     table = paths.rays.table
     caused = ratios.responsible.sum(1) > 0.5
     row = np.flatnonzero((table[:, tables.BOUNCES] == 1) & caused)[0]
@@ -77,14 +81,14 @@ def test_weights_of_a_single_bounce_are_those_of_its_events(evaluated):
     quiet.message[tables.RESPONSIBLE] = 0.0
     quiet.message[tables.RESPONSIBLE, row] = ratios.message[tables.RESPONSIBLE, row]
     samples, s = state.samples, table[row, tables.LAST]
-    logs, surfaces = sample_logs(samples, state.surfaces.existence, paths, heard, quiet, model.anchors)
+    logs, surfaces = sample_logs(samples, state.surfaces.existence, paths, quiet, model.places)
     # by mirrors and scipy's densities, as a sum over the surface, the ray, and what caused what
-    place = model.anchors[0]
+    place = model.places[0]
     image = mirror(samples.lines[s], place[:2])
     toward = image - samples.agent[:, :2]
     arrival = np.arctan2(toward[:, 1], toward[:, 0])
     values = [
-        np.hypot(*toward.T),
+        np.sqrt((toward**2).sum(-1) + place[3] ** 2),
         wrap(2 * samples.lines[s, :, 0] - arrival - place[2]),
         wrap(arrival - samples.agent[:, 4]),
     ]

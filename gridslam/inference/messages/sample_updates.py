@@ -24,7 +24,7 @@ from gridslam.inference.state.state_samples import StateSamples
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels.primitives import tables
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.geometry import course, wrap
+from gridslam.world.geometry import course, slant, wrap
 
 TURN_M = 5.0
 """A surface's walk by s along its normal goes with one by s / 5 m of its angle, as in `belief.predict`."""
@@ -77,7 +77,7 @@ def weigh_samples(
     if before.samples is None:
         return state
     samples, draw = before.samples, _stream(work, state, WEIGHING, heard.anchor)
-    logs, surfaces = sample_logs(samples, before.surfaces.existence, paths, heard, ratios, model.anchors)
+    logs, surfaces = sample_logs(samples, before.surfaces.existence, paths, ratios, model.places)
     lines = samples.lines.copy()
     for row in np.flatnonzero(surfaces.any(1)):
         lines[row] = lines[row, draw.permutation(resampled(surfaces[row], draw))]
@@ -86,9 +86,8 @@ def weigh_samples(
 
 
 def sample_logs(
-    samples: StateSamples, existence: Array, paths: PredictedPaths, heard: AnchorScan,
-    ratios: LikelihoodRatios, anchors: Array,
-) -> tuple[Array, Array]:  # fmt: skip
+    samples: StateSamples, existence: Array, paths: PredictedPaths, ratios: LikelihoodRatios, places: Array
+) -> tuple[Array, Array]:
     """Log weights of the agent's particles (P,) and of the surfaces', if they exist, (S, P); (M142).
 
     Parameters
@@ -97,12 +96,14 @@ def sample_logs(
         Of the surfaces, as predicted.
     ratios : LikelihoodRatios
         With the messages of the association.
+    places : (J, 4)
+        The anchors: x, y (m), orientation (rad) and height above the agent (m).
     """
     logs, surfaces = np.zeros(len(samples)), np.zeros(samples.lines.shape[:2])
     odds, nu = ratios.odds, ratios.message[tables.NU]
     for row in np.flatnonzero(ratios.responsible.sum(1) > LEAST_SHARE).tolist():
         table = paths.rays.table[row]
-        possible, density = _densities(samples, table, row, ratios, nu, anchors)
+        possible, density = _densities(samples, table, row, ratios, nu, places)
         bracket = density + 1 - odds[tables.DETECTED, row]
         open_ = odds[tables.OPEN, row] * possible
         ray = odds[tables.EXISTENCE, row]
@@ -125,17 +126,18 @@ def keep_samples(state: State, model: FilterModel, *, work: Workspace) -> State:
 
 def _densities(
     samples: StateSamples, table: NDArray[np.int32], row: int, ratios: LikelihoodRatios, nu: Array,
-    anchors: Array,
+    places: Array,
 ) -> tuple[NDArray[np.bool_], Array]:  # fmt: skip
     """Where a path is possible (P,), and sum_m nu_m g_m there (P,)."""
     count = len(samples)
-    place = anchors[table[tables.ANCHOR]]
+    place = places[table[tables.ANCHOR]]
     none = np.zeros((count, 2))
     last = samples.lines[table[tables.LAST]] if table[tables.LAST] >= 0 else none
     first = samples.lines[table[tables.FIRST]] if table[tables.FIRST] >= 0 else none
     bounces = np.full(count, table[tables.BOUNCES])
     path = course(samples.agent[:, :2], np.broadcast_to(place[:2], (count, 2)), last, first, bounces)
-    seen = np.stack([path.distance, path.departure - place[2], path.arrival - samples.agent[:, 4]], -1)
+    length = slant(path.distance, place[3])
+    seen = np.stack([length, path.departure - place[2], path.arrival - samples.agent[:, 4]], -1)
     density = np.zeros(count)
     pairs = ratios.pairs
     for n in range(int(pairs.start[row]), int(pairs.start[row + 1])):

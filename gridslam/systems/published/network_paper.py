@@ -96,6 +96,7 @@ class PublishedNetworkSlam(NetworkSlam):
     require_sound = staticmethod(require_sound_network)
 
     def _workspace(self) -> Any:
+        self.scene.require_planar()
         if self.model.clocks.drifting:
             where = f"{self.scene.name}: clocks.drift_prior_ppb"
             raise InputError(where, "clocks with rates", "clocks of one state, or --method network")
