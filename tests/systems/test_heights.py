@@ -51,6 +51,22 @@ def test_anchors_on_a_ceiling_are_followed_as_near_to_the_bound_as_any(method):
 
 
 @pytest.mark.slow
+def test_the_point_right_under_an_anchor_is_passed_as_near_to_the_bound_as_any():
+    """A way that was drawn for this, not for tuning: see docs/model.md, section 16, for eight seeds."""
+    scene = gs.Scene.load("ceiling")
+    bound = unknown_map_bound(scene, "agent1").position_m
+    heard, track, slam = (
+        gs.simulate(scene, "agent1", seed=31),
+        scene.track("agent1"),
+        gs.GridSlam(scene, seed=31),
+    )
+    gap = np.array([slam.step(heard.scan(k)).position_m for k in range(len(heard))]) - track.position_m
+    assert np.sqrt((gap**2).sum(1).mean() / np.square(bound).mean()) < 1.2
+    under = np.linalg.norm(track.position_m - scene.anchor_positions[0], axis=1) < 0.5
+    assert np.sqrt((gap[under] ** 2).sum(1).mean()) < 0.05
+
+
+@pytest.mark.slow
 def test_heights_that_a_scene_leaves_out_cost_decimetres():
     """What heights are for: the same distances in a planar scene."""
     scene = shortened(ROOM, 50)

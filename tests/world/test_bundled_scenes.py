@@ -15,6 +15,7 @@ def test_bundled_scenes_cite_their_source_and_say_what_is_hard():
         "alcove",
         "annex",
         "canyon",
+        "ceiling",
         "chamber",
         "exchange",
         "hall",
@@ -203,3 +204,12 @@ def test_scatter_hides_the_sight_and_has_more_power_in_scatterers_than_in_it():
         now = paths.at(step)
         direct = (10 ** (42 / 20) / np.hypot(*(now.points[0, 3] - now.points[0, 0]))) ** 2
         assert (now.amplitude[now.bounces == 1] ** 2).sum() > direct
+
+
+def test_ceiling_leads_right_under_an_anchor_and_stays_below_them():
+    scene, paths, _, _ = heard("ceiling", "agent1", 2.0)
+    steep = np.arcsin(scene.heights("agent1")[paths.anchor] / paths.distance_m)
+    sight = paths.bounces == 0
+    assert np.degrees(steep[sight].max()) > 85
+    assert np.median(np.degrees(steep[sight])) < 30
+    assert (steep > 0).all()
