@@ -58,6 +58,7 @@ def test_scene(tmp_path, content):
     harmless(Scene.load, tmp_path / "a.toml", content)
 
 
+@pytest.mark.slow
 @CASES
 @pytest.mark.filterwarnings("ignore::gridslam.errors.Note")  # of columns that aren't used
 @given(content=damaged(TABLE.encode()) | retold(TABLE))

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from gridslam.cli.output import ended, interruptible, reserved
+from gridslam.cli.observed import source, view_of
+from gridslam.cli.output import interruptible, reserved
+from gridslam.cli.resume import unfinished
+from gridslam.cli.run_end import Done, busy, finish, go_on_later
 from gridslam.errors import InputError
+from gridslam.systems.registry import method_class
 
 if TYPE_CHECKING:
+    from gridslam.cli.asked import Asked
     from gridslam.measurements.network import NetworkMeasurements
     from gridslam.runs.network_run import NetworkRun
     from gridslam.simulation.network import NetworkTruth
@@ -20,21 +24,8 @@ if TYPE_CHECKING:
 err = Console(stderr=True)
 
 
-def run_network(
-    world: Scene,
-    method: str,
-    agents: list[str] | None,
-    seed: int,
-    measurements: Path | None,
-    map_file: Path | None,
-    same_frame: bool,
-    start: str | None,
-    device: str,
-    threads: int | None,
-    output: Path | None,
-    overwrite: bool,
-) -> tuple[NetworkRun, list[dict[str, Any]], dict[str, Any]]:
-    """Locate all agents at once, write the run's folder, and return what goes into the tables.
+def run_network(asked: Asked) -> None:
+    """Locate all agents at once, and write the run's folder.
 
     Without measurements, what all agents hear is simulated, and nothing says whose it is.
     """
@@ -44,50 +35,99 @@ def run_network(
     from gridslam.runs.network_files import clock_files
     from gridslam.runs.network_run import map_network
     from gridslam.runs.progress import network_progress_bar
-    from gridslam.runs.run_files import write_run
-    from gridslam.simulation.network import simulate_network
-    from gridslam.viewers.plots import draw_all
-    from gridslam.world.start import HOWS, told_start
+    from gridslam.world.start import told_start
 
-    if start is not None and start not in HOWS:
-        raise InputError("--start", repr(start), " or ".join(HOWS))
-    if measurements is not None and start == "drawn":
-        raise InputError("--start", "drawn with --measurements", "exact: the scene's own starts")
-    if measurements is None and not world.walls:
+    world, file = asked.world, asked.measurements
+    if asked.signal is not None:
+        found = f"{asked.signal}, with method {asked.method!r}, which takes path measurements"
+        raise InputError("--signal", found, "--measurements FILE")
+    how = asked.told_start(file)
+    if file is None and not world.walls:
         raise InputError(f"{world.name}: walls", "none", "walls to simulate from, or --measurements FILE")
-    with interruptible() as termination, reserved(output, world.name, overwrite) as (folder, place):
-        truth = None
-        if measurements is not None:
-            heard = recorded_network(world, measurements, agents)
-        else:
-            names = agents or [agent.name for agent in world.agents]
-            heard, truth = simulate_network(world, names, seed, unlabelled=True)
-        prior = Map.load(map_file) if map_file else None
+    if file is None and asked.truth:
+        raise InputError("--truth", asked.truth[0], "only together with --measurements")
+    with (
+        interruptible() as termination,
+        reserved(asked.output, world.name, asked.overwrite, asked.resume is not None) as (folder, place),
+    ):
+        heard, truth = _heard(asked)
+        prior = Map.load(asked.map_file) if asked.map_file else None
+        note = None
         if prior is not None:
-            prior, _ = fitted(prior, world, str(map_file), same_frame)
-        runtime.start(device, threads)
-        starts = None
-        if measurements is None and start != "exact":
-            starts = {name: told_start(world, name, seed) for name in heard.agents}
-        with network_progress_bar(heard.tracks, err) as tell:
-            done = map_network(world, heard, seed, prior, starts=starts, progress=tell, method=method)
-        scores, whole = network_scores(done, heard, truth)
-        runs = list(done.runs.values())
-        tables = [heard[run.agent] for run in runs]
-        write_run(
-            folder, world, runs, tables, scores, {"network": whole}, place.overwrite,
-            lambda part: _drawn(draw_all(part)), place, clock_files(done.clocks, heard.clocks),
-        )  # fmt: skip
-        if done.interrupted:
-            steps = f"{len(done.clocks.step)} of {len(heard)} steps"
-            line = f"{ended(termination)} after {steps}: {folder} holds what was done"
-            err.print(line, highlight=False, markup=False, soft_wrap=True)
-            sys.exit(143 if termination.asked else 130)
-    return done, scores, {"folder": folder, **whole}
+            prior, note = fitted(prior, world, str(asked.map_file), asked.same_frame)
+        with view_of(asked, heard.agents) as view:
+            runtime.start(asked.device, asked.threads)
+            for line in (*place.notes, note):
+                if line:
+                    err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
+            resolved = {"agent": list(heard.agents), "particles": world.filter.particles, "start": how}
+            kept = unfinished(asked.context, place, world, method_class(asked.method), resolved)
+            before = kept.network_measurements() if kept is not None else None
+            heard = heard if before is None else before
+            own = kept.agent(0, ", ".join(heard.agents), heard) if kept is not None else None
+            starts = None
+            if how != "exact":
+                starts = {name: told_start(world, name, asked.seed) for name in heard.agents}
+            with network_progress_bar(heard.tracks, err) as tell:
+                done = map_network(
+                    world, heard, asked.seed, prior, starts=starts, progress=tell, method=asked.method,
+                    watch=None if view is None else view.follow_all(heard.tracks), checkpoint=own,
+                )  # fmt: skip
+            if view is not None:
+                view.show_map(done.map)
+            if done.interrupted and kept is not None:
+                go_on_later(folder, kept, termination)
+            stopped = done.interrupted
+            try:
+                with busy("scoring"):
+                    scores, whole = network_scores(done, heard, truth)
+            except KeyboardInterrupt:
+                if kept is not None:
+                    go_on_later(folder, kept, termination)
+                scores, whole, stopped = [run.score() for run in done.runs.values()], done.score(), True
+            runs = list(done.runs.values())
+            end = Done(
+                runs, [heard[run.agent] for run in runs], scores, source(file) | {"network": whole},
+                f"{len(done.clocks.step)} of {len(heard)} steps", clock_files(done.clocks, heard.clocks),
+                _lines(whole),
+            )  # fmt: skip
+            finish(folder, place, world, end, stopped, termination)
 
 
-def say(scores: dict[str, Any], out: Console) -> None:
-    """Say how good clocks and labels are, and where it all is."""
+def _heard(asked: Asked) -> tuple[NetworkMeasurements, NetworkTruth | None]:
+    """What all agents heard, from a file with the tracks that are given, or simulated with the truth."""
+    from gridslam.simulation.network import simulate_network
+
+    world = asked.world
+    if asked.measurements is None:
+        names = asked.agent or [agent.name for agent in world.agents]
+        return simulate_network(world, names, asked.seed, unlabelled=True)
+    return with_tracks(asked, recorded_network(world, asked.measurements, asked.agent)), None
+
+
+def with_tracks(asked: Asked, heard: NetworkMeasurements) -> NetworkMeasurements:
+    """Measurements with the true tracks that are given.
+
+    Raises
+    ------
+    InputError
+        One that can't be read, of no agent here, or that doesn't cover the agent's steps.
+    """
+    from dataclasses import replace
+
+    from gridslam.evaluation.ground_truth import with_truth
+    from gridslam.world.trajectory import Trajectory
+
+    tracks = dict(heard.tracks)
+    for name, path in asked.tracks(heard.agents).items():
+        own = with_truth(heard[name], Trajectory.from_tum(path), str(path))
+        if own.truth is not None:
+            tracks[name] = own.truth
+    return replace(heard, tracks=tracks)
+
+
+def _lines(scores: dict[str, Any]) -> list[str]:
+    """How good clocks and labels are."""
     lines = []
     if scores["apparent_bias_rmse_ps"] is not None:
         bound = "" if scores["bound_ps"] is None else f" (bound {scores['bound_ps']:.0f})"
@@ -97,12 +137,7 @@ def say(scores: dict[str, Any], out: Console) -> None:
         lines.append(f"clocks within 3 ns from step: {', '.join(each)}")
     if scores["label_errors"] is not None:
         lines.append(f"labels: {scores['label_errors']} of {scores['labels_judged']} wrong")
-    for line in (*lines, f"wrote {scores['folder']}"):
-        out.print(line, highlight=False, markup=False, soft_wrap=True)
-
-
-def _drawn(paths: list[Path]) -> None:
-    """Figures that were drawn; nothing more is to be done with them."""
+    return lines
 
 
 def network_scores(

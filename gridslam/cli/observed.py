@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +12,9 @@ from gridslam.errors import InputError
 from gridslam.systems.registry import METHODS
 
 if TYPE_CHECKING:
+    from gridslam.cli.asked import Asked
     from gridslam.measurements.heard import Heard
+    from gridslam.viewers.rerun_view import RunView
     from gridslam.world.observation import Kind
     from gridslam.world.scene import Scene
 
@@ -89,6 +93,18 @@ def recorded(world: Scene, file: Path | None, truth: Path | None, takes: Kind) -
     with located(file):
         check_anchors(world, heard)
     return with_truth(heard, track, where)
+
+
+@contextmanager
+def view_of(asked: Asked, agents: Sequence[str]) -> Iterator[RunView | None]:
+    """A viewer that shows the run meanwhile, if one is asked for."""
+    if not asked.shown:
+        yield None
+        return
+    from gridslam.viewers.rerun_view import open_view
+
+    with open_view(asked.world, agents, asked.rerun_to, asked.overwrite) as view:
+        yield view
 
 
 def source(file: Path | None) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from gridslam.measurements.network import NetworkMeasurements
 from gridslam.runs.map_scene import check_anchors
 from gridslam.runs.run import Run
 from gridslam.runs.stopping import asked_to_stop
+from gridslam.runs.unfinished import AgentCheckpoint
 from gridslam.simulation.network import NetworkTruth
 from gridslam.systems.network import NetworkSlam
 from gridslam.systems.registry import method_class
@@ -183,6 +185,8 @@ def map_network(
     progress: Callable[[NetworkEstimate, int, int], None] | None = None,
     same_frame: bool = False,
     method: str = "network",
+    watch: Callable[[NetworkEstimate, Callable[[], Map]], None] | None = None,
+    checkpoint: AgentCheckpoint | None = None,
 ) -> NetworkRun:
     """Run network SLAM over the measurements of several agents.
 
@@ -204,6 +208,10 @@ def map_network(
         The user's word that `prior_map` is in the scene's frame, where it shares no anchor with it.
     method : str
         One that takes several agents: "network", or "network_grid" for a grid of all.
+    watch : callable, optional
+        Gets, after every step, the estimate and a function that returns the map as it stands.
+    checkpoint : AgentCheckpoint, optional
+        As that of `gridslam.map_scene`.
 
     Returns
     -------
@@ -222,17 +230,30 @@ def map_network(
     system = method_class(method)
     if not issubclass(system, NetworkSlam):
         raise InputError("method", repr(method), "one for several agents at once")
-    slam = system(scene, prior_map, seed=seed, same_frame=same_frame, agents=names)
-    if starts is not None:
-        slam.start_all(starts)
-    estimates = list[NetworkEstimate]()
-    began, peak = time.perf_counter(), 0.0
+    peak, spent = 0.0, 0.0
+    resumed = checkpoint.resumed(system) if checkpoint is not None else None
+    if checkpoint is not None and resumed is not None:
+        slam, estimates = resumed
+        peak, spent = checkpoint.progress.peak_mb, checkpoint.progress.seconds
+    else:
+        slam = system(scene, prior_map, seed=seed, same_frame=same_frame, agents=names)
+        estimates = list[NetworkEstimate]()
+        if starts is not None:
+            slam.start_all(starts)
+    began = time.perf_counter() - spent
     with asked_to_stop() as stopped:
-        for scan in measurements:
+        for scan in islice(iter(measurements), len(estimates), None):
             estimates.append(slam.step(scan))
             peak = max(peak, psutil.Process().memory_info().rss / 2**20)
-            if progress is not None:
-                progress(estimates[-1], len(estimates), len(measurements))
+            try:
+                if progress is not None:
+                    progress(estimates[-1], len(estimates), len(measurements))
+                if watch is not None:
+                    watch(estimates[-1], slam.map)
+            except KeyboardInterrupt:
+                stopped.set()
+            if checkpoint is not None:
+                checkpoint.keep(slam, estimates, time.perf_counter() - began, peak, now=stopped.is_set())
             if stopped.is_set():
                 break
     if not estimates:

@@ -17,15 +17,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
-
 from gridslam.errors import InputError
-from gridslam.estimates import Estimate, Health
 from gridslam.io.files import cannot_write, put_in_place, settle_folder, write_bytes
 from gridslam.measurements.heard import NAMES, Heard, kind_of, read_heard
+from gridslam.measurements.network import NetworkMeasurements
 from gridslam.runs.parts import INDEX, UNFINISHED, unfinished_part
+from gridslam.runs.pieces import OfOne, OfSeveral, Pieces, exact_json
 from gridslam.runs.reservation import Place
-from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.world.scene import Scene
 
 FORMAT, VERSION = "gridslam-unfinished", 1
@@ -145,7 +143,7 @@ class Unfinished:
         if form != _form():
             found = f"{form[0]} {form[1]} of gridslam {form[2]}"
             raise InputError(str(path), found, "{} {} of gridslam {}".format(*_form()))
-        if _text_checksum(_json(content)) != seal:
+        if _text_checksum(exact_json(content)) != seal:
             raise InputError(str(path), "damaged content", ANEW)
         agents = [Progress(**agent) for agent in content.pop("agents")]
         return cls(path.parent, agents=agents, **content)
@@ -173,8 +171,12 @@ class Unfinished:
             return None
         return read_heard(self.folder, f"{number}-")
 
-    def agent(self, number: int, name: str, heard: Heard) -> AgentCheckpoint:
-        """Keep agent `number`, from its beginning or from where it has got to.
+    def network_measurements(self) -> NetworkMeasurements | None:
+        """What all agents of a run at once hear, if it has begun."""
+        return NetworkMeasurements.from_h5(self.folder / f"0-{NAMES['paths']}") if self.agents else None
+
+    def agent(self, number: int, name: str, heard: Heard | NetworkMeasurements) -> AgentCheckpoint:
+        """Keep agent `number`, from its beginning or from where it has got to; several at once are one.
 
         Raises
         ------
@@ -182,10 +184,12 @@ class Unfinished:
             Nothing can be written.
         """
         if number == len(self.agents):
-            own = f"{number}-{NAMES[kind_of(heard)]}"
+            kind = "paths" if isinstance(heard, NetworkMeasurements) else kind_of(heard)
+            own = f"{number}-{NAMES[kind]}"
             heard.to_h5(self.folder / own)
             self._commit([*self.agents, Progress(name, len(heard))], {own: _checksum(self.folder / own)})
-        return AgentCheckpoint(self, number)
+        several = OfSeveral(heard.agents) if isinstance(heard, NetworkMeasurements) else None
+        return AgentCheckpoint(self, number, OfOne() if several is None else several)
 
     def where(self) -> str:
         """How far the run has got, in words."""
@@ -205,8 +209,8 @@ class Unfinished:
             "files": files,
         }
         form = dict(zip(("format", "version", "gridslam"), _form(), strict=True))
-        index = form | {"content": content, "checksum": _text_checksum(_json(content))}
-        write_bytes(self.folder / INDEX, _json(index))
+        index = form | {"content": content, "checksum": _text_checksum(exact_json(content))}
+        write_bytes(self.folder / INDEX, exact_json(index))
         self.agents, self.files = agents, files
         if old:
             (self.folder / old).unlink(missing_ok=True)
@@ -219,17 +223,20 @@ class Unfinished:
 
 
 class AgentCheckpoint:
-    """The part of a run's checkpoint that is one agent's; `gridslam.map_scene` keeps it up to date."""
+    """The part of a run's checkpoint that is one agent's, or that of several at once.
 
-    def __init__(self, run: Unfinished, number: int) -> None:
-        self.run, self.number = run, number
+    `gridslam.map_scene` and `gridslam.map_network` keep it up to date.
+    """
+
+    def __init__(self, run: Unfinished, number: int, pieces: Pieces[Any]) -> None:
+        self.run, self.number, self.pieces = run, number, pieces
 
     @property
     def progress(self) -> Progress:
         """How far the agent has got."""
         return self.run.agents[self.number]
 
-    def resumed(self, system: Any) -> tuple[Any, list[Estimate]] | None:
+    def resumed(self, system: Any) -> tuple[Any, list[Any]] | None:
         """Filter of a class `system` and estimates from which the agent goes on; None if it is to begin.
 
         Raises
@@ -239,22 +246,23 @@ class AgentCheckpoint:
         """
         if not self.progress.done:
             return None
-        estimates: list[Estimate] = []
+        estimates: list[Any] = []
         for end in self.progress.pieces:
-            estimates += _read_piece(self._path("steps", end), self._path("health", end))
+            estimates += self.pieces.read(self.run.folder, self.number, end)
             if len(estimates) != end:
-                raise InputError(str(self._path("steps", end)), f"steps up to {len(estimates)}", f"to {end}")
-        return system.resume(self._path("filter", self.progress.done)), estimates
+                found = f"{self.number}-steps-{end}: steps up to {len(estimates)}"
+                raise InputError(str(self.run.folder), found, f"to {end}")
+        return system.resume(self._filter(self.progress.done)), estimates
 
     def keep(
-        self, slam: Savable, estimates: Sequence[Estimate], seconds: float, peak_mb: float, now: bool = False
+        self, slam: Savable, estimates: Sequence[Any], seconds: float, peak_mb: float, now: bool = False
     ) -> None:
         """Write a checkpoint after a step, if one is due or wanted now.
 
         Parameters
         ----------
-        estimates : sequence of Estimate
-            Of all steps of the agent so far.
+        estimates : sequence of Estimate or NetworkEstimate
+            Of all steps so far.
         seconds, peak_mb : float; s, MiB
             What the agent cost so far.
 
@@ -267,24 +275,21 @@ class AgentCheckpoint:
         through = now or done == before.total or done - before.done >= int(self.run.settings["checkpoint"])
         if done == before.done or not through:
             return
-        steps, health, state = (self._path(kind, done) for kind in ("steps", "health", "filter"))
-        new = estimates[before.done :]
-        write_steps(steps, new)
-        write_bytes(health, _json([{"seconds": e.seconds, "health": asdict(e.health)} for e in new]))
+        new = self.pieces.write(self.run.folder, self.number, done, estimates[before.done :])
+        state = self._filter(done)
         part = state.with_name(f"{state.stem}.part{state.suffix}")
         try:
             slam.save(part)
             put_in_place(part, state)
-            known = {path.name: _checksum(path) for path in (steps, health, state)}
+            known = {path.name: _checksum(path) for path in (*new, state)}
         except OSError as error:
             raise cannot_write(state, error) from error
         after = replace(before, pieces=[*before.pieces, done], seconds=seconds, peak_mb=peak_mb)
-        old = self._path("filter", before.done).name if before.done else ""
+        old = self._filter(before.done).name if before.done else ""
         self.run._commit([*self.run.agents[: self.number], after], known, old)
 
-    def _path(self, kind: str, step: int) -> Path:
-        ending = "json" if kind == "health" else "h5"
-        return self.run.folder / f"{self.number}-{kind}-{step}.{ending}"
+    def _filter(self, step: int) -> Path:
+        return self.run.folder / f"{self.number}-filter-{step}.h5"
 
 
 def read_unfinished(directory: str | os.PathLike[str]) -> Unfinished:
@@ -314,21 +319,6 @@ def require_savable(method: str, system: object) -> None:
             raise InputError("--checkpoint", f"method {method!r}, which has no {name!r}", "one that has")
 
 
-def _read_piece(steps: Path, health: Path) -> list[Estimate]:
-    """Estimates as they were, with what the file of steps doesn't hold."""
-    estimates, known = read_steps(steps), json.loads(health.read_bytes())
-    return [
-        replace(estimate, seconds=row["seconds"], health=_health(row["health"]))
-        for estimate, row in zip(estimates, known, strict=True)
-    ]
-
-
-def _health(row: dict[str, Any]) -> Health:
-    low, high = row["innovation_band"]
-    arrays = {name: np.array(row[name], dtype=np.float64) for name in ("clutter", "turned_rad")}
-    return Health(**row | arrays | {"innovation_band": (low, high)})
-
-
 def _form() -> list[Any]:
     return [FORMAT, VERSION, version("gridslam")]
 
@@ -350,8 +340,3 @@ def _checksum(path: Path) -> str:
 
 def _text_checksum(text: bytes) -> str:
     return hashlib.sha256(text).hexdigest()
-
-
-def _json(value: Any) -> bytes:
-    """JSON that gives back every number as it was, NaN and infinities too."""
-    return json.dumps(value, default=lambda own: own.tolist(), ensure_ascii=False).encode("utf-8")

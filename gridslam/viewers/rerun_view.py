@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gridslam.arrays import Array
 from gridslam.estimates import Estimate, Health, SurfaceEstimate
+from gridslam.inference.management.network_readout import NetworkEstimate
 from gridslam.maps.map import Map
 from gridslam.runs.run_files import RunFiles
 from gridslam.viewers import rerun_target
@@ -79,8 +80,9 @@ class RunView:
         self.truth: Trajectory | None = None
         self.first = self.step = 0
         """Steps before this agent's, and the one shown last, on the timeline."""
-        self.last: dict[str, Array] = {}
-        self.why = ""
+        self.last: dict[tuple[str, str], Array] = {}
+        self.why: dict[str, str] = {}
+        self.paths = "world/paths"
         stream.send_blueprint(self._layout(agents))
         self._world()
 
@@ -98,8 +100,34 @@ class RunView:
             self.first = self.step + 1
             self.stream.set_time("step", sequence=self.first)
             self.stream.log(f"world/{self.agent}/now", self.rr.Clear(recursive=True))
-        self.agent, self.truth, self.last, self.why = agent, truth, {}, ""
+        self.agent, self.truth, self.last, self.why = agent, truth, {}, {}
         return self._watch
+
+    def follow_all(
+        self, truths: Mapping[str, Trajectory]
+    ) -> Callable[[NetworkEstimate, Callable[[], Map]], None]:
+        """Show several agents at once; paths are ``world/NAME/now/paths``.
+
+        Parameters
+        ----------
+        truths : mapping of str to Trajectory
+            True tracks of agents of which they are known.
+
+        Returns
+        -------
+        callable
+            What `gridslam.map_network` takes as `watch`.
+        """
+
+        def watch(now: NetworkEstimate, grid: Callable[[], Map]) -> None:
+            for name, own in now.agents.items():
+                if own is not None:
+                    self.agent, self.truth, self.paths = name, truths.get(name), f"world/{name}/now/paths"
+                    self.show(own)
+            if now.step % MAP_EVERY == 0:
+                self.show_map(grid())
+
+        return watch
 
     def show(self, now: Estimate) -> None:
         """Show one step."""
@@ -110,7 +138,7 @@ class RunView:
         level = 20 * np.log10(np.maximum(now.paths.amplitude, 1e-6))
         share = np.clip((level - WEAK_DB) / (STRONG_DB - WEAK_DB), 0, 1)
         ways = [row[~np.isnan(row[:, 0])] for row in now.paths.points]
-        self._lines("world/paths", ways, PATHS, 0.6, colormaps["plasma_r"](0.1 + 0.9 * share, bytes=True))
+        self._lines(self.paths, ways, PATHS, 0.6, colormaps["plasma_r"](0.1 + 0.9 * share, bytes=True))
         self._errors(now)
         if self.health:
             self._health(now.health)
@@ -159,8 +187,9 @@ class RunView:
 
     def _walk(self, name: str, place: Array, width: float, color: ArrayLike) -> None:
         """One more piece of a track: each is logged once, and the view shows all up to the step."""
-        self._lines(f"world/{self.agent}/{name}", [[self.last.get(name, place), place]], TRACK, width, color)
-        self.last[name] = place
+        key = self.agent, name
+        self._lines(f"world/{self.agent}/{name}", [[self.last.get(key, place), place]], TRACK, width, color)
+        self.last[key] = place
 
     def _surfaces(self, surfaces: SurfaceEstimate, detected: NDArray[np.bool_]) -> None:
         """Stretches that were hit: coloured by coefficient and labelled, or thin and grey."""
@@ -194,12 +223,12 @@ class RunView:
         self._curve("health/particles", health.effective_sample_size)
         for name, clutter in zip(self.scene.anchor_names, health.clutter, strict=False):
             self._curve(f"health/clutter/{name}", clutter)
-        if health.why != self.why:
+        if health.why != self.why.get(self.agent, ""):
             level = self.rr.TextLogLevel.INFO if health.ok else self.rr.TextLogLevel.WARN
             self.stream.log(
                 f"health/{self.agent}/why", self.rr.TextLog(health.why or "all fits again", level=level)
             )
-            self.why = health.why
+            self.why[self.agent] = health.why
 
     def _curve(self, name: str, value: Any) -> None:
         group, _, rest = name.partition("/")

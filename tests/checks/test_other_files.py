@@ -54,6 +54,7 @@ def test_every_file_of_a_run_is_told(say, made, name, told):
     assert told in said.out
 
 
+@pytest.mark.slow
 def test_every_file_that_a_run_leaves_can_be_checked(say, made):
     for path in (made / "out").rglob("*.*"):
         if path.suffix not in (".png",):

@@ -179,6 +179,7 @@ PLACES = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", PLACES)
 def test_odd_content_is_described_or_refused_but_never_a_traceback(tmp_path, place):
     scene = SCENES["one antenna"]

@@ -53,6 +53,7 @@ def test_two_agents_in_turn_leave_a_whole_folder(say, short_room, tmp_path):
     assert gs.Map.load("out/map.h5").provenance["agents"] == ["agent1", "agent2"]
 
 
+@pytest.mark.slow
 def test_recorded_measurements_and_a_tum_track_score_like_the_simulation(say, short_room, no_figures):
     assert say("run", short_room, "--agent", "agent1", "--start", "exact", "-o", "whole").code == 0
     assert say("simulate", short_room, "--agent", "agent1", "-o", "heard.csv").code == 0

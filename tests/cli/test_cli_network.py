@@ -2,13 +2,16 @@
 
 import csv
 import json
+import signal
 
 import h5py
 import numpy as np
 import pytest
+from interrupted_runs import killed, same_runs
 
 import gridslam as gs
 from gridslam.runs.network_files import read_clocks
+from gridslam.runs.unfinished import read_unfinished
 
 SHORT = {"steps": 5}
 
@@ -89,9 +92,88 @@ def test_bad_tables_are_one_line(say, short_exchange, tmp_path, change, says):
 
 def test_what_does_not_fit_several_agents_is_refused(say, short_exchange, tmp_path):
     run = "run", short_exchange, "--method", "network"
-    assert "--checkpoint" in say(*run, "--checkpoint", "5").err
+    assert "which takes path measurements" in say(*run, "--signal", "z.h5").err
     assert "'agent1' twice" in say(*run, "--agent", "agent1", "--agent", "agent1").err
     scene = gs.Scene.load(tmp_path / short_exchange)
     gs.simulate(scene, ["agent1", "agent2"], unlabelled=True).to_h5(tmp_path / "heard.h5")
     said = say("run", short_exchange, "--method", "adaptive", "--measurements", "heard.h5", "-o", "out")
     assert (said.code, "2 agents" in said.err) == (2, True)
+
+
+def stop_at(monkeypatch, step):
+    """Send Ctrl-C to this process at a step, once."""
+    whole, left = gs.NetworkSlam.step, [step]
+
+    def cut(slam, scan):
+        if scan.step in left:
+            left.clear()
+            signal.raise_signal(signal.SIGINT)
+        return whole(slam, scan)
+
+    monkeypatch.setattr(gs.NetworkSlam, "step", cut)
+
+
+NETWORK = ("run", "short.toml", "--method", "network", "--seed", "1")
+
+
+@pytest.mark.usefixtures("no_figures", "ctrl_c", "short_exchange")
+def test_interrupted_run_shows_its_table_and_keeps_what_is_done(say, monkeypatch, tmp_path):
+    stop_at(monkeypatch, 2)
+    said = say(*NETWORK, "-o", "out")
+    assert said.code == 130
+    assert "agent2" in said.out
+    assert "apparent biases" in said.out
+    assert said.complaints == ["interrupted after 3 of 5 steps: out holds what was done"]
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["agents"]["agent1"]["interrupted"]
+
+
+@pytest.mark.usefixtures("no_figures", "ctrl_c", "short_exchange")
+@pytest.mark.parametrize("grid", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_interrupted_run_that_is_resumed_is_as_if_it_never_was(say, monkeypatch, grid):
+    words = (*NETWORK, "--method", "network_grid") if grid else NETWORK
+    assert say(*words, "-o", "whole").code == 0
+    for step, more in ((0, (*words, "--checkpoint", "2", "-o", "out")), (2, ("run", "--resume", "out"))):
+        with monkeypatch.context() as patch:
+            stop_at(patch, step)
+            said = say(*more)
+        done = f"interrupted after {step + 1} of 5 steps of agent1, agent2; "
+        assert (said.code, said.complaints) == (130, [f"{done}to go on: gridslam run --resume out"])
+    said = say("run", "--resume", "out", "--seed", "2")
+    assert (said.code, "error: --seed: found 2" in said.err) == (2, True)
+    assert say("run", "--resume", "out").code == 0
+    same_runs("whole", "out")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_figures", "short_exchange")
+def test_killed_run_loses_no_more_than_the_steps_since_its_checkpoint(say):
+    """Checkpoints: 1 nothing, 2 the agents begin, 3 and 4 two steps each, 5 the last step."""
+    assert say(*NETWORK, "-o", "whole").code == 0
+    killed(4, *NETWORK, "-o", "out", "--checkpoint", "2")
+    (agents,) = read_unfinished("out").agents
+    assert (agents.name, agents.done, agents.total) == ("agent1, agent2", 2, 5)
+    assert say("run", "--resume", "out").code == 0
+    same_runs("whole", "out")
+
+
+@pytest.mark.usefixtures("no_figures", "short_exchange")
+def test_recorded_measurements_are_scored_by_the_tracks_that_are_given(say, tmp_path, monkeypatch):
+    scene = gs.Scene.load("short.toml")
+    assert (
+        say("simulate", "short.toml", "--agent", "agent1", "--agent", "agent2", "-o", "heard.csv").code == 0
+    )
+    for name in ("agent1", "agent2"):
+        scene.track(name).to_tum(f"{name}.tum")
+    recorded = (*NETWORK, "--measurements", "heard.csv")
+    said = say(*recorded, "--truth", "agent2=agent2.tum", "-o", "one")
+    assert said.code == 0, said.err
+    scores = json.loads((tmp_path / "one" / "run.json").read_text())["agents"]
+    assert scores["agent1"]["position_rmse_m"] is None
+    assert 0 < scores["agent2"]["position_rmse_m"] < 0.3
+    assert not (tmp_path / "one" / "agent1" / "truth.tum").exists()
+    for item in ("agent1.tum", "agent3=agent1.tum"):
+        said = say(*recorded, "--truth", item, "-o", "two")
+        assert said.code == 2
+        assert f"--truth: found {item}; allowed: NAME=FILE.tum, one for each of agent1, agent2" in said.err
+    said = say(*NETWORK, "--truth", "agent1=agent1.tum", "-o", "two")
+    assert "only together with --measurements" in said.err

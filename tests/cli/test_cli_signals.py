@@ -52,6 +52,7 @@ def test_what_a_method_does_not_map_is_neither_scored_nor_written(say, tmp_path)
         assert not left & {"map.pgm", "map.yaml", "agent1-reflection.png"}
 
 
+@pytest.mark.slow
 def test_extract_writes_a_table_that_reads_back_and_replaces_nothing(say, tmp_path):
     assert say("simulate", "screen", "--signal", "-o", "z.h5").code == 0
     assert say("extract", "z.h5", "--false-alarms", "0.01", "-o", "heard.csv").code == 0

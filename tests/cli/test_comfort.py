@@ -22,6 +22,7 @@ def test_version_and_help_are_told(say, words):
     assert (f"gridslam {version('gridslam')}" if words == ("--version",) else "Usage:") in said.out
 
 
+@pytest.mark.slow
 def test_module_is_the_command_line(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "gridslam", "--version"], capture_output=True, text=True, cwd=tmp_path
@@ -33,7 +34,8 @@ def test_commands_come_in_groups_and_names_are_completed():
     import typer
 
     from gridslam.cli.help import COMPARE, LOOK, MAP, SCENES, method_names, scene_names
-    from gridslam.cli.main import MAIN_SCENE, app
+    from gridslam.cli.main import app
+    from gridslam.cli.run import MAIN_SCENE
 
     commands = typer.main.get_command(app).commands.values()
     assert {command.rich_help_panel for command in commands} == {MAP, LOOK, SCENES, COMPARE}
@@ -100,6 +102,7 @@ def test_other_columns_of_a_table_are_passed_over_and_noted(say):
     assert "distance_m (nearest known)" in say("check", "wrong.csv").err
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_figures")
 @pytest.mark.parametrize(("method", "told"), [("grid", True), ("va", False)])
 def test_distances_alone_point_to_the_method_for_them(say, method, told):
@@ -120,6 +123,7 @@ def test_distances_alone_point_to_the_method_for_them(say, method, told):
     assert "--method va" not in say(*words, "--measurements", "whole.csv", "-o", "other").err
 
 
+@pytest.mark.slow
 def test_figures_are_drawn_in_other_formats_and_widths(say):
     Path("tiny.toml").write_text(TINY)
     with pytest.MonkeyPatch.context() as patch:

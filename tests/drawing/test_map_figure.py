@@ -70,6 +70,7 @@ def test_true_walls_lie_under_the_cells_that_cover_them(run):
     assert np.ma.masked_invalid(axes.images[1].get_array()).count() == run.map.occupied.sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMATS)
 def test_figures_for_papers_are_of_their_format_and_repeat(run, form):
     figure = draw_map(run.map, run.scene, width=COLUMN_IN)

@@ -166,6 +166,7 @@ def test_unknown_map_costs_and_a_sharp_prior_gives_the_known_map_back(alcove):
     np.testing.assert_allclose(blunt.position_m, unknown.position_m)
 
 
+@pytest.mark.slow
 def test_second_agent_starts_from_what_the_first_one_learned(alcove):
     scene, paths = alcove
     first = unknown_map_bound(scene, "agent1", paths)

@@ -55,6 +55,7 @@ def nearest(fit, length):
     return off.argmin(1), off.min(1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.3, 0.1, 0.03])
 def test_noise_alone_passes_as_often_as_was_asked_for_whatever_its_power(rate):
     band = band_of()
@@ -63,6 +64,7 @@ def test_noise_alone_passes_as_often_as_was_asked_for_whatever_its_power(rate):
         assert found == pytest.approx(rate, rel=0.5)
 
 
+@pytest.mark.slow
 def test_noise_alone_passes_as_often_with_arrays():
     band = band_of((2, 2), (2, 2))
     assert find_paths(band, noise_of(band, 300, 4), 0.1).count.mean() == pytest.approx(0.1, abs=0.07)
@@ -88,6 +90,7 @@ def test_a_lone_path_is_found_with_the_error_that_is_claimed_and_that_is_possibl
     assert noise.mean() == pytest.approx(1.0, abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("snr", "apart"), [(20, 0.75), (30, 0.4), (40, 0.2)])
 def test_two_paths_within_the_resolution_are_told_apart_where_their_strength_allows(snr, apart):
     band = band_of()
@@ -227,6 +230,7 @@ def test_a_scene_of_other_anchors_is_refused():
         gs.extract(recording(), gs.Scene.load("room"))
 
 
+@pytest.mark.slow
 def test_examples_of_the_docs_do_what_they_say(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     page = (Path(__file__).resolve().parents[2] / "docs" / "signals.md").read_text(encoding="utf-8")

@@ -93,6 +93,7 @@ def evaluated(state, heard, model, amplitude):
     return work, paths, ratios
 
 
+@pytest.mark.slow
 def test_a_paths_ratios_integrate_to_its_chance_of_being_detected():
     """Over all of distance, angles and amplitude, weighed by clutter's intensity: what "none" lacks."""
     model = model_of(anchors=[[0.0, 0.0, 0.0]], max_bounces=0)

@@ -179,6 +179,7 @@ def test_an_evaluation_against_more_clutter_is_worth_less():
     assert less.clutter == 3.0
 
 
+@pytest.mark.slow
 def test_a_wrong_clutter_level_and_snr_are_learned(room, signal):
     told = disturbances.told_snr(disturbances.told_clutter(room, 0.5), 2.0)
     slam = gs.GridSlam(told.believed, seed=1)
@@ -189,6 +190,7 @@ def test_a_wrong_clutter_level_and_snr_are_learned(room, signal):
     assert (estimate.health.clutter > 1.1).all()
 
 
+@pytest.mark.slow
 def test_a_turned_anchor_is_noticed(room):
     case = disturbances.told_orientation(room, 4.0)
     slam = gs.GridSlam(case.believed, seed=1)

@@ -80,6 +80,7 @@ def test_a_path_that_is_not_heard_says_nothing_of_its_feature():
     assert np.mean(gone) < 0.1 * np.mean(there)
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_the_covariance_says():
     model, squares = signal_model(), []
     for seed in range(60):

@@ -241,6 +241,7 @@ def test_virtual_anchors_are_found_by_distances_alone(scene):
     assert score["heading_rmse_deg"] is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["grid", "adaptive"])
 def test_other_methods_take_distances_alone_too(scene, method):
     scene = shortened(scene, 15)

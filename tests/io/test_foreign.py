@@ -94,6 +94,7 @@ def test_numbers_that_lie_in_another_file_are_not_read(tmp_path, theirs):
         Measurements.from_h5(theirs)
 
 
+@pytest.mark.slow
 def test_large_table_of_others_is_read(tmp_path):
     """Not refused by the limits that guard against absurd ones."""
     count = 300_000

@@ -17,6 +17,7 @@ def world(seed, **shape):
     return signal_world(np.random.default_rng(seed), **shape)
 
 
+@pytest.mark.slow
 @given(seeds, st.integers(1, 5), st.sampled_from([1, 4]))
 @settings(max_examples=25, deadline=None)
 def test_ratios_are_those_of_the_covariance_of_all_samples(seed, features, antennas):
@@ -27,6 +28,7 @@ def test_ratios_are_those_of_the_covariance_of_all_samples(seed, features, anten
     np.testing.assert_allclose(one.value()[:, 0], expected[:, 0], rtol=2e-4, atol=2e-3)
 
 
+@pytest.mark.slow
 @given(seeds, st.integers(1, 4))
 @settings(max_examples=15, deadline=None)
 def test_slopes_are_those_of_the_covariance_of_all_samples(seed, features):
@@ -37,6 +39,7 @@ def test_slopes_are_those_of_the_covariance_of_all_samples(seed, features):
     np.testing.assert_allclose(value, one.value()[:, 0], rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("entry", range(4))
 def test_the_twin_of_the_slopes_equals_finite_differences(entry):
     one, step = world(5), 1e-5

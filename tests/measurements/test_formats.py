@@ -176,6 +176,7 @@ def full():
     )
 
 
+@pytest.mark.slow
 @given(heard=measurements())
 @settings(max_examples=25, deadline=None)
 def test_h5_keeps_every_digit(tmp_path_factory, heard):

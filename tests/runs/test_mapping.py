@@ -182,6 +182,7 @@ def test_bound_is_of_the_scenes_own_way_alone(scene, heard):
     assert known_bound(scene, "agent1", None) is None
 
 
+@pytest.mark.slow
 def test_samples_of_arrays_have_no_bound_and_those_of_single_antennas_their_own():
     for name, takes, told in (("screen", "signal", False), ("overlap", "signal", True)):
         scene = gs.Scene.load(name)

@@ -117,6 +117,7 @@ def test_runs_without_a_folder_of_their_own_take_different_ones(tmp_path, monkey
 # ---- runs that died ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_killed_run_blocks_nobody_and_is_told(tiny, no_figures):
     code = (
         "import os, signal; from gridslam.runs.reservation import reserve\n"
@@ -272,12 +273,13 @@ def test_ctrl_c_while_the_viewer_gets_a_map_loses_no_agent(tiny, no_figures, mon
         def show_map(self, grid):
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("gridslam.cli.main._view", lambda *_: nullcontext(View()))
+    monkeypatch.setattr("gridslam.cli.run.view_of", lambda *_: nullcontext(View()))
     assert tiny(*RUN, "--rerun").code == 130
     assert list(read_run("out").agents) == ["agent1"]
     assert len(read_run("out").agents["agent1"].estimates) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("option", [(), ("--overwrite",)])
 @pytest.mark.parametrize("moment", ["check", "rename", "second rename", "figures"])
 def test_ctrl_c_while_the_folder_gets_its_name_costs_nothing(tiny, ctrl_c, monkeypatch, moment, option):

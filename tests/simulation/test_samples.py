@@ -53,6 +53,7 @@ def test_snr_of_the_line_of_sight_is_that_of_the_radio_over_all_samples():
         assert np.mean(np.abs(rest) ** 2) == pytest.approx(1 - 1 / rest[0].size, rel=0.05)
 
 
+@pytest.mark.slow
 def test_steady_amplitudes_keep_their_modulus_and_swerling_ones_fade():
     for fading, spread in (("steady", 0.0), ("swerling1", 1.0)):
         scene = sampled_scene(radio={"snr_at_1m_db": 80.0, "fading": fading}, steps=1)

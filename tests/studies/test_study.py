@@ -111,6 +111,7 @@ def test_interrupted_study_goes_on_and_does_no_run_twice(scene, tmp_path):
     assert sorted(anew.done) == [0, 1, 2, 3]
 
 
+@pytest.mark.slow
 @given(cut=st.floats(0, 1))
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_file_cut_anywhere_by_a_crash_loses_only_what_was_cut(scene, tmp_path, cut):

@@ -67,6 +67,7 @@ def gs_mirror(line, point):
     return point + 2 * (line[1] - normal @ point) * normal
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [1e3, np.exp(2j)], ids=["louder", "turned"])
 def test_scale_and_phase_of_samples_mean_nothing(overlap, states, turn):
     changed = run(*overlap, 25, lambda samples: turn * samples)[-1]
@@ -95,6 +96,7 @@ def test_an_anchor_that_is_not_heard_changes_nothing_but_time(overlap, states):
     np.testing.assert_array_equal(after.links.noise, states[-2].links.noise)
 
 
+@pytest.mark.slow
 def test_noise_gives_birth_to_nothing_that_joins(overlap):
     _, model = overlap
     rng, state, begun = np.random.default_rng(0), start(model), 0

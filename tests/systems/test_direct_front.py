@@ -63,6 +63,7 @@ def test_map_holds_the_surfaces_behind_the_images(scene, ran, tmp_path):
     assert not sheet.observed.any()
 
 
+@pytest.mark.slow
 def test_it_goes_on_from_a_checkpoint_bit_for_bit(scene, recording, tmp_path):
     slam = gs.DirectSlam(scene, waveform=recording.waveform)
     for number in range(45):
@@ -99,6 +100,7 @@ def test_a_checkpoint_whose_numbers_cannot_be_is_refused(ran, tmp_path, monkeypa
         gs.DirectSlam.resume(tmp_path / "a.h5")
 
 
+@pytest.mark.slow
 def test_a_filter_that_is_lost_says_so(scene, recording, ran):
     assert all(estimate.health.ok for estimate in ran[1]), [e.health.why for e in ran[1]]
     slam = gs.DirectSlam(scene, waveform=recording.waveform)
@@ -123,6 +125,7 @@ def test_a_known_start_of_the_noise_is_taken(scene, recording):
     np.testing.assert_allclose(gs.DirectSlam(scene, waveform=waveform).state.links.noise, [9.0, 16.0])
 
 
+@pytest.mark.slow
 def test_map_scene_scores_it(scene, recording):
     run = gs.map_scene(scene, recording, "direct")
     score = run.score(gs.ground_truth(scene, "agent1")) if hasattr(gs, "ground_truth") else {}

@@ -18,6 +18,7 @@ def world():
     return scene, gs.simulate(scene, "agent1", 2, what="signal")
 
 
+@pytest.mark.slow
 def test_it_follows_its_agent_and_goes_on_bit_for_bit(world, tmp_path):
     scene, recording = world
     slam = PublishedDirectSlam(scene, waveform=recording.waveform, seed=5)

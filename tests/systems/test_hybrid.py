@@ -141,6 +141,7 @@ def test_an_array_needs_a_heading(screen, heard):
     assert slam.state.step == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "spoil"),
     [

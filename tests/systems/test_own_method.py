@@ -79,6 +79,7 @@ def test_example_follows_the_agent_and_is_short(example):
     assert not run.map.observed.any()
 
 
+@pytest.mark.slow
 def test_run_takes_it_from_the_working_folder_and_its_folder_reads_back(say, tiny, tmp_path, no_figures):
     shutil.copy(EXAMPLES / "own_method.py", tmp_path)
     said = say("run", tiny, "--method", NAME, "-o", "r")
@@ -92,6 +93,7 @@ def test_run_takes_it_from_the_working_folder_and_its_folder_reads_back(say, tin
     assert (said.code, said.err) == (0, "")
 
 
+@pytest.mark.slow
 def test_study_takes_it_in_fresh_worker_processes(say, tiny, tmp_path, monkeypatch):
     pytest.importorskip("joblib")
     monkeypatch.setattr("gridslam.studies.plots.draw_study", lambda folder, found: [])
@@ -104,6 +106,7 @@ def test_study_takes_it_in_fresh_worker_processes(say, tiny, tmp_path, monkeypat
     assert "2 of 2 runs, 0 of them new" in say(*words).out
 
 
+@pytest.mark.slow
 def test_bench_times_its_steps_alone(example, monkeypatch, say, tmp_path):
     speed = bench.measure(QUICK, methods=[example])
     assert [step.method for step in speed.steps] == [NAME] * len(QUICK.particles)
@@ -114,6 +117,7 @@ def test_bench_times_its_steps_alone(example, monkeypatch, say, tmp_path):
     assert len(json.loads((tmp_path / "b.json").read_text())["steps"]) == len(QUICK.particles)
 
 
+@pytest.mark.slow
 def test_bench_of_a_method_of_ours_alone_splits_its_steps_by_stage():
     (step,) = bench.measure(replace(QUICK, particles=(256,)), methods=["va"]).steps
     assert step.method == "va"

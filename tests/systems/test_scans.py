@@ -118,6 +118,7 @@ def test_too_many_loud_paths_cost_little_memory_and_are_told():
     assert "propose" not in gs.GridSlam(vague, seed=1).step(HEARD[0]).health.why
 
 
+@pytest.mark.slow
 def test_poses_score_alike_in_blocks_of_any_size(monkeypatch):
     data = SCENE.model_dump(exclude_none=True)
     data["agents"] = [data["agents"][0] | {"prior": {"position_m": 3.0, "heading_deg": 90.0}}]

@@ -117,6 +117,7 @@ def test_simulate_refuses_what_no_recording_holds(say, files):
     assert not (files / "y.h5").exists()
 
 
+@pytest.mark.slow
 def test_study_simulates_samples(say, files, monkeypatch):
     pytest.importorskip("joblib")
     monkeypatch.setattr("gridslam.studies.plots.draw_study", lambda folder, found: [])

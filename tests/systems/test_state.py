@@ -151,6 +151,7 @@ def test_every_system_goes_on_from_its_checkpoint_bit_for_bit(system, scene, sca
             other.resume(tmp_path / "here.h5")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "spoil"),
     [

@@ -93,6 +93,7 @@ whole = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(value=whole)
 @settings(max_examples=60, deadline=None)
 def test_what_goes_in_comes_out(value):

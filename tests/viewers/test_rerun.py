@@ -258,3 +258,21 @@ def test_finished_run_is_shown_again(session, say, recorded):
     assert again.rows["world/paths"] == recorded.rows["world/paths"]
     assert again.rows["world/map"][-1] == recorded.rows["world/map"][-1]
     assert not any(name.startswith("health") for name in again.rows)
+
+
+def test_several_agents_at_once_share_the_steps(rerun, say, no_figures, tmp_path):
+    whole = gs.Scene.load("exchange").model_dump(exclude_none=True)
+    agents = [agent | {"steps": 2} for agent in whole["agents"][:2]]
+    scene = gs.Scene.checked(whole | {"filter": {"particles": 100}, "agents": agents}, "short")
+    (tmp_path / "short.toml").write_text(scene.to_toml())
+    said = say("run", "short.toml", "--method", "network", "-o", "out", "--rerun-to", "a.rrd")
+    assert said.code == 0, said.err
+    shown = Recorded("a.rrd")
+    for name, found in read_run("out").agents.items():
+        for now in found.estimates:
+            place = shown.at(f"world/{name}/now/place", now.step)["positions"]
+            np.testing.assert_allclose(np.array(place)[:, :2], [now.position_m], atol=1e-5)
+            assert len(shown.at(f"world/{name}/now/paths", now.step)["strips"]) == len(now.paths)
+        pieces = np.array([row["strips"][0] for _, row in shown.rows[f"world/{name}/track"]])[..., :2]
+        np.testing.assert_allclose(pieces[1:, 0], found.trajectory.position_m[:-1], atol=1e-5)
+        assert list(shown.curve(f"error/{name}/position_cm")) == [0, 1]

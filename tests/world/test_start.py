@@ -108,6 +108,7 @@ def test_the_filter_begins_where_it_is_told(scene):
         gs.GridSlam(scene).start_at([np.nan, 0.0], 0.0)
 
 
+@pytest.mark.slow
 def test_a_run_says_which_start_was_told(file, tmp_path, no_figures, monkeypatch, capsys):
     heard = tmp_path / "heard.csv"
     assert call(monkeypatch, ["simulate", file, "-o", heard]) == 0

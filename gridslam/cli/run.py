@@ -1,0 +1,231 @@
+"""Command line: `run`. Agents one after the other; those at once are in `gridslam.cli.network`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+from gridslam.cli.asked import Asked, agents_of
+from gridslam.cli.help import SCENE_HELP, method_names, scene_names
+from gridslam.cli.network import run_network
+from gridslam.cli.observed import (
+    angles_hint,
+    given_file,
+    recorded,
+    require_map_used,
+    source,
+    suited_method,
+    view_of,
+)
+from gridslam.cli.output import interruptible, reserved
+from gridslam.cli.resume import as_saved, refuse_contradictions, unfinished
+from gridslam.cli.run_end import Done, busy, finish, go_on_later
+from gridslam.systems.registry import DEFAULT, METHODS, method_class, method_help, taken_by
+
+if TYPE_CHECKING:
+    from gridslam.maps.map import Map
+    from gridslam.measurements.heard import Heard
+    from gridslam.runs.run import Run
+    from gridslam.runs.unfinished import Unfinished
+    from gridslam.viewers.rerun_view import RunView
+    from gridslam.world.scene import Scene
+
+err = Console(stderr=True)
+MAIN_SCENE = "hall"
+
+
+def run(
+    context: typer.Context,
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, autocompletion=scene_names)] = MAIN_SCENE,
+    agent: Annotated[list[str] | None, typer.Option(help="agents, in order")] = None,
+    method: Annotated[str, typer.Option(help=method_help(), autocompletion=method_names)] = DEFAULT,
+    particles: Annotated[int | None, typer.Option(help="instead of the scene's filter.particles")] = None,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    measurements: Annotated[
+        Path | None, typer.Option(help="CSV, MATLAB or HDF5 file of the one agent")
+    ] = None,
+    signal: Annotated[
+        Path | None, typer.Option(help="sampled signals of the one agent, for methods that take them")
+    ] = None,
+    truth: Annotated[
+        list[str] | None,
+        typer.Option(help="FILE.tum to score what was recorded by; of several agents at once NAME=FILE.tum"),
+    ] = None,
+    map_file: Annotated[Path | None, typer.Option("--map", help="map to start from")] = None,
+    same_frame: Annotated[
+        bool, typer.Option("--same-frame", help="the map is in the scene's frame, though it shares no anchor")
+    ] = False,
+    start: Annotated[
+        str | None, typer.Option(help="told start: drawn from the prior by seed (default), or exact")
+    ] = None,
+    device: Annotated[str, typer.Option(help="auto, cpu or gpu")] = "auto",
+    threads: Annotated[int | None, typer.Option(min=1)] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="new folder")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier run's folder")] = False,
+    rerun: Annotated[bool, typer.Option("--rerun", help="show it in the Rerun viewer meanwhile")] = False,
+    rerun_to: Annotated[
+        str | None, typer.Option(help="FILE.rrd to record to instead, or HOST:PORT of a viewer")
+    ] = None,
+    checkpoint: Annotated[
+        int | None, typer.Option(min=1, help="steps between checkpoints, from which --resume goes on")
+    ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            help="folder of an interrupted run with --checkpoint: go on with it, as it was asked for",
+            is_eager=True,
+            callback=as_saved,
+        ),
+    ] = None,
+) -> None:
+    """Map a scene with its agents, each starting from the map that the one before it left."""
+    from gridslam.world.scene import Scene
+
+    if resume is not None:
+        refuse_contradictions(context, resume)
+    world = Scene.load(scene)
+    world = world if particles is None else world.with_filter(particles=particles)
+    asked = Asked.of(context, world)
+    if method in METHODS and METHODS[method].several:
+        run_network(asked)
+    else:
+        _run_in_turn(asked)
+
+
+def _run_in_turn(asked: Asked) -> None:
+    """Run agents one after the other."""
+    from gridslam import runtime
+    from gridslam.maps.frames import fitted
+    from gridslam.maps.map import Map
+
+    world, method = asked.world, asked.method
+    takes = taken_by(method_class(method, "--method"))
+    file = given_file(asked.measurements, asked.signal, takes, method)
+    names = agents_of(world, asked.agent, file)
+    method = suited_method(method, world, names, file)
+    system = method_class(method, "--method")
+    require_map_used(asked.map_file, system, method)
+    if file is None and takes == "signal":
+        world.waveform(names[0])
+    how = asked.told_start(file)
+    with (
+        interruptible() as termination,
+        reserved(asked.output, world.name, asked.overwrite, asked.resume is not None) as (folder, place),
+    ):
+        heard = recorded(world, file, asked.tracks(names).get(names[0]), takes)
+        prior = Map.load(asked.map_file) if asked.map_file else None
+        given, note = (
+            fitted(prior, world, str(asked.map_file), asked.same_frame) if prior is not None else (None, None)
+        )
+        with view_of(asked, names) as view:
+            runtime.start(asked.device, asked.threads)
+            for line in (*place.notes, note, angles_hint(world, method, heard)):
+                if line:
+                    err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
+            resolved = {"agent": names, "particles": world.filter.particles, "start": how}
+            kept = unfinished(asked.context, place, world, system, resolved)
+            turns = Turns(world, method, asked.seed, how, heard, given, view, kept)
+            runs, heards = _explore(turns, names)
+            stopped = len(runs) < len(names) or runs[-1].interrupted
+            scores = []
+            try:
+                if not (stopped and kept):
+                    with busy("scoring"):
+                        scores = _scores(world, runs, heards, given)
+            except KeyboardInterrupt:
+                scores, stopped = [done.score() for done in runs], True
+            if stopped and kept:
+                go_on_later(folder, kept, termination)
+            progress = f"{len(runs[-1].estimates)} of {len(heards[-1])} steps of {runs[-1].agent}"
+            done = Done(runs, heards, scores, source(file), progress)
+            finish(folder, place, world, done, stopped, termination)
+
+
+@dataclass(frozen=True)
+class Turns:
+    """What agents that explore one after the other have in common.
+
+    Attributes
+    ----------
+    world : Scene
+    method : str
+    seed : int
+    how : str
+        What they are told of their start.
+    recorded : Measurements or Recording or None
+        What the one agent heard, if it isn't simulated.
+    given : Map or None
+        What the first of them starts from.
+    view : RunView or None
+        Who shows it meanwhile.
+    kept : Unfinished or None
+        The checkpoint.
+    """
+
+    world: Scene
+    method: str
+    seed: int
+    how: str
+    recorded: Heard | None
+    given: Map | None
+    view: RunView | None
+    kept: Unfinished | None
+
+
+def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Heard]]:
+    """Run the agents one after the other; Ctrl-C ends the list early.
+
+    It raises only if that is empty and nothing is kept to go on from.
+    """
+    from gridslam.runs.map_scene import map_scene
+    from gridslam.runs.progress import progress_bar
+    from gridslam.simulation.simulate import heard_by
+    from gridslam.world.start import told_start
+
+    world, method, seed, kept, view = turns.world, turns.method, turns.seed, turns.kept, turns.view
+    takes = taken_by(method_class(method))
+    runs: list[Run] = []
+    heards: list[Heard] = []
+    try:
+        for number, name in enumerate(names):
+            with busy(f"simulating {name}"):
+                heard = kept.measurements(number) if kept else turns.recorded
+                heard = turns.recorded if heard is None else heard
+                heard = heard_by(world, name, seed, takes) if heard is None else heard
+            own = kept.agent(number, name, heard) if kept else None
+            watch = view.follow(name, heard.truth) if view else None
+            with progress_bar(name, heard.truth, err) as tell:
+                prior = runs[-1].map if runs else turns.given
+                start = told_start(world, name, seed, turns.how)
+                done = map_scene(
+                    world, heard, method, name, seed, prior, tell, watch=watch, start=start, checkpoint=own
+                )
+            heards.append(heard)
+            runs.append(done)
+            if view:
+                view.show_map(done.map)
+            if done.interrupted:
+                break
+    except KeyboardInterrupt:
+        if not (runs or kept):
+            raise
+    return runs, heards[: len(runs)]
+
+
+def _scores(world: Scene, runs: list[Run], heards: list[Heard], given: Map | None) -> list[dict[str, Any]]:
+    """Score each run against its own track and the walls that any agent so far could hear of."""
+    from gridslam.evaluation.ground_truth import inherited_truth, truth_of
+    from gridslam.simulation.image_source import Truth
+
+    earlier = inherited_truth(world, given) if given is not None else []
+    scores = []
+    for done, heard in zip(runs, heards, strict=True):
+        truth = truth_of(world, done.agent, heard.truth)
+        scores.append(done.score(truth, earlier))
+        if isinstance(truth, Truth):
+            earlier = [*earlier, truth.first(len(done.estimates))]
+    return scores

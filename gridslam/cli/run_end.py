@@ -1,0 +1,150 @@
+"""Command line: how a run ends. Its folder, its table, and what is said of it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table
+
+from gridslam.cli.output import ended
+from gridslam.errors import InputError
+
+if TYPE_CHECKING:
+    from gridslam.measurements.heard import Heard
+    from gridslam.runs.reservation import Place
+    from gridslam.runs.run import Run
+    from gridslam.runs.stopping import Termination
+    from gridslam.runs.unfinished import Unfinished
+    from gridslam.world.scene import Scene
+
+out, err = Console(), Console(stderr=True)
+WIDEST_TABLE = 160
+"""Columns up to which the table is printed whole, whatever the terminal."""
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a run came to.
+
+    Attributes
+    ----------
+    runs, heards, scores : list, one item for each agent
+    settings : dict
+        More entries of ``run.json``.
+    progress : str
+        How far it has got, if it was stopped.
+    more : mapping of str to callable
+        Writers of more files, by name.
+    lines : list of str
+        More to say of it.
+    """
+
+    runs: list[Run]
+    heards: list[Heard]
+    scores: list[dict[str, Any]]
+    settings: dict[str, Any]
+    progress: str
+    more: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
+    lines: list[str] = field(default_factory=list)
+
+
+def busy(what: str) -> AbstractContextManager[object]:
+    """A sign of life on a terminal."""
+    return err.status(what) if err.is_terminal else nullcontext()
+
+
+def go_on_later(folder: Path, kept: Unfinished, termination: Termination) -> None:
+    """End a run that was stopped and can be gone on with."""
+    _stop(f"after {kept.where()}; to go on: gridslam run --resume {folder}", termination)
+
+
+def finish(
+    folder: Path, place: Place, world: Scene, done: Done, stopped: bool, termination: Termination
+) -> None:
+    """Write the folder, say what is in it, and end with the exit code of whatever stopped the run."""
+    if not _written(folder, place, world, done) or stopped:
+        _stop(f"after {done.progress}: {folder} holds what was done", termination)
+
+
+def _stop(line: str, termination: Termination) -> None:
+    err.print(f"{ended(termination)} {line}", highlight=False, markup=False, soft_wrap=True)
+    sys.exit(143 if termination.asked else 130)
+
+
+def _written(folder: Path, place: Place, world: Scene, done: Done) -> bool:
+    """Write the folder and say what is in it; False if Ctrl-C ended the writing or drawing."""
+    from gridslam.runs.run_files import write_run
+    from gridslam.viewers.plots import draw_all
+
+    whole = True
+
+    def draw(part: Path) -> None:
+        nonlocal whole
+        try:
+            with busy("drawing figures"):
+                draw_all(part)
+        except KeyboardInterrupt:
+            whole = False
+
+    fault: InputError | None = None
+    try:
+        write_run(
+            folder, world, done.runs, done.heards, done.scores, done.settings, place.overwrite, draw, place,
+            done.more,
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        whole = False
+    except InputError as error:  # the table is worth seeing all the same
+        fault = error
+    out.print(_table(done.runs, done.scores), width=max(out.width, WIDEST_TABLE), crop=False)
+    for run, score in zip(done.runs, done.scores, strict=True):
+        for why, steps in score["health"]["why"].items():
+            _say(f"note: {run.agent}: {why} ({steps} of {len(run.estimates)} steps)")
+    for line in done.lines:
+        _say(line)
+    if fault is not None:
+        raise fault
+    _say(f"wrote {folder}, computed on the {done.runs[-1].device}")
+    return whole
+
+
+def _say(line: str) -> None:
+    out.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def _table(runs: list[Run], scores: list[dict[str, Any]]) -> Table:
+    """One line per agent; units in the titles."""
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    titles = "agent", "steps", "position\nRMSE cm", "bound\ncm", "heading\nRMSE deg", "bound\ndeg"
+    for title in (*titles, "surfaces\nfound true", "map\nprecision", "map\nrecall", "s/step"):
+        table.add_column(title, justify="left" if title == "agent" else "right", no_wrap=True)
+
+    def number(value: float | None, form: str, scale: float = 1, own: float | None = None) -> str:
+        if value is None and own is not None:  # without a truth, what the filter says itself
+            return f"+-{format(scale * own, form)}"
+        return "-" if value is None else format(scale * value, form)
+
+    for done, score in zip(runs, scores, strict=True):
+        found, matched, true = (score[f"surfaces_{key}"] for key in ("detected", "matched", "true"))
+        of = "" if true is None else f" {matched}/{true}"
+        if found is None:
+            found = f"{score['features']} features" if score["features"] else "-"
+        table.add_row(
+            done.agent,
+            str(score["steps"]),
+            number(score["position_rmse_m"], ".2f", 100, score["position_std_m"]),
+            number(score["position_bound_m"], ".2f", 100),
+            number(score["heading_rmse_deg"], ".2f", 1, score["heading_std_deg"]),
+            number(score["heading_bound_deg"], ".2f"),
+            f"{found}{of}",
+            number(score["map"]["occupied_precision"], ".1%"),
+            number(score["map"]["occupied_recall"], ".1%"),
+            number(score["seconds_per_step"], ".3f"),
+        )
+    return table
