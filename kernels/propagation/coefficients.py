@@ -24,12 +24,13 @@ AUDIBLE = 0.05
 
 @ti.func
 def local_belief(
-    drawn: ti.template(), path: ti.template(), where: ti.template(), held: ti.template(),
+    at: ti.template(), drawn: ti.template(), where: ti.template(), held: ti.template(),
     surface: ti.template(), frame: ti.template(), row, rays, corner, number,
 ):  # fmt: skip
     """Belief over the coefficient at a hit: the surface's, the cell's own, and room for a surprise."""
-    at = ti.Vector([0.0] * BINS, dt=ti.f64)
     inside, per_metre = 0, 1 / frame[2]
+    for n in range(BINS):
+        at[n] = 0.0
     for k in range(row * rays, (row + 1) * rays):
         ix = cell_of(drawn[k, 2 * corner], frame[0], per_metre)
         iy = cell_of(drawn[k, 2 * corner + 1], frame[1], per_metre)
@@ -49,7 +50,6 @@ def local_belief(
     for n in range(BINS):
         own = at[n] / total if total > 1e-12 else 1 / ti.cast(BINS, ti.f64)
         at[n] = (1 - frame[OTHER]) * own + frame[OTHER] / BINS
-    return at
 
 
 @ti.func
@@ -64,15 +64,18 @@ def recall(
     bounces, nodes = path[row, 0], 2 * BINS
     for n in range(nodes):
         belief[row, n] = 0.0
+    first, last = ti.Vector([0.0] * BINS, dt=ti.f64), ti.Vector([0.0] * BINS, dt=ti.f64)
+    for corner in range(1, bounces + 1):
+        for n in range(BINS):
+            first[n] = last[n]
+        number = path[row, 1] if corner == bounces else path[row, 2]
+        local_belief(last, drawn, where, held, surface, frame, row, rays, corner, number)
     if bounces == 0:
         belief[row, nodes - 1] = 1.0
     elif bounces == 1:
-        last = local_belief(drawn, path, where, held, surface, frame, row, rays, 1, path[row, 1])
         for n in range(BINS):
             belief[row, 2 * n] = last[n]
     else:
-        first = local_belief(drawn, path, where, held, surface, frame, row, rays, 1, path[row, 2])
-        last = local_belief(drawn, path, where, held, surface, frame, row, rays, 2, path[row, 1])
         for i in range(BINS):
             for j in range(BINS):  # the product of two bins' centres lies between two nodes
                 place = ti.cast((2 * i + 1) * (2 * j + 1), ti.f64) / (2 * BINS) - 1
@@ -178,30 +181,19 @@ def learn(
             send = messages.factor[row, 1] > 0.5 and rays_cast.seen[row, 1] > frame[LEAST]
             if send and messages.told[SHARE, row] > LIKELIER_THAN_NOT:
                 spot(
-                    messages.noted,
-                    row,
-                    rays_cast.seen,
-                    mean,
-                    head,
-                    hits.foot,
-                    hits.extent,
-                    hits.times,
+                    messages.noted, row, rays_cast.seen, mean, head, hits.foot, hits.extent, hits.times,
                     known.latest,
-                )
-            if bounces == 1 and (heard or send):
+                )  # fmt: skip
+            tells = (bounces == 1 and (heard or send)) or (bounces == 2 and heard and send)
+            for turn in range(bounces if tells else 0):  # the last bounce first
+                other = ti.cast(1.0, ti.f64)
+                if bounces == 2:
+                    other = known.usual[first] if turn == 0 else known.usual[last]
                 say(
-                    log,
-                    messages.noted,
-                    messages.told,
-                    messages.begin,
-                    messages.said,
-                    table,
-                    step,
-                    radio,
-                    row,
-                    1.0,
-                )
-                if heard:
+                    log, messages.noted, messages.told, messages.begin, messages.said, table, step, radio,
+                    row, other,
+                )  # fmt: skip
+                if bounces == 1 and heard:
                     most, total = ti.cast(-1e30, ti.f64), ti.cast(0.0, ti.f64)
                     for n in range(BINS):
                         most = ti.max(most, log[n])
@@ -213,66 +205,9 @@ def learn(
                         known.surface[last, n] = before / total
                 if send:
                     add_to_cells(
-                        log,
-                        messages.told[THERE, row],
-                        rays_cast.drawn,
-                        known.where,
-                        known.held,
-                        known.used,
-                        frame,
-                        row,
-                        rays,
-                        1,
-                    )
-            elif bounces == 2 and heard and send:
-                say(
-                    log,
-                    messages.noted,
-                    messages.told,
-                    messages.begin,
-                    messages.said,
-                    table,
-                    step,
-                    radio,
-                    row,
-                    known.usual[first],
-                )
-                add_to_cells(
-                    log,
-                    messages.told[THERE, row],
-                    rays_cast.drawn,
-                    known.where,
-                    known.held,
-                    known.used,
-                    frame,
-                    row,
-                    rays,
-                    2,
-                )
-                say(
-                    log,
-                    messages.noted,
-                    messages.told,
-                    messages.begin,
-                    messages.said,
-                    table,
-                    step,
-                    radio,
-                    row,
-                    known.usual[last],
-                )
-                add_to_cells(
-                    log,
-                    messages.told[THERE, row],
-                    rays_cast.drawn,
-                    known.where,
-                    known.held,
-                    known.used,
-                    frame,
-                    row,
-                    rays,
-                    1,
-                )
+                        log, messages.told[THERE, row], rays_cast.drawn, known.where, known.held, known.used,
+                        frame, row, rays, bounces - turn,
+                    )  # fmt: skip
 
 
 @quick

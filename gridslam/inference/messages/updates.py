@@ -114,7 +114,8 @@ def update_surfaces_and_agent(
     belief, los, existence = state.belief.copy(), state.los.copy(), bank.existence.copy()
     single, double, pairs, rounds = bank.single.copy(), bank.double.copy(), ratios.pairs, ROUNDS
     share, scratch = work.buffers(_shares, anchor, len(pairs.index)), np.empty((len(belief.mean), 6))
-    fits = np.tile(NO_FIT, (len(turned), 1))
+    fits = np.empty((len(turned), len(NO_FIT)))
+    fits[:] = NO_FIT
     if given is not None:
         ratios.message[tables.NU], ratios.measured[tables.CLAIMED] = given.nu, given.claimed
         ratios.measured[tables.NEW], rounds = given.new, 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -61,7 +62,7 @@ class StateLayout:
         """Entries of an agent."""
         return AGENT + self.own_clocks
 
-    @property
+    @cached_property
     def head(self) -> int:
         """First entry of the lines."""
         return self.agents * self.per_agent + self.clocks

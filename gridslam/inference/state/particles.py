@@ -244,7 +244,9 @@ class Particles:
 
     def _column(self, number: int) -> Single:
         values = np.random.default_rng([self._seed, PURPOSE, number]).standard_normal(self.count)
-        for portion in np.split(values, range(PORTION, self.count, PORTION)):  # so that the first few will do
-            portion -= portion.mean()
-            portion /= portion.std()
+        whole = self.count // PORTION * PORTION
+        for portions in (values[:whole].reshape(-1, PORTION), values[whole:].reshape(1, -1)):
+            if portions.size:  # each by itself, so that the first few will do
+                portions -= portions.mean(1, keepdims=True)
+                portions /= portions.std(1, keepdims=True)
         return values.astype(np.float32)
