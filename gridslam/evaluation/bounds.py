@@ -90,9 +90,9 @@ def known_map_bound(
     information, bounds = agent_prior(scene, agent), []
     for step in range(len(rows)):
         if step:
-            information = predict_information(information, *_motion(scene, track.time_s, step, 0))
+            information = predict_information(information, *agent_motion(scene, track.time_s, step, 0))
         information = information + rows[step, :AGENT, :AGENT]
-        bounds.append(_agent_bound(estimable_covariance(information)))
+        bounds.append(agent_bound(estimable_covariance(information)))
     position, heading = np.transpose(bounds)
     return Bound(position, heading)
 
@@ -137,11 +137,11 @@ def unknown_map_bound(
     surface_m = np.full((len(gained), len(surface)), np.inf)
     for step in range(len(gained)):
         if step:
-            motion = _motion(scene, times, step, len(surface), jitter, feet)
+            motion = agent_motion(scene, times, step, len(surface), jitter, feet)
             information = predict_information(information, *motion)
         information = information + gained[step]
         covariance = estimable_covariance(information)
-        bounds.append(_agent_bound(covariance))
+        bounds.append(agent_bound(covariance))
         blocks = AGENT + 2 * np.arange(len(surface))[:, None] + np.arange(2)
         own_covariance = covariance[blocks[:, :, None], blocks[:, None, :]]
         known = np.isfinite(own_covariance).all((1, 2))
@@ -216,6 +216,25 @@ def whitened_jacobian(
 ) -> Array:
     """Derivative of (distance, AoD, AoA) of each path by the joint state, over its standard deviations.
 
+    Arguments and what is returned: see `path_jacobian`.
+    """
+    jacobian, signal = path_jacobian(scene, agent, paths, surface, track), scene.signal_model(agent)
+    anchors = signal.anchor_aperture[paths.anchor]
+    steep = lean(paths.distance_m, scene.heights(agent)[paths.anchor])
+    std = (
+        signal.distance_std(paths.amplitude),
+        signal.angle_std(paths.amplitude, paths.aod_rad, anchors, steep),
+        signal.angle_std(paths.amplitude, paths.aoa_rad, signal.agent_aperture, steep),
+    )
+    measured = [quantity in signal.measures for quantity in ("distance", "aod", "aoa")]
+    return jacobian / np.where(measured, np.stack(std, -1), np.inf)[:, :, None]
+
+
+def path_jacobian(
+    scene: Scene, agent: str, paths: TruePaths, surface: NDArray[np.intp], track: Trajectory | None = None
+) -> Array:
+    """Derivative of (distance, AoD, AoA) of each path by the joint state.
+
     Parameters
     ----------
     surface : (S,) int, rising
@@ -227,7 +246,7 @@ def whitened_jacobian(
     -------
     (L, 3, 5 + 2 S)
     """
-    signal, track = scene.signal_model(agent), scene.track(agent) if track is None else track
+    track = scene.track(agent) if track is None else track
     hit = np.append(scene.segments().surface, -1)[paths.segment]
     double = paths.bounces == 2
     last = np.where(double, hit[:, 1], hit[:, 0])
@@ -248,15 +267,7 @@ def whitened_jacobian(
         slot = AGENT + 2 * np.searchsorted(surface, which[rows])
         for side, column in enumerate(columns):
             jacobian[rows, :, slot + side] = geometry.jacobian[rows, :, column]
-    anchors = signal.anchor_aperture[paths.anchor]
-    steep = lean(paths.distance_m, heights)
-    std = (
-        signal.distance_std(paths.amplitude),
-        signal.angle_std(paths.amplitude, paths.aod_rad, anchors, steep),
-        signal.angle_std(paths.amplitude, paths.aoa_rad, signal.agent_aperture, steep),
-    )
-    measured = [quantity in signal.measures for quantity in ("distance", "aod", "aoa")]
-    return jacobian / np.where(measured, np.stack(std, -1), np.inf)[:, :, None]
+    return jacobian
 
 
 def _information(scene: Scene, agent: str, paths: TruePaths, rows: Array, steps: int) -> Array:
@@ -268,7 +279,7 @@ def _information(scene: Scene, agent: str, paths: TruePaths, rows: Array, steps:
     return gained
 
 
-def _motion(
+def agent_motion(
     scene: Scene, times: Array, step: int, surfaces: int, jitter: float = 0.0, feet: Array | None = None
 ) -> tuple[Array, Array, Array]:
     """Inverse transition, noise inputs and their variances from the step before (see predict_information)."""
@@ -290,7 +301,8 @@ def _motion(
     return backward, push, variance
 
 
-def _agent_bound(covariance: Array) -> tuple[float, float]:
+def agent_bound(covariance: Array) -> tuple[float, float]:
+    """Root mean square errors of position (m) and heading (rad) by the covariance of the joint state."""
     return float(np.sqrt(covariance[0, 0] + covariance[1, 1])), float(np.sqrt(covariance[4, 4]))
 
 

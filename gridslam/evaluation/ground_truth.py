@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from gridslam.errors import InputError
+from gridslam.evaluation.array_bounds import array_bound
 from gridslam.evaluation.bounds import Bound, known_map_bound
 from gridslam.evaluation.signal_bounds import has_single_antennas, scene_signal_bound
 from gridslam.maps.map import Map
@@ -101,12 +102,10 @@ def known_bound(
 ) -> Bound | None:
     """Known-map bound, where the walls are known and the agent went the scene's own way; else None.
 
-    None, too, for sampled signals of arrays: that of path measurements has other angles and unknowns.
-
     Parameters
     ----------
     takes : "paths" or "signal"
-        What the method was handed. Of sampled signals of single antennas, the bound prices overlap in.
+        What the method was handed. Of sampled signals, the bound prices overlap in.
     """
     if not isinstance(truth, Truth) or scene.agent(agent).waypoints_m is None:
         return None
@@ -116,5 +115,6 @@ def known_bound(
         return None
     if takes == "signal":
         single = has_single_antennas(scene, agent)
-        return scene_signal_bound(scene, agent, True, truth.paths, went) if single else None
+        bound = scene_signal_bound if single else array_bound
+        return bound(scene, agent, True, truth.paths, went)
     return known_map_bound(scene, agent, truth.paths)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
+from gridslam.evaluation.array_bounds import array_bound
 from gridslam.evaluation.bounds import Bound, MapBound, known_map_bound, unknown_map_bound
 from gridslam.evaluation.consistency import Steps, nees_band, true_rays
 from gridslam.evaluation.ground_truth import tells_heading
@@ -209,11 +210,8 @@ def _benchmarks(variant: Variant, takes: Kind, agents: Sequence[str]) -> dict[st
         rays, likely = true_rays(scene, name, truth), true_rays(scene, name, truth, 0.5)
         unknown = before
         if takes == "signal":
-            if has_single_antennas(scene, name):
-                known, apart = (scene_signal_bound(scene, name, k, truth.paths) for k in (True, False))
-            else:  # those of path measurements say nothing of samples of arrays
-                blank = np.full_like(known.position_m, np.nan)
-                known = apart = replace(known, position_m=blank, heading_rad=blank)
+            bound = scene_signal_bound if has_single_antennas(scene, name) else array_bound
+            known, apart = (bound(scene, name, k, truth.paths) for k in (True, False))
             unknown = replace(before, position_m=apart.position_m, heading_rad=apart.heading_rad)
         told = tells_heading(scene, name, takes)
         if not told:

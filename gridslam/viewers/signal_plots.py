@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
+from scipy.special import gammaincinv
 
 from gridslam.arrays import Array
 from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PAGE_IN, PURPLE, blank, scatterers
@@ -30,7 +31,8 @@ def draw_signal(
     """Delay profile of every anchor at one step (default: the middle one), and what the model makes of it.
 
     Each panel: the matched filter's output over the noise; its mean by the paths believed in; these paths as
-    stems, and true ones as ticks, where they are known. Elements of arrays are averaged.
+    stems, and true ones as ticks, where they are known. Elements of arrays are averaged: each gets its share
+    of a path.
     """
     step = len(estimates) // 2 if step is None else step
     band = Band.of(recording.waveform.offset_hz, recording.waveform.pulse)
@@ -40,12 +42,14 @@ def draw_signal(
     response = np.conj(band.response(grid))
     for anchor, axes in enumerate(np.atleast_1d(figure.subplots(len(names), 1, sharex=True))):
         samples = recording.samples[recording_row(recording, estimates[step]), anchor]
-        power = (np.abs(samples.reshape(-1, samples.shape[-1]) @ response.T) ** 2).mean(0)
+        elements = samples.shape[0] * samples.shape[1]
+        power = (np.abs(samples.reshape(elements, -1) @ response.T) ** 2).mean(0)
         mine = (own.anchor == anchor) & (own.existence > BELIEVED)
-        level = np.square(own.amplitude[mine])
+        level = np.square(own.amplitude[mine]) / elements
         modelled = 1 + (np.abs(response @ band.response(own.distance_m[mine]).T) ** 2) @ level
         # amplitudes are in units of the noise, of which the profile's median tells
-        noise = max(float(np.median(power / modelled)) / np.log(2), 1e-300)
+        middle = gammaincinv(elements, 0.5) / elements  # median of a mean of exponential powers
+        noise = max(float(np.median(power / modelled)) / middle, 1e-300)
         axes.plot(grid, _db(power / noise), color=BLUE, lw=0.9, label="received")
         axes.plot(grid, _db(modelled), color=ORANGE, lw=1.6, ls="--", label="mean of the model")
         axes.vlines(

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.inference.messages.matched_outputs import matched_outputs, pulse_correlation, rows_per_m
@@ -70,6 +71,7 @@ class Front:
         table : (1, N, T, 4) float32
             See `tables`.
         """
+        runtime.start()
         from gridslam.kernels.messages.feature_likelihood import evaluate_features
 
         out = np.empty((len(points), 3))
@@ -83,6 +85,7 @@ class Front:
         self, points: Array, steps: NDArray[np.int32], features: Array, anchor_m: Array, tables: Tables
     ) -> tuple[Array, float]:
         """Slopes (D, 4) of the sum of A over points (Q, 4) by the features, and the sum itself; (M124)."""
+        runtime.start()
         from gridslam.kernels.messages.feature_likelihood import differentiate_features
 
         out = np.zeros((len(points), len(features) + 1, 4))
@@ -106,6 +109,7 @@ class Front:
 
     def _solver(self, features: int) -> Solver:
         """Buffers of a launch."""
+        runtime.start()
         from gridslam.kernels.messages.feature_likelihood import LANES
 
         elements = len(self.waveform.agent_element_m)
