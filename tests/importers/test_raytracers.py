@@ -230,7 +230,7 @@ def traced(tmp_path_factory):
     return run
 
 
-@pytest.mark.parametrize(("name", "step"), [("room", 15), ("alcove", 30)])
+@pytest.mark.parametrize(("name", "step"), [("room", 15), ("alcove", 30), ("ceiling", 30)])
 def test_real_sionna_traces_the_paths_of_the_image_source_simulator(traced, name, step):
     scene = Scene.load(name)
     track, truth = scene.track("agent1"), true_paths(scene, "agent1")
@@ -279,6 +279,7 @@ def heard_paths(clean, scene):
     [
         ("room", "plane", 1.2),
         ("alcove", "plane", 1.3),
+        ("ceiling", "plane", 1.3),
         ("sionna_scenes/warehouse.toml", "warehouse", 1.5),
         ("sionna_scenes/office.toml", "office", 1.5),
     ],
