@@ -44,6 +44,17 @@ def test_runs_are_paired_and_summed_up(scene):
     assert all(run.position_rmse_m < 3 * run.position_bound_m for run in table.values())
 
 
+@pytest.mark.slow
+def test_the_published_method_runs_in_all_of_them(scene):
+    whole = scene.model_dump(exclude_none=True)
+    for agent in whole["agents"]:
+        agent["steps"] = 2
+    runs = run_variants(gs.Scene.checked(whole, "short"), AGENTS[:1], [1], method="network-paper")
+    assert [run.variant for run in runs] == list(VARIANTS)
+    assert all(run.position_rmse_m < 2 for run in runs)
+    assert all(run.label_errors == 0 for run in runs if run.variant.endswith(", labelled"))
+
+
 def test_what_is_no_variant_is_refused(scene):
     with pytest.raises(InputError, match="variant: found 'best'"):
         variant_of(scene, AGENTS, 1, "best")

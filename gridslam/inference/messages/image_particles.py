@@ -26,6 +26,8 @@ AMPLITUDE_WALK = 0.02
 """Of an amplitude per step, in shares of its mean ([Li2025adaptive], section VI-A)."""
 LEAST_SIGHT = 0.01
 """Existence that a line of sight keeps while it is hidden."""
+SUREST = 1 - 1e-7
+"""Existence that none exceeds, so that no particle's weight is 0."""
 SPREAD = 3.0
 """Virtual anchors are born in a rectangle with sides this many times the region's, about its middle."""
 GATE = 6.0
@@ -100,7 +102,7 @@ def move(state: ImageState, time_s: float, model: FilterModel, draw: np.random.G
     position = known.position + free * draw.standard_normal(known.position.shape)
     walk = AMPLITUDE_WALK * known.intensity.mean(-1, keepdims=True)
     amplitude = np.abs(known.intensity + walk * draw.standard_normal(known.intensity.shape))
-    existence = settings.survival * known.existence
+    existence = np.minimum(settings.survival * known.existence, SUREST)
     existence = np.where(known.fixed, np.maximum(existence, LEAST_SIGHT), existence)
     features = replace(known, position=position, intensity=amplitude, existence=existence)
     return replace(state, agent=agent, features=features, time_s=time_s)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.messages.association import associate
 from gridslam.inference.messages.direct_particles import resampled
-from gridslam.inference.messages.image_particles import GATE, SPREAD, moved_agents, path_values
+from gridslam.inference.messages.image_particles import GATE, SPREAD, SUREST, moved_agents, path_values
 from gridslam.inference.messages.likelihood import deviations
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.feature_particles import Features
@@ -147,7 +147,8 @@ def move_network(
     agents[:, :, CLOCK] += walk * free[anchors:, None] * draw.standard_normal(agents.shape[:2])
     known = state.features
     position = known.position + 2 * settings.surface_m * draw.standard_normal(known.position.shape)
-    features = replace(known, position=position, existence=settings.survival * known.existence)
+    existence = np.minimum(settings.survival * known.existence, SUREST)
+    features = replace(known, position=position, existence=existence)
     return replace(state, agents=agents, clocks=clocks, features=features, time_s=time_s, here=here)
 
 
@@ -159,7 +160,7 @@ def evaluate_network(
     anchors, count, several = len(model.anchors), len(own), len(heard)
     whose = np.concatenate([np.arange(anchors), known.anchor])
     existence = np.concatenate([np.ones(anchors), known.existence])
-    missed, std = 1 - detection(radio), measured_deviations(heard, radio)
+    missed, std = max(1 - detection(radio), 1 - SUREST), measured_deviations(heard, radio)
     base = np.log1p(-missed) - log_clutter(heard, radio)
     ratio, pairs = np.zeros((len(whose), several, count)), list[Heard]()
     by_place = np.zeros((len(known), several, count))
