@@ -14,8 +14,10 @@ from gridslam.world.clocks import ClockModel
 CELL_M = 0.1
 NARROW_M = 1.0
 """Half width of a prior up to which a clock counts as set; distance from the peak that counts as decided."""
-SURE = 0.99
-"""Share of the mass that lies there once a clock is set."""
+SURE = 0.999
+"""Share of the mass that lies there once a clock is set: at 0.99, clutter alone sets one in a hundred."""
+FORGETTING, CHALLENGED = 0.7, 14.0
+"""Share of older evidence about a set clock that counts, and nats for another offset that open it again."""
 SET_VARIANCE = 1.0
 """Variance (m^2) of an offset that a histogram has set: it has chosen the mode, no more."""
 NEVER = -1e9
@@ -30,7 +32,7 @@ class ClockSearch:
     ----------
     unset : (J,) bool
     log : (J, C)
-        Log mass of every cell, 0 at the peak.
+        Log mass of every cell, 0 at the peak; of a set clock, evidence since it was set.
     centre : (C,) m
     since : (J,) int
         Steps searched since the clock was opened.
@@ -81,6 +83,32 @@ class ClockSearch:
         log = np.maximum(log - log.max(1, keepdims=True), NEVER)
         return replace(self, log=log, since=np.where(self.unset, self.since + 1, 0))
 
+    def challenged(
+        self, closed: NDArray[np.bool_], evidence: Array, mean: Array, deviation: Array
+    ) -> ClockSearch:
+        """With set clocks opened again for which what was heard stands for another offset.
+
+        Parameters
+        ----------
+        closed : (J,) bool
+            The set clocks that are looked at.
+        evidence : (J, C)
+            Log evidence as if they were unknown. Older evidence is forgotten by and by.
+        mean, deviation : (J, ...) m
+            Of their offsets, as believed.
+        """
+        log, unset = self.log.copy(), self.unset.copy()
+        for anchor in np.flatnonzero(closed):
+            allowed = log[anchor] > NEVER
+            log[anchor, allowed] = FORGETTING * log[anchor, allowed] + evidence[anchor, allowed]
+            own = np.abs(self.centre - mean[anchor]) <= max(NARROW_M, 4 * deviation[anchor])
+            if (allowed & own).any():  # else it has left its prior, and isn't looked for there
+                rival = np.max(log[anchor, allowed & ~own], initial=NEVER)
+                unset[anchor] = rival - log[anchor, allowed & own].max() > CHALLENGED
+            log[anchor, allowed] -= log[anchor, allowed].max()
+        doubt = np.where(unset, 0.0, self.doubt)
+        return replace(self, log=log, unset=unset, doubt=doubt)
+
     def decided(self) -> list[tuple[int, float]]:
         """Open clocks whose mass lies about one peak, and its mean there (m)."""
         found, mass = [], self.mass
@@ -99,9 +127,10 @@ class ClockSearch:
 
     def closed(self, anchor: int) -> ClockSearch:
         """With a clock set."""
-        unset, doubt = self.unset.copy(), self.doubt.copy()
+        unset, doubt, log = self.unset.copy(), self.doubt.copy(), self.log.copy()
         unset[anchor], doubt[anchor] = False, 0.0
-        return replace(self, unset=unset, doubt=doubt)
+        log[anchor] = np.where(log[anchor] > NEVER, 0.0, NEVER)
+        return replace(self, unset=unset, doubt=doubt, log=log)
 
     def opened(self, anchor: int, clocks: ClockModel) -> ClockSearch:
         """With a clock open again, about which nothing is known but its prior."""
