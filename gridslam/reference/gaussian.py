@@ -53,11 +53,15 @@ def predict(
 def correct(
     mean: Array, covariance: Array, head: int, path: Whole, start: Whole, index: Whole, pair: Array,
     odds: Array, beta: Array, nu: Array, places: Array,
-) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
-    """Twin of `gaussian.correct`: mean, covariance, probabilities of the associations, and normalisers."""
+) -> tuple[Array, Array, Array, Array, Array, Array]:  # fmt: skip
+    """Twin of `gaussian.correct`.
+
+    Mean, covariance, probabilities of the associations by pair and by path and measurement, normalisers, and
+    what was taken of each measurement.
+    """
     count = int(start[-1])
     share, responsible = np.zeros(count), np.zeros(nu.shape)
-    heard = (beta * nu).sum(1)
+    heard, taken = (beta * nu).sum(1), np.zeros(nu.shape[1])
     total = heard + odds[7]
     sure = heard / total
     order = np.argsort(-sure, kind="stable")
@@ -77,9 +81,11 @@ def correct(
             ]
         )  # fmt: skip
         total[row] = weight.sum() + odds[7, row]
-        share[chosen] = weight / total[row]
+        own = index[chosen, 1]
+        share[chosen] = np.minimum(weight / total[row], np.maximum(1 - taken[own], 0.0))
+        taken[own] += share[chosen]
         kept = share[chosen] > UNMOVED
         after = update(Belief(mean, covariance), slope, gap[kept], variance[kept], share[chosen][kept])
         mean, covariance = after.mean, after.covariance
     responsible[index[:count, 0], index[:count, 1]] = share
-    return mean, covariance, share, responsible, total
+    return mean, covariance, share, responsible, total, taken

@@ -130,7 +130,8 @@ def enter(
     odds[6] = odds[1] * odds[5]
     odds[7] = np.maximum(1 - odds[6] * odds[3], 1e-9)
     message[0], message[1] = found, odds[6][:, None] * found
-    measured[0] = message[1].sum(0)
+    among = np.maximum(message[1].sum(1, keepdims=True), 1e-30)
+    measured[0] = (message[1] ** 2 / among).sum(0)
     return odds, message, measured
 
 

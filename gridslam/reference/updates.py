@@ -127,10 +127,10 @@ def update(
     """Twin of `updates.update`: what it writes, by the names of the blocks' arrays."""
     (path, predicted), (start, index, pair, blocks), (odds, message, measured) = rows, pairs, ratios
     ratio, beta, claim, nu, _ = message
-    *before, claimed = measured
+    *before, claimed, _ = measured
     if rounds:
         claim, nu, claimed = associate(odds, message, measured, rounds)
-    mean, covariance, share, responsible, total = correct(
+    mean, covariance, share, responsible, total, taken = correct(
         *belief, head, path, start, index, pair, odds, beta, nu, anchors.places
     )
     after = fit(
@@ -145,5 +145,5 @@ def update(
     return known | {
         "mean": mean, "covariance": covariance, "share": share, "sums": after,
         "message": np.stack([ratio, beta, claim, nu, responsible]),
-        "measured": np.stack([*before, claimed]), "total": total,
+        "measured": np.stack([*before, claimed, taken]), "total": total,
     }  # fmt: skip

@@ -197,7 +197,7 @@ def propose(
     known: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [H, 2] known surface hit last, first; -1: the new one
     whose: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [A] anchors that may have sent the measurements
     anchors: pack(Anchors),
-    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: see `tables`; `NEW` is out
+    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [5, M] in/out: see `tables`; `NEW` is out
     births: pack(BirthRows),
 ):
     """Draw length and AoA around the measurement, make the new line, and judge it by AoD and amplitude.
@@ -296,7 +296,7 @@ def weigh_by_visibility(
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [4 or more] see `blocks.Cells`
     sketch: pack(Sketch),
     births: pack(BirthRows),  # as `propose` leaves them; `told` is in/out
-    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: see `tables`; `NEW` is out
+    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [5, M] in/out: see `tables`; `NEW` is out
 ):
     """Weigh births by V of their paths at the mean of the belief, [Li2026grid], eq. (1).
 

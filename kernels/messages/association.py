@@ -25,6 +25,8 @@ from gridslam.kernels.primitives.tables import (
 LEAST_POSSIBLE = 1e-3
 """Share of particles at which a path is possible that ratios are divided by at least."""
 ROOT_TURN_CUBED = 15.749609945722419
+NO_MESSAGE = 1e-30
+"""Message that a path is divided by at least."""
 SETTLED = 1e-6
 """Change of a message that counts as none."""
 
@@ -53,6 +55,7 @@ def enter(
         odds[MISSED, row] = ti.max(1 - odds[THERE, row] * odds[DETECTED, row], 1e-9)
         for m in range(measured.shape[1]):
             message[RATIO, row, m], message[BETA, row, m] = 0.0, 0.0
+        among = ti.cast(0.0, ti.f64)
         for k in range(start[row], start[row + 1]):
             m, total = index[k, 1], ti.cast(0.0, ti.f64)
             for block in range(count):
@@ -60,8 +63,11 @@ def enter(
             mean = total / particles / (ROOT_TURN_CUBED * ti.sqrt(pair[k, 7]))
             ratio = pair[k, 6] * mean / ti.max(possible, LEAST_POSSIBLE)
             message[RATIO, row, m], message[BETA, row, m] = ratio, odds[THERE, row] * ratio
-            before = measured[EXPLAINED, m]
-            measured[EXPLAINED, m] = before + odds[THERE, row] * ratio
+            among += odds[THERE, row] * ratio
+        for k in range(start[row], start[row + 1]):
+            beta, before = message[BETA, row, index[k, 1]], measured[EXPLAINED, index[k, 1]]
+            share = beta / ti.max(among, NO_MESSAGE)  # a path that sent another one explains this one less
+            measured[EXPLAINED, index[k, 1]] = before + share * beta
 
 
 @ti.func
@@ -106,7 +112,7 @@ def exchange(odds: ti.template(), message: ti.template(), measured: ti.template(
 def associate(
     odds: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [12, L] of which `MISSED` is given: see `tables`
     message: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [5, L, M] in/out: `BETA` in; `CLAIM`, `NU` out
-    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, M] in/out: `NEW` in; `CLAIMED` out
+    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [5, M] in/out: `NEW` in; `CLAIMED` out
     rounds: ti.i32,  # at most
 ):
     """Data association by itself; a filter has it done with its updates."""

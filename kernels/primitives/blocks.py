@@ -177,7 +177,7 @@ class Pairs(NamedTuple):
 
 
 class Ratios(NamedTuple):
-    """By path [12, L], by path and measurement [5, L, M], by measurement [4, M]: see `primitives.tables`."""
+    """By path [12, L], by path and measurement [5, L, M], by measurement [5, M]: see `primitives.tables`."""
 
     odds: Square
     message: Cube

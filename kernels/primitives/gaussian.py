@@ -17,6 +17,7 @@ from gridslam.kernels.primitives.tables import (
     ORDER,
     RESPONSIBLE,
     SURE,
+    TAKEN,
     THERE,
     TOTAL,
 )
@@ -200,7 +201,10 @@ def correct_by(
     row, belief: ti.template(), head, path: ti.template(), pairs: ti.template(), ratios: ti.template(),
     places: ti.template(), account: ti.template(), clocks: ti.template(),
 ):  # fmt: skip
-    """Correct by one path, docs/model.md, (M27)-(M29)."""
+    """Correct by one path, docs/model.md, (M27)-(M29).
+
+    What surer paths have taken of a measurement it can't have caused: the rest counts as caused none.
+    """
     size = belief.mean.shape[0]
     bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
     value, slope = path_of(
@@ -227,13 +231,17 @@ def correct_by(
                     )
                     total += account.share[k]
                 else:
-                    part = account.share[k] / total
+                    free = 1 - ratios.measured[TAKEN, pairs.index[k, 1]]
+                    part = ti.min(account.share[k] / total, ti.max(free, 0.0))
                     shift += part * g
                     change += part * (inverse - g.outer_product(g))
                     moved = True
     ratios.odds[TOTAL, row] = total
     for k in range(pairs.start[row], pairs.start[row + 1]):
-        account.share[k] /= total
+        taken = ratios.measured[TAKEN, pairs.index[k, 1]]
+        part = ti.min(account.share[k] / total, ti.max(1 - taken, 0.0))
+        account.share[k] = part
+        ratios.measured[TAKEN, pairs.index[k, 1]] = taken + part
     if moved:
         change += shift.outer_product(shift)
         for n in range(size):
@@ -276,6 +284,8 @@ def correct(
     """
     for k in range(pairs.start[path.shape[0]]):
         account.share[k] = 0.0
+    for m in range(ratios.measured.shape[1]):
+        ratios.measured[TAKEN, m] = 0.0
     for row in range(path.shape[0]):
         total = ti.cast(0.0, ti.f64)
         for m in range(ratios.message.shape[2]):

@@ -226,7 +226,7 @@ def test_particles_equal_their_twin_however_far_they_turn(surfaces, clocks, spre
         density=np.zeros((2, 0, 1)), strength=np.zeros((2, 0, 0)), table=np.zeros((1, 11), np.float32),
         start=np.zeros(1, np.int32), index=np.zeros((1, 2), np.int32), pair=np.zeros((1, 8)),
         blocks=np.zeros((0, 3), np.float32), odds=np.zeros((12, 0)), message=np.zeros((5, 0, 0)),
-        measured=np.zeros((4, 0)),
+        measured=np.zeros((5, 0)),
     )  # fmt: skip
     np.testing.assert_allclose(state, reference.draw(root, base, points, 5 + clocks), atol=1e-5)
 

@@ -61,7 +61,7 @@ def test_gated_pairs_equal_their_twin(seed, given_std, flat_array, spreading):
     strength = np.full((2, paths, count), np.nan)
     places = random_places(draw, 2)
     given_to = belief, level, float(spreading), path, predicted, heard, chance, step, places, radio, 0.1
-    measured = np.full((4, count), np.nan)
+    measured = np.full((5, count), np.nan)
     chosen, expected, inverse, sure, weight = reference.gate(*given_to, odds)
     gate(
         float(spreading), step, 0.1, Amplitudes(belief, level, chance), PathRows(path, predicted), heard,
@@ -115,7 +115,7 @@ def test_messages_into_the_association_equal_their_twin(seed):
     index[: len(chosen)] = chosen
     pair, odds = draw.uniform(0.1, 2, (len(index), 8)), np.full((12, paths), 7.0)
     odds[:4] = draw.uniform(0, 1, (4, paths))
-    message, measured = np.full((5, paths, count), 7.0), np.full((4, count), 7.0)
+    message, measured = np.full((5, paths, count), 7.0), np.full((5, count), 7.0)
     given_to = blocks, start, index, pair, odds, message, measured
     expected = reference.enter(*given_to)
     enter(*given_to)
@@ -146,7 +146,7 @@ def test_evaluation_equals_its_twin(seed, spreading, clocks):
     odds, message = np.full((12, paths), 7.0), np.full((5, paths, count), 7.0)
     odds[:3] = draw.choice([0.0, 0.7, 1.0], (3, paths), p=[0.1, 0.5, 0.4])
     measured, state = (
-        np.full((4, count), 7.0),
+        np.full((5, count), 7.0),
         np.empty((3 + 3 * surfaces + clocks, points.shape[1]), np.float32),
     )
     chance, step = detection_table()
@@ -194,7 +194,7 @@ def test_association_messages_equal_their_twin(seed, paths, count):
 
     draw = np.random.default_rng(seed)
     odds, message, measured = (
-        np.full(shape, np.nan) for shape in ((12, paths), (5, paths, count), (4, count))
+        np.full(shape, np.nan) for shape in ((12, paths), (5, paths, count), (5, count))
     )
     message[1] = draw.exponential(10.0 ** draw.integers(-2, 4), (paths, count))
     message[1] *= draw.random((paths, count)) < 0.6
@@ -229,7 +229,7 @@ def test_updates_equal_their_twin(seed, surfaces, rounds, noted, clocks):
     message = np.zeros((5, len(path), count))
     message[:2, chosen[:, 0], chosen[:, 1]] = draw.exponential(1.0, (2, len(chosen)))
     message[3] = draw.uniform(0.2, 1, (len(path), count))
-    odds, measured = draw.uniform(0.05, 0.95, (12, len(path))), draw.uniform(0, 1, (4, count))
+    odds, measured = draw.uniform(0.05, 0.95, (12, len(path))), draw.uniform(0, 1, (5, count))
     measured[2] = 1 + draw.exponential(1.0, count)
     heard = random_table(draw, count)
     blocks = draw.uniform(0, PATH_BLOCK, (len(path) + len(chosen), 3)).astype(np.float32)

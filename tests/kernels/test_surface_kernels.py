@@ -117,7 +117,7 @@ def test_birth_proposals_equal_their_twin(seed, with_departure, particles, clock
     heard = random_table(draw, count)
     heard[:, 4] = 0.3 if with_departure else -1.0
     known = np.array([[-1, -1], [-1, 0], [0, -1], [1, -1], [-1, 1]], np.int32)[: draw.choice([0, 1, 5])]
-    noise, measured = draw.normal(size=(2, SAMPLES)), np.full((4, count), 7.0)
+    noise, measured = draw.normal(size=(2, SAMPLES)), np.full((5, count), 7.0)
     measured[0] = draw.choice([0.0, 1.0, 1e4], count)
     whose = np.array([[1], [0, 1]][draw.integers(2)], np.int32)
     into = state, noise, mean, head, heard, known, whose, places, radio, 0.1 / (4 * np.pi * 8)

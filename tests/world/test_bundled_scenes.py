@@ -18,6 +18,7 @@ def test_bundled_scenes_cite_their_source_and_say_what_is_hard():
         "ceiling",
         "chamber",
         "exchange",
+        "facade",
         "hall",
         "overlap",
         "room",
@@ -213,3 +214,13 @@ def test_ceiling_leads_right_under_an_anchor_and_stays_below_them():
     assert np.degrees(steep[sight].max()) > 85
     assert np.median(np.degrees(steep[sight])) < 30
     assert (steep > 0).all()
+
+
+def test_facade_sends_a_crowd_of_paths_of_one_anchor_where_the_others_are_hidden():
+    _, paths, entry, loud = heard("facade", "agent1", 2.5)
+    rows = loud & (paths.anchor == 1) & (paths.bounces == 1) & (entry[:, 0] == 1)
+    crowd = np.bincount(paths.step[rows], minlength=220)
+    assert crowd.max() >= 20
+    assert (crowd >= 8).sum() >= 40
+    direct = paths.step[(paths.bounces == 0) & (paths.anchor < 2)]
+    assert np.isin(direct, np.flatnonzero(crowd >= 8)).sum() <= 1, "A and B are out of sight there"

@@ -71,7 +71,7 @@ def associate(beta: Array, missed: Array, new: Array, rounds: int = ROUNDS) -> t
     odds, message, measured = (
         np.empty((tables.ODDS, paths)),
         np.empty((5, paths, count)),
-        np.empty((4, count)),
+        np.empty((tables.MEASURED_ROWS, count)),
     )
     odds[tables.MISSED], message[tables.BETA], measured[tables.NEW] = missed, beta, new
     launch(odds, message, measured, rounds)

@@ -27,7 +27,7 @@ SAMPLES = 256
 
 
 class Measured(Protocol):
-    """What known paths say of M measurements: `measured` (4, M), rows as in `kernels.primitives.tables`."""
+    """What known paths say of M measurements: `measured` (4 or more, M), rows as in `tables`."""
 
     @property
     def measured(self) -> Array:

@@ -69,8 +69,8 @@ class LikelihoodRatios:
         By path, rows as in `gridslam.kernels.primitives.tables`; the last four are left to the updates.
     message : (5, L, M)
         By path and measurement, rows as in `tables`; the last three are left to the association.
-    measured : (4, M)
-        By measurement, rows as in `tables`; the last two are left to the association.
+    measured : (5, M)
+        By measurement, rows as in `tables`; the last three are left to the updates.
     """
 
     pairs: Pairs
@@ -177,7 +177,9 @@ def evaluate(
     broad = -(-count // PORTION) * PORTION  # shapes that last
     scratch, found = work.buffers(_buffers, heard.anchor, len(rays), broad, len(nodes), particles)
     ratios = blocks.Ratios(
-        np.empty((tables.ODDS, len(rays))), np.empty((5, len(rays), count)), np.empty((4, count))
+        np.empty((tables.ODDS, len(rays))),
+        np.empty((5, len(rays), count)),
+        np.empty((tables.MEASURED_ROWS, count)),
     )
     odds = ratios.odds
     state = work.buffers(_states, 0, rows, particles)

@@ -10,6 +10,7 @@ import numpy as np
 from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.messages.association import ROUNDS, Association, associate, log_normaliser
+from gridslam.inference.messages.crowds import crowded_as_one
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.prediction import PredictedPaths
 from gridslam.inference.state.anchor_measurements import AnchorScan
@@ -32,7 +33,7 @@ class Exchange:
     rays : Rays
         The L paths, with their existence one step ahead.
     odds : (12, L)
-        By path, `message` (5, L, M) by path and measurement, `measured` (4, M) by measurement: rows as in
+        By path, `message` (5, L, M) by path and measurement, `measured` (5, M) by measurement: rows as in
         `gridslam.kernels.primitives.tables`.
     fit : (1 or J, 9)
         How the measurements of each anchor fitted; see `gridslam.kernels.SUMS`.
@@ -121,6 +122,7 @@ def update_surfaces_and_agent(
         ratios.measured[tables.NEW], rounds = given.new, 0
     messages.reserve(len(rays), len(pairs), (surfaces, anchors))
     launch = update_with_clocks() if belief.clocks else update
+    pairs = crowded_as_one(pairs, heard)
     launch(
         belief.layout.head, rounds, blocks.Belief(belief.mean, belief.covariance),
         blocks.PathRows(rays.table, paths.prediction.whole), pairs.block(ratios.blocks), ratios.block,

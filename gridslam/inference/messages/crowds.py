@@ -1,0 +1,67 @@
+"""Crowds of nearly identical paths, as of a curved wall, count as one; docs/model.md, (M231)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array
+from gridslam.inference.messages.likelihood_ratios import Pairs
+from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.kernels.primitives.tables import LABEL
+from gridslam.world.geometry import wrap
+
+NEAR_M, NEAR_RAD = 1.0, 0.3
+"""Distance and AoA within which measurements may be those of one wall's neighbouring pieces."""
+FAINT = 15.0
+"""Amplitude above which a path is told from its neighbours by its own angles."""
+OTHERS = 3
+"""Neighbours that make a crowd."""
+
+
+def neighbours(table: Array) -> NDArray[np.bool_]:
+    """Which measurements stand in a crowd, and with which others, (M, M); rows of others are empty.
+
+    Parameters
+    ----------
+    table : (M, 10)
+        That of `AnchorScan`. What lacks distance, AoA or amplitude is in no crowd.
+    """
+    none = np.zeros((len(table), len(table)), dtype=bool)
+    amplitude = table[:, 6]
+    able = np.flatnonzero((table[:, 3] >= 0) & (table[:, 5] >= 0) & (amplitude >= 0) & (amplitude < FAINT))
+    if len(able) <= OTHERS:
+        return none
+    length = np.sort(table[able, 0])
+    if (length[OTHERS:] - length[:-OTHERS]).min() >= 2 * NEAR_M:
+        return none
+    (distance, _, arrival), label = table[able, :3].T, table[able, LABEL]
+    near = (np.abs(distance[:, None] - distance) < NEAR_M) & (label[:, None] == label)
+    near &= np.abs(wrap(arrival[:, None] - arrival)) < NEAR_RAD
+    near[near.sum(1) <= OTHERS] = False
+    none[np.ix_(able, able)] = near
+    return none
+
+
+def crowded_as_one(pairs: Pairs, heard: AnchorScan) -> Pairs:
+    """The pairs, a crowd's widened: all of it together tells what one measurement of its middle would.
+
+    Which of many paths that differ by centimetres caused which measurement is a guess, and wrong guesses
+    agree with each other: taken as independent, they make the filter sure of an error. Pairs without a crowd
+    stay the same object.
+    """
+    near = neighbours(heard.table)
+    if not near.any():
+        return pairs
+    count, index = near.sum(1), pairs.index[: len(pairs), 1]
+    rows = np.flatnonzero(count[index])
+    scatter = np.zeros((len(near), 3))
+    for m in np.flatnonzero(count):
+        gap = heard.table[near[m], :3] - heard.table[m, :3]
+        gap[:, 1:] = wrap(gap[:, 1:])
+        scatter[m] = gap.var(0)
+    pair, chosen = pairs.pair.copy(), index[rows]
+    pair[rows, 3:6] = (pair[rows, 3:6] + scatter[chosen]) * count[chosen, None]
+    return replace(pairs, pair=pair)
