@@ -179,7 +179,7 @@ def measurements_of(paths: TracedPaths, scene: Scene, heading_rad: ArrayLike, **
     choice = {name: more.pop(name) for name in CHOICES if name in more}
     tables = plane_table(paths, scene, heading_rad, **choice)
     known = {
-        "anchor_position_m": scene.anchor_positions,
+        "anchor_position_m": scene.anchor_places,
         "anchor_orientation_rad": scene.anchor_orientations,
     }
     return Measurements.from_arrays(**tables, **{**known, **more})

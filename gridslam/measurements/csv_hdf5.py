@@ -339,7 +339,10 @@ def get_rows(file: h5py.File, path: str, checked: bool = True) -> tuple[Columns,
     if checked:
         place = "{}: /measurements/{}[{}]".format
         check_columns(columns, len(names), lambda row, name: place(path, name, row), **flags)
-    positions = get(group, "position_m", (len(names), 2)) if "position_m" in group else None
+    positions = None
+    if "position_m" in group:
+        high = getattr(group["position_m"], "shape", ())[1:] == (3,)
+        positions = get(group, "position_m", (len(names), 3 if high else 2))
     facings = get(group, "orientation_rad", (len(names),)) if "orientation_rad" in group else None
     return columns, flags | {
         "anchors": names,

@@ -38,7 +38,7 @@ class Measurements:
     distance_m, aod_rad, aoa_rad, amplitude : (K,) float64
         As in `Scan`; NaN where not measured.
     distance_std_m, aod_std_rad, aoa_std_rad : (K,) float64 or None
-    anchor_position_m : (J, 2) float64, m, or None
+    anchor_position_m : (J, 2) or, with heights, (J, 3) float64, m, or None
     anchor_orientation_rad : (J,) float64, rad, or None
     interval_s : float
         Time between steps, for those before the first and after the last row; 0 stands for the median.
@@ -86,7 +86,9 @@ class Measurements:
                 raise InputError("measurements: anchors", repr(name), allowed)
         count = np.size(self.step)
         shapes: dict[str, tuple[int, ...]] = dict.fromkeys((*KEYS, *VALUES, *DEVIATIONS), (count,))
-        shapes |= {"anchor_position_m": (len(names), 2), "anchor_orientation_rad": (len(names),)}
+        placed = self.anchor_position_m
+        width = 3 if placed is not None and np.shape(placed)[1:] == (3,) else 2  # with heights
+        shapes |= {"anchor_position_m": (len(names), width), "anchor_orientation_rad": (len(names),)}
         arrays: Columns = {}
         for name, shape in shapes.items():
             if name in (*KEYS, *VALUES) or getattr(self, name) is not None:

@@ -188,8 +188,13 @@ def check_anchors(scene: Scene, measurements: Heard) -> None:
         )
     place, facing = measurements.anchor_position_m, measurements.anchor_orientation_rad
     for index, name in enumerate(scene.anchor_names):
-        here, turn = scene.anchor_positions[index], scene.anchor_orientations[index]
-        if place is not None and not np.linalg.norm(place[index] - here) < SAME_PLACE_M:
+        here, turn = scene.anchor_places[index], scene.anchor_orientations[index]
+        both = min(
+            len(here), 3 if place is None else place.shape[1]
+        )  # tables made by hand may say no heights
+        if place is not None and (
+            not np.linalg.norm(place[index, :both] - here[:both]) < SAME_PLACE_M or place.shape[1] > len(here)
+        ):
             found = f"anchor {name!r} at {place[index].tolist()} m"
             raise InputError("measurements: anchors", found, f"{here.tolist()} m, as in the scene")
         if facing is not None and not abs(wrap(facing[index] - turn)) < SAME_FACING_RAD:

@@ -191,7 +191,7 @@ def heard_along(
     columns, label = received(paths, scene, agent, seed, len(track), offset)
     measurements = Measurements(
         anchors=scene.anchor_names,
-        anchor_position_m=scene.anchor_positions,
+        anchor_position_m=scene.anchor_places,
         anchor_orientation_rad=scene.anchor_orientations,
         interval_s=scene.agent(agent).interval_s,
         steps=len(track),

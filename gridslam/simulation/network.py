@@ -146,7 +146,7 @@ def shared_air(
     clocks = clock_truth(scene, names, _times(interval, 0, steps), seed)
     table = Measurements(
         anchors=scene.anchor_names,
-        anchor_position_m=scene.anchor_positions,
+        anchor_position_m=scene.anchor_places,
         anchor_orientation_rad=scene.anchor_orientations,
         interval_s=interval,
         steps=steps,

@@ -160,6 +160,11 @@ class Scene(Strict):
         return np.array([anchor.position_m[:2] for anchor in self.anchors], dtype=np.float64)
 
     @property
+    def anchor_places(self) -> Array:
+        """The same with heights, (J, 3) m, where the scene has some; else (J, 2)."""
+        return np.array([anchor.position_m for anchor in self.anchors], dtype=np.float64)
+
+    @property
     def has_heights(self) -> bool:
         """Whether anchors have heights; without, all is planar."""
         return len(self.anchors[0].position_m) > 2

@@ -1,5 +1,7 @@
 """Filters under anchors at heights: as near to the bound as without, the same bits where all are level."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scene_samples import raised, shortened
@@ -8,6 +10,7 @@ import gridslam as gs
 from gridslam.checks.diagnose import suspicions
 from gridslam.evaluation.bounds import unknown_map_bound
 from gridslam.evaluation.consistency import nees
+from gridslam.runs.map_scene import check_anchors
 
 ROOM = gs.Scene.load("room")
 
@@ -64,6 +67,19 @@ def test_the_point_right_under_an_anchor_is_passed_as_near_to_the_bound_as_any()
     assert np.sqrt((gap**2).sum(1).mean() / np.square(bound).mean()) < 1.2
     under = np.linalg.norm(track.position_m - scene.anchor_positions[0], axis=1) < 0.5
     assert np.sqrt((gap[under] ** 2).sum(1).mean()) < 0.05
+
+
+def test_measurements_hold_heights_and_are_refused_by_scenes_of_others(tmp_path):
+    scene = raised(shortened(ROOM, 3), 1.5)
+    heard = gs.simulate(scene, "agent1", seed=1)
+    heard.to_h5(tmp_path / "heard.h5")
+    read = gs.Measurements.load(tmp_path / "heard.h5")
+    np.testing.assert_array_equal(read.anchor_position_m, scene.anchor_places)
+    check_anchors(scene, read)
+    check_anchors(scene, replace(read, anchor_position_m=scene.anchor_positions))
+    for other in (ROOM, raised(ROOM, 1.6)):
+        with pytest.raises(gs.InputError, match="as in the scene"):
+            check_anchors(other, read)
 
 
 @pytest.mark.slow
