@@ -259,7 +259,7 @@ def write_nav2(grid: MapCells, directory: str | os.PathLike[str], walls: WallSeg
 
 
 def write_csv(grid: MapCells, directory: str | os.PathLike[str], walls: WallSegments) -> None:
-    """Write ``cells.csv``, one row per observed cell (centre, m), and ``surfaces.csv``.
+    """Write ``cells.csv`` (observed cells by their centres), ``surfaces.csv`` and, if any, ``features.csv``.
 
     The latter has one row per stretch of a surface where there is a wall, and one without ends for a surface
     that has none.
@@ -286,6 +286,14 @@ def write_csv(grid: MapCells, directory: str | os.PathLike[str], walls: WallSegm
     order = np.argsort(row, kind="stable")
     rows = np.column_stack([table[row], ends])[order]
     _csv(folder / "surfaces.csv", names, rows)
+    if grid.features is not None:
+        found = grid.features
+        names = "identity,anchor,anchor_x_m,anchor_y_m,x_m,y_m,bias_m,power,x_std_m,y_std_m,bias_std_m,kind"
+        names += ",steps_seen"
+        deviation = np.sqrt(np.maximum(np.diagonal(found.covariance, axis1=1, axis2=2)[:, :3], 0))
+        place = [found.identity, found.anchor, found.anchor_m, found.position_m, found.bias_m]
+        rest = [found.variance, deviation, found.kind, found.steps_seen]
+        _csv(folder / "features.csv", names, np.column_stack([*place, *rest]))
 
 
 def _csv(path: Path, names: str, rows: np.ndarray) -> None:

@@ -24,10 +24,10 @@ from gridslam.inference.messages.following import (
     follow_jointly,
     predict_agent,
     remember,
-    settle,
     snapshot,
 )
 from gridslam.inference.messages.learning import Learned, learn
+from gridslam.inference.messages.settling import settle
 from gridslam.inference.state.features import MOVING, FeatureBank
 from gridslam.inference.state.hybrid_state import HybridState, JointBelief, Segment
 from gridslam.maps.frames import stamped
@@ -91,7 +91,7 @@ def step(
     followed = time.perf_counter()
     state = counted(remember(state, got, moments), got)
     if state.step == START_STEPS:
-        state = settle(state, model)
+        state = settle(state, work.front, model)
     if state.step % LEARN_EVERY == 0:
         state, learned = learn(state, work.front, model)  # eq. (43)
     seconds = {"follow": followed - began, "learn": time.perf_counter() - followed}

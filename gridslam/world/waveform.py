@@ -17,7 +17,7 @@ from gridslam.world.radio import SPEED_OF_LIGHT
 Complex = NDArray[np.complex128]
 LEAST_FREQUENCIES = 8
 EVEN = 1e-6
-"""Share of the spacing by which frequencies may be off an even grid."""
+"""Of the spacing, by which frequencies may be off an even grid; of a wavelength, elements off symmetry."""
 WIDEST_WAVELENGTHS = 1.5
 """An array whose elements are all farther apart than this isn't believed to be in metres."""
 

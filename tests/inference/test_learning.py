@@ -8,8 +8,16 @@ from signal_worlds import received, signal_model
 
 from gridslam import runtime
 from gridslam.inference.messages.feature_likelihood import Front
-from gridslam.inference.messages.learning import JUDGED, learn
-from gridslam.inference.state.features import FeatureBank, places
+from gridslam.inference.messages.learning import (
+    IMAGE,
+    JUDGED,
+    SCATTERED,
+    _candidates,
+    extra_slopes,
+    learn,
+    usual_prices,
+)
+from gridslam.inference.state.features import FeatureBank, entries, places
 from gridslam.inference.state.hybrid_state import HybridState, JointBelief, Segment
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
@@ -73,3 +81,59 @@ def test_a_segment_that_is_too_short_is_kept_for_later():
     found, learned = learn(replace(state, segment=short), Front(model.waveform), model)
     assert len(found.segment) == 8
     assert learned.proposed == 0
+
+
+def test_candidates_of_scatterers_have_the_length_to_the_anchor_as_extra():
+    centre, anchor = np.array([1.0, -2.0]), np.array([3.0, 4.0])
+    rows, kinds = _candidates(centre, 20.0, anchor)
+    tied = rows[kinds == SCATTERED]
+    far = np.hypot(*(tied[:, :2] - centre).T)
+    np.testing.assert_allclose(tied[:, 2], np.hypot(*(tied[:, :2] - anchor).T))
+    length = far + tied[:, 2]
+    assert length.min() > np.hypot(2, 6)
+    assert length.max() < 20
+    assert not rows[kinds == IMAGE, 2].any()
+
+
+def test_slopes_of_a_scatterers_extra_length_agree_with_differences():
+    origin, anchor, place = np.array([1.0, -2.0]), np.array([3.0, 4.0]), np.array([-5.0, 1.0])
+
+    def extra(length, direction):
+        """By bisection: where in this direction both ways have this length."""
+        low, high = 0.0, length
+        for _ in range(60):
+            far = 0.5 * (low + high)
+            spot = origin + far * np.array([np.cos(direction), np.sin(direction)])
+            low, high = (far, high) if far + np.hypot(*(spot - anchor)) < length else (low, far)
+        return length - far
+
+    entry = entries(np.array([*place, np.hypot(*(place - anchor))]), origin)
+    assert extra(*entry[:2]) == pytest.approx(entry[2])
+    step = 1e-5
+    expected = [
+        (extra(entry[0] + step, entry[1]) - extra(entry[0] - step, entry[1])) / (2 * step),
+        (extra(entry[0], entry[1] + step) - extra(entry[0], entry[1] - step)) / (2 * step),
+    ]
+    np.testing.assert_allclose(extra_slopes(entry, anchor - origin), expected, rtol=1e-5)
+
+
+def test_what_most_features_are_is_the_rule_for_new_ones():
+    _, model = state_after([], [], 0)
+    belief = state_after([], [], 0)[0].joint
+    assert len(usual_prices(belief, model)) == 2
+    spread, origin = 0.01 * np.eye(3), np.array([0.5, 0.0])
+    for place, cheapest in ((MIRROR, IMAGE), (SCATTERER, SCATTERED)):
+        known = belief.with_feature(0, entries(place, origin), spread, origin, 1.0, 0, 0)
+        (price,) = usual_prices(known, model)
+        assert np.argmin(price) == cheapest
+
+
+@pytest.mark.slow
+def test_a_scatterer_is_taken_for_one():
+    way = SCATTERER[:2] - LOS[:2]
+    point = np.array([*SCATTERER[:2], np.hypot(*way)])
+    state, model = state_after([point], [3000.0], 3)
+    found, _ = learn(state, Front(model.waveform), model)
+    place = places(found.joint.mean, found.joint.features.origin_m)
+    assert np.hypot(*(place[0] - point)[:2]) < 0.5
+    assert abs(place[0, 2] - np.hypot(*(place[0, :2] - LOS[:2]))) < 0.3

@@ -138,3 +138,14 @@ def test_the_features_of_one_map_stay_as_they_are_when_fused_with_another():
     found = fuse([sheet, random_map(2)], same_frame=True)
     np.testing.assert_array_equal(found.features.position_m, table.position_m)
     np.testing.assert_array_equal(found.feature_covariance, joint)
+
+
+def test_features_are_exported_with_their_deviations(tmp_path):
+    table, joint = feature_estimate(belief(), ANCHORS)
+    replace(random_map(1), features=table, feature_covariance=joint).to_csv(tmp_path)
+    rows = np.genfromtxt(tmp_path / "features.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(rows["bias_m"], table.bias_m, rtol=1e-8)
+    np.testing.assert_allclose(rows["x_std_m"] ** 2, table.covariance[:, 0, 0], rtol=1e-7)
+    np.testing.assert_array_equal(rows["kind"], table.kind)
+    random_map(1).to_csv(tmp_path / "plain")
+    assert not (tmp_path / "plain" / "features.csv").exists()

@@ -14,12 +14,11 @@ from gridslam.errors import InputError
 from gridslam.inference.messages.matched_outputs import matched_outputs, pulse_correlation, rows_per_m
 from gridslam.kernels.primitives.blocks import Solver
 from gridslam.world.signal_model import SignalModel
-from gridslam.world.waveform import Waveform
+from gridslam.world.waveform import EVEN, Waveform
 
 Complex = NDArray[np.complex128]
 Tables = NDArray[np.float32]
 ENTRIES_OF_COLUMN = 14
-EVEN = 1e-6
 MARGIN_M = 1.0
 """Features are heard up to so much less than the length from which on paths fold back."""
 

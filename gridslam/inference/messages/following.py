@@ -11,7 +11,6 @@ from gridslam.errors import InputError
 from gridslam.inference.messages import sight
 from gridslam.inference.messages.feature_likelihood import Front
 from gridslam.inference.messages.joint_update import predict, update
-from gridslam.inference.messages.learning import replay
 from gridslam.inference.messages.sight import Moments
 from gridslam.inference.state.features import MOVING
 from gridslam.inference.state.hybrid_state import HybridState
@@ -93,16 +92,6 @@ def remember(state: HybridState, got: Snapshot, moments: Moments) -> HybridState
     assert state.time_s is not None
     segment = state.segment.add(state.time_s, got.heading_rad, got.heard, got.samples, moments.mean)
     return replace(state, segment=segment)
-
-
-def settle(state: HybridState, model: SignalModel) -> HybridState:
-    """From particles to the joint belief: through the first steps again, from where the particles were."""
-    cloud = state.particles
-    if cloud is None:
-        return state
-    before = replace(state.before, los_power=sight.los_power(cloud), noise=cloud.noise.mean(1))
-    joint, _ = replay(before, state.segment, None, 0, model)
-    return replace(state, before=before, joint=joint, particles=None)
 
 
 def counted(state: HybridState, got: Snapshot) -> HybridState:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
@@ -121,6 +121,10 @@ class Segment:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    def first(self, steps: int) -> Self:
+        """Its first steps alone."""
+        return type(self)(*(getattr(self, f.name)[:steps] for f in fields(self)))
 
     def add(
         self, time_s: float, heading_rad: float, heard: NDArray[np.bool_], samples: NDArray[np.complex128],
