@@ -14,9 +14,9 @@ from gridslam import runtime
 from gridslam.bench import bench
 from gridslam.bench import features as bench_features
 from gridslam.bench import growth as bench_growth
-from gridslam.bench import kernels as bench_kernels
 from gridslam.bench import stages as bench_stages
 from gridslam.bench import start as bench_start
+from gridslam.bench.contests import CONTESTS
 from gridslam.bench.plan import QUICK, Plan
 from gridslam.errors import InputError
 
@@ -80,11 +80,11 @@ def test_ratios_and_rates_are_those_of_the_times(quick):
 
 @pytest.mark.slow
 def test_every_kernel_there_is_has_a_twin_to_compete_with(quick):
-    all_of_them = set(bench_kernels.CONTESTS) | set(bench_features.NAMES)
+    all_of_them = set(CONTESTS) | set(bench_features.NAMES)
     assert all_of_them == set(bench_stages.kernels())
     assert {kernel.name for kernel in quick[0].kernels} == all_of_them
     launched = {name for step in quick[0].steps for name in step.stages_ms if name.startswith("kernel ")}
-    assert launched | {"kernel associate"} == {f"kernel {name}" for name in bench_kernels.CONTESTS}
+    assert launched | {"kernel associate"} == {f"kernel {name}" for name in CONTESTS}
 
 
 @pytest.mark.slow
@@ -166,7 +166,7 @@ def test_cell_visits_of_a_straight_ray_are_the_cells_on_its_way():
         "factor": np.ones((1, 2)), "frame": np.array([0.0, 0.0, 1.0, 0.1, 12.0, 0.5]),
         "where": np.zeros((4, 4), np.int32), "found": np.ones(1, int),
     }  # fmt: skip
-    assert bench_kernels.CONTESTS["cast"].units(case) == 4
+    assert CONTESTS["cast"].units(case) == 4
 
 
 @pytest.mark.slow

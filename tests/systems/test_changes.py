@@ -9,7 +9,7 @@ import gridslam as gs
 from gridslam.inference.workspace.cell_buffers import EVIDENCE_CLIP
 from gridslam.simulation.image_source import heard_along, true_paths
 
-BEFORE, AFTER = 200, 20
+BEFORE, AFTER = 100, 20
 """Steps, in each of which anchor A is heard through the door or by way of it; and steps after the change."""
 
 
