@@ -214,4 +214,4 @@ CONTESTS = {
 }
 
 UNRACED = ("learn_ratios",)
-"""Kernels that no race times: it is `learn` but for who evaluates, in a method on arrays that no course runs."""
+"""Kernels that no race times: it is `learn` but for who evaluates, in a method that no course runs."""
