@@ -72,7 +72,9 @@ def test_kernels_average_over_the_very_particles(evaluated):
     assert some > 5
 
 
-def test_weights_of_a_single_bounce_are_those_of_its_events(evaluated):
+@pytest.mark.parametrize("share", [1.0, 1e-6, 0.0])
+def test_weights_of_a_single_bounce_are_those_of_its_events(evaluated, share):
+    """Where the measurement is the path's, where that is in doubt, and where the path went unheard."""
     state, _, paths, ratios, model = evaluated
     table = paths.rays.table
     caused = ratios.responsible.sum(1) > 0.5
@@ -81,7 +83,13 @@ def test_weights_of_a_single_bounce_are_those_of_its_events(evaluated):
     quiet.message[tables.RESPONSIBLE] = 0.0
     quiet.message[tables.RESPONSIBLE, row] = ratios.message[tables.RESPONSIBLE, row]
     samples, s = state.samples, table[row, tables.LAST]
-    logs, surfaces = sample_logs(samples, state.surfaces.existence, paths, quiet, model.places)
+    exists, ray, missed, open_ = 0.6, 0.7, 0.2, 0.9
+    known = np.where(np.arange(len(state.surfaces)) == s, exists, 1.0)
+    quiet.message[tables.NU] *= share
+    quiet = replace(quiet, odds=quiet.odds.copy())
+    for name, value in (("SURFACES", exists), ("EXISTENCE", ray), ("DETECTED", 1 - missed), ("OPEN", open_)):
+        quiet.odds[getattr(tables, name), row] = value
+    logs, surfaces = sample_logs(samples, known, paths, quiet, model.places)
     # by mirrors and scipy's densities, as a sum over the surface, the ray, and what caused what
     place = model.places[0]
     image = mirror(samples.lines[s], place[:2])
@@ -102,13 +110,8 @@ def test_weights_of_a_single_bounce_are_those_of_its_events(evaluated):
         density = norm.pdf(values[0], pair[0], np.sqrt(pair[3]))
         for kind in (1, 2):
             density = density * norm.pdf(wrap(values[kind] - pair[kind]), scale=np.sqrt(pair[3 + kind]))
-        heard_there += ratios.message[tables.NU, row, m] * pair[6] * density
-    exists, ray, missed = (
-        state.surfaces.existence[s],
-        paths.rays.existence[row],
-        1 - ratios.odds[tables.DETECTED, row],
-    )
-    there = ray * (heard_there + missed) + 1 - ray
+        heard_there += share * ratios.message[tables.NU, row, m] * pair[6] * density
+    there = ray * (open_ * (heard_there + missed) + 1 - open_) + 1 - ray
     np.testing.assert_allclose(logs, np.log(exists * there + 1 - exists), rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(surfaces[s], np.log(there), rtol=1e-6, atol=1e-9)
     assert not np.delete(surfaces, s, 0).any()
