@@ -15,12 +15,12 @@ from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.array_births import add_new_surfaces
 from gridslam.inference.messages.array_paths import (
-    Heard,
-    Told,
+    Snapshot,
+    SnapshotLikelihood,
     evaluate_snapshot,
-    hear,
     learn_noise,
     start_noise,
+    take_snapshot,
 )
 from gridslam.inference.messages.array_updates import (
     SnapshotExchange,
@@ -46,7 +46,7 @@ from gridslam.world.waveform import Waveform
 def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) -> tuple[State, StepInfo]:
     """One step, as the list of its messages (docs/model.md, section 12)."""
     work.begin()
-    listened = list[tuple[Heard, Told]]()
+    listened = list[tuple[Snapshot, SnapshotLikelihood]]()
     exchanges = [SnapshotExchange.silent(anchor) for anchor in range(len(model.anchors))]
     state = predict(state, scan.time_s, len(scan), model)
     reckoned = state.calibration
@@ -55,13 +55,13 @@ def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) ->
         radio = reckoned.tuned(model.radio, anchor)
         paths, visible = cast_paths(state, anchor, model, work=work)  # (M36)
         amplitudes = Reflected(visible.products, radio)  # (M41)
-        heard = hear(state, anchor, scan, paths, visible, amplitudes, model, work=work)
-        state, told = evaluate_snapshot(state, heard, model, work=work)  # (M151) to (M153)
-        state = update_existence(state, heard, told, work=work)
-        state = learn_noise(state, anchor, told)
-        state, _ = add_new_surfaces(state, heard, told, model, work=work)  # (M154)
-        exchanges[anchor] = exchange_of(heard, told, model)
-        listened.append((heard, told))
+        snapshot = take_snapshot(state, anchor, scan, paths, visible, amplitudes, model, work=work)
+        state, likelihood = evaluate_snapshot(state, snapshot, model, work=work)  # (M151) to (M153)
+        state = update_existence(state, snapshot, likelihood, work=work)
+        state = learn_noise(state, anchor, likelihood)
+        state, _ = add_new_surfaces(state, snapshot, likelihood, model, work=work)  # (M154)
+        exchanges[anchor] = exchange_of(snapshot, likelihood, model)
+        listened.append((snapshot, likelihood))
     if listened:
         drawn = cast_messages(state, model, work=work)
         state = update_coefficients_by_ratios(state, drawn, listened, work=work)  # (M155)

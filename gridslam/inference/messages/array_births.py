@@ -8,7 +8,7 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array
-from gridslam.inference.messages.array_paths import Heard, Told
+from gridslam.inference.messages.array_paths import Snapshot, SnapshotLikelihood
 from gridslam.inference.messages.array_search import FALSE_PEAKS, level_of
 from gridslam.inference.messages.birth_proposals import SAMPLES, propose_births
 from gridslam.inference.messages.births import add_chosen
@@ -31,7 +31,7 @@ class _Peaks:
 
 
 def add_new_surfaces(
-    state: State, heard: Heard, told: Told, model: SignalModel, *, work: Workspace
+    state: State, snapshot: Snapshot, likelihood: SnapshotLikelihood, model: SignalModel, *, work: Workspace
 ) -> tuple[State, Array]:
     """Surfaces behind the new paths, as if these were measurements with the deviations that they have.
 
@@ -40,14 +40,14 @@ def add_new_surfaces(
     (state, born)
         born (B, 2): path and existence of every new surface.
     """
-    new, anchor = told.found.new, heard.anchor
+    new, anchor = likelihood.found.new, snapshot.anchor
     if not len(new):
         return state, np.zeros((0, 2))
     value, std = new.path.copy(), new.std.copy()
-    if len(heard.band.anchor) == 1:
+    if len(snapshot.band.anchor) == 1:
         value[:, 1] = std[:, 1] = np.nan
     radio = replace(
-        heard.radio, threshold=float(np.sqrt(level_of(heard.band))), false_alarms=FALSE_PEAKS
+        snapshot.radio, threshold=float(np.sqrt(level_of(snapshot.band))), false_alarms=FALSE_PEAKS
     )  # that noise makes such peaks is what they are judged against
     x, y, orientation = model.anchors[anchor].tolist()
     peaks = AnchorScan.of(anchor, np.array([x, y]), orientation, value, std, new.amplitude, radio.threshold)

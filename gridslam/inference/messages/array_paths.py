@@ -28,11 +28,11 @@ LEAST_CHANCE, MOST_PATHS = 1e-3, 40
 NOISE_GAIN = 0.03
 """Share of a step's noise estimate that enters, in the long run."""
 SUREST = 40.0
-"""Log ratio beyond which nothing is told."""
+"""Log ratio beyond which nothing more counts."""
 
 
 @dataclass(frozen=True, eq=False)
-class Heard:
+class Snapshot:
     """One anchor's snapshot, and what is predicted of it.
 
     Attributes
@@ -79,8 +79,8 @@ class Heard:
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
-    """What a snapshot told of the L paths.
+class SnapshotLikelihood:
+    """What a snapshot says of the L paths.
 
     Attributes
     ----------
@@ -113,25 +113,25 @@ def start_noise(state: State, anchor: int, scan: SignalScan, model: SignalModel)
     return replace(state, noise=noise)
 
 
-def learn_noise(state: State, anchor: int, told: Told) -> State:
+def learn_noise(state: State, anchor: int, likelihood: SnapshotLikelihood) -> State:
     """The noise's power by what the paths leave over (M86)."""
     assert state.noise is not None
     noise, gain = state.noise.copy(), max(NOISE_GAIN, 1 / (2.0 + state.step))
-    ratio = float(np.clip(told.found.mode.noise_ratio, 0.1, 10.0))
+    ratio = float(np.clip(likelihood.found.mode.noise_ratio, 0.1, 10.0))
     noise[anchor] *= 1 + gain * (ratio - 1)
     return replace(state, noise=noise)
 
 
-def hear(
+def take_snapshot(
     state: State, anchor: int, scan: SignalScan, paths: PredictedPaths, visible: Visibility,
     amplitudes: Reflected, model: SignalModel, *, work: Workspace,
-) -> Heard:  # fmt: skip
+) -> Snapshot:  # fmt: skip
     """One anchor's snapshot, beside what is predicted of it."""
     assert state.noise is not None
     band: ArrayBand = work.buffers(ArrayBand.of, anchor, model.waveform, anchor)
     length = np.maximum(paths.prediction.length, 1e-3)
     rays = Rays(paths.rays.table.copy(), paths.rays.existence.copy(), paths.rays.surfaces.copy())
-    return Heard(
+    return Snapshot(
         anchor, band, scan.samples[anchor], float(state.noise[anchor]), model.fades, rays,
         visible.validity * visible.possible, length, amplitudes.nodes / length[:, None],
         amplitudes.probability.copy(), amplitudes.signal,
@@ -140,17 +140,21 @@ def hear(
 
 @timed("evaluation")
 def evaluate_snapshot(
-    state: State, heard: Heard, model: SignalModel, *, work: Workspace
-) -> tuple[State, Told]:
+    state: State, snapshot: Snapshot, model: SignalModel, *, work: Workspace
+) -> tuple[State, SnapshotLikelihood]:
     """Find the joint mode of agent and surfaces, and what it tells of every path's being there."""
-    chance, power = heard.chance, heard.power
+    chance, power = snapshot.chance, snapshot.power
     order = np.argsort(-chance * power, kind="stable")
     followed = np.sort(order[chance[order] > LEAST_CHANCE][:MOST_PATHS])
-    place, head = model.anchors[heard.anchor], state.belief.layout.head
+    place, head = model.anchors[snapshot.anchor], state.belief.layout.head
     prior = PathsPrior(
-        state.belief, place, heard.rays.table[followed], chance[followed] * power[followed], np.zeros((0, 3))
+        state.belief,
+        place,
+        snapshot.rays.table[followed],
+        chance[followed] * power[followed],
+        np.zeros((0, 3)),
     )
-    found = find_paths(heard.band, heard.samples, prior, heard.noise, power[followed])
+    found = find_paths(snapshot.band, snapshot.samples, prior, snapshot.noise, power[followed])
     mode = found.mode
     matched, own, log_mean = np.zeros(len(chance)), np.zeros(len(chance)), np.zeros(len(chance))
     inside, among = mode.paths.without(found.prior.weight)
@@ -159,14 +163,16 @@ def evaluate_snapshot(
     log_mean[followed] = mode.log_evidence()[:count]
     rest = np.setdiff1d(np.arange(len(chance)), followed)
     if len(rest):
-        path, _ = paths_at(mode.belief.mean, place, heard.rays.table[rest], head)
-        told, left = one_more(heard.band, heard.samples, path, mode.path, found.prior.weight, heard.noise)
-        matched[rest], own[rest] = heard.noise * np.abs(told) ** 2, heard.noise * left
-    logs = log_amplitudes(matched, own, heard.amplitude, heard.fades)
+        path, _ = paths_at(mode.belief.mean, place, snapshot.rays.table[rest], head)
+        output, left = one_more(
+            snapshot.band, snapshot.samples, path, mode.path, found.prior.weight, snapshot.noise
+        )
+        matched[rest], own[rest] = snapshot.noise * np.abs(output) ** 2, snapshot.noise * left
+    logs = log_amplitudes(matched, own, snapshot.amplitude, snapshot.fades)
     with np.errstate(divide="ignore"):
-        worth = logsumexp(logs + np.log(heard.probability), axis=1)
+        worth = logsumexp(logs + np.log(snapshot.probability), axis=1)
     worth = np.clip(worth + log_mean, -SUREST, SUREST)
-    return replace(state, belief=mode.belief), Told(followed, found, matched, own, worth)
+    return replace(state, belief=mode.belief), SnapshotLikelihood(followed, found, matched, own, worth)
 
 
 def log_amplitudes(matched: Array, own: Array, amplitude: Array, fades: bool) -> Array:

@@ -1,4 +1,4 @@
-"""Existence, coefficients and messages by what a snapshot of arrays told; docs/model.md, (M152), (M155)."""
+"""Existence, coefficients and messages by a snapshot of arrays; docs/model.md, (M152), (M155)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.special import expit
 
 from gridslam import runtime
 from gridslam.arrays import Array
-from gridslam.inference.messages.array_paths import Heard, Told, log_amplitudes
+from gridslam.inference.messages.array_paths import Snapshot, SnapshotLikelihood, log_amplitudes
 from gridslam.inference.messages.cells import RAYS
 from gridslam.inference.messages.detections import latest_hits
 from gridslam.inference.state.health import NO_FIT
@@ -32,7 +32,7 @@ WORST = 30.0
 
 @dataclass(frozen=True, eq=False)
 class SnapshotExchange:
-    """What one anchor's snapshot told.
+    """What one anchor's snapshot says.
 
     Attributes
     ----------
@@ -56,10 +56,12 @@ class SnapshotExchange:
 
 
 @timed("updates")
-def update_existence(state: State, heard: Heard, told: Told, *, work: Workspace) -> State:
+def update_existence(
+    state: State, snapshot: Snapshot, likelihood: SnapshotLikelihood, *, work: Workspace
+) -> State:
     """Rays and surfaces by the worth of their paths, (M30), (M31), and the messages that cells will get."""
-    rays, open_, worth = heard.rays, heard.open_, np.exp(told.log_worth)
-    bank, los, anchor = state.surfaces, state.los.copy(), heard.anchor
+    rays, open_, worth = snapshot.rays, snapshot.open_, np.exp(likelihood.log_worth)
+    bank, los, anchor = state.surfaces, state.los.copy(), snapshot.anchor
     single, double = bank.single.copy(), bank.double.copy()
     there, both = rays.existence, rays.surfaces * open_
     ahead = there * (both * worth + 1 - both)
@@ -77,38 +79,39 @@ def update_existence(state: State, heard: Heard, told: Told, *, work: Workspace)
     odds = np.log(np.maximum(bank.existence, 1e-12)) - np.log(np.maximum(1 - bank.existence, 1e-9))
     existence = np.minimum(expit(np.clip(odds + log, -40.0, 40.0)), 1 - SUREST)
 
-    belief, chance = rays.surfaces * there, heard.chance
+    belief, chance = rays.surfaces * there, snapshot.chance
     factor = np.column_stack([belief * worth + 1 - belief, belief > LIKELY])
     share = chance * worth / (chance * worth + 1 - chance)
-    summary = np.stack([rays.surfaces, there * open_, share, heard.length])
+    summary = np.stack([rays.surfaces, there * open_, share, snapshot.length])
     work.messages.append(rays.table, factor, summary, (len(bank), len(los)))
     bank = replace(bank, existence=existence, single=single, double=double)
     return replace(state, surfaces=bank, los=los)
 
 
-def exchange_of(heard: Heard, told: Told, model: SignalModel) -> SnapshotExchange:
+def exchange_of(snapshot: Snapshot, likelihood: SnapshotLikelihood, model: SignalModel) -> SnapshotExchange:
     """How well a snapshot fitted, and what the line of sight says of the gain of amplitudes."""
-    mode, fit = told.found.mode, np.zeros((1, 9))
+    mode, fit = likelihood.found.mode, np.zeros((1, 9))
     value, vector = np.linalg.eigh(mode.told)
     telling = value > TELLING
     moved = np.square(vector.T @ mode.shift)[telling] * (1 + 1 / value[telling])
     fit[0, :2] = np.minimum(moved, WORST).sum(), telling.sum()
-    amplitude, loud = np.sqrt(told.matched) / told.own, heard.radio.threshold**2 + np.log(1000.0)
-    count = np.count_nonzero((told.matched / told.own > loud) & (heard.chance > 0.5))
-    fit[0, 4:6] = count, count + np.count_nonzero(told.found.new.amplitude**2 > loud)
+    amplitude = np.sqrt(likelihood.matched) / likelihood.own
+    loud = snapshot.radio.threshold**2 + np.log(1000.0)
+    count = np.count_nonzero((likelihood.matched / likelihood.own > loud) & (snapshot.chance > 0.5))
+    fit[0, 4:6] = count, count + np.count_nonzero(likelihood.found.new.amplitude**2 > loud)
     fit[0, 8] = np.inf
-    if heard.rays.bounces[0] == 0 and heard.chance[0] > 0.5 and not heard.fades:
-        level = model.radio.amplitude_at_1m / float(heard.length[0])
-        variance = 0.5 / told.own[0]
+    if snapshot.rays.bounces[0] == 0 and snapshot.chance[0] > 0.5 and not snapshot.fades:
+        level = model.radio.amplitude_at_1m / float(snapshot.length[0])
+        variance = 0.5 / likelihood.own[0]
         measured = float(np.sqrt(max(amplitude[0] ** 2 - variance, 0.0)))
-        if measured > 2 * heard.radio.threshold:
+        if measured > 2 * snapshot.radio.threshold:
             fit[0, 2:4] = level * measured / variance, level**2 / variance
-    return SnapshotExchange(heard.anchor, fit, mode.paths.log_density)
+    return SnapshotExchange(snapshot.anchor, fit, mode.paths.log_density)
 
 
 @timed("cells")
 def update_coefficients_by_ratios(
-    state: State, drawn: Polylines, listened: list[tuple[Heard, Told]], *, work: Workspace
+    state: State, drawn: Polylines, listened: list[tuple[Snapshot, SnapshotLikelihood]], *, work: Workspace
 ) -> State:
     """Learn coefficients of surfaces and cells from a step's snapshots, and where surfaces were hit (M155).
 
@@ -117,7 +120,7 @@ def update_coefficients_by_ratios(
     drawn : Polylines
         The paths of the step's messages, as cast at sampled states.
     listened : list
-        Snapshots and what they told, in the order of the messages.
+        Snapshots and their likelihoods, in the order of the messages.
     """
     runtime.start()
     from gridslam.kernels.propagation.coefficients import learn_ratios
@@ -127,7 +130,9 @@ def update_coefficients_by_ratios(
     if messages.among[0] > surfaces or len(belief.lines) != surfaces:
         raise ValueError("messages or belief aren't of these surfaces")
     usual = bank.reflection @ REFLECTION_BINS
-    ratio = np.concatenate([coefficient_ratios(heard, told, usual) for heard, told in listened])
+    ratio = np.concatenate(
+        [coefficient_ratios(snapshot, likelihood, usual) for snapshot, likelihood in listened]
+    )
     reflection, foot, extent = bank.reflection.copy(), bank.foot.copy(), bank.extent.copy()
     seen = bank.seen.copy()
     row, used = grid.row.copy(), np.array([len(grid.hit)], np.int32)
@@ -143,7 +148,7 @@ def update_coefficients_by_ratios(
     return replace(state, surfaces=bank, grid=replace(grid, row=row, hit=hit[: int(used[0])].copy()))
 
 
-def coefficient_ratios(heard: Heard, told: Told, usual: Array) -> Array:
+def coefficient_ratios(snapshot: Snapshot, likelihood: SnapshotLikelihood, usual: Array) -> Array:
     """Log-likelihoods over the coefficients at the last and the first hit of every path, (L, 2, BINS).
 
     Parameters
@@ -151,13 +156,13 @@ def coefficient_ratios(heard: Heard, told: Told, usual: Array) -> Array:
     usual : (S,)
         Mean coefficient of each surface, for the other hit of a double bounce.
     """
-    rays = heard.rays
-    free_space = heard.radio.amplitude_at_1m / heard.length
-    chance = np.clip(rays.existence * heard.open_, 1e-12, 1 - 1e-9)[:, None]
+    rays = snapshot.rays
+    free_space = snapshot.radio.amplitude_at_1m / snapshot.length
+    chance = np.clip(rays.existence * snapshot.open_, 1e-12, 1 - 1e-9)[:, None]
     ratio = np.zeros((len(rays), 2, BINS))
     for corner, other in enumerate((rays.first, rays.last)):
         rest = np.where(rays.bounces == 2, usual[other] if len(usual) else 1.0, 1.0)
         level = (free_space * rest)[:, None] * REFLECTION_BINS
-        log = log_amplitudes(told.matched, told.own, level, heard.fades)
+        log = log_amplitudes(likelihood.matched, likelihood.own, level, snapshot.fades)
         ratio[:, corner] = np.logaddexp(np.log(chance) + log, np.log1p(-chance))
     return ratio
