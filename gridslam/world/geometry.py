@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 
-STEEPEST = 0.999
-"""Sine of the elevation up to which a horizontal array is said to see azimuths."""
+STEEPEST = 1 - 2.0**-10
+"""Sine of the elevation up to which a horizontal array sees azimuths (exact in single precision, too)."""
 
 
 def wrap(angle: Array | float) -> Array:

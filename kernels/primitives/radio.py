@@ -10,7 +10,7 @@ apertures of anchor and agent (2 each); longest distance; u at 1 m; number of sa
 clutter."""
 FLOOR = -25.0
 """Log of the Rayleigh density that clutter has at least, or a ratio to it would overflow."""
-STEEPEST = 0.999
+STEEPEST = 1 - 2.0**-10
 """Sine of the elevation up to which an array is said to see azimuths."""
 TURN_SQUARED = 39.47841760435743
 

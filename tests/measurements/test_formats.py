@@ -249,7 +249,7 @@ def replace(file, name, values):
         (lambda f: replace(f, "measurements/step", np.arange(4)[::-1]), ": /measurements/step[1]"),
         (lambda f: replace(f, "measurements/anchor", np.full(4, 7)), ": /measurements/anchor[0]"),
         (lambda f: replace(f, "measurements/time_s", np.zeros(4)), ": /measurements/time_s[1]"),
-        (lambda f: replace(f, "anchors/position_m", np.zeros((2, 3))), ": /anchors/position_m"),
+        (lambda f: replace(f, "anchors/position_m", np.zeros((2, 4))), ": /anchors/position_m"),
         (lambda f: replace(f, "anchors/name", np.arange(2)), ": /anchors/name"),
         (lambda f: replace(f, "truth/position_m", np.zeros((3, 2))), ": /truth/position_m"),
     ],
