@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -149,8 +150,8 @@ def _draw(axes: Axes, scene: Scene, found: AgentFiles, now: Estimate, step: int)
     axes.add_collection(
         LineCollection(rays, array=level, cmap=STRENGTH, norm=Normalize(6, 40), lw=0.7, alpha=0.7)
     )
-    ends = now.surfaces.take(now.detected).ends_m
-    ends = ends[np.isfinite(ends).all((1, 2))]
+    known = now.surfaces.take(now.detected)
+    ends = replace(found.map, surfaces=known, surface_reflection=None).wall_segments().ends_m
     axes.add_collection(LineCollection(list(ends), colors=ORANGE, linewidths=3, alpha=0.6))
     if found.truth is not None:
         axes.plot(*found.truth.position_m[: step + 1].T, color="k", lw=2, alpha=0.35)
@@ -158,7 +159,7 @@ def _draw(axes: Axes, scene: Scene, found: AgentFiles, now: Estimate, step: int)
     axes.plot(*scene.anchor_positions.T, "k^", ms=5)
     _agent(axes, scene, now)
     axes.set(xlim=scene.grid.x_m, ylim=scene.grid.y_m, aspect="equal", xlabel="x (m)", ylabel="y (m)")
-    axes.set_title(f"step {now.step}: {len(rays)} paths, {len(ends)} surfaces", fontsize=9)
+    axes.set_title(f"step {now.step}: {len(rays)} paths, {len(known)} surfaces", fontsize=9)
 
 
 def _agent(axes: Axes, scene: Scene, now: Estimate) -> None:
