@@ -4,7 +4,9 @@ from gridslam.errors import InputError
 from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
 from gridslam.extraction.front_end import extract
 from gridslam.importers.deepmimo import measurements_from_deepmimo as from_deepmimo
+from gridslam.importers.deepmimo import network_from_deepmimo
 from gridslam.importers.sionna import measurements_from_sionna as from_sionna
+from gridslam.importers.sionna import network_from_sionna
 from gridslam.maps.fusion import fuse
 from gridslam.maps.map import Map
 from gridslam.measurements.network import NetworkMeasurements
@@ -64,5 +66,7 @@ __all__ = [
     "ground_truth",
     "map_network",
     "map_scene",
+    "network_from_deepmimo",
+    "network_from_sionna",
     "simulate",
 ]

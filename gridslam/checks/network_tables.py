@@ -10,7 +10,7 @@ import numpy as np
 
 from gridslam.errors import InputError
 from gridslam.io.files import reading_h5
-from gridslam.measurements import csv_hdf5
+from gridslam.measurements import csv_hdf5, matlab
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.world.scene import Scene
 
@@ -24,7 +24,7 @@ def is_network(path: str | os.PathLike[str]) -> bool:
         It can't be read at all.
     """
     if Path(path).suffix.lower() == ".mat":
-        return False
+        return matlab.names_agents(path)
     if Path(path).suffix.lower() != ".csv":
         with reading_h5(path, csv_hdf5.KIND, csv_hdf5.VERSIONS) as file:
             return "agents" in file or bool(_flag(file))
@@ -90,12 +90,16 @@ def _read(path: str | os.PathLike[str], scene: Scene | None) -> NetworkMeasureme
     if scene is not None:
         agents = [agent.name for agent in scene.agents]
         return NetworkMeasurements.load(path, scene.anchor_names, agents, pseudo=True)
-    if Path(path).suffix.lower() != ".csv":
+    kind = Path(path).suffix.lower()
+    if kind not in (".csv", ".mat"):
         return NetworkMeasurements.from_h5(path)
-    _, anchors, _ = csv_hdf5.read_csv(path, None, checked=False, pseudo=True, several=True)
+    if kind == ".csv":
+        anchors = csv_hdf5.read_csv(path, None, checked=False, pseudo=True, several=True)[1]
+    else:
+        anchors = matlab.read_network_mat(path, checked=False)[1]
     if not anchors:
         raise InputError(str(path), "no row that names an anchor", "--scene SCENE, which names them")
-    return NetworkMeasurements.from_csv(path, anchors, None, pseudo=True)
+    return NetworkMeasurements.load(path, anchors, None, pseudo=True)
 
 
 def _flag(file: h5py.File) -> object:

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gridslam.errors import InputError
-from gridslam.importers.raytracers import TracedPaths, measurements_of
+from gridslam.importers.raytracers import TracedPaths, measurements_of, network_of
+from gridslam.measurements.network import NetworkMeasurements
 from gridslam.measurements.table import Measurements
 from gridslam.world.scene import Scene
 
@@ -47,6 +48,34 @@ def measurements_from_deepmimo(
         An array is missing, or shapes that don't match.
     """
     return measurements_of(traced(datasets, users), scene, heading_rad, **more)
+
+
+def network_from_deepmimo(
+    datasets: Sequence[Mapping[str, Any]],
+    scene: Scene,
+    heading_rad: Mapping[str, ArrayLike],
+    users: Mapping[str, ArrayLike],
+    **more: Any,
+) -> NetworkMeasurements:
+    """Take over arrays of DeepMIMO for several agents at once: exact paths, without noise or clocks.
+
+    `gridslam.simulation.network.receive_network` adds these.
+
+    Parameters
+    ----------
+    datasets : sequence of mappings, one per anchor in the scene's order
+    heading_rad : dict of agent to float or (N,) float, rad
+    users : dict of agent to (N,) int
+        Users along which each agent moves.
+    **more
+        As of `gridslam.importers.sionna.network_from_sionna`.
+
+    Raises
+    ------
+    InputError
+        An array is missing, shapes that don't match, or agents that aren't the scene's.
+    """
+    return network_of(traced(datasets), scene, heading_rad, users, **more)
 
 
 def traced(datasets: Sequence[Mapping[str, Any]], users: ArrayLike | None = None) -> TracedPaths:

@@ -9,7 +9,7 @@ slope.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
+from gridslam.measurements.network import NetworkMeasurements
 from gridslam.measurements.table import Measurements
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import SPEED_OF_LIGHT
@@ -92,6 +93,19 @@ class TracedPaths:
             return np.concatenate(padded, axis=axis)
 
         return cls(**{field.name: column(field.name) for field in fields(cls)})
+
+    def at(self, steps: ArrayLike, where: str) -> TracedPaths:
+        """Those of some of the steps, in the order that is asked for.
+
+        Raises
+        ------
+        InputError
+            There is no such step; `where` says who asked.
+        """
+        rows, most = np.asarray(steps), len(self.delay_s)
+        if rows.ndim != 1 or rows.dtype.kind not in "iu" or ((rows < 0) | (rows >= most)).any():
+            raise InputError(where, f"shape {rows.shape}", f"whole numbers from 0 to {most - 1}")
+        return TracedPaths(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
 
 
 def plane_table(
@@ -183,3 +197,45 @@ def measurements_of(paths: TracedPaths, scene: Scene, heading_rad: ArrayLike, **
         "anchor_orientation_rad": scene.anchor_orientations,
     }
     return Measurements.from_arrays(**tables, **{**known, **more})
+
+
+def network_of(
+    paths: TracedPaths,
+    scene: Scene,
+    heading_rad: Mapping[str, ArrayLike],
+    steps: Mapping[str, ArrayLike],
+    **more: Any,
+) -> NetworkMeasurements:
+    """Measurements of several agents of what was traced for all of them.
+
+    Parameters
+    ----------
+    paths : TracedPaths
+        Places of all agents, in any order.
+    heading_rad : dict of agent to float or (N,) float, rad
+    steps : dict of agent to (N,) int
+        Which of the places it passes, step by step, all from the same first step.
+    truth : dict of agent to Trajectory, optional
+    **more
+        As of `measurements_of`, for all.
+
+    Raises
+    ------
+    InputError
+        Agents that aren't the scene's, or of which something is missing, or places that aren't there.
+    """
+    tracks = more.pop("truth", None) or {}
+    for what, given in (("heading_rad", heading_rad), ("truth", tracks)):
+        unknown = [name for name in given if name not in steps]
+        if unknown:
+            raise InputError(f"{what}: agent", repr(unknown[0]), ", ".join(steps) or "none here")
+    parts = {}
+    for name, own in steps.items():
+        scene.agent(name)
+        if name not in heading_rad:
+            raise InputError("heading_rad", f"none of {name!r}", f"one for each of {', '.join(steps)}")
+        mine = paths.at(own, f"steps of {name!r}")
+        parts[name] = measurements_of(
+            mine, scene, heading_rad[name], **more, agent=name, truth=tracks.get(name)
+        )
+    return NetworkMeasurements.of_agents(parts)

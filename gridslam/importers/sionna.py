@@ -8,7 +8,7 @@ path solver the first delays too: ``paths.cir(normalize_delays=True)`` shifts th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
-from gridslam.importers.raytracers import TracedPaths, measurements_of
+from gridslam.importers.raytracers import TracedPaths, measurements_of, network_of
+from gridslam.measurements.network import NetworkMeasurements
 from gridslam.measurements.table import Measurements
 from gridslam.world.scene import Scene
 
@@ -54,6 +55,39 @@ def measurements_from_sionna(
         Not such an object, or numbers of devices that don't match.
     """
     return measurements_of(traced(paths, uplink), scene, heading_rad, **more)
+
+
+def network_from_sionna(
+    paths: Any,
+    scene: Scene,
+    heading_rad: Mapping[str, ArrayLike],
+    receivers: Mapping[str, ArrayLike],
+    *,
+    uplink: bool = False,
+    **more: Any,
+) -> NetworkMeasurements:
+    """Take over what Sionna RT traced for several agents at once: exact paths, without noise or clocks.
+
+    `gridslam.simulation.network.receive_network` adds these.
+
+    Parameters
+    ----------
+    paths : sionna.rt.Paths, or a sequence of them
+        Its transmitters are the scene's anchors, in order; its receivers the places of all agents.
+    heading_rad : dict of agent to float or (N,) float, rad
+    receivers : dict of agent to (N,) int
+        Which of the receivers, counted over all objects, the agent is, step by step.
+    uplink : bool
+        Transmitters are the agents, receivers the anchors.
+    **more
+        As of `measurements_from_sionna`; ``truth`` is a dictionary of the agents' tracks.
+
+    Raises
+    ------
+    InputError
+        Not such an object, numbers of devices that don't match, or agents that aren't the scene's.
+    """
+    return network_of(traced(paths, uplink), scene, heading_rad, receivers, **more)
 
 
 def traced(paths: Any, uplink: bool = False) -> TracedPaths:

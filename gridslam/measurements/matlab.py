@@ -6,7 +6,8 @@ fields of one struct ``measurements``, as MATLAB writes it from a table::
     measurements = table2struct(readtable("heard.csv"), ToScalar=true); save heard.mat measurements
 
 ``anchor`` counts from 1, as MATLAB does, into the list of anchors, or holds their names (a cell array of
-character vectors). The list itself is the cell array ``anchors``, where it is given.
+character vectors). The list itself is the cell array ``anchors``, where it is given. A file of several agents
+has ``agent`` likewise, and its list ``agents``; an ``anchor`` that is 0, NaN or an empty name isn't known.
 
 No object is built from such a file: variables of other names are never read, and numbers and text are all
 that is taken of those that are. Version 7.3 is first tried in another process (`gridslam.io.hdf5_guard`).
@@ -30,6 +31,7 @@ from gridslam.world.columns import DEVIATIONS, KEYS, VALUES, Columns, check_colu
 
 GROUP = "measurements"
 COLUMNS = (*KEYS, *VALUES, *DEVIATIONS)
+AGENTS = ("agent", "agents")
 LARGEST_MAT_BYTES = 2**29
 """What a version 5 file may hold once it is unpacked; a larger table belongs into version 7.3."""
 MOST_NAMES = 1_000_000
@@ -60,8 +62,80 @@ def read_mat(
     InputError
         Not such a file, cut short, too large, or any fault of its content.
     """
-    raw = read_variables(path, (*COLUMNS, "anchors"), GROUP)
+    raw = read_variables(path, (*COLUMNS, "anchors", *AGENTS), GROUP)
+    several = len(set(np.ravel(raw["agent"]).tolist())) if "agent" in raw else 1
+    if several > 1:
+        raise InputError(f"{path}: agent", f"{several} agents", "one, or a method for several (network)")
     return _table(raw, anchors, checked, str(path))
+
+
+def names_agents(path: str | os.PathLike[str]) -> bool:
+    """Whether a MATLAB file has a variable ``agent``, or rows that don't say which anchor they are of.
+
+    Raises
+    ------
+    InputError
+        Not a MATLAB file.
+    """
+    raw = read_variables(path, ("step", "anchor", "agent"), GROUP)
+    return "agent" in raw or ("step" in raw and "anchor" not in raw)
+
+
+def read_network_mat(
+    path: str | os.PathLike[str],
+    anchors: Sequence[str] | None = None,
+    agents: Sequence[str] | None = None,
+    checked: bool = True,
+    pseudo: bool = False,
+) -> tuple[Columns, tuple[str, ...], tuple[str, ...]]:
+    """Read and check a MATLAB file of several agents, whose rows may leave open which anchor they are of.
+
+    Parameters
+    ----------
+    path, anchors, checked
+        As of `read_mat`.
+    agents : sequence of str, optional
+        Names of the agents; None takes the file's list ``agents``, or else the names in ``agent``, or counts
+        them. ``agent`` may be left out where there is one.
+    pseudo : bool
+        Whether distances may be negative.
+
+    Returns
+    -------
+    columns : dict of (K,) arrays
+        ``anchor`` is -1 where it isn't known.
+    anchors, agents : tuple of str
+
+    Raises
+    ------
+    InputError
+        As `read_mat`, or agents that aren't known.
+    """
+    raw = read_variables(path, (*COLUMNS, "anchors", *AGENTS), GROUP)
+    where = str(path)
+    listed = _listed(raw.pop("agents", None), f"{where}: agents")
+    if "step" not in raw:
+        raise InputError(where, "no variable 'step'", f"all of {','.join(KEYS)}, or a struct {GROUP!r}")
+    count = int(np.size(raw["step"]))
+    found = raw.pop("agent", None)
+    if found is None:
+        alone = listed if listed is not None else list(agents or ())
+        if len(alone) != 1:
+            raise InputError(where, "no variable 'agent'", "one, where there are several agents")
+        found = np.ones(count)
+    known = list(agents) if agents is not None else None
+    if isinstance(found, np.ndarray) and listed is not None:
+        number, names = _numbered(found, listed, f"{where}: agent")
+        found = [names[index] for index in number]
+    agent, whose = _numbered(found, known if known is not None else listed, f"{where}: agent")
+    if agent.size != count:
+        raise InputError(f"{where}: agent", f"{agent.size} values", f"{count}, as in step")
+    raw.setdefault("anchor", np.zeros(count))
+    columns, names = _table(raw, anchors, False, where, unlabelled=True)
+    columns["agent"] = agent
+    if checked:
+        check_columns(columns, len(names), lambda row, name: f"{where}: {name}({row + 1})", True, pseudo)
+    return columns, names, whose
 
 
 def read_variables(path: str | os.PathLike[str], names: Sequence[str], group: str) -> dict[str, Any]:
@@ -88,18 +162,19 @@ def read_variables(path: str | os.PathLike[str], names: Sequence[str], group: st
 
 
 def _table(
-    raw: dict[str, Any], anchors: Sequence[str] | None, checked: bool, path: str
+    raw: dict[str, Any],
+    anchors: Sequence[str] | None,
+    checked: bool,
+    path: str,
+    unlabelled: bool = False,
 ) -> tuple[Columns, tuple[str, ...]]:
     for name in KEYS:
         if name not in raw:
             raise InputError(path, f"no variable {name!r}", f"all of {','.join(KEYS)}, or a struct {GROUP!r}")
     if not set(raw) & set(VALUES):
         raise InputError(path, "no measured column", f"at least one of {','.join(VALUES)}")
-    listed = raw.pop("anchors", None) if anchors is None else list(anchors)
-    named = isinstance(listed, list) and all(isinstance(name, str) for name in listed)
-    if listed is not None and not named:
-        raise InputError(f"{path}: anchors", "something else", "a cell array of names")
-    number, names = _numbered(raw["anchor"], listed, path)
+    listed = _listed(raw.pop("anchors", None) if anchors is None else list(anchors), f"{path}: anchors")
+    number, names = _numbered(raw["anchor"], listed, f"{path}: anchor", unlabelled)
     columns: Columns = {}
     for name in COLUMNS:
         if name in raw:
@@ -116,24 +191,38 @@ def _table(
     return columns, names
 
 
-def _numbered(found: Any, listed: list[str] | None, path: str) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Column ``anchor`` as indices from 0, and the names that they point to."""
-    where = f"{path}: anchor"
+def _listed(listed: Any, where: str) -> list[str] | None:
+    """A list of names, where one is given."""
+    named = isinstance(listed, list) and all(isinstance(name, str) for name in listed)
+    if listed is not None and not named:
+        raise InputError(where, "something else", "a cell array of names")
+    return listed
+
+
+def _numbered(
+    found: Any, listed: list[str] | None, where: str, optional: bool = False
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """A column of names as indices from 0, and the names that they point to; -1 for none if `optional`."""
     if isinstance(found, list):
-        names = tuple(dict.fromkeys(found)) if listed is None else tuple(listed)
+        given = [name for name in found if name or not optional]
+        names = tuple(dict.fromkeys(given)) if listed is None else tuple(listed)
         place = {name: index for index, name in enumerate(names)}
-        for name in found:
+        for name in given:
             if name not in place:
                 raise InputError(where, repr(name), ", ".join(names))
-        return np.array([place[name] for name in found], dtype=np.intp), names
+        return np.array([place.get(name, -1) for name in found], dtype=np.intp), names
     number = _vector(found, where)
-    whole = (number >= 1) & (number == np.floor(number)) & (number <= MOST_NAMES)
+    if optional:
+        number = np.where(np.isnan(number), 0.0, number)
+    least = 0 if optional else 1
+    whole = (number >= least) & (number == np.floor(number)) & (number <= MOST_NAMES)
     if not whole.all():
-        raise InputError(where, str(number[~whole][0]), "numbers from 1, or names")
+        unknown = ", 0 where it isn't known" if optional else ""
+        raise InputError(where, str(number[~whole][0]), f"numbers from 1, or names{unknown}")
     highest = int(number.max(initial=1))
     names = tuple(f"{k + 1}" for k in range(highest)) if listed is None else tuple(listed)
     if highest > len(names):
-        raise InputError(where, str(highest), f"1 to {len(names)}")
+        raise InputError(where, str(highest), f"{least} to {len(names)}")
     return number.astype(np.intp) - 1, names
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gridslam.errors import InputError
 from gridslam.io.files import get, put, reading_h5, subgroup, writing_h5
-from gridslam.measurements import csv_hdf5
+from gridslam.measurements import csv_hdf5, matlab
 from gridslam.measurements.table import Measurements
 from gridslam.world.clocks import ClockTruth
 from gridslam.world.columns import DEVIATIONS, KEYS, VALUES, Columns
@@ -150,6 +150,50 @@ class NetworkMeasurements:
         table = replace(self.table, **columns, steps=len(self))
         return NetworkMeasurements(tuple(names), table, place[self.agent[mine]], present, tracks, self.clocks)
 
+    @classmethod
+    def of_agents(
+        cls, parts: Mapping[str, Measurements], clocks: ClockTruth | None = None
+    ) -> NetworkMeasurements:
+        """Put the tables of several agents, of the same anchors and steps, into one.
+
+        Parameters
+        ----------
+        parts : dict of agent to Measurements
+            Their steps count from the same first one, and are at the same times; an agent is there from its
+            first row to the last of its own steps.
+        clocks : ClockTruth, optional
+
+        Raises
+        ------
+        InputError
+            None at all, other anchors, columns or times, or an agent who heard nothing.
+        """
+        if not parts:
+            raise InputError("measurements: agents", "none", "at least one")
+        (one, first), *others = parts.items()
+        for name, part in others:
+            for what, own, known in (
+                ("anchors", part.anchors, first.anchors),
+                ("columns", tuple(part.columns), tuple(first.columns)),
+            ):
+                if own != known:
+                    found, allowed = ", ".join(own), f"{', '.join(known)}, as of {one!r}"
+                    raise InputError(f"measurements: {what} of {name!r}", found, allowed)
+        whole = {key: np.concatenate([part.columns[key] for part in parts.values()]) for key in first.columns}
+        count = [len(part.step) for part in parts.values()]
+        agent = np.repeat(np.arange(len(parts)), count)
+        order = np.argsort(whole["step"], kind="stable")
+        rows: dict[str, Any] = {key: values[order] for key, values in whole.items()}
+        each = list(parts.values())
+        table = replace(
+            first, **rows, steps=max(part.steps for part in each), truth=None,
+            unlabelled=any(part.unlabelled for part in each), pseudo=any(part.pseudo for part in each),
+        )  # fmt: skip
+        heard = [part.step[0] if len(part.step) else 0 for part in each]
+        present = [[start, part.steps - 1] for start, part in zip(heard, each, strict=True)]
+        tracks = {name: part.truth for name, part in parts.items() if part.truth is not None}
+        return cls(tuple(parts), table, agent[order], np.array(present, np.intp), tracks, clocks)
+
     def without_labels(self) -> NetworkMeasurements:
         """The same with nothing known of whose a row is."""
         table = replace(self.table, anchor=np.full_like(self.table.anchor, -1), unlabelled=True)
@@ -189,6 +233,33 @@ class NetworkMeasurements:
         """
         with csv_hdf5.located(path):
             columns, names, whose = csv_hdf5.read_csv(path, anchors, True, pseudo, agents, True)
+            table = {"anchors": names, "unlabelled": True, "pseudo": pseudo}
+            return _collected(cls, columns, table, whose)
+
+    @classmethod
+    def from_mat(
+        cls, path: str | os.PathLike[str], anchors: Sequence[str], agents: Sequence[str] | None = None,
+        pseudo: bool = False,
+    ) -> NetworkMeasurements:  # fmt: skip
+        """Read a MATLAB file with a variable ``agent``; ``anchor`` may be left out, 0, NaN or an empty name.
+
+        Parameters
+        ----------
+        path : path
+        anchors : sequence of str
+            Names of the anchors, in the scene's order; the file numbers them from 1 or names them.
+        agents : sequence of str, optional
+            Names of the agents, likewise; without it, those that the file names, or their numbers.
+        pseudo : bool
+            Whether distances hold offsets of clocks, and may be negative.
+
+        Raises
+        ------
+        InputError
+            Not such a file, cut short, or any fault in its content.
+        """
+        with csv_hdf5.located(path):
+            columns, names, whose = matlab.read_network_mat(path, anchors, agents, pseudo=pseudo)
             table = {"anchors": names, "unlabelled": True, "pseudo": pseudo}
             return _collected(cls, columns, table, whose)
 
@@ -246,16 +317,17 @@ class NetworkMeasurements:
         cls, path: str | os.PathLike[str], anchors: Sequence[str], agents: Sequence[str] | None = None,
         pseudo: bool = False,
     ) -> NetworkMeasurements:  # fmt: skip
-        """Read a CSV file, or HDF5 under any other name.
+        """Read a file of any known kind: ``.csv``, ``.mat``, and HDF5 under any other name.
 
         Raises
         ------
         InputError
             As the reader of its kind.
         """
-        if os.path.splitext(os.fspath(path))[1].lower() == ".csv":
+        kind = os.path.splitext(os.fspath(path))[1].lower()
+        if kind == ".csv":
             return cls.from_csv(path, anchors, agents, pseudo)
-        return cls.from_h5(path)
+        return cls.from_mat(path, anchors, agents, pseudo) if kind == ".mat" else cls.from_h5(path)
 
     def _columns(self) -> Columns:
         """Columns of the file, in its order."""

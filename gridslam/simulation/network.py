@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, overload
 
@@ -17,7 +17,9 @@ from gridslam.simulation.clocks import apparent_bias, clock_truth
 from gridslam.simulation.image_source import Truth, true_paths
 from gridslam.simulation.image_source import simulate as simulate_one
 from gridslam.simulation.reception import received
+from gridslam.simulation.true_paths import TruePaths
 from gridslam.world.clocks import ClockTruth
+from gridslam.world.columns import DEVIATIONS, VALUES
 from gridslam.world.network_scene import require_agents
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
@@ -119,19 +121,104 @@ def shared_air(
     """
     require_agents(scene, names)
     interval = scene.agent(names[0]).interval_s
-    tables, truths, firsts = [], dict[str, Truth](), dict[str, int]()
-    for index, name in enumerate(names):
+    for name in names:
         if scene.agent(name).interval_s != interval:
             where = f"{scene.name}: agents[{scene.agents.index(scene.agent(name))}].interval_s"
             raise InputError(where, str(scene.agent(name).interval_s), f"{interval}, as of {names[0]!r}")
-        first, track = presence(scene, name)
-        paths = true_paths(scene, name, track)
-        rate = scene.radio.false_alarms / sharing
-        offset = apparent_bias(scene, name, track.time_s, seed) if scene.clocks is not None else None
-        columns, cause = received(paths, scene, name, seed, len(track), offset, rate)
+    there = {name: presence(scene, name) for name in names}
+    steps = max(first + len(track) for first, track in there.values())
+    times = _times(interval, 0, steps)
+    paths = {name: true_paths(scene, name, track) for name, (_, track) in there.items()}
+    present = {name: (first, first + len(track) - 1) for name, (first, track) in there.items()}
+    rows, cause, agent = _heard(scene, paths, present, times, seed, scene.radio.false_alarms / sharing)
+    source = np.where(cause < 0, -1, rows["anchor"])
+    clocks = clock_truth(scene, names, times, seed)
+    table = Measurements(
+        anchors=scene.anchor_names,
+        anchor_position_m=scene.anchor_places,
+        anchor_orientation_rad=scene.anchor_orientations,
+        interval_s=interval,
+        steps=steps,
+        pseudo=scene.clocks is not None,
+        **rows,
+    )
+    truths = {name: Truth(track, paths[name], scene.segments()) for name, (_, track) in there.items()}
+    tracks = {name: track for name, (_, track) in there.items()}
+    known, spans = clocks if scene.clocks is not None else None, np.array(list(present.values()))
+    heard = NetworkMeasurements(tuple(names), table, agent, spans, tracks, known)
+    firsts = {name: first for name, (first, _) in there.items()}
+    return heard, NetworkTruth(truths, firsts, cause, source, clocks)
+
+
+def receive_network(
+    clean: NetworkMeasurements, scene: Scene, seed: int = 0, unlabelled: bool = False
+) -> NetworkMeasurements:
+    """What the scene's radio and clocks would make of several agents' exact paths, as of a ray tracer.
+
+    Noise, missed paths, clutter, offsets of clocks and the order of rows as in `simulate`; every path needs
+    all four quantities.
+
+    Parameters
+    ----------
+    clean : NetworkMeasurements
+        With labels, as `gs.network_from_sionna` makes them.
+    unlabelled : bool
+        As of `simulate`.
+
+    Raises
+    ------
+    InputError
+        The anchors or agents aren't the scene's, a label or a quantity is missing.
+    """
+    if clean.table.anchors != scene.anchor_names:
+        raise InputError("measurements: anchors", str(clean.table.anchors), str(scene.anchor_names))
+    require_agents(scene, clean.agents)
+    if (clean.table.anchor < 0).any():
+        raise InputError("measurements: anchor", "rows without it", "the anchor of every path")
+    for name in VALUES:
+        if np.isnan(getattr(clean.table, name)).any():
+            raise InputError(f"measurements: {name}", "paths without it", "a value for every path")
+    times, spans = clean.table.times_s, np.asarray(clean.present)
+    present = {name: (int(first), int(last)) for name, (first, last) in zip(clean.agents, spans, strict=True)}
+    parts = {name: clean[name] for name in clean.agents}
+    paths = {name: replace(part, step=part.step - present[name][0]) for name, part in parts.items()}
+    rate = scene.radio.false_alarms / (len(scene.anchors) if unlabelled else 1)
+    rows, _, agent = _heard(scene, paths, present, times, seed, rate)
+    known = scene.clocks is not None
+    changes = {**dict.fromkeys(DEVIATIONS), **rows, "steps": len(clean), "pseudo": known}
+    clocks = clock_truth(scene, clean.agents, times, seed) if known else None
+    heard = replace(clean, table=replace(clean.table, **changes), agent=agent, clocks=clocks)
+    return heard.without_labels() if unlabelled else heard
+
+
+def _heard(
+    scene: Scene,
+    paths: Mapping[str, TruePaths | Measurements],
+    present: Mapping[str, tuple[int, int]],
+    times: Array,
+    seed: int,
+    rate: float,
+) -> tuple[dict[str, Any], NDArray[np.intp], NDArray[np.intp]]:
+    """Rows of all agents in random order within a step, the path of each (-1: clutter), and its agent.
+
+    Parameters
+    ----------
+    paths
+        Of each agent; their steps count from its first.
+    present
+        First and last step of each.
+    times : (N,) s
+    rate : float
+        Clutter of each anchor, per step.
+    """
+    tables = []
+    for index, (name, own) in enumerate(paths.items()):
+        first, last = present[name]
+        there = times[first : last + 1]
+        offset = apparent_bias(scene, name, there, seed) if scene.clocks is not None else None
+        columns, cause = received(own, scene, name, seed, len(there), offset, rate)
         columns["step"] = columns["step"] + first
         tables.append(columns | {"cause": cause, "agent": np.full(len(cause), index)})
-        truths[name], firsts[name] = Truth(track, paths, scene.segments()), first
     whole = {key: np.concatenate([table[key] for table in tables]) for key in tables[0]}
     # by what doesn't depend on clocks, so that these don't change which rows come first
     ranked = np.lexsort((whole["aoa_rad"], whole["cause"], whole["agent"], whole["step"]))
@@ -139,25 +226,8 @@ def shared_air(
     draw[ranked] = np.random.default_rng([seed, STREAM]).random(len(ranked))
     order = np.lexsort((draw, whole["agent"], whole["step"]))
     rows: dict[str, Any] = {key: column[order] for key, column in whole.items()}
-    cause, agent = rows.pop("cause"), rows.pop("agent")
-    source = np.where(cause < 0, -1, rows["anchor"])
-    steps = max(firsts[name] + len(truths[name].trajectory) for name in names)
-    present = [[firsts[name], firsts[name] + len(truths[name].trajectory) - 1] for name in names]
-    clocks = clock_truth(scene, names, _times(interval, 0, steps), seed)
-    table = Measurements(
-        anchors=scene.anchor_names,
-        anchor_position_m=scene.anchor_places,
-        anchor_orientation_rad=scene.anchor_orientations,
-        interval_s=interval,
-        steps=steps,
-        time_s=interval * rows["step"],
-        pseudo=scene.clocks is not None,
-        **rows,
-    )
-    tracks = {name: truth.trajectory for name, truth in truths.items()}
-    known = clocks if scene.clocks is not None else None
-    heard = NetworkMeasurements(tuple(names), table, agent, np.array(present), tracks, known)
-    return heard, NetworkTruth(truths, firsts, cause, source, clocks)
+    rows["time_s"] = times[rows["step"]]
+    return rows, rows.pop("cause"), rows.pop("agent")
 
 
 def presence(scene: Scene, name: str) -> tuple[int, Trajectory]:

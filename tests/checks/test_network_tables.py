@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 import gridslam as gs
 from gridslam.checks.network_tables import describe_network, is_network
@@ -47,6 +48,18 @@ def test_clocks_and_labels_that_are_missing_are_named(scene, tmp_path):
     assert len(suspects) == 2
     assert "[clocks]" in suspects[0]
     assert "labels are missing on" in suspects[1]
+
+
+def test_matlab_files_of_several_agents_are_described(scene, tmp_path):
+    heard = gs.simulate(scene, ["agent1", "agent3"])
+    rows = {key: values[:, None] for key, values in heard.table.columns.items()}
+    rows |= {"anchor": heard.table.anchor[:, None] + 1.0, "agent": 2 * heard.agent[:, None] + 1.0}
+    savemat(tmp_path / "a.mat", rows)
+    assert is_network(tmp_path / "a.mat")
+    for told in (scene, None):
+        assert "of 2 agents" in describe_network(tmp_path / "a.mat", told)[0]
+    savemat(tmp_path / "b.mat", {key: value for key, value in rows.items() if key != "agent"})
+    assert not is_network(tmp_path / "b.mat")
 
 
 def test_tables_of_one_agent_are_none_of_these(tmp_path):

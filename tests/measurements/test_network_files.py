@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 from tables import same, table
 
 from gridslam.errors import InputError
@@ -119,3 +120,64 @@ def test_one_agents_reader_refuses_several(tmp_path):
         Measurements.from_csv(tmp_path / "b.csv")
     with pytest.raises(InputError, match="2 agents"):
         Measurements.from_h5(tmp_path / "a.h5")
+
+
+def mat(path, **changes):
+    """The network's rows as MATLAB holds a table; anchors counted from 1, 0 where not known."""
+    heard = network()
+    rows = {key: values[:, None] for key, values in heard.table.columns.items()}
+    rows |= {"anchor": heard.table.anchor[:, None] + 1.0, "agent": heard.agent[:, None] + 1.0}
+    whole = {key: value for key, value in (rows | changes).items() if value is not None}
+    savemat(path, {"measurements": whole})
+    return path
+
+
+def names(*words):
+    return np.array([*words, None], dtype=object)[:-1].reshape(-1, 1)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"agent": names("me", "you", "me", "you"), "anchor": names("", "B", "A", "")},
+        {"agent": np.array([[2.0], [1], [2], [1]]), "agents": names("you", "me")},
+    ],
+    ids=["numbers", "names", "own list"],
+)
+def test_matlab_files_of_several_agents_read_as_csv(tmp_path, changes):
+    heard = network()
+    read = NetworkMeasurements.load(mat(tmp_path / "a.mat", **changes), ANCHORS, ["me", "you"], pseudo=True)
+    assert read.agents == ("me", "you")
+    np.testing.assert_array_equal(read.agent, heard.agent)
+    same(read.table, heard.table)
+
+
+@pytest.mark.parametrize(
+    ("changes", "agents", "says"),
+    [
+        ({"agent": np.array([[1.0], [3], [1], [1]])}, ["me", "you"], r"agent: found 3; allowed: 1 to 2"),
+        ({"agent": names("me", "he", "me", "me")}, ["me", "you"], r"agent: found 'he'; allowed: me, you"),
+        ({"agent": None}, ["me", "you"], "no variable 'agent'"),
+        ({"agent": np.ones((3, 1))}, ["me"], "agent: found 3 values; allowed: 4, as in step"),
+        ({"anchor": names("", "Z", "A", "")}, ["me", "you"], r"anchor: found 'Z'; allowed: A, B"),
+        (
+            {"anchor": np.array([[-2.0], [1], [1], [1]])},
+            ["me", "you"],
+            "anchor: found -2.0; .*0 where it isn't",
+        ),
+    ],
+)
+def test_fault_of_a_matlab_file_of_several_agents_is_one_line(tmp_path, changes, agents, says):
+    with pytest.raises(InputError, match=says) as caught:
+        NetworkMeasurements.from_mat(mat(tmp_path / "a.mat", **changes), ANCHORS, agents, pseudo=True)
+    assert "\n" not in str(caught.value)
+    assert "a.mat" in str(caught.value)
+
+
+def test_a_reader_of_one_agent_refuses_a_matlab_file_of_two(tmp_path):
+    path = mat(tmp_path / "a.mat", anchor=np.ones((4, 1)), distance_m=np.ones((4, 1)))
+    with pytest.raises(InputError, match="agent: found 2 agents"):
+        Measurements.from_mat(path)
+    alone = mat(tmp_path / "b.mat", anchor=np.ones((4, 1)), distance_m=np.ones((4, 1)), agent=np.ones((4, 1)))
+    assert len(Measurements.from_mat(alone).step) == 4
