@@ -8,10 +8,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from gridslam.checks.network_labels import label_and_clock_lines
 from gridslam.errors import InputError
 from gridslam.io.files import reading_h5
 from gridslam.measurements import csv_hdf5, matlab
 from gridslam.measurements.network import NetworkMeasurements
+from gridslam.runs.network_run import check_names
 from gridslam.world.scene import Scene
 
 
@@ -81,6 +83,7 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
     if scene is not None:
         absent = [body.name for body in scene.agents if body.present_s and body.name not in heard.agents]
         lines += [f"suspect: agent {name} should be there and has no row" for name in absent]
+        lines += label_and_clock_lines(heard, scene)
     if not named.all() or len(heard.agents) > 1:
         lines.append("  for --method network or network_grid")
     return lines
@@ -89,7 +92,10 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
 def _read(path: str | os.PathLike[str], scene: Scene | None) -> NetworkMeasurements:
     if scene is not None:
         agents = [agent.name for agent in scene.agents]
-        return NetworkMeasurements.load(path, scene.anchor_names, agents, pseudo=True)
+        heard = NetworkMeasurements.load(path, scene.anchor_names, agents, pseudo=True)
+        with csv_hdf5.located(path):
+            check_names(scene, heard)
+        return heard
     kind = Path(path).suffix.lower()
     if kind not in (".csv", ".mat"):
         return NetworkMeasurements.from_h5(path)

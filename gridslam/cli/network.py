@@ -167,12 +167,14 @@ def recorded_network(world: Scene, file: Path, agents: list[str] | None) -> Netw
 
     import numpy as np
 
+    from gridslam.measurements.csv_hdf5 import located
     from gridslam.measurements.network import NetworkMeasurements
     from gridslam.runs.network_run import check_network
 
     known = [agent.name for agent in world.agents]
     heard = NetworkMeasurements.load(file, world.anchor_names, known, world.clocks is not None)
-    check_network(world, heard)
+    with located(file):
+        check_network(world, heard)
     times = np.array([heard.table.scan(step).time_s for step in range(len(heard))])
     within = [body.name for body in world.agents if body.present_s and body.present_s[0] <= times[-1]]
     wanted = agents or [name for name in known if name in heard.agents or name in within]

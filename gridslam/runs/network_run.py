@@ -285,15 +285,26 @@ def check_network(scene: Scene, measurements: NetworkMeasurements) -> None:
     InputError
         The first that is found.
     """
+    check_names(scene, measurements)
+    negative = np.flatnonzero(measurements.table.distance_m <= 0)
+    if scene.clocks is None and len(negative):
+        found = f"{measurements.table.distance_m[negative[0]]:.6g}"
+        raise InputError("measurements: distance_m", found, "above 0, in a scene without [clocks]")
+
+
+def check_names(scene: Scene, measurements: NetworkMeasurements) -> None:
+    """Refuse measurements of other agents or anchors than the scene's.
+
+    Raises
+    ------
+    InputError
+        The first that is found.
+    """
     for name in measurements.agents:
         if name not in [agent.name for agent in scene.agents]:
             known = ", ".join(agent.name for agent in scene.agents)
             raise InputError("measurements: agents", repr(name), known or "none here")
     check_anchors(scene, measurements.table)
-    negative = np.flatnonzero(measurements.table.distance_m <= 0)
-    if scene.clocks is None and len(negative):
-        found = f"{measurements.table.distance_m[negative[0]]:.6g}"
-        raise InputError("measurements: distance_m", found, "above 0, in a scene without [clocks]")
 
 
 def _run(

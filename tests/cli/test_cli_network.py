@@ -3,6 +3,7 @@
 import csv
 import json
 import signal
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -177,3 +178,54 @@ def test_recorded_measurements_are_scored_by_the_tracks_that_are_given(say, tmp_
         assert f"--truth: found {item}; allowed: NAME=FILE.tum, one for each of agent1, agent2" in said.err
     said = say(*NETWORK, "--truth", "agent1=agent1.tum", "-o", "two")
     assert "only together with --measurements" in said.err
+
+
+def agent_twice(scene, heard):
+    return scene.replace('name = "agent2"', 'name = "agent1"'), heard
+
+
+def agent_elsewhere(scene, heard):
+    return scene.replace('name = "agent2"', 'name = "other"'), heard
+
+
+def no_prior(scene, heard):
+    lines = [line for line in scene.splitlines() if not line.startswith("anchor_prior_ns")]
+    return "\n".join(lines), heard
+
+
+def some_labels(scene, heard):
+    label = np.where(np.arange(len(heard.agent)) % 2, heard.table.anchor, -1)
+    table = replace(heard.table, anchor=label, unlabelled=True)
+    return scene.replace('name = "C"', 'name = "Z"'), replace(heard, table=table)
+
+
+@pytest.mark.parametrize("kind", ["csv", "h5"])
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (agent_twice, "agents[1].name: found 'agent1'; allowed: a name that isn't taken"),
+        (agent_elsewhere, "agent{kind}: found 'agent2'; allowed: agent1, other"),
+        (no_prior, "clocks.anchor_prior_ns: found neither it nor a reference; allowed: a half width"),
+        (some_labels, "anchor{kind}: found {found}; allowed: A, B, Z, D"),
+    ],
+)
+def test_what_does_not_belong_together_is_one_line_of_run_and_check(
+    say, short_exchange, tmp_path, kind, spoil, says
+):
+    scene = gs.Scene.load(tmp_path / short_exchange)
+    text, heard = spoil(scene.to_toml(), gs.simulate(scene, ["agent1", "agent2"], seed=1))
+    (tmp_path / "spoilt.toml").write_text(text)
+    path = tmp_path / f"heard.{kind}"
+    (heard.to_csv if kind == "csv" else heard.to_h5)(path)
+    found = "'C'" if kind == "csv" else "A, B, C, D"
+    says = says.format(kind="" if kind == "csv" else "s", found=found)
+    run = "run", "spoilt.toml", "--method", "network", "--measurements", path.name, "-o", "out"
+    for words in (run, ("check", path.name, "--scene", "spoilt.toml")):
+        said = say(*words)
+        assert said.code == 2
+        assert says in said.err
+        assert ("spoilt.toml" if "allowed: a name" in says or "prior" in says else path.name) in said.err
+        assert said.err.strip().count("\n") == 0
+        assert not said.out.strip()
+    assert not (tmp_path / "out").exists()
+    assert path.exists()

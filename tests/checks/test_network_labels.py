@@ -1,0 +1,118 @@
+"""Labels and clocks of several agents that don't fit the scene are named; those that do are left in peace."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.checks.network_labels import crossed, label_and_clock_lines
+from gridslam.checks.network_tables import describe_network
+
+STEPS = 40
+
+
+def short(name="exchange", **changes):
+    whole = gs.Scene.load(name).model_dump(exclude_none=True)
+    for agent in whole["agents"]:
+        agent["steps"] = STEPS
+    return whole | changes
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return gs.Scene.checked(short(), "short")
+
+
+@pytest.fixture(scope="module")
+def heard(scene):
+    return gs.simulate(scene, ["agent1", "agent3"], seed=101)
+
+
+def relabelled(heard, change):
+    anchor = heard.table.anchor.copy()
+    change(anchor)
+    return replace(heard, table=replace(heard.table, anchor=anchor))
+
+
+def still(scene, names=("agent1", "agent3"), **clocks):
+    """The same scene with clocks that are believed to be right, or with other priors."""
+    whole = short()
+    if clocks:
+        whole["clocks"] = whole["clocks"] | clocks
+    else:
+        whole.pop("clocks")
+        for device in whole["anchors"] + whole["agents"]:
+            device.pop("clock", None)
+    return gs.Scene.checked(whole, "still")
+
+
+@pytest.mark.parametrize("name", ["exchange", "annex"])
+def test_what_fits_is_not_suspected(name):
+    whole = gs.Scene.checked(short(name), "short")
+    names = [agent.name for agent in whole.agents][:2]
+    for seed in (201, 202):
+        heard = gs.simulate(whole, names, seed)
+        assert label_and_clock_lines(heard, whole) == []
+        assert label_and_clock_lines(heard.without_labels(), whole) == []
+
+
+def test_exchanged_labels_of_one_agent_or_of_all_are_named(scene, heard):
+    def exchange(anchor, mine):
+        one, other = mine & (anchor == 1), mine & (anchor == 2)
+        anchor[one], anchor[other] = 2, 1
+
+    one = relabelled(heard, lambda anchor: exchange(anchor, heard.agent == 1))
+    told = "C is the scene's B, B is the scene's C"
+    assert label_and_clock_lines(one, scene) == [f"suspect: labels exchanged for agent3: {told}"]
+    both = relabelled(heard, lambda anchor: exchange(anchor, heard.agent >= 0))
+    assert label_and_clock_lines(both, scene) == [f"suspect: labels exchanged for all agents: {told}"]
+
+
+def test_rows_with_another_anchors_label_are_counted(scene, heard):
+    def some(anchor):
+        rows = np.flatnonzero((heard.agent == 0) & (anchor == 3))
+        anchor[rows[::3]] = 0
+
+    lines = label_and_clock_lines(relabelled(heard, some), scene)
+    assert len(lines) == 1
+    assert lines[0].startswith("suspect: agent1: ")
+    assert lines[0].endswith("of the line of sight to D are labelled A")
+
+
+def test_offsets_without_clocks_or_beyond_their_priors_are_named(scene, heard):
+    for unlabelled in (False, True):
+        told = heard.without_labels() if unlabelled else heard
+        lines = label_and_clock_lines(told, still(scene))
+        assert len(lines) == 4
+        assert all("give the scene a table [clocks]" in line for line in lines)
+    offsets = [float(line.split("by ")[1].split(" m")[0]) for line in lines]
+    np.testing.assert_allclose(offsets, np.array([-29.5, -9.5, 10.5, 30.5]), atol=0.5)
+    narrow = label_and_clock_lines(heard, still(scene, anchor_prior_ns=50.0))
+    assert [line.split(" are off")[0][-1] for line in narrow] == ["A", "D"]
+    assert all("prior in [clocks] is too narrow" in line for line in narrow)
+
+
+def test_too_few_lines_of_sight_say_nothing(scene, heard):
+    bare = replace(heard.table, aod_rad=np.full_like(heard.table.aod_rad, np.nan))
+    lines = label_and_clock_lines(replace(heard, table=bare), scene)
+    assert lines == ["  agent1, agent3: too few lines of sight to judge labels and clocks by"]
+
+
+def test_check_says_so_and_leaves_exit_code_1(say, scene, heard, tmp_path):
+    (tmp_path / "s.toml").write_text(scene.to_toml())
+    swapped = relabelled(heard, lambda anchor: np.copyto(anchor, np.array([1, 0, 2, 3])[anchor]))
+    swapped.to_csv(tmp_path / "a.csv")
+    said = say("check", str(tmp_path / "a.csv"), "--scene", str(tmp_path / "s.toml"))
+    assert said.code == 1
+    assert "suspect: labels exchanged for all agents: B is the scene's A, A is the scene's B" in said.out
+    assert not any("suspect" in line for line in describe_network(tmp_path / "a.csv"))
+
+
+def test_directions_cross_where_they_meet():
+    place = np.array([[0.0, 0], [4, 0], [0, 0], [1, 0], [0, 0]])
+    point = np.array([[1.0, 2], [1, 2], [3, 0], [3, 0], [5, 5]])
+    away = point - place
+    found = crossed(np.array([0, 0, 1, 1, 2]), place, np.arctan2(away[:, 1], away[:, 0]), np.hypot(*away.T))
+    np.testing.assert_allclose(found[:2], point[:2], atol=1e-9)
+    assert np.isnan(found[2:]).all()  # parallel ones, and one alone
