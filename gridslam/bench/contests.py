@@ -43,10 +43,10 @@ def _senders(case: Case) -> NDArray[np.intp]:
 def _visits(case: Case) -> int:
     """Cells that the rays of possible paths cross, and those that they meet, each counted once.
 
-    The kernel casts them all for V, and walks those of sending paths again for their messages.
+    Of paths that may send: others aren't cast. The kernel walks them for V, and again for their messages.
     """
-    total = 0
-    for rays, count in zip(_drawn(case), case["path"][: _listed(case), 0], strict=True):
+    total, likely = 0, case["factor"][: _listed(case), 1] > 0.5
+    for rays, count in zip(_drawn(case)[likely], case["path"][: _listed(case)][likely, 0], strict=True):
         for row in rays[rays[:, 12] > 0.5]:
             corners, normals = row[:8].reshape(4, 2)[: count + 2], row[8:12].reshape(2, 2)[:count]
             crossed, met = reference.cells_of(corners, normals, case["frame"], case["where"].shape)

@@ -110,7 +110,8 @@ def cast(
 
     Nothing is cast if no root of the covariance was found.
     A path sends only if it is possible at more than the least share of its states; an impossible ray has V 0.
-    Beliefs about coefficients where rays meet walls are written if `products` has rows.
+    Beliefs about coefficients where rays meet walls are written if `products` has rows; if not, paths that
+    aren't to send aren't cast, and count as impossible.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
@@ -126,7 +127,8 @@ def cast(
                 count, a = listed.path[row, 0], casting.factor[row, 0]
                 total, known, hits, possible = ti.cast(0.0, ti.f64), 0, 0, 0
                 open_to, middle = ti.cast(0.0, ti.f64), ti.Vector([0.0, 0.0, 0.0, 0.0], dt=ti.f64)
-                for ray in range(rays):
+                wanted = casting.products.shape[0] > 0 or casting.factor[row, 1] > 0.5
+                for ray in range(rays if wanted else 0):
                     draw_path(draft.state, listed.path, places, row, ray, casting.drawn)
                     casting.drawn[row * rays + ray, 13] = 0.0
                     possible += ti.cast(casting.drawn[row * rays + ray, 12], ti.i32)

@@ -7,6 +7,8 @@ import numpy as np
 import gridslam as gs
 from gridslam.inference.messages.cells import cast_at, casting_of, update_cells
 from gridslam.inference.state.grid import Grid
+from gridslam.inference.state.particles import Cloud, Sampling
+from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import BINS, SurfaceBank
 from gridslam.inference.workspace.workspace import Workspace
@@ -74,3 +76,16 @@ class Plot:
     def fold_messages(self):
         """Fold the messages in."""
         self.state = update_cells(self.state, work=self.work)
+
+
+def sighting(plot, worth=9.0):
+    """Tell 4 x 4 cells of a line of sight along their diagonal."""
+    one, none = np.ones(1), np.full(1, -1)
+    ray = Rays.of(np.zeros(1, int), np.zeros(1, int), none, none, one, one)
+    samples = Sampling.at(Cloud(np.array([[3.5, 3.5, 0.0]]).T, 0.0))
+    plot.tell(ray, samples, [[0.5, 0.5, 0.0]], worth)
+
+
+def small():
+    """4 x 4 cells and an anchor."""
+    return Plot((4, 4), 5.0, anchors=[[0.5, 0.5]])

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from enumeration import enumerate_marginals
-from filter_states import Plot
+from filter_states import Plot, sighting, small
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
@@ -267,18 +267,6 @@ def test_worthless_paths_tell_cells_nothing_and_never_list_more_than_there_are(w
     assert (touched[1::2, -1] == -7).all(), "the list of cells that are met is never full"
     plot.fold_messages()
     assert plot.grid.observed.any() == (worth == 3.0)
-
-
-def sighting(plot, worth=9.0):
-    """Tell 4 x 4 cells of a line of sight along their diagonal."""
-    one, none = np.ones(1), np.full(1, -1)
-    ray = Rays.of(np.zeros(1, int), np.zeros(1, int), none, none, one, one)
-    samples = Sampling.at(Cloud(np.array([[3.5, 3.5, 0.0]]).T, 0.0))
-    plot.tell(ray, samples, [[0.5, 0.5, 0.0]], worth)
-
-
-def small():
-    return Plot((4, 4), 5.0, anchors=[[0.5, 0.5]])
 
 
 def test_messages_of_an_interrupted_step_are_forgotten_by_the_next():

@@ -85,9 +85,9 @@ def cast_paths(
 
 @timed("cells")
 def cast_messages(state: State, model: FilterModel, *, work: Workspace) -> Polylines:
-    """Cast all paths of a step, and add their messages to the cells', eqs. (43)-(45), in the workspace.
+    """Cast a step's likely paths, and add their messages to the cells', eqs. (43)-(45), in the workspace.
 
-    The next call reuses the arrays.
+    Those that are too unlikely to send count as impossible. The next call reuses the arrays.
     """
     messages, anchors = work.messages, len(model.anchors)
     if messages.among[0] > len(state.surfaces) or messages.among[1] > anchors:
@@ -115,10 +115,8 @@ def cast_at(samples: Sampling, grid: Grid, cast: Casting, anchors: Array, work: 
 @timed("cells")
 def update_cells(state: State, *, work: Workspace) -> State:
     """Fold the messages of all paths and anchors into the beliefs of the cells, eq. (46)."""
-    grid, cells = state.require_grid(), work.require_cells()
-    cells.occupancy(grid)
-    evidence, observed = cells.fold(grid, cells.scratch.message, cells.scratch.news)
-    cells.unsettled = False
+    grid = state.require_grid()
+    evidence, observed = work.require_cells().fold(grid)
     return replace(state, grid=replace(grid, evidence=evidence, observed=observed))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import weakref
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,8 @@ MOSTLY_POSSIBLE = 0.8
 """Share of a path's samples that must be possible before it sends messages to cells."""
 EVIDENCE_CLIP = 12.0
 CLEAR_ANCHOR_M = 0.35
+OCCUPANCY_BYTES = 64_000_000
+"""What occupancies of several hypotheses' grids may take; that of one is kept anyway."""
 OUTSIDE = 0.1
 """Factor of a hit outside the grid."""
 OTHER_MATERIAL = 0.05
@@ -24,7 +28,7 @@ OTHER_MATERIAL = 0.05
 
 
 class CellBuffers:
-    """Arrays of all cells that belong to a workspace: occupancy in both roles, and casting's scratch.
+    """Arrays of all cells that belong to a workspace: occupancies in both roles, and casting's scratch.
 
     Raises
     ------
@@ -48,9 +52,9 @@ class CellBuffers:
         self.frame = np.array([*origin, cell, OUTSIDE, EVIDENCE_CLIP, 0.0, OTHER_MATERIAL])
         self.frame_of_messages = self.frame.copy()
         self.frame_of_messages[5] = MOSTLY_POSSIBLE
-        self.occupied = runtime.room((2, self.count))
-        self.occupied_by: Array | None = None
-        """Evidence that the occupancy follows from; None for none."""
+        self._most = max(1, OCCUPANCY_BYTES // (8 * self.count))
+        self._known: list[tuple[weakref.ref[Array], runtime.Resident]] = []
+        """Occupancies, with the evidence that each follows from; the one asked for last is the last."""
         self.unsettled = False
         """Whether messages may wait that no step has taken in."""
         self.scratch = Slabs(
@@ -71,26 +75,55 @@ class CellBuffers:
             self.unsettled = False
 
     def occupancy(self, grid: Grid) -> runtime.Resident:
-        """Occupancy in both roles, crossed and met, (2, ny nx) float32."""
-        if self.occupied_by is not grid.evidence:
-            empty = np.empty((0, self.count), np.float32), np.empty((0, self.scratch.news.shape[1]), np.uint8)
-            self.fold(grid, *empty, every=True)  # messages stay
-        return self.occupied
+        """Occupancy in both roles, crossed and met, (2, ny nx) float32.
 
-    def fold(
-        self, grid: Grid, message: runtime.Resident, news: runtime.Resident, every: bool = False
-    ) -> tuple[Array, NDArray[np.bool_]]:
-        """Evidence of the cells with messages folded in, and which are observed; messages are 0 then."""
+        It is kept by its evidence, so that hypotheses with grids of their own may be stepped in turn.
+        """
+        known = self._taken(grid.evidence)
+        if known is None:
+            empty = np.empty((0, self.count), np.float32), np.empty((0, self.scratch.news.shape[1]), np.uint8)
+            known = self._spare()
+            self._fold(grid, *empty, known, every=True)  # messages stay
+        self._known.append((weakref.ref(grid.evidence), known))
+        return known
+
+    def fold(self, grid: Grid) -> tuple[Array, NDArray[np.bool_]]:
+        """Evidence of the cells with messages folded in, and which are observed; messages are 0 then.
+
+        The occupancy becomes that of the new evidence.
+        """
+        self.occupancy(grid)
+        known = self._taken(grid.evidence)  # until all of it is done
+        fresh, observed = self._fold(grid, self.scratch.message, self.scratch.news, known)
+        still = [other for other in self._known if other[0]() is not None]
+        self._known = [*still, (weakref.ref(fresh), known)]
+        self.unsettled = False
+        return fresh, observed
+
+    def _fold(
+        self, grid: Grid, message: runtime.Resident, news: runtime.Resident, occupied: runtime.Resident,
+        every: bool = False,
+    ) -> tuple[Array, NDArray[np.bool_]]:  # fmt: skip
         from gridslam.kernels.propagation.occupancy import fold_messages
 
         fresh, observed = np.empty(grid.shape), grid.observed.copy()
-        self.occupied_by = None  # until all of it is done
         fold_messages(
             message, news, grid.evidence.reshape(-1), self.clear, int(every), self.prior_odds, EVIDENCE_CLIP,
-            fresh.reshape(-1), observed.view(np.uint8).reshape(-1), self.occupied,
+            fresh.reshape(-1), observed.view(np.uint8).reshape(-1), occupied,
         )  # fmt: skip
-        self.occupied_by = grid.evidence if every else fresh
         return fresh, observed
+
+    def _taken(self, evidence: Array) -> runtime.Resident | None:
+        """The occupancy that follows from this evidence, if it is kept; it is no longer."""
+        for number in reversed(range(len(self._known))):
+            if self._known[number][0]() is evidence:
+                return self._known.pop(number)[1]
+        return None
+
+    def _spare(self) -> runtime.Resident:
+        """Room for one more occupancy, or that of the one asked for longest ago."""
+        full = len(self._known) >= self._most
+        return self._known.pop(0)[1] if full else runtime.room((2, self.count))
 
 
 def _clear(origin: Array, cell: float, shape: tuple[int, int], anchors: Array) -> NDArray[np.bool_]:
