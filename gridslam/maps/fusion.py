@@ -6,13 +6,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import softmax
 
 from gridslam.errors import InputError
 from gridslam.estimates import SurfaceEstimate
 from gridslam.maps.feature_fusion import merge_features
 from gridslam.maps.frames import require_one_frame
+from gridslam.maps.line_fusion import JointLines
 from gridslam.maps.map import Map
+from gridslam.maps.map_cells import blocks_of, joint_of
 from gridslam.maps.map_files import LARGEST_CELLS
 from gridslam.maps.run_identity import refuse_shared_runs
 from gridslam.world.geometry import canonical, unit, wrap
@@ -73,7 +76,7 @@ def fuse(maps: Iterable[Map], same_frame: bool = False, names: Sequence[str] | N
             "fuse: extent", f"{rows} x {columns} cells together", f"at most {LARGEST_CELLS} cells"
         )
     sheets = [grid.resample(origin, cell, (rows, columns)) for grid in ordered]
-    surfaces, posterior = merge_surfaces(ordered, 0.5 * (origin + corner))
+    surfaces, posterior, joint = merge_surfaces(ordered, 0.5 * (origin + corner))
     features, covariance = merge_features(ordered)
     return Map(
         origin,
@@ -87,13 +90,17 @@ def fuse(maps: Iterable[Map], same_frame: bool = False, names: Sequence[str] | N
         _joined([grid.provenance for grid in ordered]),
         features,
         covariance,
+        joint,
     )
 
 
 def merge_surfaces(
     maps: Sequence[Map], centre_m: np.ndarray
-) -> tuple[SurfaceEstimate | None, np.ndarray | None]:
+) -> tuple[SurfaceEstimate | None, np.ndarray | None, np.ndarray | None]:
     """Merge surfaces that agree: Mahalanobis distance below 3 and less than 0.5 m apart.
+
+    The surfaces of a map that knows their joint covariance are one Gaussian: where some of them are known
+    better, thanks to another map, so are those that they are correlated with.
 
     Parameters
     ----------
@@ -108,13 +115,16 @@ def merge_surfaces(
         None if no map has surfaces.
     posterior : (S, BINS) float64 or None
         None if some map with surfaces has none.
+    joint : (2 S, 2 S) float64 or None
+        Of all lines; None if no map has one.
     """
     tables = [grid.surfaces for grid in maps if grid.surfaces is not None]
     if not tables:
-        return None, None
+        return None, None, None
     rows = SurfaceEstimate.stack(tables)
     owner = np.repeat(np.arange(len(tables)), [len(table) for table in tables])
-    line, cov = _about(rows.line, rows.line_cov, centre_m)
+    lines = JointLines(rows.line, _together(maps)).about(centre_m)
+    line, cov = lines.line, lines.own
     groups: list[list[int]] = []
     for new in range(len(rows)):
         distances = [
@@ -125,25 +135,25 @@ def merge_surfaces(
             groups[int(np.argmin(distances))].append(new)
         else:
             groups.append([new])
-    merged = SurfaceEstimate.stack(
-        [_merged(rows.take(group), line[group], cov[group], centre_m) for group in groups]
-    )
-    surfaces = replace(merged, identity=np.arange(len(groups)))
+    surfaces, covariance = _merged(rows, groups, lines, centre_m)
+    told = any(grid.surface_covariance is not None for grid in maps)
+    joint = covariance if told else None
     posteriors = [grid.surface_reflection for grid in maps if grid.surfaces is not None]
     if any(posterior is None for posterior in posteriors):
-        return surfaces, None
+        return surfaces, None, joint
     log = np.log(np.concatenate([p for p in posteriors if p is not None]) + 1e-300)
     product = np.array([softmax(log[group].sum(axis=0)) for group in groups]).reshape(len(groups), -1)
-    return surfaces, product if groups else log
+    return surfaces, product if groups else log, joint
 
 
-def _about(line: np.ndarray, cov: np.ndarray, centre: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lines (S, 2) and covariances (S, 2, 2) with the offset counted from `centre` instead of the origin."""
-    normal, tangent = unit(line[:, 0]), unit(line[:, 0] + 0.5 * np.pi)
-    jacobian = np.tile(np.eye(2), (len(line), 1, 1))
-    jacobian[:, 1, 0] = -tangent @ centre
-    moved = np.stack([line[:, 0], line[:, 1] - normal @ centre], axis=-1)
-    return moved, jacobian @ cov @ jacobian.swapaxes(-1, -2)
+def _together(maps: Sequence[Map]) -> np.ndarray:
+    """Covariance of the lines of all maps, which are independent of one another."""
+    own = [
+        joint_of(grid.surfaces.line_cov) if grid.surface_covariance is None else grid.surface_covariance
+        for grid in maps
+        if grid.surfaces is not None
+    ]
+    return np.asarray(block_diag(*(one for one in own if one.size)).reshape(sum(map(len, own)), -1))
 
 
 def _facing(line: np.ndarray, cov: np.ndarray, angle: float) -> tuple[np.ndarray, np.ndarray]:
@@ -170,29 +180,39 @@ def _distance(
     return float(np.sqrt(difference @ np.linalg.solve(cov[old] + other_cov + MERGE_SLACK, difference)))
 
 
-def _merged(rows: SurfaceEstimate, line: np.ndarray, cov: np.ndarray, centre: np.ndarray) -> SurfaceEstimate:
-    """One surface (a table of one row) from estimates of the same wall, weighted by their covariances."""
-    if len(rows) == 1:
-        return rows
-    mean, spread = line[0], cov[0]
-    for other, other_cov in zip(line[1:], cov[1:], strict=True):
-        other, other_cov = _facing(other, other_cov, mean[0])
-        gain = spread @ np.linalg.inv(spread + other_cov + 1e-12 * np.eye(2))
-        mean, spread = mean + gain @ (other - mean), spread - gain @ spread
-    place, uncertainty = _about(mean[None], spread[None], -centre)
-    if place[0, 1] < 0:
-        turned, uncertainty[0] = _facing(place[0], uncertainty[0], place[0, 0] + np.pi)
-        place = turned[None]
-    along = rows.ends_m.reshape(-1, 2) @ unit(place[0, 0] + 0.5 * np.pi)
+def _merged(
+    rows: SurfaceEstimate, groups: list[list[int]], lines: JointLines, centre: np.ndarray
+) -> tuple[SurfaceEstimate, np.ndarray]:
+    """One surface of each group of estimates of the same wall, and the covariance of all."""
+    united, moved = lines.united(groups)
+    united = united.about(-centre)
+    united = united.turned(moved & (united.line[:, 1] < 0))
+    covariance = 0.5 * (united.covariance + united.covariance.T)
+    own = blocks_of(covariance)
+    merged = [
+        _united(rows.take(group), united.line[g], own[g]) if moved[g] else rows.take(group)
+        for g, group in enumerate(groups)
+    ]
+    surfaces = replace(SurfaceEstimate.stack(merged), identity=np.arange(len(groups)))
+    for g in np.flatnonzero(~moved).tolist():  # as it was to the last bit
+        covariance[2 * g : 2 * g + 2, 2 * g : 2 * g + 2] = surfaces.line_cov[g]
+    return surfaces, covariance
+
+
+def _united(rows: SurfaceEstimate, place: np.ndarray, uncertainty: np.ndarray) -> SurfaceEstimate:
+    """One surface (a table of one row) at a line (2,), of estimates of the same wall."""
+    along = rows.ends_m.reshape(-1, 2) @ unit(place[0] + 0.5 * np.pi)
     known = along[~np.isnan(along)]
     weight = 1 / np.maximum(rows.reflection_var, 1e-9)
+    alone = len(rows) == 1
     return SurfaceEstimate.from_lines(
-        canonical(place),
-        0.5 * (uncertainty + uncertainty.swapaxes(-1, -2)),
+        canonical(place[None]),
+        uncertainty[None],
         np.array([np.average(rows.reflection, weights=weight)]),
-        np.array([1 / weight.sum()]),
-        np.array([1 - np.prod(1 - rows.existence)]),
+        rows.reflection_var if alone else np.array([1 / weight.sum()]),
+        rows.existence if alone else np.array([1 - np.prod(1 - rows.existence)]),
         np.array([[known.min(), known.max()]]) if len(known) else None,
+        owner=rows.owner if alone else None,
     )
 
 

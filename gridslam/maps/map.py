@@ -43,11 +43,14 @@ class Map(MapCells):
         Learned features (hybrid SLAM).
     feature_covariance : (3 F, 3 F) float64 or None
         Of all features' x, y and bias together; without it they are taken as independent.
+    surface_covariance : (2 S, 2 S) float64 or None
+        Of all surfaces' angles and offsets together, in the order of their lines; without it they are
+        taken as independent. Surfaces found by one agent share its errors.
 
     Raises
     ------
     InputError
-        Arrays disagree in shape, or `cell_m` or `prior` is out of range.
+        Arrays disagree in shape, `cell_m` or `prior` is out of range, or a joint covariance can't be one.
     """
 
     @classmethod

@@ -13,12 +13,15 @@ from scipy.special import expit, logit
 
 from gridslam.errors import InputError
 from gridslam.estimates import FeatureEstimate, SurfaceEstimate
+from gridslam.io.covariances import require_covariance
 from gridslam.world.radio import REFLECTION_BINS
 
 ANCHOR_KEYS = ("anchors", "anchor_x_m", "anchor_y_m")
 """Parallel lists in a map's provenance."""
 ON_LATTICE = 1e-6
 """Largest deviation, in cells, at which two grids still count as aligned."""
+SAME_BLOCKS = 1e-6
+"""By which a joint covariance may differ from those of the surfaces, as a share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +39,7 @@ class MapCells:
     provenance: dict[str, str | int | float | list] = field(default_factory=dict)
     features: FeatureEstimate | None = None
     feature_covariance: np.ndarray | None = None
+    surface_covariance: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         types = {
@@ -69,6 +73,21 @@ class MapCells:
             square = np.ascontiguousarray(self.feature_covariance, dtype=np.float64)
             object.__setattr__(self, "feature_covariance", square)
             _require(square.shape == (size, size), "feature_covariance", square.shape, f"{(size, size)}")
+        if self.surface_covariance is not None:
+            self._require_joint(np.ascontiguousarray(self.surface_covariance, dtype=np.float64))
+
+    def _require_joint(self, joint: np.ndarray) -> None:
+        """Refuse a joint covariance of other surfaces, or none at all."""
+        size = 2 * (len(self.surfaces) if self.surfaces is not None else 0)
+        _require(joint.shape == (size, size), "surface_covariance", joint.shape, f"{(size, size)}")
+        require_covariance(joint, "map: surface_covariance")
+        if self.surfaces is not None:
+            own = blocks_of(joint)
+            _require(
+                np.allclose(own, self.surfaces.line_cov, rtol=SAME_BLOCKS, atol=1e-12), "surface_covariance",
+                "blocks on its diagonal that aren't the surfaces' own covariances", "the same as line_cov",
+            )  # fmt: skip
+        object.__setattr__(self, "surface_covariance", joint)
 
     @classmethod
     def blank(cls, origin_m: ArrayLike, cell_m: float, shape: tuple[int, int], prior: float) -> Self:
@@ -241,6 +260,20 @@ def anchors_of(provenance: Mapping[str, object]) -> Iterator[tuple[str, tuple[fl
         for name, x, y in zip(*lists, strict=False):
             if isinstance(x, float | int) and isinstance(y, float | int):
                 yield str(name), (x, y)
+
+
+def blocks_of(joint: np.ndarray) -> np.ndarray:
+    """Blocks on the diagonal of a joint covariance of lines (2 S, 2 S): (S, 2, 2)."""
+    entry = np.arange(len(joint)).reshape(-1, 2)
+    return joint[entry[:, :, None], entry[:, None, :]]
+
+
+def joint_of(blocks: np.ndarray) -> np.ndarray:
+    """Joint covariance (2 S, 2 S) of lines that are independent of one another, of covariances (S, 2, 2)."""
+    entry = np.arange(2 * len(blocks)).reshape(-1, 2)
+    joint = np.zeros((entry.size, entry.size))
+    joint[entry[:, :, None], entry[:, None, :]] = blocks
+    return joint
 
 
 def _require(good: bool, name: str, found: object, allowed: str = "two finite numbers") -> None:

@@ -67,7 +67,8 @@ def write_map(grid: MapCells, path: str | os.PathLike[str]) -> None:
     ``/grid/{occupancy,observed,reflection,reflection_std}`` (ny, nx) with the attributes ``origin_m``,
     ``cell_m`` and ``prior``, beside them what a filter needs to go on: ``evidence`` (ny, nx) and, for the T
     cells with hits, ``coefficient_cell`` (T, 2) [iy, ix] and ``coefficient`` (T, BINS). ``/surfaces`` has one
-    dataset per field of `SurfaceEstimate` and ``reflection_posterior`` (S, BINS); ``/features`` one per field
+    dataset per field of `SurfaceEstimate`, ``reflection_posterior`` (S, BINS) and ``joint_covariance`` (2 S,
+    2 S) of all lines; ``/features`` one per field
     of `FeatureEstimate` and ``joint_covariance`` (3 F, 3 F); ``/provenance`` attributes.
 
     Raises
@@ -92,6 +93,8 @@ def write_map(grid: MapCells, path: str | os.PathLike[str]) -> None:
                 put(surfaces, name, getattr(grid.surfaces, name), unit)
             if grid.surface_reflection is not None:
                 put(surfaces, "reflection_posterior", grid.surface_reflection, "1")
+            if grid.surface_covariance is not None:
+                put(surfaces, "joint_covariance", grid.surface_covariance, SURFACE_UNITS["line_cov"])
         if grid.features is not None:
             features = file.create_group("features")
             for name, unit in FEATURE_UNITS.items():
@@ -119,8 +122,8 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
         if observed.size > LARGEST_CELLS:
             raise InputError(f"{path}: /grid", f"{observed.size} cells", f"at most {LARGEST_CELLS}")
         evidence, coefficient = _read_beliefs(cells, observed, frame["prior"])
-        surfaces, posterior = (
-            _read_surfaces(subgroup(file, "surfaces")) if "surfaces" in file else (None, None)
+        surfaces, posterior, joint = (
+            _read_surfaces(subgroup(file, "surfaces")) if "surfaces" in file else (None, None, None)
         )
         return {
             "origin_m": np.asarray(frame["origin_m"]),
@@ -131,6 +134,7 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
             "prior": frame["prior"],
             "surfaces": surfaces,
             "surface_reflection": posterior,
+            "surface_covariance": joint,
             "provenance": get_attributes(subgroup(file, "provenance")) if "provenance" in file else {},
             **(_read_features(file) if "features" in file else {}),
         }
@@ -162,8 +166,11 @@ def _read_beliefs(cells: h5py.Group, observed: np.ndarray, prior: float) -> tupl
     return evidence, cube
 
 
-def _read_surfaces(group: h5py.Group) -> tuple[SurfaceEstimate, np.ndarray | None]:
-    """Surfaces and, where stored, the posterior (S, BINS) of their coefficients."""
+def _read_surfaces(group: h5py.Group) -> tuple[SurfaceEstimate, np.ndarray | None, np.ndarray | None]:
+    """Surfaces and, where stored, the posterior (S, BINS) of their coefficients and their joint covariance.
+
+    Files of earlier versions and other software have none of the latter: their surfaces are independent.
+    """
     tails = {"sfv_m": (2,), "sfv_cov_m2": (2, 2), "line": (2,), "line_cov": (2, 2), "extent_m": (2,)}
     count = len(get(group, "sfv_m", (None, 2)))
     own = ("sfv_m", "sfv_cov_m2", "reflection", "reflection_var", "existence", "extent_m")
@@ -186,7 +193,10 @@ def _read_surfaces(group: h5py.Group) -> tuple[SurfaceEstimate, np.ndarray | Non
         if "reflection_posterior" in group
         else None
     )
-    return SurfaceEstimate(**table), posterior
+    joint = (
+        get(group, "joint_covariance", (2 * count, 2 * count), "f") if "joint_covariance" in group else None
+    )
+    return SurfaceEstimate(**table), posterior, joint
 
 
 def _read_features(file: h5py.File) -> dict[str, Any]:

@@ -12,10 +12,8 @@ import os
 import re
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from gridslam.errors import InputError
+from gridslam.io.covariances import require_covariance
 from gridslam.io.files import get_attributes, put_attributes, reading_h5, subgroup, writing_h5
 from gridslam.maps.run_identity import Identity
 from gridslam.systems.values import arrays_of, get_value, put_value
@@ -95,21 +93,4 @@ def _require_alike(believed: Any, fresh: Any, path: str) -> None:
         if like is not None and like.ndim != array.ndim:
             raise InputError(f"{path}: /believed/{name}", f"shape {array.shape}", f"{like.ndim} axes")
         if name.rpartition("/")[2] == "covariance" and array.ndim == 2:
-            _require_proper(array, f"{path}: /believed/{name}")
-
-
-def _require_proper(covariance: NDArray[Any], where: str) -> None:
-    """Refuse a covariance that is none."""
-    if covariance.shape[0] != covariance.shape[1]:
-        raise InputError(where, f"shape {covariance.shape}", "a square")
-    if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-12):
-        raise InputError(where, "not symmetric", "a covariance")
-    spread = (
-        np.diagonal(covariance) != 0
-    )  # what is known for sure, as a set clock, is correlated with nothing
-    known, covariance = covariance[~spread], covariance[np.ix_(spread, spread)]
-    scale = np.sqrt(np.maximum(np.diagonal(covariance), 0))
-    if known.any() or (scale == 0).any():
-        raise InputError(where, "not positive definite", "a covariance")
-    if np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min(initial=0) < -1e-6:
-        raise InputError(where, "not positive definite", "a covariance")
+            require_covariance(array, f"{path}: /believed/{name}")

@@ -16,7 +16,7 @@ from gridslam.inference.management.hypotheses import advance, begun
 from gridslam.inference.management.readout import described, estimates, surface_estimate
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
-from gridslam.inference.state.belief import append
+from gridslam.inference.state.belief import append, lines_covariance, with_lines
 from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.network_state import NetworkState
 from gridslam.inference.state.population import Population
@@ -100,7 +100,8 @@ class SurfaceFront(FilterFront[Heard, Population]):
         """The map as it stands: detected surfaces, and a grid of which nothing was observed."""
         table = surface_estimate(self.state, work=self.work)
         found = table.existence > self.model.settings.detect_above
-        return bare_map(self, table.take(found), self.state.surfaces.reflection[found])
+        joint = lines_covariance(self.state.belief, found)
+        return bare_map(self, table.take(found), self.state.surfaces.reflection[found], joint)
 
     def _strength(self, state: State) -> Callable[[Rays, Array], Array] | None:
         """Amplitudes (L,) of rays of given distances (L,); None where they follow from coefficients."""
@@ -152,20 +153,26 @@ class SurfaceFilter(SurfaceFront[Scan]):
         return super()._advanced(scan)
 
 
-def bare_map(slam: FilterFront[Any, Any], surfaces: SurfaceEstimate, reflection: Array) -> Map:
-    """A map of surfaces with beliefs about their coefficients (S, BINS), and of cells nobody observed."""
+def bare_map(
+    slam: FilterFront[Any, Any], surfaces: SurfaceEstimate, reflection: Array, joint: Array | None = None
+) -> Map:
+    """A map of surfaces with beliefs about their coefficients (S, BINS), and of cells nobody observed.
+
+    `joint` is the covariance of all lines, (2 S, 2 S), of methods that keep one.
+    """
     grid, bins = slam.scene.grid, len(REFLECTION_BINS)
     sheet = Map(
         np.array(grid.origin_m), grid.cell_m, np.zeros(grid.shape, np.float32),
         np.zeros((*grid.shape, bins), np.float32), np.zeros(grid.shape, dtype=bool),
         float(1 - np.exp(-grid.cell_m / slam.scene.filter.mean_free_path_m)), surfaces, reflection.copy(),
-        slam.latest(),
+        slam.latest(), surface_covariance=joint if len(surfaces) else None,
     )  # fmt: skip
     return stamped(sheet, slam.scene)
 
 
 def inherit_surfaces(state: Mapped, prior: Map) -> Mapped:
-    """The state with the surfaces that another agent left, as independent of this agent."""
+    """The state with the surfaces that another agent left: as correlated as they are in its map, and
+    independent of this agent."""
     known = prior.surfaces if prior.surfaces is not None else SurfaceEstimate.empty()
     uniform = np.full(len(REFLECTION_BINS), 1 / len(REFLECTION_BINS))
     for row in range(len(known)):
@@ -182,5 +189,7 @@ def inherit_surfaces(state: Mapped, prior: Map) -> Mapped:
         )
         belief: Any = append(state.belief, known.line[row], known.line_cov[row])
         state = replace(state, belief=belief, surfaces=surfaces, next_identity=state.next_identity + 1)
+    if prior.surface_covariance is not None:
+        state = replace(state, belief=with_lines(state.belief, prior.surface_covariance))
     fresh = np.full_like(state.surfaces.single, FRESH_SINGLE)
     return replace(state, surfaces=replace(state.surfaces, single=fresh))

@@ -34,6 +34,7 @@ from gridslam.inference.messages.ray_amplitudes import (
 )
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
 from gridslam.inference.state.anchor_measurements import AnchorScan, of_all_anchors, split_by_anchor
+from gridslam.inference.state.belief import lines_covariance
 from gridslam.inference.state.network_state import NetworkState
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -253,7 +254,8 @@ class NetworkSlam(FilterFront[NetworkScan, NetworkState]):
         state = self.state
         table = surface_estimate(state.part(0), work=self.work[0])
         found = (table.existence > self.model.settings.detect_above) & (state.surfaces.seen >= CONFIRMED)
-        return bare_map(self, table.take(found), state.surfaces.reflection[found])
+        joint = lines_covariance(state.belief, found)
+        return bare_map(self, table.take(found), state.surfaces.reflection[found], joint)
 
 
 def started_at(state: NetworkState, agent: int, position_m: Array, heading_rad: float) -> NetworkState:

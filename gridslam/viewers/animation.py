@@ -151,7 +151,8 @@ def _draw(axes: Axes, scene: Scene, found: AgentFiles, now: Estimate, step: int)
         LineCollection(rays, array=level, cmap=STRENGTH, norm=Normalize(6, 40), lw=0.7, alpha=0.7)
     )
     known = now.surfaces.take(now.detected)
-    ends = replace(found.map, surfaces=known, surface_reflection=None).wall_segments().ends_m
+    shown = replace(found.map, surfaces=known, surface_reflection=None, surface_covariance=None)
+    ends = shown.wall_segments().ends_m
     axes.add_collection(LineCollection(list(ends), colors=ORANGE, linewidths=3, alpha=0.6))
     if found.truth is not None:
         axes.plot(*found.truth.position_m[: step + 1].T, color="k", lw=2, alpha=0.35)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,8 @@ from scipy.linalg.lapack import dpotrf
 from gridslam.arrays import Array
 from gridslam.inference.state.layout import HEADING, StateLayout
 from gridslam.world.geometry import wrap
+
+Kind = TypeVar("Kind", bound="Belief")
 
 
 @dataclass(frozen=True)
@@ -176,3 +179,19 @@ def separated(belief: Belief) -> Belief:
     """
     owner = belief.layout.owner
     return replace(belief, covariance=belief.covariance * (owner[:, None] == owner))
+
+
+def lines_covariance(belief: Belief, surfaces: NDArray[np.bool_]) -> Array:
+    """Joint covariance of some lines (2 S, 2 S), as they are written for users: with offsets of 0 or more."""
+    kept = keep(belief, surfaces)
+    sign = np.ones(kept.layout.size)
+    sign[kept.layout.offsets] = np.where(kept.lines[:, 1] < 0, -1.0, 1.0)
+    rows = kept.layout.lines
+    return np.asarray(kept.covariance[rows, rows] * np.outer(sign[rows], sign[rows]))
+
+
+def with_lines(belief: Kind, covariance: Array) -> Kind:
+    """The belief with another covariance (2 S, 2 S) of its lines, which nothing else is correlated with."""
+    joint = belief.covariance.copy()
+    joint[belief.layout.lines, belief.layout.lines] = covariance
+    return replace(belief, covariance=joint)
