@@ -52,8 +52,10 @@ def start(device: str = "auto", threads: int | None = None) -> str:
 
         reused = _running(ti)
         if not reused:
-            options = {"cpu_max_num_threads": threads or threads_for(_cores())}
+            options: dict[str, Any] = {"cpu_max_num_threads": threads or threads_for(_cores())}
             arch = [ti.cuda, ti.vulkan] if device == "gpu" else ti.cpu
+            if device != "gpu":  # LLVM does the same: four fifths of compiling, and no faster kernels
+                options["cfg_optimization"] = False
             # it announces itself, and that it found no GPU, whatever it is told
             with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
                 warnings.simplefilter("ignore")
