@@ -21,6 +21,7 @@ def test_bundled_scenes_cite_their_source_and_say_what_is_hard():
         "facade",
         "hall",
         "overlap",
+        "pillars",
         "room",
         "scatter",
         "screen",
@@ -224,3 +225,18 @@ def test_facade_sends_a_crowd_of_paths_of_one_anchor_where_the_others_are_hidden
     assert (crowd >= 8).sum() >= 40
     direct = paths.step[(paths.bounces == 0) & (paths.anchor < 2)]
     assert np.isin(direct, np.flatnonzero(crowd >= 8)).sum() <= 1, "A and B are out of sight there"
+
+
+def test_pillars_hide_both_anchors_at_once_where_faint_walls_alone_are_heard():
+    scene, paths, entry, _ = heard("pillars", "agent1", 2.5)
+    steps = scene.agents[0].steps
+    hidden = np.setdiff1d(np.arange(steps), paths.step[paths.bounces == 0])
+    np.testing.assert_array_equal(hidden, np.arange(125, 168))
+    assert (np.bincount(paths.step[paths.bounces == 0], minlength=steps)[:80] == 2).all()
+    quiet = scene.radio.model_copy(update={"snr_at_1m_db": 30.0})
+    radio = scene.model_copy(update={"radio": quiet}).signal_model("agent1")
+    inside = np.isin(paths.step, hidden)
+    chance = radio.detection_probability(paths.amplitude[inside] / np.sqrt(10))
+    assert 1 < chance.sum() / len(hidden) < 3, "at 30 dB some two paths a step are heard"
+    metal = [n for n, wall in enumerate(scene.walls) if wall.material == "metal"]
+    assert np.isin(entry[inside], metal).any(), "the pillars themselves answer, too"
