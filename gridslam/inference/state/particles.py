@@ -14,8 +14,10 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from gridslam import runtime
+from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.layout import HEADING, StateLayout
 from gridslam.kernels import PATH_BLOCK, ROOT_GIVEN, STATE_GIVEN, TAKE_ROOT
@@ -191,6 +193,23 @@ def _kept(count: int) -> float:
     return float(count ** (-2 / 7))
 
 
+def turn_of(belief: Belief) -> Array:
+    """How to turn normal points of position and velocity for samples that turn with the agent, (4, 4).
+
+    docs/model.md, (M209). It is orthogonal; the identity if the covariance is singular.
+    """
+    cosine, sine = np.cos(belief.mean[HEADING]), np.sin(belief.mean[HEADING])
+    turn = np.array(
+        [[cosine, -sine, 0, 0], [sine, cosine, 0, 0], [0, 0, cosine, -sine], [0, 0, sine, cosine]]
+    )
+    own = belief.covariance[:4, :4]
+    root, failed = dpotrf(own, lower=1, clean=1)
+    in_body, failed_too = dpotrf(turn.T @ own @ turn, lower=1, clean=1)
+    if failed or failed_too:
+        return np.eye(4)
+    return np.asarray(dtrtrs(root, turn @ in_body, lower=1)[0])
+
+
 class Particles:
     """A fixed set of standard normal points that becomes a cloud for any belief.
 
@@ -207,7 +226,7 @@ class Particles:
     count : int
         How many there are at most.
     limit : int or None
-        As few as this are drawn for now.
+        As few as this are drawn for now, of each of several hypotheses.
     """
 
     def __init__(self, count: int, seed: int, adapt: bool = False) -> None:
@@ -218,22 +237,30 @@ class Particles:
         self._held: runtime.Resident = self._points
 
     def points(self, belief: Belief) -> runtime.Resident:
-        """The normal points, (N or more, count) float32, where the device has them."""
+        """The normal points, (N or more, count) float32, where the device has them.
+
+        If they are limited, (N or more, limit), turned with the agent by `turn_of`.
+        """
         size = len(belief.mean)
         if size > len(self._points):
             fresh = [self._column(n) for n in range(len(self._points), size)]
             points = np.concatenate([self._points, np.stack(fresh)])
             self._held = runtime.resident(points)
             self._points = points  # last, should anything interrupt
-        return self._held
+        if self.limit is None:
+            return self._held
+        few = self._points[:, : self.limit].copy()
+        few[:4] = turn_of(belief) @ few[:4]
+        return runtime.resident(few)
 
     def samples(self, belief: Belief, number: int, draft: Draft) -> Sampling:
         """Exact samples of a belief by points that follow each other, from another one on for every `number`.
 
         Those of a sequence of numbers are spread evenly over all points. The draft is where they are drawn.
         """
-        first = (number * GOLDEN % 2**32) * self.count >> 32
-        return Sampling.of(belief, self.points(belief), first, draft)
+        points = self.points(belief)
+        first = (number * GOLDEN % 2**32) * points.shape[1] >> 32
+        return Sampling.of(belief, points, first, draft)
 
     def ask(self, belief: Belief) -> tuple[int, float]:
         """How many particles to draw of a belief, and the share of the covariance that each keeps."""
