@@ -29,6 +29,8 @@ ENOUGH, CERTAIN = 10.0, 30.0
 """Log likelihood ratios in nats above which a reading is told, and told as certain."""
 LEVEL_DB = 2.5
 """Amplitudes whose level is nearer to the expected one aren't questioned."""
+SHIFTS_M = (-4.0, -2.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0, 4.0)
+"""Errors of all distances that might be why amplitudes don't fit."""
 GAINED = 0.1
 """Share of scans that another reading must explain beyond those that the column explains as it stands."""
 EXPLAINED = 0.85
@@ -257,6 +259,10 @@ def _loudness(amplitude: Array, sight: Sight, scene: Scene) -> list[Suspicion]:
     scores = {kind: _level(values - expected) for kind, values in readings.items()}
     kind = max(scores, key=lambda name: scores[name])
     gain = scores[kind] - scores[""]
+    if kind == "power":  # distances that are all off bend the same curve
+        off = (near - shift for shift in SHIFTS_M if (near > shift).all())
+        bent = (_level(readings[""] - np.log(scene.signal_model().amplitude(true))) for true in off)
+        gain = scores[kind] - max([scores[""], *bent])
     level = 20 / np.log(10) * float(np.median(readings[""] - expected))
     if not kind or gain < ENOUGH or abs(level) < LEVEL_DB:
         return []
@@ -278,13 +284,20 @@ def _verdict(columns: Columns, names: tuple[str, ...], scene: Scene, agent: str 
     who = agent if agent is not None else (scene.agents[0].name if scene.agents else None)
     if place is None or not len(columns["step"]):
         return "nothing to compare with the scene"
-    seen = explain(columns | {"anchor": place[columns["anchor"]]}, scene, who)
+    order = np.argsort(columns["step"], kind="stable")
+    sorted_rows = {name: values[order] for name, values in columns.items()}
+    seen = explain(sorted_rows | {"anchor": place[columns["anchor"][order]]}, scene, who)
     told = f"line of sight to the anchors in {seen.explained:.0%} of {seen.scans} scans"
     if seen.explained >= FITTING:
         return f"{told}: units and frames fit the scene"
     if len(scene.anchors) > 1:
         each = zip(scene.anchor_names, seen.shares, strict=True)
         told += f" ({', '.join(f'{name} {share:.0%}' for name, share in each if share == share)})"
+    if not any(len(finite(columns, name)) for name in ANGLES):
+        return f"{told}: distances alone don't tell where the agent is, so that nothing more can be said"
+    if not scene.walls:
+        hidden = "walls, of which the scene has none, may hide anchors"
+        return f"{told}: no other reading of a column explains more; {hidden}"
     if seen.explained < 0.3 or seen.scans < 10:
         return f"{told}: too few to tell whether units and frames are right; no single cure explains the rows"
     return f"{told}: does not fit the scene, and no single cure explains the rows"

@@ -200,12 +200,10 @@ def _describe(file: Path) -> str:
 
 
 def _scene_line(file: Path) -> str:
+    from gridslam.checks.scene_lines import scene_lines
     from gridslam.world.scene import Scene
 
-    world = Scene.load(file)
-    size = " x ".join(str(n) for n in reversed(world.grid.shape))
-    counts = f"{len(world.anchors)} anchors, {len(world.walls)} walls, {len(world.agents)} agents"
-    return f"scene {world.name}: {counts}, {size} cells of {world.grid.cell_m:g} m"
+    return "\n".join(scene_lines(Scene.load(file)))
 
 
 def _is_bundled(file: Path) -> bool:

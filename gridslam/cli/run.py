@@ -82,7 +82,7 @@ def run(
         ),
     ] = None,
 ) -> None:
-    """Map a scene with its agents, each starting from the map that the one before it left."""
+    """Run SLAM: map a scene with its agents, each from the map that the one before it left."""
     from gridslam.world.scene import Scene
 
     if resume is not None:

@@ -86,9 +86,10 @@ def read_csv(
 ) -> tuple[Columns, tuple[str, ...], tuple[str, ...]]:
     """Read and check a CSV table.
 
-    Cells may be set apart by semicolons, with decimal commas, as spreadsheets of some countries write them;
-    ``nan`` is an empty cell; angles may be in columns that end in ``_deg``. Columns of other names are passed
-    over with a `Note`, unless they look like one of these misspelt.
+    Cells may be set apart by tabs, or by semicolons, then with decimal commas, as spreadsheets of some
+    countries write them; ``nan`` is an empty cell; angles may be in columns that end in ``_deg``. Lines that
+    begin with ``#`` before the header are passed over; so are columns of other names, with a `Note`, unless
+    they look like one of these misspelt.
 
     Parameters
     ----------
@@ -120,10 +121,10 @@ def read_csv(
     names = {"anchor": _Names(anchors, several), "agent": _Names(agents, False)}
     lines, table = array("q"), array("d")  # a list of lists takes ten times the memory
     with _rows(Path(path)) as reader:
-        written = [name.strip() for name in next(reader, [])]
+        written = [name.strip() for name in next((row for row in reader if row), [])]
         comma = reader.dialect.delimiter == ";"
         header = [IN_DEGREES.get(name, name) for name in written]
-        extra = _check_header(header, str(path), several)
+        extra = _check_header(header, str(path), reader.line_num, several)
         if extra:
             columns_are = f"column{'s' if len(extra) > 1 else ''} {', '.join(extra)}"
             warnings.warn(Note(f"{path}: {columns_are} not used"), stacklevel=2)
@@ -193,11 +194,12 @@ def _rows(path: Path) -> Iterator[Any]:
             size = f"{path.stat().st_size} bytes"
             raise InputError(str(path), size, f"at most {LARGEST_CSV_BYTES} bytes of CSV (or HDF5)")
         with path.open(encoding="utf-8-sig", newline="") as file:
-            first = file.readline()
+            first, remarks = file.readline(), 0
+            while first.startswith("#"):
+                first, remarks = file.readline(), remarks + 1
             file.seek(0)
-            reader = csv.reader(
-                file, strict=True, delimiter=";" if ";" in first and "," not in first else ","
-            )
+            lines = ("\n" if number < remarks else line for number, line in enumerate(file))
+            reader = csv.reader(lines, strict=True, delimiter=_delimiter(first))
             yield reader
     except csv.Error as error:
         line = reader.line_num if reader is not None else 1
@@ -207,27 +209,33 @@ def _rows(path: Path) -> Iterator[Any]:
         raise InputError(str(path), reason, "a CSV file of measurements") from error
 
 
+def _delimiter(header: str) -> str:
+    """What sets the cells of a table apart, by its first line."""
+    return next((mark for mark in ";\t" if mark in header and "," not in header), ",")
+
+
 def _point(cell: str, name: str) -> str:
     """A cell of a table with decimal commas, with a point instead."""
     return cell.strip() if name in ("anchor", "agent") else cell.strip().replace(",", ".")
 
 
-def _check_header(header: list[str], where: str, several: bool) -> list[str]:
+def _check_header(header: list[str], path: str, line: int, several: bool) -> list[str]:
     """Columns that aren't known, and don't look like one that is, misspelt."""
     known = (*KEYS, "agent", *VALUES, *DEVIATIONS)
     if not header:
-        raise InputError(where, "an empty file", f"a header line {','.join((*KEYS, *VALUES))}")
+        raise InputError(path, "an empty file", f"a header line {','.join((*KEYS, *VALUES))}")
+    where = f"{path}: line {line}"
     for name in header:
         if not name or (name not in known and difflib.get_close_matches(name.lower(), known)):
-            raise InputError(f"{where}: line 1", f"an unknown column {name!r}", nearest(name, known))
+            raise InputError(where, f"an unknown column {name!r}", nearest(name, known))
         if header.count(name) > 1:
-            raise InputError(f"{where}: line 1", f"column {name!r} twice", "each column once")
+            raise InputError(where, f"column {name!r} twice", "each column once")
     needed = KEYS[:2] if several else KEYS
     for name in needed:
         if name not in header:
-            raise InputError(f"{where}: line 1", f"no column {name!r}", f"all of {','.join(needed)}")
+            raise InputError(where, f"no column {name!r}", f"all of {','.join(needed)}")
     if not set(header) & set(VALUES):
-        raise InputError(f"{where}: line 1", "no measured column", f"at least one of {','.join(VALUES)}")
+        raise InputError(where, "no measured column", f"at least one of {','.join(VALUES)}")
     return [name for name in header if name not in known]
 
 

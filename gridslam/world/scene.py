@@ -48,7 +48,7 @@ LEAST_PRIOR = 1e-4
 
 
 class Scene(Strict):
-    """A scene file; attributes are named as its keys (see the README).
+    """A scene file; attributes are named as its keys: see docs/scene-file.md.
 
     Examples
     --------
@@ -69,6 +69,13 @@ class Scene(Strict):
     agents: tuple[Agent, ...] = ()
     clocks: Clocks | None = None
     filter: FilterSettings = FilterSettings()
+
+    def __repr__(self) -> str:
+        """One line; `to_toml` has all of it."""
+        counts = f"{len(self.anchors)} anchors, {len(self.walls)} walls, {len(self.agents)} agents"
+        return f"<Scene {self.name}: {counts}>"
+
+    __str__ = __repr__
 
     @classmethod
     def load(cls, name_or_path: str | os.PathLike[str]) -> Scene:
@@ -393,7 +400,9 @@ class Scene(Strict):
         except TightCorner as error:
             index = error.index + len(agent.waypoints_m or ()) - len(agent.way) + 1
             found = f"room to turn with a radius of {error.radius:.2g} m"
-            raise fault(f"{where}.waypoints_m[{index}]", found, f"{error.smallest:.2g} m or more") from None
+            cure = "longer legs beside it, a blunter corner, or a shorter step_m"
+            allowed = f"{error.smallest:.2g} m or more: {cure}"
+            raise fault(f"{where}.waypoints_m[{index}]", found, allowed) from None
         if agent.steps is not None and agent.steps > len(track):
             raise fault(f"{where}.steps", str(agent.steps), f"at most {len(track)}, where the waypoints end")
         off = np.degrees(np.abs(wrap(track.heading_rad[0] - np.radians(agent.start_heading_deg))))

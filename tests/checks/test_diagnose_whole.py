@@ -138,6 +138,30 @@ def test_half_a_fit_is_no_fit_and_no_cure_is_made_up(tmp_path):
 
 
 @pytest.mark.slow
+def test_distances_that_are_all_off_do_not_make_amplitudes_squares():
+    """Close to the one anchor heard, an offset bends their curve as a square would."""
+    columns = heard("alcove", 1)
+    columns = {key: values[columns["anchor"] == 0] for key, values in columns.items()}
+    assert named(columns | {"distance_m": columns["distance_m"] + OFFSET_M}, "alcove") == []
+
+
+@pytest.mark.slow
+def test_right_tables_are_not_said_to_misfit_where_too_little_is_known(tmp_path):
+    """Distances alone, and scenes without walls, which may hide anchors: no verdict, and no false one."""
+    columns, path = heard("hall", 1), tmp_path / "heard.csv"
+    Measurements(**columns, anchors=("A", "B")).to_csv(path)
+    data = SCENES["hall"].model_dump(exclude_none=True)
+    blind = gs.Scene.checked({**data, "walls": []}, "blind")
+    last = describe(path, blind)[-1]
+    assert last.endswith("walls, of which the scene has none, may hide anchors")
+    empty = np.full(len(columns["step"]), np.nan)
+    alone = columns | {name: empty for name in ("aod_rad", "aoa_rad", "amplitude")}
+    alone["distance_m"] = np.random.default_rng(1).permutation(columns["distance_m"])
+    Measurements(**alone, anchors=("A", "B")).to_csv(path)
+    assert "distances alone don't tell where the agent is" in describe(path, SCENES["hall"])[-1]
+
+
+@pytest.mark.slow
 def test_exit_code_tells_scripts_of_suspects(say, tmp_path):
     columns = heard("room", 1, steps=BRIEF)
     for name, spoilt in (("good", {}), ("late", {"distance_m": columns["distance_m"] + OFFSET_M})):

@@ -36,7 +36,7 @@ def made(tmp_path_factory):
     [
         ("out", "run of tiny by grid: agent1 (3 steps, "),
         ("out/run.json", "run of tiny by grid: agent1 (3 steps, "),
-        ("out/scene.toml", "scene tiny: 2 anchors, 1 walls, 2 agents"),
+        ("out/scene.toml", "scene tiny: 2 anchors, 1 wall of 4 pieces, 2 agents"),
         ("out/map.h5", "map by agent1, agent2: 48 x 38 cells of 0.2 m"),
         ("out/map.yaml", "nav2 map: 48 x 38 cells of 0.2 m, lower left corner at -4.8, -3.8 m; "),
         ("out/map.pgm", "nav2 map: 48 x 38 cells of 0.2 m, "),
@@ -45,13 +45,19 @@ def made(tmp_path_factory):
         ("out/agent2/truth.tum", "track: 2 poses, 0 to 1 s, "),
         ("out/agent1/measurements.h5", "measurements"),
         ("heard.csv", "measurements"),
-        ("room", "scene room: 2 anchors, "),
+        ("room", "scene room: 2 anchors, 1 wall of 4 pieces, "),
     ],
 )
 def test_every_file_of_a_run_is_told(say, made, name, told):
     said = say("check", made / name if name != "room" else name)
     assert (said.code, said.err) == (0, "")
     assert told in said.out
+
+
+def test_scene_tells_where_no_anchor_is_in_sight(say):
+    said = say("check", "hall")
+    assert "agent1: 450 steps, an anchor in sight at 91% of them, at none from step 100 to 139" in said.out
+    assert repr(gs.Scene.load("hall")) == "<Scene hall: 2 anchors, 5 walls, 1 agents>"
 
 
 @pytest.mark.slow

@@ -133,13 +133,15 @@ def test_csv_fault_is_told_with_its_line(tmp_path, text, where, says):
 
 
 def test_csv_of_spreadsheets_and_of_savetxt_reads_as_a_plain_one(tmp_path):
-    """Semicolons with decimal commas, degrees, and nan for not measured."""
+    """Semicolons with decimal commas, tabs, remarks, degrees, and nan for not measured."""
     plain = (
         "step,time_s,anchor,distance_m,aod_rad,aoa_rad\n0,0.0,A,3.75,,0.5235987755982988\n1,0.5,B,4.5,0.25,\n"
     )
     ways = {
         "plain": plain,
         "semicolons": plain.replace(",", ";").replace(".", ","),
+        "tabs": plain.replace(",", "\t"),
+        "remarks": "# recorded on Tuesday; by tram, no. 3\n#\n" + plain,
         "nan": plain.replace("A,3.75,,", "A,3.75,nan,").replace("0.25,\n", "0.25,NaN\n"),
         "degrees": plain.replace("aoa_rad", "aoa_deg").replace("0.5235987755982988", "30"),
     }

@@ -1,0 +1,46 @@
+"""What a scene holds, in lines: sizes, and where on their ways agents see anchors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gridslam.arrays import Array
+from gridslam.simulation.image_source import visible
+from gridslam.world.scene import Scene
+
+
+def scene_lines(scene: Scene) -> list[str]:
+    """Say what a scene holds, and of each agent with a way how much of it an anchor is in sight.
+
+    Where none is, only reflections tell where the agent is, and where nothing reflects either, nothing does.
+    """
+    size = " x ".join(str(n) for n in reversed(scene.grid.shape))
+    pieces = len(scene.segments())
+    walls = counted(len(scene.walls), "wall")
+    if pieces > len(scene.walls):
+        walls += f" of {counted(pieces, 'piece')}"
+    counts = f"{counted(len(scene.anchors), 'anchor')}, {walls}, {counted(len(scene.agents), 'agent')}"
+    lines = [f"scene {scene.name}: {counts}, {size} cells of {scene.grid.cell_m:g} m"]
+    for agent in scene.agents:
+        if scene.walls and agent.waypoints_m:
+            lines.append(f"  {agent.name}: {_in_sight(scene, scene.track(agent.name).position_m)}")
+    return lines
+
+
+def counted(number: int, thing: str) -> str:
+    """A number of things, in words: "1 wall", "2 walls"."""
+    return f"{number} {thing}{'' if number == 1 else 's'}"
+
+
+def _in_sight(scene: Scene, way: Array) -> str:
+    """Share of positions (N, 2) at which an anchor is in sight, and the longest stretch without."""
+    seen = np.zeros(len(way), bool)
+    for place in scene.anchor_positions:
+        seen |= visible(np.broadcast_to(place, way.shape), way, scene.segments())
+    told = f"{len(way)} steps, an anchor in sight at {seen.mean():.0%} of them"
+    if seen.all():
+        return told
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], seen, [True]]).astype(int)))
+    first, last = edges[0::2], edges[1::2] - 1
+    longest = int((last - first).argmax())
+    return f"{told}, at none from step {first[longest]} to {last[longest]}"
