@@ -9,7 +9,7 @@ import numpy as np
 from gridslam import reference
 from gridslam.bench.kernels import KernelSpeed, repeated
 from gridslam.inference.messages.feature_likelihood import Front
-from gridslam.inference.messages.learning import POWERS
+from gridslam.inference.messages.seeding import POWERS
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 
@@ -39,7 +39,7 @@ def _speeds(count: int, particles: int, seconds: float, scene: str) -> Iterator[
     )
     features = draw.uniform([-12, -12, 0, 100], [12, 12, 2, 2000], (count, 4))
     samples = draw.normal(size=shape) + 1j * draw.normal(size=shape)
-    anchor, tables = np.array([0.5, 5.0]), front.tables(samples[None])
+    anchor, tables, coarse = np.array([0.5, 5.0]), front.tables(samples[None]), front.coarse(samples[None])
     few, step = points[:TWIN_POINTS], np.zeros(particles, np.int32)
     rate = 2 * np.pi * wave.offset_hz / SPEED_OF_LIGHT
     known = few, features, anchor, front.element, wave.pulse, rate, samples
@@ -61,8 +61,8 @@ def _speeds(count: int, particles: int, seconds: float, scene: str) -> Iterator[
     one, powers = points[:1], 100.0 * POWERS
     yield _compete(
         "back_project", where, "place", particles, seconds, share,
-        lambda: front.gains(places, one, tables, powers),
-        lambda: front.gains(places[:1], one, tables, powers),
+        lambda: front.gains(places, one, coarse, powers),
+        lambda: front.gains(places[:1], one, coarse, powers),
         lambda: reference.back_project(
             places[:TWIN_POINTS], one, front.element, wave.pulse, rate, samples, powers
         ),

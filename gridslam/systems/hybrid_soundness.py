@@ -74,7 +74,7 @@ def _segment(segment: Segment, model: SignalModel) -> list[tuple[str, bool, str]
     anchors, _, elements, frequencies = model.waveform.shape
     count = len(segment)
     shapes = {
-        "heading_rad": (count,), "heard": (count, anchors), "agent": (count, MOVING),
+        "heading_rad": (count,), "heard": (count, anchors), "agent": (count, MOVING), "evidence": (count,),
         "samples": (count, anchors, elements, frequencies),
     }  # fmt: skip
     fit = all(getattr(segment, name).shape == shape for name, shape in shapes.items())

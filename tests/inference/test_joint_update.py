@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from signal_worlds import received, signal_model
 
-from gridslam.inference.messages.joint_update import columns, log_likelihood, predict, slopes, update
+from gridslam.inference.messages.joint_update import (
+    columns,
+    log_likelihood,
+    predict,
+    products,
+    slopes,
+    update,
+)
 from gridslam.inference.state.features import FeatureBank, entries, place_jacobian, places
 from gridslam.inference.state.hybrid_state import JointBelief
 
@@ -30,12 +37,13 @@ def belief(agent=(0.0, 0.0, 0.5, 0.0), spread=0.1, features=2, power=POWERS):
 @pytest.mark.parametrize("entry", range(11))
 def test_slopes_are_those_of_the_log_likelihood(entry):
     model, draw, step = signal_model(), np.random.default_rng(entry), 1e-6
-    z = received(model, (0.05, -0.02), 0.3, POINTS, POWERS, draw)[0].ravel()
+    z = received(model, (0.05, -0.02), 0.3, POINTS, POWERS, draw)[0]
     at = np.append(belief().mean, 0.02)
     score, _, value = slopes(at, belief(), 0, z, 0.3, POWERS, model)
 
     def density(x):
-        return log_likelihood(columns(x[:-1], belief(), 0, 0.3 + x[-1], model).value, POWERS, 1.0, z)
+        found = columns(x[:-1], belief(), 0, 0.3 + x[-1], model)
+        return log_likelihood(products(found, z), POWERS, 1.0)
 
     way = step * np.eye(len(at))[entry]
     assert value == pytest.approx(density(at))
@@ -46,12 +54,13 @@ def test_slopes_are_those_of_the_log_likelihood(entry):
 
 def test_log_likelihood_is_that_of_the_covariance_of_all_samples():
     model, draw = signal_model(), np.random.default_rng(0)
-    z = received(model, (0.0, 0.0), 0.3, POINTS, POWERS, draw)[0].ravel()
-    responses = columns(belief().mean, belief(), 0, 0.3, model).value
+    samples = received(model, (0.0, 0.0), 0.3, POINTS, POWERS, draw)[0]
+    found, z = columns(belief().mean, belief(), 0, 0.3, model), samples.ravel()
+    responses = found.value
     covariance = 1.7 * np.eye(len(z)) + (responses * POWERS) @ responses.conj().T
     _, logdet = np.linalg.slogdet(np.pi * covariance)
     expected = -np.vdot(z, np.linalg.solve(covariance, z)).real - logdet
-    assert log_likelihood(responses, POWERS, 1.7, z) == pytest.approx(expected, abs=1e-8)
+    assert log_likelihood(products(found, samples), POWERS, 1.7) == pytest.approx(expected, abs=1e-8)
 
 
 def test_information_is_the_scatter_of_the_score():
@@ -59,7 +68,7 @@ def test_information_is_the_scatter_of_the_score():
     model, draw, one = signal_model(), np.random.default_rng(4), belief()
     scores, curvature = [], np.zeros((11, 11))
     for _ in range(400):
-        z = received(model, one.mean[:2], 0.3, POINTS, POWERS, draw)[0].ravel()
+        z = received(model, one.mean[:2], 0.3, POINTS, POWERS, draw)[0]
         score, square, _ = slopes(np.append(one.mean, 0.0), one, 0, z, 0.3, POWERS, model)
         scores.append(score)
         curvature += square / 400
@@ -73,9 +82,9 @@ def test_a_path_that_is_not_heard_says_nothing_of_its_feature():
     model, draw, one = signal_model(), np.random.default_rng(1), belief()
     at, there, gone = np.append(one.mean, 0.0), [], []
     for _ in range(50):
-        z = received(model, (0.0, 0.0), 0.3, POINTS, POWERS, draw)[0].ravel()
+        z = received(model, (0.0, 0.0), 0.3, POINTS, POWERS, draw)[0]
         there.append(slopes(at, one, 0, z, 0.3, POWERS, model)[1][4, 4])
-        z = received(model, (0.0, 0.0), 0.3, POINTS[[0, 2]], POWERS[[0, 2]], draw)[0].ravel()
+        z = received(model, (0.0, 0.0), 0.3, POINTS[[0, 2]], POWERS[[0, 2]], draw)[0]
         gone.append(slopes(at, one, 0, z, 0.3, POWERS, model)[1][4, 4])
     assert np.mean(gone) < 0.1 * np.mean(there)
 

@@ -8,14 +8,16 @@ from signal_worlds import received, signal_model
 
 from gridslam import runtime
 from gridslam.inference.messages.feature_likelihood import Front
-from gridslam.inference.messages.learning import (
+from gridslam.inference.messages.joint_update import predict, update
+from gridslam.inference.messages.learning import JUDGED, PRICES, extra_slopes, learn, usual_prices
+from gridslam.inference.messages.seeding import (
     IMAGE,
-    JUDGED,
+    POWERS,
     SCATTERED,
-    _candidates,
-    extra_slopes,
-    learn,
-    usual_prices,
+    candidates,
+    first_gains,
+    propose,
+    stretch_of,
 )
 from gridslam.inference.state.features import FeatureBank, entries, places
 from gridslam.inference.state.hybrid_state import HybridState, JointBelief, Segment
@@ -33,12 +35,13 @@ def state_after(points, powers, seed, elsewhere_from=STEPS):
         model.start_mean[:4], np.diag(model.start_variance[:4]), FeatureBank.empty(), np.array([0.9]),
         np.array([LOS_POWER]), np.ones(1),
     )  # fmt: skip
-    segment, heard = Segment.empty(1, 4, 41), np.array([True])
+    segment, heard, at = Segment.empty(1, 4, 41), np.array([True]), belief
     for k in range(STEPS):
         place = np.array([0.1 * k, 0.5 * np.sin(0.2 * k)])
         rows = points if k < elsewhere_from else [point + np.array([0.0, 5.0, 0.0]) for point in points]
         z = received(model, place, 0.1 * k, [LOS, *rows], [LOS_POWER, *powers], draw)
-        segment = segment.add(0.1 * k, 0.1 * k, heard, z, np.array([*place, 1.0, 0.0]))
+        at, evidence = update(predict(at, 0.1, 2.0) if k else at, z, heard, 0.1 * k, model, k)
+        segment = segment.add(0.1 * k, 0.1 * k, heard, z, np.array([*place, 1.0, 0.0]), evidence)
     return HybridState(belief, belief, segment, step=STEPS, time_s=0.1 * (STEPS - 1)), model
 
 
@@ -83,9 +86,55 @@ def test_a_segment_that_is_too_short_is_kept_for_later():
     assert learned.proposed == 0
 
 
+def stretch_and_gains(points, powers):
+    state, model = state_after(points, powers, 2)
+    stretch = stretch_of(state.joint, state.segment, 0, JUDGED, Front(model.waveform), model)
+    return stretch, first_gains(stretch, np.zeros((0, 4)))
+
+
+def test_samples_less_what_features_explain_are_those_of_the_covariance_of_all():
+    # by the whole covariance, with a line of sight of which nothing is known
+    from gridslam import reference
+
+    stretch, _ = stretch_and_gains([MIRROR], [1500.0])
+    front, table = stretch.front, np.array([[*MIRROR, 1500.0], [1.0, -5.0, 2.0, 300.0]])
+    wave = front.waveform
+    rate = 2 * np.pi * wave.offset_hz / 299792458.0
+    expected = []
+    for point, z in zip(stretch.points, stretch.samples, strict=True):
+        given = stretch.anchor_m, front.element, wave.pulse, rate
+        los, each = reference.columns(point[:3], table, *given)
+        covariance = point[3] * np.eye(z.size) + (each * table[:, 3]) @ each.conj().T
+        clear = z.ravel() - los * (np.vdot(los, z.ravel()) / np.vdot(los, los))
+        expected.append(np.linalg.solve(covariance, clear).reshape(z.shape))
+    found, right = stretch.unexplained(table), front.coarse(np.array(expected))
+    np.testing.assert_allclose(found, right, atol=3e-3 * np.abs(right).max())
+
+
+def test_gains_that_are_older_than_the_latest_feature_lead_to_the_same_best_place():
+    stretch, gains = stretch_and_gains([MIRROR, SCATTERER], [1500.0, 1000.0])
+    left = stretch.unexplained(np.array([[*MIRROR, 1500.0]]))
+    gains.age()
+    found = gains.best(PRICES[0], None, stretch, left)
+    everywhere = stretch.front.gains(gains.places, stretch.points, left, stretch.unit * POWERS)
+    total = everywhere[:, 0] - PRICES[0][gains.kinds]
+    assert found == np.argmax(total)
+    assert gains.fresh.sum() < 0.2 * len(total), "most places needn't be looked at again"
+
+
+def test_what_is_proposed_is_nearer_than_the_grid():
+    stretch, gains = stretch_and_gains([MIRROR], [1500.0])
+    table, kind = propose(stretch, np.zeros((0, 4)), gains, PRICES[0])
+    assert kind[0] == IMAGE
+    off = table[0, :2] - MIRROR[:2]
+    along = MIRROR[:2] / np.hypot(*MIRROR[:2])
+    assert abs(off @ along) < 0.05
+    assert table[0, 3] == pytest.approx(1500.0, rel=0.3)
+
+
 def test_candidates_of_scatterers_have_the_length_to_the_anchor_as_extra():
     centre, anchor = np.array([1.0, -2.0]), np.array([3.0, 4.0])
-    rows, kinds = _candidates(centre, 20.0, anchor)
+    rows, kinds = candidates(centre, 20.0, anchor)
     tied = rows[kinds == SCATTERED]
     far = np.hypot(*(tied[:, :2] - centre).T)
     np.testing.assert_allclose(tied[:, 2], np.hypot(*(tied[:, :2] - anchor).T))

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.errors import InputError
-from gridslam.inference.messages.matched_outputs import matched_outputs, pulse_correlation, rows_per_m
+from gridslam.inference.messages.matched_outputs import (
+    COARSE_ROWS,
+    coarse_outputs,
+    matched_outputs,
+    pulse_correlation,
+    rows_per_m,
+)
 from gridslam.kernels.primitives.blocks import Solver
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.waveform import EVEN, Waveform
@@ -58,7 +64,12 @@ class Front:
     def tables(self, samples: Complex) -> Tables:
         """Matched outputs of steps (K, N, M), (K, N, T, 4)."""
         wave = self.waveform
-        return np.stack([matched_outputs(z, wave.offset_hz, wave.pulse) for z in samples])
+        return matched_outputs(samples, wave.offset_hz, wave.pulse)
+
+    def coarse(self, samples: Complex) -> Tables:
+        """Matched outputs of steps (K, N, M) for `gains`, (K, T, N, 2)."""
+        wave = self.waveform
+        return coarse_outputs(samples, wave.offset_hz, wave.pulse)
 
     def ratios(self, points: Array, features: Array, anchor_m: Array, table: Tables) -> Array:
         """A of (M123), |h_lo^H z|^2 and |h_lo|^2 (P, 3) at points (P, 4): x, y, heading, noise power.
@@ -96,13 +107,20 @@ class Front:
         return out[:, :-1].sum(0), float(out[:, -1, 0].sum())
 
     def gains(self, candidates: Array, points: Array, tables: Tables, powers: Array) -> Array:
-        """Gain of a feature at each of the candidates (Q, 3), and its power, (Q, 2); (M132)."""
+        """Gain of a feature at each of the candidates (Q, 3), and its power, (Q, 2); (M132).
+
+        Parameters
+        ----------
+        tables : (K, T, N, 2) float32
+            See `coarse`; of what nothing explains.
+        """
         from gridslam.kernels.messages.back_projection import back_project
 
         out = np.empty((len(candidates), 2))
         back_project(
-            np.ascontiguousarray(candidates), np.ascontiguousarray(points), self.element, tables, self.per_m,
-            self.longest_m, powers, out,
+            np.ascontiguousarray(candidates), np.ascontiguousarray(points), self.element,
+            np.ascontiguousarray(tables), rows_per_m(self.waveform.offset_hz, COARSE_ROWS), self.longest_m,
+            powers, out,
         )  # fmt: skip
         return out
 

@@ -90,7 +90,9 @@ def follow_jointly(state: HybridState, got: Snapshot, model: SignalModel) -> tup
 def remember(state: HybridState, got: Snapshot, moments: Moments) -> HybridState:
     """The segment with this step."""
     assert state.time_s is not None
-    segment = state.segment.add(state.time_s, got.heading_rad, got.heard, got.samples, moments.mean)
+    segment = state.segment.add(
+        state.time_s, got.heading_rad, got.heard, got.samples, moments.mean, moments.log_evidence
+    )
     return replace(state, segment=segment)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.state.features import ENTRIES, MOVING, place_jacobian, places
+from gridslam.inference.state.features import ENTRIES, MOVING
 from gridslam.inference.state.hybrid_state import JointBelief
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.signal_model import SignalModel
@@ -36,20 +36,67 @@ FAINTEST = 1e-4
 class Columns:
     """Responses of the line of sight (first) and the features of one anchor, C of them.
 
+    Each is the product of what antennas and what frequencies respond, so that products of responses are
+    products of both, and no response of all samples has to be made.
+
     Attributes
     ----------
-    value, by_length, by_angle : (N M, C) complex128
+    antennas, bent : (N, C) complex128
+        Of the antennas, and its slope by the angle.
+    spectrum, sloped : (M, C) complex128
+        Of the frequencies, and its slope by the length.
     jacobian : (2 C, 4 + 3 F + 1) float64
         Slopes of all lengths, then all angles, by the joint state and by an error of the heading.
     rows : (C - 1,) int64
         The features.
     """
 
-    value: Complex
-    by_length: Complex
-    by_angle: Complex
+    antennas: Complex
+    bent: Complex
+    spectrum: Complex
+    sloped: Complex
     jacobian: Array
     rows: NDArray[np.int64]
+
+    @property
+    def value(self) -> Complex:
+        """Responses of all samples, (N M, C)."""
+        whole: Complex = self.antennas[:, None] * self.spectrum[None]
+        return whole.reshape(-1, self.antennas.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Products:
+    """Products of responses H (N M, C) with each other, and with the samples z.
+
+    Attributes
+    ----------
+    gram : (C, C) complex128
+        ``H^H H``.
+    matched : (C,) complex128
+        ``H^H z``.
+    energy : float
+        ``z^H z``.
+    size : int
+        How many samples there are.
+    """
+
+    gram: Complex
+    matched: Complex
+    energy: float
+    size: int
+
+    def of(self, rows: slice) -> Products:
+        """Some of the responses alone."""
+        return replace(self, gram=self.gram[rows, rows], matched=self.matched[rows])
+
+
+def products(found: Columns, samples: Complex) -> Products:
+    """Those of responses and samples (N, M)."""
+    adjoint = found.spectrum.conj().T
+    gram = (found.antennas.conj().T @ found.antennas) * (adjoint @ found.spectrum)
+    matched = ((adjoint @ samples.T) * found.antennas.conj().T).sum(1)
+    return Products(gram, matched, float(np.vdot(samples, samples).real), samples.size)
 
 
 def predict(belief: JointBelief, seconds: float, acceleration_mps2: float) -> JointBelief:
@@ -69,11 +116,16 @@ def columns(mean: Array, belief: JointBelief, anchor: int, heading_rad: float, m
     """Responses at a joint state, and their slopes."""
     wave, bank = model.waveform, belief.features
     rows = np.flatnonzero(bank.anchor == anchor)
-    all_places, slopes = places(mean, bank.origin_m), place_jacobian(mean, bank.origin_m)
-    place = np.concatenate([[[*model.anchors[anchor, :2], 0.0]], all_places[rows]])
-    way = place[:, :2] - mean[:2]
+    own = MOVING + ENTRIES * rows[:, None] + np.arange(ENTRIES)
+    total, bearing, extra = mean[own].T
+    ahead, beside = np.cos(bearing), np.sin(bearing)
+    place, behind = np.empty((1 + len(rows), 2)), np.append(0.0, extra)
+    place[0] = model.anchors[anchor, :2]
+    place[1:, 0] = bank.origin_m[rows, 0] + (total - extra) * ahead
+    place[1:, 1] = bank.origin_m[rows, 1] + (total - extra) * beside
+    way = place - mean[:2]
     far = np.maximum(np.hypot(way[:, 0], way[:, 1]), LEAST_M)
-    length = np.maximum(far + place[:, 2], LEAST_M)
+    length = np.maximum(far + behind, LEAST_M)
     angle = np.arctan2(way[:, 1], way[:, 0]) - heading_rad
     element = 2 * np.pi / wave.wavelength_m * wave.agent_element_m
     antennas = np.exp(1j * element @ np.stack([np.cos(angle), np.sin(angle)]))
@@ -87,22 +139,23 @@ def columns(mean: Array, belief: JointBelief, anchor: int, heading_rad: float, m
     jacobian = np.zeros((2, count, size + 1))
     jacobian[0, :, :2], jacobian[1, :, :2] = -along, -across
     jacobian[1, :, -1] = -1.0
-    for column, row in enumerate(rows, 1):
-        at = MOVING + ENTRIES * row
-        jacobian[0, column, at : at + ENTRIES] = along[column] @ slopes[row, :2] + slopes[row, 2]
-        jacobian[1, column, at : at + ENTRIES] = across[column] @ slopes[row, :2]
-    whole = (_outer(antennas, spectrum), _outer(antennas, sloped), _outer(bent, spectrum))
-    return Columns(*whole, jacobian.reshape(2 * count, size + 1), rows)
+    each = np.arange(1, count)
+    for entry, towards in ((0, along[1:]), (1, across[1:])):
+        ray = towards[:, 0] * ahead + towards[:, 1] * beside
+        jacobian[entry, each, own[:, 0]] = ray
+        jacobian[entry, each, own[:, 1]] = (total - extra) * (towards[:, 1] * ahead - towards[:, 0] * beside)
+        jacobian[entry, each, own[:, 2]] = 1 - entry - ray
+    return Columns(antennas, bent, spectrum, sloped, jacobian.reshape(2 * count, size + 1), rows)
 
 
-def log_likelihood(responses: Complex, power: Array, noise: float, samples: Complex) -> float:
-    """Log density of samples whose covariance is noise and columns (N M, C) of given powers."""
-    root = responses * np.sqrt(power)
-    small = noise * np.eye(len(power)) + root.conj().T @ root
-    matched = root.conj().T @ samples
-    fit = np.vdot(samples, samples).real - np.vdot(matched, np.linalg.solve(small, matched)).real
+def log_likelihood(known: Products, power: Array, noise: float) -> float:
+    """Log density of samples whose covariance is noise and responses of given powers (C,)."""
+    root = np.sqrt(power)
+    small = noise * np.eye(len(power)) + root[:, None] * known.gram * root
+    matched = root * known.matched
+    fit = known.energy - np.vdot(matched, np.linalg.solve(small, matched)).real
     logdet = float(np.linalg.slogdet(small / noise)[1])
-    return float(-fit / noise - logdet - len(samples) * np.log(np.pi * noise))
+    return float(-fit / noise - logdet - known.size * np.log(np.pi * noise))
 
 
 def update(
@@ -117,12 +170,12 @@ def update(
         Where the agent is thought to be by other means: from there the maximum is looked for.
     """
     size, anchors = len(belief.mean), np.flatnonzero(heard)
-    flat = {int(j): np.ascontiguousarray(samples[j]).ravel() for j in anchors}
+    each = {int(j): np.ascontiguousarray(samples[j]) for j in anchors}
     origin = belief.mean.copy()
     if start is not None:
         origin[:MOVING] = start
     existence = belief.existence.copy()
-    for j, z in flat.items():
+    for j, z in each.items():
         existence[j] = _existence(belief, origin, j, z, heading_rad, model)
     prior = np.zeros((size + 1, size + 1))  # the last entry is an error of this step's heading
     prior[:size, :size] = belief.covariance
@@ -130,7 +183,7 @@ def update(
     base, at = np.append(belief.mean, 0.0), np.append(origin, 0.0)
     for _ in range(ROUNDS):
         score, curvature, value = np.zeros(size + 1), np.zeros((size + 1, size + 1)), 0.0
-        for j, z in flat.items():
+        for j, z in each.items():
             gain = _powers(belief, existence, j)
             one, two, three = slopes(at, belief, j, z, heading_rad, gain, model)
             score, curvature, value = score + one, curvature + two, value + three
@@ -144,7 +197,7 @@ def update(
             break
     covariance = np.linalg.solve(system, prior)[:size, :size]
     found = replace(belief, mean=at[:size], covariance=0.5 * (covariance + covariance.T), existence=existence)
-    for j, z in flat.items():
+    for j, z in each.items():
         found = _follow_powers(found, j, z, heading_rad + at[size], model, step)
     return found, evidence
 
@@ -157,8 +210,9 @@ def _existence(
     before = STAYS * before + APPEARS * (1 - before)
     found = columns(at, belief, anchor, heading_rad, model)
     noise, power = belief.noise[anchor], belief.features.power[found.rows]
-    there = log_likelihood(found.value, np.append(belief.los_power[anchor], power), noise, samples)
-    absent = log_likelihood(found.value[:, 1:], power, noise, samples)
+    known = products(found, samples)
+    there = log_likelihood(known, np.append(belief.los_power[anchor], power), noise)
+    absent = log_likelihood(known.of(slice(1, None)), power, noise)
     return float(1 / (1 + (1 - before) / before * np.exp(np.clip(absent - there, -500, 500))))
 
 
@@ -196,12 +250,18 @@ def slopes(
 
 def _whitened(found: Columns, power: Array, noise: float, samples: Complex) -> tuple[Complex, Complex, float]:
     """``T^H C^-1 T``, ``T^H C^-1 z`` for all columns and slopes T, and the log-likelihood."""
-    whole = np.concatenate([found.value, found.by_length, found.by_angle], 1)
-    root = found.value * np.sqrt(power)
-    adjoint = whole.conj().T
-    plain, output, cross = adjoint @ whole, adjoint @ samples, adjoint @ root
-    small = noise * np.eye(len(power)) + root.conj().T @ root
-    matched = root.conj().T @ samples
+    count = len(power)
+    antennas = np.concatenate([found.antennas, found.antennas, found.bent], 1)
+    adjoint = np.concatenate([found.spectrum, found.sloped], 1).conj().T
+    which = np.concatenate([np.arange(2 * count), np.arange(count)])  # slopes by angle keep the spectrum
+    turned = antennas.conj().T
+    both = adjoint @ adjoint.conj().T
+    plain = (turned @ antennas) * both[np.ix_(which, which)]
+    output = ((adjoint @ samples.T)[which] * turned).sum(1)
+    root = np.sqrt(power)
+    cross = plain[:, :count] * root
+    small = noise * np.eye(count) + root[:, None] * cross[:count]
+    matched = root * output[:count]
     solved = np.linalg.solve(small, np.column_stack([cross.conj().T, matched]))
     gram = (plain - cross @ solved[:, :-1]) / noise
     fit = (np.vdot(samples, samples) - np.vdot(matched, solved[:, -1])).real / noise
@@ -209,7 +269,7 @@ def _whitened(found: Columns, power: Array, noise: float, samples: Complex) -> t
     return (
         gram,
         (output - cross @ solved[:, -1]) / noise,
-        float(-fit - logdet - len(samples) * np.log(np.pi * noise)),
+        float(-fit - logdet - samples.size * np.log(np.pi * noise)),
     )
 
 
@@ -219,14 +279,13 @@ def _follow_powers(
     """Powers of line of sight, features and noise, each a running mean of what the step has it at."""
     power, noise = _powers(belief, belief.existence, anchor), belief.noise[anchor]
     found = columns(belief.mean, belief, anchor, heading_rad, model)
-    root = found.value * np.sqrt(power)
-    small = noise * np.eye(len(power)) + root.conj().T @ root
-    inverse = np.linalg.inv(small)
-    amplitude = np.sqrt(power) * (inverse @ (root.conj().T @ samples))
+    known, root = products(found, samples), np.sqrt(power)
+    inverse = np.linalg.inv(noise * np.eye(len(power)) + root[:, None] * known.gram * root)
+    amplitude = root * (inverse @ (root * known.matched))
     spread = power * noise * np.real(np.diagonal(inverse))
     square = np.abs(amplitude) ** 2 + spread
-    rest = samples - found.value @ amplitude
-    noise_now = np.vdot(rest, rest).real / (len(samples) - np.count_nonzero(power))
+    kept = np.vdot(amplitude, known.gram @ amplitude - 2 * known.matched).real
+    noise_now = (known.energy + kept) / (samples.size - np.count_nonzero(power))
     los_power, noises, bank = belief.los_power.copy(), belief.noise.copy(), belief.features
     if power[0] > 0:
         los_power[anchor] += FORGETS * (square[0] - los_power[anchor])
@@ -240,9 +299,3 @@ def _follow_powers(
     last[heard] = step
     bank = replace(bank, power=powers, steps_seen=seen, last_step=last)
     return replace(belief, los_power=los_power, noise=noises, features=bank)
-
-
-def _outer(antennas: Complex, spectrum: Complex) -> Complex:
-    """Responses (N M, C) by antenna and frequency."""
-    whole: Complex = (antennas[:, None] * spectrum[None]).reshape(-1, antennas.shape[1])
-    return whole

@@ -14,7 +14,7 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.inference.messages import sight
 from gridslam.inference.messages.feature_likelihood import Front
-from gridslam.inference.messages.learning import replay, usual_prices, with_proposals
+from gridslam.inference.messages.learning import replay, surveys, usual_prices, with_proposals
 from gridslam.inference.state.features import MOVING
 from gridslam.inference.state.hybrid_state import HybridState, JointBelief, Segment
 from gridslam.world.signal_model import SignalModel
@@ -57,6 +57,7 @@ def _proposed(
 ) -> tuple[float, JointBelief, Array]:
     """Evidence, belief and track with the features that a part of the first steps proposes."""
     taught = replace(taught, agent=segment.agent[: len(taught)])
-    wider, _ = with_proposals(state.before, replace(state, step=len(taught)), taught, 0, price, front, model)
+    looks = surveys(state.before, state, taught, 0, front, model)
+    wider, _ = with_proposals(state.before, replace(state, step=len(taught)), taught, looks, price, model)
     found, evidence, track = replay(wider, segment, None, 0, model)
     return float(evidence.sum()), found, track

@@ -103,6 +103,8 @@ class Segment:
     samples : (K, J, N, M) complex128
     agent : (K, 4) float64
         Means of x, y, vx, vy when a step was processed.
+    evidence : (K,) float64
+        Log of each step's evidence then.
     """
 
     time_s: Array
@@ -110,6 +112,7 @@ class Segment:
     heard: NDArray[np.bool_]
     samples: NDArray[np.complex128]
     agent: Array
+    evidence: Array
 
     @classmethod
     def empty(cls, anchors: int, elements: int, frequencies: int) -> Self:
@@ -117,6 +120,7 @@ class Segment:
         return cls(
             np.zeros(0), np.zeros(0), np.zeros((0, anchors), bool),
             np.zeros((0, anchors, elements, frequencies), np.complex128), np.zeros((0, MOVING)),
+            np.zeros(0),
         )  # fmt: skip
 
     def __len__(self) -> int:
@@ -128,13 +132,13 @@ class Segment:
 
     def add(
         self, time_s: float, heading_rad: float, heard: NDArray[np.bool_], samples: NDArray[np.complex128],
-        agent: Array,
+        agent: Array, evidence: float,
     ) -> Self:  # fmt: skip
         """One more step."""
         return type(self)(
             np.append(self.time_s, time_s), np.append(self.heading_rad, heading_rad),
             np.concatenate([self.heard, heard[None]]), np.concatenate([self.samples, samples[None]]),
-            np.concatenate([self.agent, agent[None]]),
+            np.concatenate([self.agent, agent[None]]), np.append(self.evidence, evidence),
         )  # fmt: skip
 
 
