@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam.inference.management.merging import merge_and_prune
+from gridslam.inference.management.parking import park, recall
 from gridslam.inference.management.pose_recovery import recover_pose
 from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.birth_proposals import propose_births
@@ -20,7 +21,6 @@ from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.messages.prediction import predict_paths
 from gridslam.inference.messages.ray_amplitudes import (
-    forget_amplitudes,
     predict_amplitudes,
     start_amplitudes,
     update_amplitudes,
@@ -58,6 +58,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     model = work.calibrated(model, reckoned.turned)
     scans = split_by_anchor(scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)
+    recalled = state = keep_samples(recall(state, model), model, work=work)
     for heard in scans:
         radio = state.calibration.tuned(model.radio, heard.anchor)
         paths = predict_paths(state, heard.anchor, model, work=work)  # eqs. (13), (14)
@@ -77,7 +78,8 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state = start_amplitudes(state, born, heard, model.radio)
         state = keep_samples(state, model, work=work)
         exchanges.append(exchange)
-    state = keep_samples(forget_amplitudes(merge_and_prune(state, model)), model, work=work)
+    state = park(recalled, merge_and_prune(state, model, None), model)
+    state = keep_samples(state, model, work=work)
     return conclude(state, exchanges, reckoned, model, work)
 
 

@@ -16,6 +16,7 @@ from gridslam.inference.management.hypotheses import advance, begun
 from gridslam.inference.management.readout import described, estimates, surface_estimate
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
+from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.belief import append, lines_covariance, with_lines
 from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.network_state import NetworkState
@@ -98,10 +99,11 @@ class SurfaceFront(FilterFront[Heard, Population]):
 
     def map(self) -> Map:
         """The map as it stands: detected surfaces, and a grid of which nothing was observed."""
-        table = surface_estimate(self.state, work=self.work)
+        state = unparked(self.state)
+        table = surface_estimate(state, work=self.work)
         found = table.existence > self.model.settings.detect_above
-        joint = lines_covariance(self.state.belief, found)
-        return bare_map(self, table.take(found), self.state.surfaces.reflection[found], joint)
+        joint = lines_covariance(state.belief, found)
+        return bare_map(self, table.take(found), state.surfaces.reflection[found], joint)
 
     def _strength(self, state: State) -> Callable[[Rays, Array], Array] | None:
         """Amplitudes (L,) of rays of given distances (L,); None where they follow from coefficients."""

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam.inference.management.merging import merge_and_prune
+from gridslam.inference.management.parking import park, recall
 from gridslam.inference.management.pose_recovery import recover_pose
 from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.birth_proposals import propose_births
@@ -61,6 +62,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     model = work.calibrated(model, reckoned.turned)
     scans = split_by_anchor(scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)
+    recalled = state = keep_samples(recall(state, model), model, work=work)
     for heard in scans:
         radio = state.calibration.tuned(model.radio, heard.anchor)
         paths, visible = cast_paths(state, heard.anchor, model, work=work)  # eq. (1)
@@ -81,7 +83,8 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     drawn = cast_messages(state, model, work=work)  # eqs. (43) to (45)
     state = update_coefficients(state, drawn, model, work=work)
     state = update_cells(state, work=work)  # eq. (46)
-    state = keep_samples(merge_and_prune(state, model), model, work=work)
+    state = park(recalled, merge_and_prune(state, model, None), model)
+    state = keep_samples(state, model, work=work)
     return conclude(state, exchanges, reckoned, model, work)
 
 

@@ -12,16 +12,18 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
+from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.layout import AGENT, StateLayout
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rings import BEARINGS, MOVING
 from gridslam.inference.state.state import State
 from gridslam.inference.state.state_samples import StateSamples
+from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import BINS
 
 Shape = tuple[int, ...]
-MOST_HYPOTHESES = 1000
+MOST_HYPOTHESES, MOST_PARKED = 1000, 2000
 SLACK = 1e-6
 """By which sums of probabilities may be off."""
 
@@ -63,16 +65,11 @@ def require_sound(state: State, model: FilterModel, where: str) -> None:
         ("step", state.step >= 0, "0 or more"),
         ("surfaces/identity", len(set(bank.identity.tolist())) == len(bank), "a number for each surface"),
         ("next_identity", state.next_identity > bank.identity.max(initial=-1), "above all identities"),
-        ("surfaces/owner", _within(bank.owner, -1, anchors - 1), "an anchor's number, or -1"),
-        ("surfaces/age", _within(bank.age, 0, np.inf), "0 or more"),
-        ("surfaces/seen", _within(bank.seen, 0, np.inf), "0 or more"),
-        ("surfaces/reflection", _sums_to_one(bank.reflection), "probabilities"),
+        *_claims_of_bank(bank, "surfaces", anchors),
         ("calibration/weight", calibration.weight > 0, "a positive number"),
         ("calibration/turn_weight", bool((calibration.turn_weight > 0).all()), "positive numbers"),
         ("calibration/clutter", _within(calibration.clutter, 0, np.inf), "0 or more"),
         ("calibration/listened", _within(calibration.listened, 0, np.inf), "0 or more"),
-        *((f"surfaces/{name}", _within(getattr(bank, name), 0, 1), "probabilities")
-          for name in ("existence", "single", "double")),
         ("los", _within(state.los, 0, 1), "probabilities"),
         *_claims_of_parts(state, model),
     ]  # fmt: skip
@@ -89,13 +86,10 @@ def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shap
     yield "los", state.los.shape, (anchors,)
     for name in ("clutter", "listened", "turn", "turn_weight"):
         yield f"calibration/{name}", getattr(state.calibration, name).shape, (anchors,)
-    whole: dict[str, Shape] = {
-        "reflection": (surfaces, BINS), "extent": (surfaces, 2), "single": (anchors, surfaces),
-        "double": (anchors, surfaces, surfaces),
-    }  # fmt: skip
-    for field in fields(state.surfaces):
-        found = getattr(state.surfaces, field.name).shape
-        yield f"surfaces/{field.name}", found, whole.get(field.name, (surfaces,))
+    yield from _shapes_of_bank(state.surfaces, "surfaces", anchors)
+    if state.parked is not None:
+        yield "parked/cross", state.parked.cross.shape, (len(state.parked.mean), size)
+        yield from _shapes_of_bank(state.parked.surfaces, "parked/surfaces", anchors)
     if state.grid is not None:
         for name in ("evidence", "observed", "row"):
             yield f"grid/{name}", getattr(state.grid, name).shape, model.grid.shape
@@ -121,9 +115,52 @@ def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shap
             )
 
 
+def _shapes_of_bank(bank: SurfaceBank, name: str, anchors: int) -> Iterator[tuple[str, Shape, Shape]]:
+    """Parts of a bank of surfaces, their shapes, and what these have to be."""
+    surfaces = len(bank)
+    whole: dict[str, Shape] = {
+        "reflection": (surfaces, BINS), "extent": (surfaces, 2), "single": (anchors, surfaces),
+        "double": (anchors, surfaces, surfaces),
+    }  # fmt: skip
+    for field in fields(bank):
+        found = getattr(bank, field.name).shape
+        yield f"{name}/{field.name}", found, whole.get(field.name, (surfaces,))
+
+
+def _claims_of_bank(bank: SurfaceBank, name: str, anchors: int) -> list[tuple[str, bool, str]]:
+    """What must hold of surfaces."""
+    return [
+        (f"{name}/owner", _within(bank.owner, -1, anchors - 1), "an anchor's number, or -1"),
+        (f"{name}/age", _within(bank.age, 0, np.inf), "0 or more"),
+        (f"{name}/seen", _within(bank.seen, 0, np.inf), "0 or more"),
+        (f"{name}/reflection", _sums_to_one(bank.reflection), "probabilities"),
+        *((f"{name}/{part}", _within(getattr(bank, part), 0, 1), "probabilities")
+          for part in ("existence", "single", "double")),
+    ]  # fmt: skip
+
+
+def _claims_of_parked(state: State, anchors: int) -> list[tuple[str, bool, str]]:
+    """What must hold of parked surfaces: others than those of the belief, and with it one Gaussian."""
+    parked = state.parked
+    if parked is None:
+        return []
+    every = [*state.surfaces.identity.tolist(), *parked.surfaces.identity.tolist()]
+    joint = unparked(state).belief.covariance
+    scale = np.sqrt(np.maximum(np.diagonal(joint), 0))
+    scale[scale == 0] = 1.0
+    least = np.linalg.eigvalsh(joint / np.outer(scale, scale)).min(initial=0)
+    return [
+        ("parked", 0 < len(parked) <= MOST_PARKED, f"1 to {MOST_PARKED} surfaces"),
+        ("parked/surfaces/identity", len(set(every)) == len(every), "a number for each surface"),
+        ("next_identity", state.next_identity > max(every), "above all identities"),
+        ("parked/cross", bool(least > -SLACK), "covariances with the belief that are possible"),
+        *_claims_of_bank(parked.surfaces, "parked/surfaces", anchors),
+    ]
+
+
 def _claims_of_parts(state: State, model: FilterModel) -> list[tuple[str, bool, str]]:
     """What must hold of the parts that not every system keeps."""
-    claims: list[tuple[str, bool, str]] = []
+    claims = _claims_of_parked(state, len(model.anchors))
     anchors, grid, rings = len(model.anchors), state.grid, state.rings
     if state.noise is not None:
         claims.append(("noise", _within(state.noise, 0, np.inf), "0 or more"))

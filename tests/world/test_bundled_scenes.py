@@ -14,6 +14,7 @@ def test_bundled_scenes_cite_their_source_and_say_what_is_hard():
     assert bundled_scenes() == [
         "alcove",
         "annex",
+        "building",
         "canyon",
         "ceiling",
         "chamber",

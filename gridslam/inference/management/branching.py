@@ -42,7 +42,8 @@ def placed(state: State, pose: Array, covariance: Array, velocity: float) -> Sta
     joint[:AGENT], joint[:, :AGENT] = 0.0, 0.0
     joint[np.ix_(POSE, POSE)] = covariance
     joint[2, 2] = joint[3, 3] = velocity
-    return replace(state, belief=replace(state.belief, mean=mean, covariance=joint))
+    parked = None if state.parked is None else state.parked.unlinked()
+    return replace(state, belief=replace(state.belief, mean=mean, covariance=joint), parked=parked)
 
 
 def conditioned(state: State, pose: Array, covariance: Array) -> State:
@@ -54,7 +55,7 @@ def conditioned(state: State, pose: Array, covariance: Array) -> State:
     gap[2] = wrap(gap[2])
     moved, narrow = mean + gain @ gap, joint - gain @ (own - covariance) @ gain.T
     moved[4] = wrap(moved[4])
-    return replace(state, belief=Belief(moved, 0.5 * (narrow + narrow.T)))
+    return state.believing(Belief(moved, 0.5 * (narrow + narrow.T)))
 
 
 def branches_of(state: State, modes: Modes, velocity: float) -> list[State]:

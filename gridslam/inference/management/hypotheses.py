@@ -15,18 +15,16 @@ from gridslam.estimates import Health
 from gridslam.inference.management.branching import branches_of, conditioned, linear_width, split, widest
 from gridslam.inference.management.challenge import HANDICAP, challenged, is_low, snapshot_of, watched
 from gridslam.inference.management.mixture import CAP, places, reduce
-from gridslam.inference.management.pose_recovery import crowd, is_vague, sources
+from gridslam.inference.management.pose_recovery import crowd, is_vague, known_sources
 from gridslam.inference.management.pose_search import Modes, find_modes
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.motion import predict
-from gridslam.inference.messages.prediction import paths_now
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.population import NONE, Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.radio import REFLECTION_BINS
 from gridslam.world.scan import Scan
 
 Start = Callable[[FilterModel], State]
@@ -120,9 +118,7 @@ def _listed(population: Population, scan: Scan, model: FilterModel, work: Worksp
         return population
     state = population.best
     prior = predict(state, scan.time_s, len(scan), model)
-    rays = paths_now(prior, replace(model, max_bounces=1), work=work)
-    level = prior.surfaces.reflection @ REFLECTION_BINS
-    known = sources(rays, prior.belief, model.anchor_positions, level)
+    known = known_sources(prior, model, work=work)
     stream = [work.seed, state.step, PURPOSE]
     with runtime.one_blas_thread():
         snapshot = snapshot_of(scans, prior, model, known)
@@ -174,7 +170,7 @@ def _split(population: Population, scan: Scan, model: FilterModel) -> Population
             states.append(state)
             logs.append(log)
             continue
-        states += [replace(state, belief=part) for part, _ in parts]
+        states += [state.believing(part) for part, _ in parts]
         logs += [log + float(np.log(share)) for _, share in parts]
     guard = population.guard
     if len(population) == 1 and len(states) > 1:  # the parent stays beside its parts, at even odds

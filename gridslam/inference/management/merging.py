@@ -19,8 +19,10 @@ CONFIRMED = ((60, 8), (25, 6), (5, 2))
 """Ages from which on a surface must have been seen so often."""
 
 
-def prune(bank: SurfaceBank, belief: Belief, threshold: float) -> tuple[SurfaceBank, Belief]:
-    """Drop unlikely surfaces; a birth must be confirmed by detections soon, and the number is bounded.
+def prune(
+    bank: SurfaceBank, belief: Belief, threshold: float, most: int | None = MOST_SURFACES
+) -> tuple[SurfaceBank, Belief]:
+    """Drop unlikely surfaces; a birth must be confirmed by detections soon, and the number may be bounded.
 
     Without confirmation a false birth hides: once its rays are believed blocked, no miss counts against it.
     """
@@ -30,13 +32,13 @@ def prune(bank: SurfaceBank, belief: Belief, threshold: float) -> tuple[SurfaceB
         and seen >= next((least for after, least in CONFIRMED if age >= after), 0)
         for existence, age, seen in rows
     ]
-    if all(kept) and len(kept) <= MOST_SURFACES:
+    if all(kept) and (most is None or len(kept) <= most):
         return bank, belief
     good = np.array(kept)
-    if good.sum() > MOST_SURFACES:
+    if most is not None and good.sum() > most:
         order = np.argsort(-bank.existence * good, kind="stable")
         good = np.zeros(len(bank), dtype=bool)
-        good[order[:MOST_SURFACES]] = True
+        good[order[:most]] = True
     return bank.take(good), keep(belief, good)
 
 
@@ -51,7 +53,7 @@ def merge(bank: SurfaceBank, belief: Belief) -> tuple[SurfaceBank, Belief]:
 
     if len(belief.lines) != len(bank):
         raise ValueError("belief and bank don't hold the same surfaces")
-    for _ in range(MOST_SURFACES + 1):
+    for _ in range(len(bank) + 1):
         found, tie = np.empty(2, np.int32), np.empty((2, 5))
         find_duplicates(belief.mean, belief.covariance, belief.layout.head, bank.foot, bank.owner, found, tie)
         older, younger = found.tolist()
@@ -80,15 +82,21 @@ def _united(bank: SurfaceBank, older: int, younger: int) -> SurfaceBank:
     return replace(bank, existence=existence, seen=seen, single=single, double=double, extent=extent)
 
 
-def merge_and_prune(state: State, model: FilterModel) -> State:
-    """Merge duplicates, drop ghosts and the unlikely."""
+def merge_and_prune(state: State, model: FilterModel, most: int | None = MOST_SURFACES) -> State:
+    """Merge duplicates, drop ghosts and the unlikely.
+
+    Parameters
+    ----------
+    most : int, optional
+        How many surfaces are kept at most; None where others are parked.
+    """
     bank, belief = merge(state.surfaces, state.belief)
     if model.max_bounces > 1:
         bank, belief = drop_ghosts(bank, belief, model.anchor_positions)
     before = bank
-    bank, belief = prune(bank, belief, model.settings.prune_below)
+    bank, belief = prune(bank, belief, model.settings.prune_below, most)
     monitor = state.monitor
-    if len(bank) == MOST_SURFACES < len(before):
+    if most is not None and len(bank) == most < len(before):
         dropped = ~np.isin(before.identity, bank.identity)
         crowded = int(np.count_nonzero(dropped & (before.existence > model.settings.detect_above)))
         monitor = replace(monitor, dropped=crowded)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.state.arrangement import arranged, unparked
 from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.population import NONE, Population
 from gridslam.inference.state.state import State
@@ -87,8 +88,8 @@ def together(states: list[State]) -> NDArray[np.bool_]:
 def same_world(one: State, other: State, model: FilterModel) -> bool:
     """Whether every surface that either believes in has a twin in the other."""
     for here, there in ((one, other), (other, one)):
-        believed = here.belief.lines[here.surfaces.existence > FOUND]
-        if len(believed) and not twins(believed, there.belief.lines, model.middle).any(1).all():
+        believed = here.every_line[here.every_existence > FOUND]
+        if len(believed) and not twins(believed, there.every_line, model.middle).any(1).all():
             return False
     return True
 
@@ -97,7 +98,13 @@ def same_identities(one: State, other: State, model: FilterModel) -> bool:
     """Whether both hold the same surfaces, number by number, at the same places."""
     if not np.array_equal(one.surfaces.identity, other.surfaces.identity):
         return False
-    return bool(twins(one.belief.lines, other.belief.lines, model.middle).diagonal().all())
+    if (one.parked is None) != (other.parked is None):
+        return False
+    if one.parked is not None and other.parked is not None:
+        these, those = one.parked.surfaces.identity, other.parked.surfaces.identity
+        if not np.array_equal(these, those):
+            return False
+    return bool(twins(one.every_line, other.every_line, model.middle).diagonal().all())
 
 
 def twins(these: Array, those: Array, middle: Array) -> NDArray[np.bool_]:
@@ -112,14 +119,19 @@ def twins(these: Array, those: Array, middle: Array) -> NDArray[np.bool_]:
 def moment_matched(one: State, other: State, log_one: float, log_other: float) -> State:
     """The first state with the joint belief of both."""
     share = 1 / (1 + np.exp(log_other - log_one))
-    gap = other.belief.mean - one.belief.mean
-    angles = one.belief.layout.angles
+    here, there = unparked(one), unparked(other)
+    gap = there.belief.mean - here.belief.mean
+    angles = here.belief.layout.angles
     gap[HEADING], gap[angles] = wrap(gap[HEADING]), wrap(gap[angles])
-    mean = one.belief.mean + (1 - share) * gap
+    mean = here.belief.mean + (1 - share) * gap
     mean[HEADING] = wrap(mean[HEADING])
-    covariance = share * one.belief.covariance + (1 - share) * other.belief.covariance
+    covariance = share * here.belief.covariance + (1 - share) * there.belief.covariance
     covariance = covariance + share * (1 - share) * np.outer(gap, gap)
-    return replace(one, belief=replace(one.belief, mean=mean, covariance=covariance))
+    matched = replace(here, belief=replace(here.belief, mean=mean, covariance=covariance))
+    if one.parked is None:
+        return matched
+    active = np.isin(matched.surfaces.identity, one.surfaces.identity)
+    return replace(arranged(matched, active), surfaces=one.surfaces)
 
 
 def places(population: Population) -> int:

@@ -21,6 +21,7 @@ from gridslam.arrays import Array
 from gridslam.inference.messages.likelihood import DetectionTable, detection_table, deviations
 from gridslam.inference.messages.prediction import paths_now
 from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.health import ENOUGH, MOST_LOUD
 from gridslam.inference.state.layout import AGENT, HEADING
@@ -90,6 +91,14 @@ def sources(rays: Rays, belief: Belief, places: Array, coefficient: Array) -> li
     return found
 
 
+def known_sources(state: State, model: FilterModel, *, work: Workspace) -> list[Sources]:
+    """Lines of sight and single bounces over all surfaces, parked ones among them: it may be anywhere."""
+    whole = unparked(state)
+    rays = paths_now(whole, replace(model, max_bounces=1), work=work)
+    level = whole.surfaces.reflection @ REFLECTION_BINS
+    return sources(rays, whole.belief, model.anchor_positions, level)
+
+
 @dataclass(frozen=True)
 class Fix:
     """A pose that explains a scan.
@@ -142,8 +151,7 @@ def recover_pose(
         state = replace(state, monitor=state.monitor.followed(count, near))
     if not (lost or vague):
         return state
-    rays = paths_now(state, replace(model, max_bounces=1), work=work)
-    images = sources(rays, state.belief, model.anchor_positions, state.surfaces.reflection @ REFLECTION_BINS)
+    images = known_sources(state, model, work=work)
     belief, now_s = state.belief, state.time_s
     if lost:
         elapsed = 0.0 if earlier_s is None or now_s is None else now_s - earlier_s
@@ -158,7 +166,11 @@ def recover_pose(
     if fix is None or not fix.clear or not (fix.better or not lost):
         return state
     monitor = state.monitor.found_again() if lost else state.monitor
-    return replace(state, belief=moved(belief, fix, float(model.start_variance[2])), monitor=monitor)
+    after = moved(belief, fix, float(model.start_variance[2]))
+    state = replace(state, monitor=monitor)
+    if state.parked is not None and not after.covariance[:AGENT, AGENT:].any():  # put elsewhere
+        return replace(state, belief=after, parked=state.parked.unlinked())
+    return state.believing(after, belief)
 
 
 def near_paths(scans: Sequence[AnchorScan], state: State, model: FilterModel) -> int:

@@ -11,6 +11,7 @@ from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.estimates import HypothesisEstimate, PathEstimate, SurfaceEstimate
 from gridslam.inference.messages.prediction import links_of
+from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rays import Rays, listed_at_most
 from gridslam.inference.state.state import State
@@ -24,9 +25,9 @@ Long = NDArray[np.int64]
 
 
 def surface_estimate(state: State, *, work: Workspace) -> SurfaceEstimate:
-    """Table of all potential surfaces."""
+    """Table of all potential surfaces, parked ones among them."""
     none = np.zeros(0), np.zeros((0, 3)), 0, 0.0
-    return _described(state, *none, None, work)[0]
+    return _described(unparked(state), *none, None, work)[0]
 
 
 def estimates(
@@ -42,7 +43,8 @@ def estimates(
     strength : callable, optional
         Amplitudes (L,) of rays of given lengths (L,), if they are known otherwise.
     """
-    return _described(state, state.los, model.places, model.max_bounces, at_1m, strength, work)
+    table, paths = _described(state, state.los, model.places, model.max_bounces, at_1m, strength, work)
+    return table if state.parked is None else surface_estimate(state, work=work), paths
 
 
 def described(population: Population) -> HypothesisEstimate:
@@ -52,7 +54,7 @@ def described(population: Population) -> HypothesisEstimate:
     return HypothesisEstimate(
         population.weights, poses[:, :2], wrap(poses[:, 2]),
         np.array([belief.covariance[:2, :2] for belief in beliefs]),
-        np.array([len(state.surfaces) for state in population.states], np.int64),
+        np.array([len(state.every_existence) for state in population.states], np.int64),
     )  # fmt: skip
 
 

@@ -24,8 +24,10 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
     scan_size : int
         Number of measurements in the scan.
     """
-    settings, joint, surfaces = model.settings, state.belief, state.surfaces
+    settings, joint, surfaces, parked = model.settings, state.belief, state.surfaces, state.parked
     if state.time_s is not None:
+        if parked is not None:
+            parked = parked.predicted(time_s - state.time_s, JITTER * settings.surface_m)
         joint = belief.predict(
             joint, time_s - state.time_s, settings.acceleration_mps2, np.radians(settings.heading_deg),
             JITTER * settings.surface_m, surfaces.foot,
@@ -35,6 +37,7 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
         state,
         belief=joint,
         surfaces=surfaces,
+        parked=parked,
         calibration=state.calibration.faded(),
         monitor=state.monitor.begun(scan_size),
         time_s=time_s,

@@ -12,12 +12,15 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.linalg.lapack import dpotrf
 
 from gridslam.arrays import Array
 from gridslam.inference.state.layout import HEADING, StateLayout
 from gridslam.world.geometry import wrap
 
+JITTER = 1e-12
+"""Added to correlations, since a view is singular where clocks are known."""
 Kind = TypeVar("Kind", bound="Belief")
 
 
@@ -195,3 +198,18 @@ def with_lines(belief: Kind, covariance: Array) -> Kind:
     joint = belief.covariance.copy()
     joint[belief.layout.lines, belief.layout.lines] = covariance
     return replace(belief, covariance=joint)
+
+
+def solved(covariance: Array, right: Array) -> Array:
+    """Covariance^-1 right, of a covariance that may be singular and whose entries differ in size."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0))
+    scale[scale == 0] = 1.0
+    even, own = covariance / np.outer(scale, scale), np.diag_indices(len(covariance))
+    for jitter in (0.0, JITTER, 1e3 * JITTER, 1e6 * JITTER):
+        even[own] += jitter
+        try:
+            factor = cho_factor(even, lower=True)
+        except LinAlgError:
+            continue
+        return np.asarray(cho_solve(factor, right / scale[:, None]) / scale[:, None])
+    return np.asarray(np.linalg.pinv(even, hermitian=True) @ (right / scale[:, None]) / scale[:, None])

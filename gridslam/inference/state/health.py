@@ -46,7 +46,8 @@ class HealthMonitor:
     crowd : int
         Loud measurements of one anchor at this step, if too many for all to propose poses; else 0.
     dropped : int
-        Surfaces believed in that were dropped at this step, since only so many are kept.
+        Surfaces believed in that are in sight and were set aside (or, of methods that park none, dropped) at
+        this step, since one joint belief takes only so many.
     """
 
     misfit: float = 0.0
@@ -143,7 +144,7 @@ class HealthMonitor:
         if self.crowd:
             reasons.append(f"{self.crowd} loud paths of one anchor: {MOST_LOUD} of them propose poses")
         if self.dropped:
-            reasons.append(f"{self.dropped} surfaces dropped for want of room")
+            reasons.append(f"{self.dropped} surfaces left out for want of room")
         health = Health(
             not reasons, "; ".join(reasons), effective, ratio, (low, high), share, np.array(heard),
             calibration.gain, calibration.turned.copy(), self.silent,

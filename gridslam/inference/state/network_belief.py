@@ -13,17 +13,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from gridslam.arrays import Array
-from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.belief import Belief, solved
 from gridslam.inference.state.layout import AGENT, HEADING, PER_LINE, StateLayout
 from gridslam.world.clocks import ClockModel
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap
-
-JITTER = 1e-12
-"""Added to correlations, since a view is singular where clocks are known."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +145,7 @@ class NetworkBelief(Belief):
         inside = np.r_[layout.pose(agent), layout.lines]
         where = np.r_[0:AGENT, seen.lines]
         rest = np.setdiff1d(np.arange(layout.size), inside)
-        gain = _solved(before.covariance, rows @ self.covariance[:, rest]).T
+        gain = solved(before.covariance, rows @ self.covariance[:, rest]).T
         shift = view.mean[:count] - before.mean
         shift[HEADING] = wrap(shift[HEADING])
         size = layout.size + new
@@ -232,18 +228,3 @@ def _carry(mean: Array, covariance: Array, what: Any, by: Any, dt: float) -> Non
     mean[what] += dt * mean[by]
     covariance[what] += dt * covariance[by]
     covariance[:, what] += dt * covariance[:, by]
-
-
-def _solved(covariance: Array, right: Array) -> Array:
-    """Covariance^-1 right, of a covariance that may be singular and whose entries differ in size."""
-    scale = np.sqrt(np.maximum(np.diag(covariance), 0))
-    scale[scale == 0] = 1.0
-    even, own = covariance / np.outer(scale, scale), np.diag_indices(len(covariance))
-    for jitter in (0.0, JITTER, 1e3 * JITTER, 1e6 * JITTER):
-        even[own] += jitter
-        try:
-            factor = cho_factor(even, lower=True)
-        except LinAlgError:
-            continue
-        return np.asarray(cho_solve(factor, right / scale[:, None]) / scale[:, None])
-    return np.asarray(np.linalg.pinv(even, hermitian=True) @ (right / scale[:, None]) / scale[:, None])

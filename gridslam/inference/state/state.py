@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -12,6 +12,7 @@ from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.calibration import Calibration
 from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.health import HealthMonitor
+from gridslam.inference.state.parked import Parked
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rings import Rings
 from gridslam.inference.state.state_samples import StateSamples
@@ -50,6 +51,8 @@ class State:
         Tentative virtual anchors (SLAM by virtual anchors).
     samples : StateSamples, optional
         Particles of agent and surfaces (``filter.representation = "particles"``); `belief` has their moments.
+    parked : Parked, optional
+        Surfaces out of sight, where there are too many for one joint belief.
     noise : (J,), optional
         Power of the noise in each sample, 0 where it isn't known yet (systems on sampled signals).
     """
@@ -67,6 +70,7 @@ class State:
     rings: Rings | None = None
     samples: StateSamples | None = None
     noise: Array | None = None
+    parked: Parked | None = None
 
     @classmethod
     def start(cls, model: FilterModel) -> Self:
@@ -78,6 +82,31 @@ class State:
             gaussian if samples is None else samples.moments(), SurfaceBank.empty(anchors),
             np.full(anchors, FRESH_SIGHT), Calibration.start(anchors), HealthMonitor(), samples=samples,
         )  # fmt: skip
+
+    def believing(self, belief: Belief, before: Belief | None = None) -> Self:
+        """This state with another belief about the same; parked surfaces follow by their correlation.
+
+        Parameters
+        ----------
+        before : Belief, optional
+            What was changed into it, where that isn't the state's own.
+        """
+        parked = self.parked
+        if parked is not None:
+            parked = parked.following(self.belief if before is None else before, belief)
+        return replace(self, belief=belief, parked=parked)
+
+    @property
+    def every_line(self) -> Array:
+        """Mean lines of all surfaces, (S + P, 2): those in the belief, then those that are parked."""
+        own = self.belief.lines
+        return own if self.parked is None else np.concatenate([own, self.parked.lines])
+
+    @property
+    def every_existence(self) -> Array:
+        """Existence of all surfaces, (S + P,)."""
+        own = self.surfaces.existence
+        return own if self.parked is None else np.concatenate([own, self.parked.surfaces.existence])
 
     def require_grid(self) -> Grid:
         """The grid, of a system that keeps one.

@@ -76,12 +76,21 @@ class SurfaceBank:
             np.zeros((anchors, 0, 0)), np.zeros((0, 2)), none.copy(), whole.copy(),
         )  # fmt: skip
 
-    def take(self, rows: NDArray[np.bool_]) -> SurfaceBank:
+    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> SurfaceBank:
         """Keep some of the surfaces."""
         parts = {f.name: getattr(self, f.name) for f in fields(self)}
         chosen = {name: part[rows] for name, part in parts.items() if name not in ("single", "double")}
         single, double = self.single[:, rows], self.double[:, rows][:, :, rows]
         return SurfaceBank(**chosen, single=np.ascontiguousarray(single), double=np.ascontiguousarray(double))
+
+    def joined(self, other: SurfaceBank) -> SurfaceBank:
+        """These surfaces, then those of another bank; rays over one of either are fresh."""
+        count, whole = len(self), len(self) + len(other)
+        columns = [f.name for f in fields(self) if f.name not in ("single", "double")]
+        parts = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in columns}
+        double = np.full((len(self.double), whole, whole), FRESH_DOUBLE)
+        double[:, :count, :count], double[:, count:, count:] = self.double, other.double
+        return SurfaceBank(**parts, single=np.concatenate([self.single, other.single], 1), double=double)
 
     def add(
         self,

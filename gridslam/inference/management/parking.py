@@ -1,0 +1,142 @@
+"""Many surfaces: those out of sight leave the joint belief, and come back when they may be seen again.
+
+Two messages of a step, `recall` before any measurement is used and `park` after all of them. While all
+surfaces together are no more than one joint belief takes, neither does anything. docs/model.md, section 9.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.inference.management.in_sight import shortest_path
+from gridslam.inference.management.merging import MOST_SURFACES
+from gridslam.inference.state.arrangement import arranged, lasting, without
+from gridslam.inference.state.parked import Parked
+from gridslam.inference.state.state import State
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import unit, wrap
+
+NEARBY_M, FARTHER_M = 1.0, 2.0
+"""By how much a wall may reach beyond the stretch that was hit: to be recalled, and not to be parked."""
+BELIEVED = 0.5
+"""Existence of a ray from which on its surfaces aren't out of sight."""
+OFTEN = 8
+"""Detections without which a surface stays in the belief until it is confirmed or pruned."""
+YOUNG = 30
+"""Age up to which a surface may turn out to be one that is parked."""
+LIKELY, TURN_RAD, GAP_M = 16.0, 0.02, 0.05
+"""Squared deviations up to which two lines may be one, and deviations that are always allowed."""
+
+
+def recall(state: State, model: FilterModel) -> State:
+    """Bring back the parked surfaces that may be seen from where the agent is, the nearest if not all fit in.
+
+    May be seen: a single bounce from some anchor off the stretch that was hit is possible, with no occupied
+    cell in its way; or a young surface may be the same wall.
+    """
+    parked = state.parked
+    if parked is None:
+        return state
+    near = shortest_path(state, parked.lines, parked.surfaces, NEARBY_M, model)
+    wanted = np.isfinite(near) | same_as_young(state, parked).any(0)
+    if not wanted.any():
+        return state
+    room = max(MOST_SURFACES - len(state.surfaces), 0)
+    order = np.argsort(np.where(wanted, np.minimum(near, 1e9), np.inf), kind="stable")
+    back = np.zeros(len(parked), bool)
+    back[order[: min(room, int(wanted.sum()))]] = True
+    left = int(np.count_nonzero(wanted & ~back))
+    state = replace(state, monitor=replace(state.monitor, dropped=left))
+    return arranged(state, np.concatenate([np.ones(len(state.surfaces), bool), back])) if room else state
+
+
+def park(recalled: State, state: State, model: FilterModel) -> State:
+    """Let parked surfaces follow what the step has learned; of too many, park those that are out of sight.
+
+    Out of sight: no ray over it is believed in, and none is possible. Where more are in sight than one joint
+    belief takes, the least likely are set aside, too (those not believed in are dropped); health says so.
+
+    Parameters
+    ----------
+    recalled : State
+        Before the step's measurements were used.
+    """
+    if recalled.parked is not None:
+        rows = lasting(recalled, state)
+        parked = recalled.parked.following(recalled.belief, state.belief, rows)
+        state = replace(state, parked=parked)
+    bank = state.surfaces
+    if len(state.every_existence) <= MOST_SURFACES:
+        return state
+    sure = bank.existence > model.settings.detect_above
+    away = sure & hidden(state, model)
+    stay = np.flatnonzero(~away)
+    beyond = stay[np.argsort(-bank.existence[stay], kind="stable")[MOST_SURFACES:]]
+    if len(beyond):
+        crowded = state.monitor.dropped + int(sure[beyond].sum())
+        state = replace(state, monitor=replace(state.monitor, dropped=crowded))
+        away[beyond] = True
+    state, away = without(state, away & ~sure), away[~(away & ~sure)]
+    if not away.any():
+        return state
+    outside = 0 if state.parked is None else len(state.parked)
+    return arranged(state, np.concatenate([~away, np.zeros(outside, bool)]))
+
+
+def hidden(state: State, model: FilterModel) -> NDArray[np.bool_]:
+    """Which surfaces of the joint belief are out of sight, (S,)."""
+    bank = state.surfaces
+    rays = np.concatenate([bank.single, bank.double.max(1), bank.double.max(2)]).max(0, initial=0)
+    away = (bank.seen >= OFTEN) & (rays < BELIEVED)
+    if away.any():
+        away &= ~np.isfinite(shortest_path(state, state.belief.lines, bank, FARTHER_M, model))
+    if away.any() and state.parked is not None:
+        away &= ~same_as_young(state, state.parked).any(1)
+    return away
+
+
+def same_as_young(state: State, parked: Parked) -> NDArray[np.bool_]:
+    """Which young surfaces of the joint belief may be the same wall as which parked ones, (S, P).
+
+    By turn, and gap where the young one was hit, within the joint covariance of both.
+    """
+    bank = state.surfaces
+    same = np.zeros((len(bank), len(parked)), bool)
+    young = np.flatnonzero(bank.age <= YOUNG)
+    if not len(young):
+        return same
+    for row in young.tolist():
+        same[row] = _alike(state, row, parked) & (bank.owner[row] == parked.surfaces.owner)
+    return same
+
+
+def _alike(state: State, row: int, parked: Parked) -> NDArray[np.bool_]:
+    """Which parked lines may be the line in one row of the belief, (P,)."""
+    line, foot = state.belief.lines[row], float(state.surfaces.foot[row])
+    place = line[1] * unit(line[0]) + foot * unit(line[0] + 0.5 * np.pi)
+    lines = parked.lines
+    turn = wrap(line[0] - lines[:, 0])
+    flip = np.where(np.abs(turn) > 0.5 * np.pi, -1.0, 1.0)
+    turn = wrap(turn + np.pi * (flip < 0))
+    gap = lines[:, 1] - unit(lines[:, 0]) @ place
+    loose = (np.abs(turn) < 10 * TURN_RAD) & (np.abs(gap) < 10 * GAP_M)
+    for one in np.flatnonzero(loose).tolist():
+        # by the young line, then by the parked one
+        normal, along = unit(lines[one, 0]), unit(lines[one, 0] + 0.5 * np.pi)
+        by_place = -normal
+        turned = line[1] * unit(line[0] + 0.5 * np.pi) - foot * unit(line[0])
+        slope = np.array(
+            [[1.0, 0.0, -1.0, 0.0], [by_place @ turned, by_place @ unit(line[0]), -along @ place, 1.0]]
+        )
+        own, there = state.belief.layout.line(row), 2 * one + np.arange(2)
+        joint = np.block([
+            [state.belief.covariance[np.ix_(own, own)], parked.cross[np.ix_(there, own)].T],
+            [parked.cross[np.ix_(there, own)], parked.covariance[np.ix_(there, there)]],
+        ])  # fmt: skip
+        spread = slope @ joint @ slope.T + np.diag([TURN_RAD**2, GAP_M**2])
+        off = np.array([turn[one], gap[one]])
+        loose[one] = off @ np.linalg.solve(spread, off) < LIKELY
+    return loose
