@@ -13,7 +13,7 @@ import numpy as np
 from gridslam import runtime
 from gridslam.bench.course import PeakMemory, heard, run
 from gridslam.bench.features import feature_speeds
-from gridslam.bench.growth import Growth, fitted, growth
+from gridslam.bench.growth import Growth, fitted, growth, with_hypotheses
 from gridslam.bench.kernels import IdleLaunches, KernelSpeed, compete, largest_launches
 from gridslam.bench.plan import Plan
 from gridslam.bench.stages import KERNEL, Stopwatch
@@ -158,7 +158,8 @@ def measure(
         [1e-3 * s.cpu_ms for s in on_alcove],
         [s.peak_memory_mb for s in on_alcove],
     )
-    grown = by_particles, *growth(alcove.with_filter(particles=plan.growth_particles), plan)
+    by_hypotheses = with_hypotheses(alcove.with_filter(particles=plan.kernel_particles), plan)
+    grown = by_particles, by_hypotheses, *growth(alcove.with_filter(particles=plan.growth_particles), plan)
     return Speed(plan, here, tuple(kernels), tuple(steps), grown, started, time.perf_counter() - began)
 
 

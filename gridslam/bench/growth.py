@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import time
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import tomli_w
 
 from gridslam.bench.course import PeakMemory, changed, heard, run
 from gridslam.bench.plan import Plan
+from gridslam.inference.management.hypotheses import each_stepped
+from gridslam.inference.state.population import Population
+from gridslam.inference.state.state import State
 from gridslam.systems.grid import GridSlam
 from gridslam.world.scene import Scene
 
@@ -102,3 +106,31 @@ def growth(alcove: Scene, plan: Plan) -> list[Growth]:
     ends = [steps - 1 for steps in plan.steps]
     total, computed = (np.cumsum(times)[ends].tolist() for times in (course.took, course.cpu))
     return [*found, fitted("steps", plan.steps, total, computed, [course.peak[end] for end in ends])]
+
+
+def with_hypotheses(scene: Scene, plan: Plan) -> Growth:
+    """Growth of a step's time with hypotheses, which are kept: each has a grid of its own, none is pruned."""
+    scans, memory = heard(scene, plan.before + plan.timed), PeakMemory()
+    slam, seconds, cpu, peaks = GridSlam(scene, seed=1), list[float](), list[float](), list[float]()
+    run(slam.step, scans[: plan.before], memory)
+    for count in plan.hypotheses:
+        among, took, busy = drawn(slam.state, count), list[float](), list[float]()
+        for scan in scans[plan.before :]:
+            began, computed = time.perf_counter(), time.process_time()
+            states, _ = each_stepped(among, scan, slam.model, slam.work, slam.advance)
+            took.append(time.perf_counter() - began)
+            busy.append(time.process_time() - computed)
+            among = replace(among, states=tuple(states))
+        seconds.append(float(np.median(took)))
+        cpu.append(float(np.median(busy)))
+        peaks.append(memory.look())
+    return fitted("hypotheses", plan.hypotheses, seconds, cpu, peaks)
+
+
+def drawn(state: State, count: int) -> Population:
+    """A state, and others that differ from it by what its belief leaves open."""
+    draw, belief = np.random.default_rng(1), state.belief
+    gaps = draw.standard_normal((count, len(belief.mean))) @ belief.root.T
+    gaps[0] = 0
+    states = [replace(state, belief=replace(belief, mean=belief.mean + gap)) for gap in gaps]
+    return Population(tuple(states), (-float(np.log(count)),) * count)

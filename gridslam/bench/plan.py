@@ -29,6 +29,8 @@ class Plan:
         Sides of the polygons.
     false_alarms, cell_m : tuple of float
         Per anchor and step; m.
+    hypotheses : tuple of int
+        Stepped at `kernel_particles` (of one; several have fewer each).
     steps : tuple of int
         Lengths of a run.
     repeats : int
@@ -52,6 +54,7 @@ class Plan:
     surfaces: tuple[int, ...] = (3, 4, 6, 8, 12)
     false_alarms: tuple[float, ...] = (2.0, 8.0, 32.0, 64.0)
     cell_m: tuple[float, ...] = (0.2, 0.1, 0.05, 0.025)
+    hypotheses: tuple[int, ...] = (1, 5, 20)
     steps: tuple[int, ...] = (24, 48, 120, 240)
     repeats: int = 3
     features: tuple[int, ...] = (3, 8, 15, 30, 60)
@@ -61,6 +64,6 @@ class Plan:
 QUICK = Plan(
     particles=(256, 1_024), canyon=256, before=1, timed=2, later=3, watched=1, kernel_particles=256,
     kernel_before=2, kernel_s=0.01, growth_particles=256, surfaces=(3, 4), false_alarms=(2.0, 8.0),
-    cell_m=(0.2, 0.1), steps=(2, 4), repeats=1, features=(3,), feature_particles=64,
+    cell_m=(0.2, 0.1), hypotheses=(1, 2), steps=(2, 4), repeats=1, features=(3,), feature_particles=64,
 )  # fmt: skip
 """Everything once, in seconds: to see that it works, not to believe its numbers."""

@@ -170,11 +170,16 @@ def _stages(steps: tuple[StepSpeed, ...]) -> Table:
 
 
 def _growth(growth: tuple[Growth, ...]) -> Table:
-    table = _table("time\nwith", "to the\npower", "CPU time\nto the", "size", "ms", "CPU\nms", "peak\nMB")
+    table = _table(
+        "time\nwith", "to the\npower", "CPU time\nto the", "size", "ms", "CPU\nms", "times\nthe first",
+        "peak\nMB",
+    )  # fmt: skip
     for g in growth:
         powers = ("-" if power is None else f"{power:.2f}" for power in (g.exponent, g.cpu_exponent))
         first = (g.of, *powers)
         for size, seconds, cpu, memory in zip(g.size, g.seconds, g.cpu_s, g.peak_memory_mb, strict=True):
-            table.add_row(*first, f"{size:.0f}", f"{1e3 * seconds:.1f}", f"{1e3 * cpu:.1f}", f"{memory:.0f}")
+            times = f"{seconds / g.seconds[0]:.1f}" if g.seconds[0] else "-"
+            told = f"{size:.0f}", f"{1e3 * seconds:.1f}", f"{1e3 * cpu:.1f}", times, f"{memory:.0f}"
+            table.add_row(*first, *told)
             first = "", "", ""
     return table

@@ -51,7 +51,7 @@ def test_everything_is_in_the_json_as_positive_finite_numbers(quick):
     assert found["machine"]["threads"] >= 1
     assert set(found["machine"]["versions"]) == set(bench_start.PACKAGES)
     assert [g["of"] for g in found["growth"]] == [
-        "particles", "surfaces", "measurements", "grid cells", "steps",
+        "particles", "hypotheses", "surfaces", "measurements", "grid cells", "steps",
     ]  # fmt: skip
     for growth in found["growth"]:
         powers = growth.pop("exponent"), growth.pop("cpu_exponent")

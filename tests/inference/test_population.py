@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from scene_samples import shortened
 
 import gridslam as gs
+from gridslam.bench.growth import drawn
 from gridslam.inference.management.branching import NARROW, conditioned, placed, split, split_along, widest
-from gridslam.inference.management.hypotheses import NOT_FOUND, begun
+from gridslam.inference.management.hypotheses import NOT_FOUND, PARTICLES, begun, each_stepped
 from gridslam.inference.management.mixture import (
     GUARDED,
     HOPELESS,
@@ -197,6 +198,31 @@ def test_one_hypothesis_is_stepped_as_if_there_were_no_others(system, scene, sca
         np.testing.assert_array_equal(estimate.covariance, state.belief.covariance[:5, :5])
         assert estimate.hypotheses.weight.tolist() == [1.0]
     assert len(slam.state.surfaces)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("system", [GridSlam, AdaptiveSlam])
+def test_twenty_hypotheses_go_on_as_each_does_alone(system, scene, scans):
+    slam, other = system(scene, seed=3), system(scene, seed=3)
+    for scan in scans[:2]:
+        slam.step(scan)
+    among, calibrations = drawn(slam.state, 20), []
+    alone = among.states
+    for scan in scans[2:4]:
+        calibrations.append(among.best.calibration)
+        states, _ = each_stepped(among, scan, slam.model, slam.work, slam.advance)
+        among = replace(among, states=tuple(states))
+    other.work.particles.limit = PARTICLES
+    for state, together in zip(alone, among.states, strict=True):
+        for scan, calibration in zip(scans[2:4], calibrations, strict=True):
+            shared = replace(state, calibration=calibration)
+            state, _ = system.advance(shared, scan, other.model, other.work)
+        np.testing.assert_array_equal(together.belief.mean, state.belief.mean)
+        np.testing.assert_array_equal(together.belief.covariance, state.belief.covariance)
+        if state.grid:
+            np.testing.assert_array_equal(together.grid.evidence, state.grid.evidence)
+            np.testing.assert_array_equal(together.grid.hit, state.grid.hit)
+    assert len({state.belief.mean.tobytes() for state in among.states}) == 20
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import gridslam as gs
 from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.particles import Particles, turn_of
+from gridslam.inference.state.particles import Particles
 from gridslam.inference.state.population import Population
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
@@ -43,9 +43,12 @@ def test_samples_of_several_hypotheses_turn_with_the_agent(seed, angle):
     state = state_of(Belief(draw.normal(size=9), root @ root.T + 1e-3 * np.eye(9)))
     found = []
     for each in (state, turned(state, angle)):
-        np.testing.assert_allclose(turn_of(each.belief) @ turn_of(each.belief).T, np.eye(4), atol=1e-9)
         points = LIMITED.points(each.belief)
         assert points.shape[1] == 64
+        plain = Particles(128, seed=1).points(each.belief)[:, :64]
+        for first in (0, 2):  # turned, and nothing else
+            np.testing.assert_allclose(*(np.hypot(*p[first : first + 2]) for p in (points, plain)), rtol=1e-5)
+        np.testing.assert_array_equal(points[4:9], plain[4:9])
         found.append(each.belief.root @ points[:9])
     cosine, sine = np.cos(angle), np.sin(angle)
     for first in (0, 2):

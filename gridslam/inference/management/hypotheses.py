@@ -185,27 +185,41 @@ def _stepped(
 ) -> tuple[Population, StepInfo]:
     """All hypotheses a step on, weighed by their evidence, the same ones merged and unlikely ones pruned."""
     since = population.since + 1
-    work.particles.limit = None if len(population) == 1 else PARTICLES
+    after, infos = each_stepped(population, scan, model, work, step)
     if len(population) == 1:
-        before = population.best
-        state, info = step(before, scan, model, work)
+        before, state, info = population.best, after[0], infos[0]
         population = replace(population, states=(state,), since=since, guard=NONE)
         if info.found_again:
             population = _doubted(population, info, before, scan, model, work, step)
         population = watched(population, lambda: comparable(info, state, model), scan, model, work)
         return population, _judged(population, info, model)
-    calibration, after, infos = population.best.calibration, list[State](), list[StepInfo]()
-    for number, state in enumerate(population.states):
-        work.recovers = number != population.guard
-        state, info = step(replace(state, calibration=calibration), scan, model, work)
-        after.append(state)
-        infos.append(info)
     evidence = [comparable(i, s, model) for i, s in zip(infos, after, strict=True)]
     log = np.array(population.log_weight) + evidence
     likeliest = int(np.argmax(log))
     population = replace(population, states=tuple(after), since=since).weighed(log)
     population = watched(reduce(population, model), lambda: evidence[likeliest], scan, model, work)
     return population, _judged(population, infos[likeliest], model)
+
+
+def each_stepped(
+    population: Population, scan: Scan, model: FilterModel, work: Workspace, step: Step
+) -> tuple[list[State], list[StepInfo]]:
+    """Each hypothesis a step on, by itself: what comes of one doesn't depend on the others.
+
+    But that all have the likeliest one's calibration, and that several draw fewer particles each than one.
+    """
+    if len(population) == 1:
+        work.particles.limit = None
+        state, info = step(population.best, scan, model, work)
+        return [state], [info]
+    work.particles.limit = PARTICLES
+    calibration, after, infos = population.best.calibration, list[State](), list[StepInfo]()
+    for number, state in enumerate(population.states):
+        work.recovers = number != population.guard
+        state, info = step(replace(state, calibration=calibration), scan, model, work)
+        after.append(state)
+        infos.append(info)
+    return after, infos
 
 
 def _doubted(

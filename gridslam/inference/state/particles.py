@@ -8,16 +8,15 @@ particles suffice where a likelihood is sharp, and in the linear case the mean i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from gridslam import runtime
-from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.layout import HEADING, StateLayout
 from gridslam.kernels import PATH_BLOCK, ROOT_GIVEN, STATE_GIVEN, TAKE_ROOT
@@ -193,21 +192,44 @@ def _kept(count: int) -> float:
     return float(count ** (-2 / 7))
 
 
-def turn_of(belief: Belief) -> Array:
-    """How to turn normal points of position and velocity for samples that turn with the agent, (4, 4).
+def turned(points: Single, belief: Belief) -> Single:
+    """Normal points (N, P), those of position and velocity such that samples turn with the agent.
 
-    docs/model.md, (M209). It is orthogonal; the identity if the covariance is singular.
+    docs/model.md, (M209), in plain numbers: threads of a linear algebra wait for each other longer than
+    this takes. As they are, if the covariance is singular.
     """
-    cosine, sine = np.cos(belief.mean[HEADING]), np.sin(belief.mean[HEADING])
-    turn = np.array(
-        [[cosine, -sine, 0, 0], [sine, cosine, 0, 0], [0, 0, cosine, -sine], [0, 0, sine, cosine]]
+    heading, own = float(belief.mean[HEADING]), belief.covariance[:4, :4].tolist()
+    (xx, xy, _, _), (_, yy, _, _), (ux, uy, uu, uv), (vx, vy, _, vv) = own
+    determinant = xx * yy - xy * xy
+    if not (xx > 0 and determinant > 0):
+        return points
+    # of the velocity, what the position doesn't tell
+    by_u = (yy * ux - xy * uy) / determinant, (xx * uy - xy * ux) / determinant
+    by_v = (yy * vx - xy * vy) / determinant, (xx * vy - xy * vx) / determinant
+    uu, uv, vv = (
+        rest - by[0] * x - by[1] * y
+        for rest, by, x, y in ((uu, by_u, ux, uy), (uv, by_u, vx, vy), (vv, by_v, vx, vy))
     )
-    own = belief.covariance[:4, :4]
-    root, failed = dpotrf(own, lower=1, clean=1)
-    in_body, failed_too = dpotrf(turn.T @ own @ turn, lower=1, clean=1)
-    if failed or failed_too:
-        return np.eye(4)
-    return np.asarray(dtrtrs(root, turn @ in_body, lower=1)[0])
+    whole = points.copy()
+    for first, spread in ((0, (xx, xy, yy)), (2, (uu, uv, vv))):
+        turn = _turn(*spread, math.cos(heading), math.sin(heading))
+        if turn is None:
+            return points
+        (cosine, sine), (x, y) = turn, points[first : first + 2]
+        whole[first], whole[first + 1] = cosine * x - sine * y, sine * x + cosine * y
+    return whole
+
+
+def _turn(xx: float, xy: float, yy: float, cosine: float, sine: float) -> tuple[float, float] | None:
+    """Cosine and sine of the turn that makes a root in the agent's frame, turned, the one in the map's."""
+    ahead = cosine * cosine * xx + 2 * cosine * sine * xy + sine * sine * yy
+    both = cosine * sine * (yy - xx) + (cosine * cosine - sine * sine) * xy
+    aside = sine * sine * xx - 2 * cosine * sine * xy + cosine * cosine * yy
+    if not (xx > 0 and ahead > 0 and aside - both * both / ahead > 0):
+        return None
+    root = math.sqrt(ahead)
+    lean, rest = both / root, math.sqrt(aside - both * both / ahead)
+    return (cosine * root - sine * lean) / math.sqrt(xx), sine * rest / math.sqrt(xx)
 
 
 class Particles:
@@ -239,7 +261,7 @@ class Particles:
     def points(self, belief: Belief) -> runtime.Resident:
         """The normal points, (N or more, count) float32, where the device has them.
 
-        If they are limited, (N or more, limit), turned with the agent by `turn_of`.
+        If they are limited, (N or more, limit), `turned` with the agent.
         """
         size = len(belief.mean)
         if size > len(self._points):
@@ -249,9 +271,8 @@ class Particles:
             self._points = points  # last, should anything interrupt
         if self.limit is None:
             return self._held
-        few = self._points[:, : self.limit].copy()
-        few[:4] = turn_of(belief) @ few[:4]
-        return runtime.resident(few)
+        few = np.ascontiguousarray(self._points[:, : self.limit])
+        return runtime.resident(turned(few, belief))
 
     def samples(self, belief: Belief, number: int, draft: Draft) -> Sampling:
         """Exact samples of a belief by points that follow each other, from another one on for every `number`.
