@@ -56,7 +56,7 @@ def test_density_of_a_measurement_is_the_textbook_normal():
     root = draw.normal(size=(3, 3)) * [[0.5], [0.1], [0.1]]
     value, spread, noise = np.array([8.0, 0.3, -2.9]), root @ root.T, np.array([0.2, 0.05, 0.08])
     measured = np.array([[8.4, 0.35, 3.2], [np.nan, 0.3, -2.9], [8.4, np.nan, np.nan]])
-    found = joint_density(value, spread, measured, np.tile(noise, (3, 1)))
+    found = joint_density(value[None], spread[None], measured, np.tile(noise, (1, 3, 1)))[0]
     whole = spread + np.diag(noise**2)
     off = np.array([0.4, 0.05, 3.2 + 2.9 - 2 * np.pi])
     alone = norm.pdf(0.4, 0, np.sqrt(whole[0, 0])) / (4 * np.pi**2)

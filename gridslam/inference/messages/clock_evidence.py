@@ -24,6 +24,8 @@ SURE_SURFACE = 0.9
 """Existence from which on a surface's single bounces tell of clocks, too."""
 LIKELY = 0.1
 """Chance from which on a path of another anchor counts as what caused a measurement."""
+NOTHING = 1e-9
+"""Share of a path's being missed below which a measurement says nothing of it."""
 LEVEL_SHARE, WEAKENED = 0.12, 0.02
 """Deviation of a path's amplitude from what its length makes it (1 dB), and share of those far off it."""
 
@@ -69,22 +71,23 @@ def agent_evidence(
     ratio = amplitude_ratio(heard.amplitude, amplitude, radio)
     spread = paths.prediction.spread
 
-    def accuracy(row: np.intp) -> Array:
-        return _deviations(heard, amplitude[row], predicted[row, 1:], steep[row], radio)
+    def accuracy(chosen: NDArray[np.intp]) -> Array:
+        return _deviations(heard, amplitude[chosen], predicted[chosen, 1:], steep[chosen], radio)
 
     caused = np.zeros((len(sought), len(heard)))
-    for row in np.flatnonzero(known[rays.anchor] & (chance > LIKELY)):
-        density = joint_density(value[row], width[row], heard.value, accuracy(row))
-        may = (heard.label < 0) | (heard.label == rays.anchor[row])
-        caused[rays.anchor[row]] += np.where(may, chance[row] * ratio[row] * density, 0.0)
+    rows = np.flatnonzero(known[rays.anchor] & (chance > LIKELY))
+    if len(rows):
+        density = joint_density(value[rows], width[rows], heard.value, accuracy(rows))
+        may = (heard.label < 0) | (heard.label == rays.anchor[rows, None])
+        share = np.where(may, chance[rows, None] * ratio[rows] * density, 0.0)
+        np.add.at(caused, rays.anchor[rows], share)
     clutter = radio.false_alarms / (radio.span_m * 4 * np.pi**2) + caused.sum(0) - caused
     for anchor in np.flatnonzero(sought):
-        mine = np.flatnonzero(sure & (rays.anchor == anchor))
+        mine = np.flatnonzero(sure & (rays.anchor == anchor) & (chance > 0))
         able = (heard.label < 0) | (heard.label == anchor)
         if len(mine):
-            own = np.array([accuracy(row)[able] for row in mine])
             total[anchor] = clock_evidence(
-                predicted[mine], spread[mine], chance[mine], heard.value[able], own,
+                predicted[mine], spread[mine], chance[mine], heard.value[able], accuracy(mine)[:, able],
                 clutter[anchor, able] / ratio[mine][:, able], centre,
             )  # fmt: skip
     return total
@@ -122,50 +125,54 @@ def clock_evidence(
     -------
     (C,)
     """
-    total = np.zeros(len(centre))
-    heard = np.isfinite(measured[:, 0])
-    for value, own, c, deviation, other in zip(predicted, spread, chance, std, clutter, strict=True):
-        if not c:
-            continue
-        shift, variance, weight = _given_angles(value, own, measured[heard], deviation[heard])
-        variance = variance + CELL_M**2 / 12
-        far = centre[:, None] - shift
-        density = np.exp(-0.5 * far**2 / variance) / np.sqrt(2 * np.pi * variance)
-        total += np.log(1 - c + c * (density @ (weight / other[heard])))
+    total, heard = np.zeros(len(centre)), np.isfinite(measured[:, 0])
+    shift, variance, weight = _given_angles(predicted, spread, measured[heard], std[:, heard])
+    variance = variance + CELL_M**2 / 12
+    height = chance[:, None] * weight / clutter[:, heard] / np.sqrt(2 * np.pi * variance)
+    told = height > NOTHING * (1 - chance[:, None])
+    for path, c in enumerate(chance.tolist()):
+        pairs = told[path]
+        far = centre[:, None] - shift[path, pairs]
+        total += np.log(1 - c + np.exp(-0.5 * far**2 / variance[path, pairs]) @ height[path, pairs])
     return total
 
 
 def joint_density(predicted: Array, spread: Array, measured: Array, std: Array) -> Array:
-    """Density of measurements (M, 3) over distance and both angles, had one path caused them, (M,).
+    """Density of measurements (M, 3) over distance and both angles, had one of L paths caused them, (L, M).
 
     Parameters
     ----------
     predicted, spread, measured, std
-        As of `clock_evidence`, for one path; 0 where no distance was measured.
+        As of `clock_evidence`; 0 where no distance was measured.
     """
-    density, heard = np.zeros(len(measured)), np.isfinite(measured[:, 0])
-    shift, variance, weight = _given_angles(predicted, spread, measured[heard], std[heard])
-    density[heard] = weight * np.exp(-0.5 * shift**2 / variance) / np.sqrt(2 * np.pi * variance)
+    heard = np.isfinite(measured[:, 0])
+    density = np.zeros((len(predicted), len(measured)))
+    shift, variance, weight = _given_angles(predicted, spread, measured[heard], std[:, heard])
+    density[:, heard] = weight * np.exp(-0.5 * shift**2 / variance) / np.sqrt(2 * np.pi * variance)
     return density
 
 
 def _given_angles(value: Array, own: Array, measured: Array, deviation: Array) -> tuple[Array, Array, Array]:
-    """Distance left over given the angles, its variance, and the angles' density, (M,) each."""
-    residual = measured - value
-    residual[:, 1:] = wrap(residual[:, 1:])
-    joint = np.broadcast_to(own, (len(measured), 3, 3)).copy()
-    joint += np.square(deviation)[:, :, None] * np.eye(3)
+    """Distance left over given the angles, its variance, and the angles' density, (L, M) each."""
+    residual = measured - value[:, None]
+    residual[..., 1:] = wrap(residual[..., 1:])
+    joint = np.broadcast_to(own[:, None], (*residual.shape, 3)).copy()
+    several = np.arange(3)
+    joint[..., several, several] += np.square(deviation)
     for angle in (1, 2):
-        missing = ~(np.isfinite(measured[:, angle]) & np.isfinite(deviation[:, angle]))
+        missing = ~(np.isfinite(measured[:, angle]) & np.isfinite(deviation[..., angle]))
         joint[missing, angle], joint[missing, :, angle] = 0.0, 0.0
         joint[missing, angle, angle], residual[missing, angle] = UNMEASURED, 0.0
-    inverse = np.linalg.inv(joint[:, 1:, 1:])
-    cross = np.einsum("mi,mij->mj", joint[:, 0, 1:], inverse)
-    shift = (cross * residual[:, 1:]).sum(1)
-    variance = joint[:, 0, 0] - (cross * joint[:, 0, 1:]).sum(1)
-    exponent = np.einsum("mi,mij,mj->m", residual[:, 1:], inverse, residual[:, 1:])
-    weight = TURN_DENSITY * np.sqrt(np.linalg.det(inverse)) * np.exp(-0.5 * exponent)
-    return residual[:, 0] - shift, variance, weight
+    one, both, other = joint[..., 1, 1], joint[..., 1, 2], joint[..., 2, 2]
+    size = one * other - both**2
+    near, far = joint[..., 0, 1], joint[..., 0, 2]
+    first, last = (near * other - far * both) / size, (far * one - near * both) / size
+    turn, twist = residual[..., 1], residual[..., 2]
+    shift = first * turn + last * twist
+    variance = joint[..., 0, 0] - first * near - last * far
+    exponent = (turn**2 * other - 2 * turn * twist * both + twist**2 * one) / size
+    weight = TURN_DENSITY * np.exp(-0.5 * exponent) / np.sqrt(size)
+    return residual[..., 0] - shift, variance, weight
 
 
 def amplitude_ratio(measured: Array, expected: Array, radio: RadioModel) -> Array:
@@ -190,8 +197,10 @@ def amplitude_ratio(measured: Array, expected: Array, radio: RadioModel) -> Arra
     return np.where(np.isnan(measured), 1.0, WEAKENED + (1 - WEAKENED) * 2 * level * density)
 
 
-def _deviations(heard: AnchorScan, amplitude: float, angles: Array, steep: float, radio: RadioModel) -> Array:
-    """Deviations (M, 3) of all measurements, if a path of this amplitude and these angles caused them."""
-    count = len(heard)
-    every = np.arange(count)
-    return deviations(heard, every, np.full(count, amplitude), np.tile(angles, (count, 1)), radio, steep)
+def _deviations(heard: AnchorScan, amplitude: Array, angles: Array, steep: Array, radio: RadioModel) -> Array:
+    """Deviations (L, M, 3) of all measurements, if paths of these amplitudes and angles caused them."""
+    paths, count = len(amplitude), len(heard)
+    every, each = np.tile(np.arange(count), paths), np.repeat(np.arange(paths), count)
+    return deviations(heard, every, amplitude[each], angles[each], radio, steep[each]).reshape(
+        paths, count, 3
+    )

@@ -8,8 +8,8 @@ absorbed: the rest of the state, given the view, is as before.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +45,7 @@ class NetworkLayout(StateLayout):
         first = self.agents * self.per_agent
         return slice(first, first + self.clocks)
 
-    @property
+    @cached_property
     def devices(self) -> NDArray[np.intp]:
         """Clocks of all devices, (J + I,): of the anchors, then of the agents; none if they are known."""
         if not self.clocks:
@@ -106,25 +106,22 @@ class NetworkBelief(Belief):
 
     def projection(self, agent: int) -> Array:
         """T of an agent's view, ``view = T state``, (5 + J + 2 S, N)."""
-        layout, seen = self.layout, StateLayout(1, self.clocks, self.layout.surfaces)
-        rows = np.zeros((seen.size, layout.size))
-        own = np.arange(AGENT)
-        rows[own, layout.pose(agent).start + own] = 1.0
-        if self.clocks:
-            differences = np.arange(self.clocks) + AGENT
-            rows[differences, layout.devices[: self.clocks]] = 1.0
-            rows[differences, layout.agent_clock(agent)] = -1.0
-        lines = np.arange(PER_LINE * layout.surfaces)
-        rows[seen.head + lines, layout.head + lines] = 1.0
-        return rows
+        return _places(self.layout, agent).rows
 
     def view(self, agent: int) -> Belief:
         """What an agent's measurements depend on: its pose, differences of clocks, and lines."""
         if self.alone:
             return Belief(self.mean, self.covariance)
-        rows = self.projection(agent)
-        covariance = rows @ self.covariance @ rows.T
-        return Belief(rows @ self.mean, 0.5 * (covariance + covariance.T), self.clocks)
+        if agent not in self._views:
+            rows = self.projection(agent)
+            covariance = rows @ self.covariance @ rows.T
+            self._views[agent] = Belief(rows @ self.mean, 0.5 * (covariance + covariance.T), self.clocks)
+        return self._views[agent]
+
+    @cached_property
+    def _views(self) -> dict[int, Belief]:
+        """Views that were asked for."""
+        return {}
 
     def absorb(self, agent: int, view: Belief) -> NetworkBelief:
         """The joint belief after an agent's view has become `view`, exactly.
@@ -135,22 +132,18 @@ class NetworkBelief(Belief):
         """
         if self.alone:
             return replace(self, mean=view.mean, covariance=view.covariance)
-        rows, layout = self.projection(agent), self.layout
+        layout, (rows, inside, where, rest) = self.layout, _places(self.layout, agent)
         before, count = self.view(agent), len(rows)
         new = len(view.mean) - count
         if new < 0 or new % PER_LINE or view.clocks != self.clocks:
             raise ValueError("this view isn't one of this belief")
-        seen = StateLayout(1, self.clocks, layout.surfaces)
-        # entries of the state that stand in the view as they are, and where
-        inside = np.r_[layout.pose(agent), layout.lines]
-        where = np.r_[0:AGENT, seen.lines]
-        rest = np.setdiff1d(np.arange(layout.size), inside)
         gain = solved(before.covariance, rows @ self.covariance[:, rest]).T
         shift = view.mean[:count] - before.mean
         shift[HEADING] = wrap(shift[HEADING])
         size = layout.size + new
         mean, covariance = np.zeros(size), np.zeros((size, size))
-        taken, source = np.r_[inside, layout.size : size], np.r_[where, count : count + new]
+        taken = np.concatenate([inside, np.arange(layout.size, size)])
+        source = np.concatenate([where, np.arange(count, count + new)])
         mean[rest] = self.mean[rest] + gain @ shift
         mean[taken] = view.mean[source]
         change = view.covariance[:count, :count] - before.covariance
@@ -172,6 +165,43 @@ class NetworkBelief(Belief):
         """Means (J + I,), m, and covariance of all clocks: the anchors', then the agents'."""
         own = self.layout.devices
         return self.mean[own], self.covariance[np.ix_(own, own)]
+
+
+class _Places(NamedTuple):
+    """Where an agent's view stands in the state.
+
+    Attributes
+    ----------
+    rows : (V, N)
+        T.
+    inside, where : (W,) int
+        Entries of the state that stand in the view as they are, and where.
+    rest : (R,) int
+        The others.
+    """
+
+    rows: Array
+    inside: NDArray[np.intp]
+    where: NDArray[np.intp]
+    rest: NDArray[np.intp]
+
+
+@lru_cache(256)
+def _places(layout: NetworkLayout, agent: int) -> _Places:
+    """The same for all beliefs of a layout."""
+    seen, pose = StateLayout(1, layout.clocks, layout.surfaces), np.arange(AGENT)
+    rows = np.zeros((seen.size, layout.size))
+    rows[pose, layout.pose(agent).start + pose] = 1.0
+    if layout.clocks:
+        differences = np.arange(layout.clocks) + AGENT
+        rows[differences, layout.devices[: layout.clocks]] = 1.0
+        rows[differences, layout.agent_clock(agent)] = -1.0
+    lines = np.arange(PER_LINE * layout.surfaces)
+    rows[seen.head + lines, layout.head + lines] = 1.0
+    inside = np.concatenate([layout.pose(agent).start + pose, layout.head + lines])
+    rest = np.setdiff1d(np.arange(layout.size), inside)
+    rows.setflags(write=False)
+    return _Places(rows, inside, np.concatenate([pose, seen.head + lines]), rest)
 
 
 def predict_network(
