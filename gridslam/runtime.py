@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import threading
 import warnings
 from collections.abc import Iterator
 from functools import cache
@@ -104,9 +105,38 @@ def on_host(held: Resident) -> NDArray[Any]:
 
 @contextlib.contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Keep NumPy's linear algebra to one thread: its matrices are small here, and idle threads spin."""
-    with _pools().limit(limits=1, user_api="blas"):
+    """Keep NumPy's linear algebra to one thread: its matrices are small here, and idle threads spin.
+
+    Threads of Python may do so side by side: the last of them to leave sets free again.
+    """
+    _limits.enter()
+    try:
         yield
+    finally:
+        _limits.leave()
+
+
+class _Limits:
+    """How many are within `one_blas_thread`, and what sets the threads free."""
+
+    def __init__(self) -> None:
+        self._lock, self._within = threading.Lock(), 0
+        self._held = contextlib.ExitStack()
+
+    def enter(self) -> None:
+        with self._lock:
+            if self._within == 0:
+                self._held.enter_context(_pools().limit(limits=1, user_api="blas"))
+            self._within += 1
+
+    def leave(self) -> None:
+        with self._lock:
+            self._within -= 1
+            if self._within == 0:
+                self._held.close()
+
+
+_limits = _Limits()
 
 
 @cache

@@ -7,18 +7,18 @@ learned stays as uncertain as the agent was that learned it.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
+from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.estimates import Estimate, PathEstimate
 from gridslam.inference.management.feature_tables import feature_estimate, with_features
 from gridslam.inference.management.hybrid_info import HybridInfo, conclude
 from gridslam.inference.messages.feature_likelihood import Front, require_hybrid
 from gridslam.inference.messages.following import (
-    START_STEPS,
     counted,
     follow_by_particles,
     follow_jointly,
@@ -26,8 +26,8 @@ from gridslam.inference.messages.following import (
     remember,
     snapshot,
 )
-from gridslam.inference.messages.learning import Learned, learn
-from gridslam.inference.messages.settling import settle
+from gridslam.inference.messages.learning import Learned
+from gridslam.inference.messages.lessons import SETTLED, Beside, put_aside, take_up
 from gridslam.inference.state.features import MOVING, FeatureBank
 from gridslam.inference.state.hybrid_state import HybridState, JointBelief, Segment
 from gridslam.maps.frames import stamped
@@ -37,9 +37,6 @@ from gridslam.systems.signal_front import SignalFilter
 from gridslam.world.geometry import wrap
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
-
-LEARN_EVERY = 30
-"""Steps of a segment."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +48,13 @@ class HybridWork:
     front : Front
         Tables of the waveform.
     seed : int
+    beside : Beside
+        Learns ahead of when it is due.
     """
 
     front: Front
     seed: int
+    beside: Beside = field(default_factory=Beside)
 
 
 def start(model: SignalModel, prior: Map | None = None) -> HybridState:
@@ -81,19 +81,17 @@ def step(
     state: HybridState, scan: SignalScan, model: SignalModel, work: HybridWork
 ) -> tuple[HybridState, HybridInfo]:
     """One step, as the list of its messages ([HybridSlam], sections III to VI)."""
-    began, learned = time.perf_counter(), Learned()
+    began = time.perf_counter()
     got = snapshot(scan, model)
     state = predict_agent(state, scan.time_s, model, work.seed)  # eqs. (19)-(23)
-    if state.step < START_STEPS:
+    if state.step < SETTLED:
         state, moments = follow_by_particles(state, got, work.front, model, work.seed)  # eqs. (24)-(32)
     else:
         state, moments = follow_jointly(state, got, model)
     followed = time.perf_counter()
     state = counted(remember(state, got, moments), got)
-    if state.step == START_STEPS:
-        state = settle(state, work.front, model)
-    if state.step % LEARN_EVERY == 0:
-        state, learned = learn(state, work.front, model)  # eq. (43)
+    state, learned = take_up(state, work.beside, work.front, model)  # eq. (43)
+    state = put_aside(state, work.beside, work.front, model)
     seconds = {"follow": followed - began, "learn": time.perf_counter() - followed}
     return state, conclude(state, moments, learned, got.heading_rad, seconds, model)
 
@@ -135,6 +133,10 @@ class HybridSlam(SignalFilter[HybridState]):
     def require_sound(cls, state: HybridState, model: SignalModel, where: str) -> None:
         """Refuse a state from a file whose numbers can't be."""
         require_sound(state, model, where, always_particles=cls.sight_alone)
+
+    def _advanced(self, scan: SignalScan) -> tuple[HybridState, HybridInfo]:
+        with runtime.one_blas_thread():
+            return super()._advanced(scan)
 
     def estimate(self, state: HybridState, scan: SignalScan, info: HybridInfo, began: float) -> Estimate:
         """Agent and lines of sight; the heading is the measured one."""

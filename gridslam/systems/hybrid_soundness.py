@@ -7,7 +7,7 @@ from dataclasses import fields
 import numpy as np
 
 from gridslam.errors import InputError
-from gridslam.inference.messages.following import START_STEPS
+from gridslam.inference.messages.lessons import SETTLED, due
 from gridslam.inference.state.features import ENTRIES, MOVING, FeatureBank
 from gridslam.inference.state.hybrid_state import HybridState, JointBelief, ParticleBelief, Segment
 from gridslam.world.signal_model import SignalModel
@@ -29,10 +29,11 @@ def require_sound(state: HybridState, model: SignalModel, where: str, always_par
         With the part, and what is allowed.
     """
     anchors = len(model.anchors)
-    particles = state.step > 0 and (always_particles or state.step < START_STEPS)
+    particles = state.step > 0 and (always_particles or state.step < SETTLED)
     claims = [
         ("step", state.step >= 0 and state.silent >= 0, "0 or more"),
-        ("particles", (state.particles is not None) == particles, f"none from step {START_STEPS} on"),
+        ("particles", (state.particles is not None) == particles, f"none from step {SETTLED} on"),
+        ("lesson", due(state), "the state at the end of the latest segment"),
         ("time_s", (state.time_s is None) == (state.step == 0), "a time once a step was taken"),
         *((f"joint/{part}", *claim) for part, *claim in _joint(state.joint, anchors)),
         *((f"before/{part}", *claim) for part, *claim in _joint(state.before, anchors)),
@@ -44,6 +45,8 @@ def require_sound(state: HybridState, model: SignalModel, where: str, always_par
     )
     if state.particles is not None:
         claims += _particles(state.particles, anchors)
+    if state.lesson is not None and due(state):
+        require_sound(state.lesson, model, f"{where}/lesson", always_particles)
     for part, holds, allowed in claims:
         if not holds:
             raise InputError(f"{where}/{part}", "numbers that can't be", str(allowed))

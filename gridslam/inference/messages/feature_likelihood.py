@@ -25,6 +25,8 @@ from gridslam.world.waveform import EVEN, Waveform
 Complex = NDArray[np.complex128]
 Tables = NDArray[np.float32]
 ENTRIES_OF_COLUMN = 14
+PLACES = 2048
+"""That are launched together: while a launch runs, no other thread of Python does."""
 MARGIN_M = 1.0
 """Features are heard up to so much less than the length from which on paths fold back."""
 
@@ -116,13 +118,17 @@ class Front:
         """
         from gridslam.kernels.messages.back_projection import back_project
 
-        out = np.empty((len(candidates), 2))
-        back_project(
-            np.ascontiguousarray(candidates), np.ascontiguousarray(points), self.element,
-            np.ascontiguousarray(tables), rows_per_m(self.waveform.offset_hz, COARSE_ROWS), self.longest_m,
-            powers, out,
-        )  # fmt: skip
-        return out
+        parts = []
+        per_m = rows_per_m(self.waveform.offset_hz, COARSE_ROWS)
+        for first in range(0, len(candidates), PLACES):
+            some = np.ascontiguousarray(candidates[first : first + PLACES])
+            out = np.empty((len(some), 2))
+            back_project(
+                some, np.ascontiguousarray(points), self.element, np.ascontiguousarray(tables), per_m,
+                self.longest_m, powers, out,
+            )  # fmt: skip
+            parts.append(out)
+        return np.concatenate(parts) if parts else np.empty((0, 2))
 
     def _solver(self, features: int) -> Solver:
         """Buffers of a launch."""

@@ -51,16 +51,24 @@ class Learned:
 
 
 def replay(
-    belief: JointBelief, segment: Segment, before_s: float | None, first_step: int, model: SignalModel
-) -> tuple[JointBelief, Array, Array]:
-    """Go through a segment from its beginning: belief at its end, evidences (K,), track (K, 4)."""
+    belief: JointBelief, segment: Segment, before_s: float | None, first_step: int, model: SignalModel,
+    led: bool = True,
+) -> tuple[JointBelief, Array, Array]:  # fmt: skip
+    """Go through a segment from its beginning: belief at its end, evidences (K,), track (K, 4).
+
+    Parameters
+    ----------
+    led : bool
+        Whether each maximum is looked for from where the agent was believed to be then, else from where
+        it is predicted.
+    """
     evidence, earlier, track = np.zeros(len(segment)), before_s, np.zeros((len(segment), MOVING))
     for k in range(len(segment)):
         if earlier is not None:
             belief = predict(belief, segment.time_s[k] - earlier, model.settings.acceleration_mps2)
         belief, evidence[k] = update(
             belief, segment.samples[k], segment.heard[k], segment.heading_rad[k], model, first_step + k,
-            segment.agent[k],
+            segment.agent[k] if led else None,
         )  # fmt: skip
         earlier, track[k] = float(segment.time_s[k]), belief.mean[:MOVING]
     return belief, evidence, track

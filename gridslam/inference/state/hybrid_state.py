@@ -130,6 +130,16 @@ class Segment:
         """Its first steps alone."""
         return type(self)(*(getattr(self, f.name)[:steps] for f in fields(self)))
 
+    def last(self, steps: int) -> Self:
+        """Its last steps alone."""
+        return type(self)(*(getattr(self, f.name)[len(self) - steps :] for f in fields(self)))
+
+    def joined(self, later: Self) -> Self:
+        """These steps and later ones."""
+        return type(self)(
+            *(np.concatenate([getattr(one, f.name) for one in (self, later)]) for f in fields(self))
+        )
+
     def add(
         self, time_s: float, heading_rad: float, heard: NDArray[np.bool_], samples: NDArray[np.complex128],
         agent: Array, evidence: float,
@@ -159,6 +169,8 @@ class HybridState:
         Steps taken; number of the next feature; for how many steps nothing was heard.
     time_s, before_s : float or None
         Of the latest step, and of the one before the segment; None before the first.
+    lesson : HybridState or None
+        The state at the end of the segment that is being learned from, see `messages.lessons`.
     """
 
     joint: JointBelief
@@ -170,3 +182,4 @@ class HybridState:
     silent: int = 0
     time_s: float | None = None
     before_s: float | None = None
+    lesson: HybridState | None = None
