@@ -49,7 +49,9 @@ def _visits(case: Case) -> int:
     for rays, count in zip(_drawn(case)[likely], case["path"][: _listed(case)][likely, 0], strict=True):
         for row in rays[rays[:, 12] > 0.5]:
             corners, normals = row[:8].reshape(4, 2)[: count + 2], row[8:12].reshape(2, 2)[:count]
-            crossed, met = reference.cells_of(corners, normals, case["frame"], case["where"].shape)
+            crossed, met = reference.cells_of(
+                corners, normals, case["frame"], case["where"].shape, case["frame"][7]
+            )
             total += len(crossed) + sum(len(cells) for cells in met)
     return total
 
@@ -122,7 +124,7 @@ def _cast_twin(case: Case) -> dict[str, Any]:
         "corners": rows[:, :8].reshape(-1, 4, 2), "normals": rows[:, 8:12].reshape(-1, 2, 2),
         "possible": rows[:, 12], "bounces": case["path"][send, 0], "worth": case["factor"][send, 0],
         "traversed": traversed, "hit": hit, "rays": case["state"].shape[1],
-        "outside": case["frame"][3], "clip": case["frame"][4],
+        "outside": case["frame"][3], "clip": case["frame"][4], "spared": case["frame"][7],
     }  # fmt: skip
 
 

@@ -118,7 +118,7 @@ def weigh_by_visibility(
             points = [drawn.first_point[0], drawn.last_point[0]][2 - count :]
             normals = unit(np.array([ends[1][0], ends[0][0]]))[2 - count :]
             corners = np.stack([place, *points, mean[:2]])
-            crossed, met = cells_of(corners, normals, frame, occupied.shape[1:])
+            crossed, met = cells_of(corners, normals, frame, occupied.shape[1:], frame[7])
             through = np.prod(1 - occupied[0][tuple(crossed.T)])
             bounce = [1 - np.prod(1 - occupied[1][tuple(c.T)]) if len(c) else frame[3] for c in met]
             worth[b] = told[b, 2] * through * np.prod(bounce)

@@ -16,7 +16,7 @@ Long = NDArray[np.int64]
 
 
 def cells_of(
-    corners: Array, normals: Array, frame: Array, shape: tuple[int, int]
+    corners: Array, normals: Array, frame: Array, shape: tuple[int, int], spared: float = 0.0
 ) -> tuple[Array, list[Array]]:
     """Cells that a ray crosses, (N, 2) [iy, ix], and those that it meets at each bounce; inside the grid.
 
@@ -24,6 +24,8 @@ def cells_of(
     ----------
     corners : (B + 2, 2) m
     normals : (B, 2)
+    spared : float
+        How near a ray comes to a wall that it meets, m, before its cells no longer count as crossed.
     """
     place = (corners - frame[:2]) / frame[2]
     met = []
@@ -31,7 +33,14 @@ def cells_of(
         around = point + np.outer([-1, 0, 1], normal)
         met.append(_inside(np.floor(around).astype(int)[:, ::-1], shape))
     crossed = [np.zeros((0, 2), int)]
-    for start, end in itertools.pairwise(place):
+    for leg, (start, end) in enumerate(itertools.pairwise(place)):
+        near = [normals[leg - 1]] if leg else []
+        rise = [abs(n @ (end - start)) for n in [*near, *normals[leg : leg + 1]]]
+        cut = [spared / frame[2] / max(r, 1e-12) for r in rise]
+        if sum(cut) >= 1:
+            continue
+        early, late = sum(cut[: len(near)]), sum(cut[len(near) :])
+        start, end = start + early * (end - start), end - late * (end - start)
         step = end - start
         cuts = [np.array([0.0, 1.0])]
         for axis in range(2):
@@ -61,7 +70,7 @@ def dense(where: Whole, held: Array) -> Array:
 
 def cast(
     corners: Array, normals: Array, possible: Array, bounces: Whole, worth: Array, traversed: Array,
-    hit: Array, frame: Array, rays: int, outside: float, clip: float,
+    hit: Array, frame: Array, rays: int, outside: float, clip: float, spared: float = 0.0,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Twin of `cells.cast`: V of every ray (K,), and log ratios summed over the paths (ny, nx).
 
@@ -75,7 +84,9 @@ def cast(
             if not possible[k]:
                 total += 1.0  # V is 0
                 continue
-            walked, met = cells_of(corners[k, : count + 2], normals[k, :count], frame, traversed.shape)
+            walked, met = cells_of(
+                corners[k, : count + 2], normals[k, :count], frame, traversed.shape, spared
+            )
             free = 1 - traversed[tuple(walked.T)]
             bounce_v = [1 - np.prod(1 - hit[tuple(c.T)]) if len(c) else outside for c in met]
             bounce_m = [1 - np.prod(1 - traversed[tuple(c.T)]) if len(c) else outside for c in met]

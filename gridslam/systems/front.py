@@ -50,6 +50,8 @@ class SurfaceFront(FilterFront[Heard, Population]):
 
     keeps_grid: ClassVar[bool] = False
     """Whether it maps cells."""
+    spared_cells: ClassVar[float] = 0.0
+    """See `CellBuffers`."""
     branches: ClassVar[bool] = False
     """Whether it holds several hypotheses where one Gaussian won't do."""
 
@@ -69,7 +71,7 @@ class SurfaceFront(FilterFront[Heard, Population]):
         return self.now._replace(believed=Population.of(state))
 
     def _workspace(self) -> Workspace:
-        return Workspace(self.model, self.seed, self.keeps_grid)
+        return Workspace(self.model, self.seed, self.keeps_grid, spared_cells=self.spared_cells)
 
     def _begun(self, state: State) -> Population:
         return begun(state, self.model) if self._branches(state) else Population.of(state)

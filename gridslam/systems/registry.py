@@ -112,6 +112,7 @@ _ENTERED = (
         "docs/model.md#direct-grid-slam",
         "samples over frequency, an array at the agent, one antenna or an array at the anchors",
         takes="signal",
+        draws_particles=False,
     ),
     Method(
         "direct-paper",

@@ -157,7 +157,7 @@ def alone(
     start, stop, entry, leave = ti.Vector([0]), ti.Vector([0]), ti.Vector([0]), ti.Vector([0])
     base, slope = ti.Vector([0.0], dt=ti.f64), ti.Vector([0.0], dt=ti.f64)
     for corner in range(count + 1):
-        plan = lay_leg(drawn, 0, 1, corner, frame, base, slope, start, stop, entry, leave)
+        plan = lay_leg(drawn, 0, 1, corner, count, frame, base, slope, start, stop, entry, leave)
         flat = plan[0] > 0.5
         columns, rows = (nx if flat else ny), (ny if flat else nx)
         for c in range(ti.max(start[0], 0), ti.min(stop[0], columns - 1) + 1):

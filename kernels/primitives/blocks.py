@@ -93,10 +93,10 @@ class Listed(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """The grid: o of a traversed cell, and of a hit one in V [2, ny nx]; frame [7]: origin x, y, side, factor
-    outside, clip, least share, how likely a wall is of another material where it is hit next; a cell's row of
-    `held` [ny, nx], -1 for none; log-likelihoods of coefficients in hit cells [H, BINS]; beliefs about those
-    of surfaces [S, BINS]."""
+    """The grid: o of a traversed cell, and of a hit one in V [2, ny nx]; frame [8]: origin x, y, side, factor
+    outside, clip, least share, how likely a wall is of another material where it is hit next, depth in which
+    a wall is spared by rays that it reflects; a cell's row of `held` [ny, nx], -1 for none; log-likelihoods
+    of coefficients in hit cells [H, BINS]; beliefs about those of surfaces [S, BINS]."""
 
     occupied: Single
     frame: Doubles

@@ -16,6 +16,8 @@ LINES, PLACES = 4, 6
 OWN = 2
 """First row of `line` for the chance that a bounce reflects in messages; before it, in V, by bounces. Rows of
 `place` are the cells met, three per bounce, as numbers or -1."""
+SPARED = 7
+"""Entry of the frame: depth in which a wall is spared by rays that it reflects, m."""
 FAR = 1 << 20
 """Number of a column or row where no grid reaches."""
 NUDGE = 1e-8
@@ -30,8 +32,24 @@ grid has."""
 
 
 @ti.func
+def spare_wall(drawn: ti.template(), k, corner, bounces, x, y, depth):
+    """Shares of a leg (x, y) at its start and its end that are nearer than `depth` to a wall it meets there.
+
+    Before a ray meets a wall it runs beside it, the flatter the longer, through cells that hold it, too.
+    """
+    early, late = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+    if corner > 0:
+        rise = ti.abs(drawn[k, 2 * corner + 6] * x + drawn[k, 2 * corner + 7] * y)
+        early = depth / ti.max(rise, 1e-9)
+    if corner < bounces:
+        rise = ti.abs(drawn[k, 2 * corner + 8] * x + drawn[k, 2 * corner + 9] * y)
+        late = depth / ti.max(rise, 1e-9)
+    return early, late
+
+
+@ti.func
 def lay_leg(
-    drawn: ti.template(), first, live, corner, frame: ti.template(), base: ti.template(),
+    drawn: ti.template(), first, live, corner, bounces, frame: ti.template(), base: ti.template(),
     slope: ti.template(), start: ti.template(), stop: ti.template(), entry: ti.template(),
     leave: ti.template(),
 ):  # fmt: skip
@@ -42,7 +60,7 @@ def lay_leg(
     edge that all rays cross; a row that is below all rays there and its slope, one above and its slope.
     """
     lanes = ti.static(base.n)
-    per_metre, there = 1 / frame[2], ti.Vector([0] * lanes)
+    per_metre, there, skipped = 1 / frame[2], ti.Vector([0] * lanes), False
     ax, ay = ti.Vector([0.0] * lanes, dt=ti.f64), ti.Vector([0.0] * lanes, dt=ti.f64)
     bx, by = ti.Vector([0.0] * lanes, dt=ti.f64), ti.Vector([0.0] * lanes, dt=ti.f64)
     for i in range(live):
@@ -50,6 +68,15 @@ def lay_leg(
         ax[i], ay[i] = drawn[k, 2 * corner], drawn[k, 2 * corner + 1]
         bx[i], by[i] = drawn[k, 2 * corner + 2], drawn[k, 2 * corner + 3]
         there[i] = ti.cast(drawn[k, 12], ti.i32)
+        if frame[SPARED] > 0.0:
+            x, y = bx[i] - ax[i], by[i] - ay[i]
+            early, late = spare_wall(drawn, k, corner, bounces, x, y, frame[SPARED])
+            if early + late < 1:
+                ax[i], ay[i] = ax[i] + early * x, ay[i] + early * y
+                bx[i], by[i] = bx[i] - late * x, by[i] - late * y
+            else:
+                skipped = skipped or there[i] > 0
+                there[i] = 0
     wide, tall = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
     for i in range(lanes):
         wide += ti.abs(bx[i] - ax[i])
@@ -77,6 +104,8 @@ def lay_leg(
         begin, end = ti.min(begin, start[i]), ti.max(end, stop[i])
         inner = ti.max(inner, ti.select(is_there, one + 1, -FAR))
         outer = ti.min(outer, ti.select(is_there, other, FAR))
+    if skipped:  # there is no edge that all rays cross
+        inner, outer = FAR, -FAR
     lowest, highest, lower, higher = UTMOST, -UTMOST, UTMOST, -UTMOST
     if ti.static(lanes > 1) and outer > inner:
         for i in range(lanes):

@@ -166,6 +166,7 @@ def cast(
                                 first,
                                 live,
                                 corner,
+                                count,
                                 grid.frame,
                                 origin,
                                 slope,

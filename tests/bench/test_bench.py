@@ -164,7 +164,7 @@ def test_cell_visits_of_a_straight_ray_are_the_cells_on_its_way():
     drawn = np.array([[0.5, 0.5, 3.5, 0.5, 3.5, 0.5, 3.5, 0.5, 1, 0, 1, 0, 1, 0]])
     case = {
         "state": np.zeros((3, 1)), "path": np.array([[0, -1, -1, 0]]), "drawn": drawn,
-        "factor": np.ones((1, 2)), "frame": np.array([0.0, 0.0, 1.0, 0.1, 12.0, 0.5]),
+        "factor": np.ones((1, 2)), "frame": np.array([0.0, 0.0, 1.0, 0.1, 12.0, 0.5, 0.05, 0.0]),
         "where": np.zeros((4, 4), np.int32), "found": np.ones(1, int),
     }  # fmt: skip
     assert CONTESTS["cast"].units(case) == 4

@@ -15,7 +15,7 @@ runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.s
 seeds = st.integers(0, 2**32 - 1)
 
 
-def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0):
+def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0, spared=0.0):
     """Rays as drawn (K, 13), their V (K,) and the messages to the cells (ny, nx); coefficients by `seed`."""
     from gridslam.kernels.propagation.bundles import LANES, LINES, PLACES
     from gridslam.kernels.propagation.cells import cast
@@ -38,7 +38,7 @@ def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0):
     # some so sure that all else is impossible
     where, held = some_rows(draw, shape, draw.choice([0.1, 30.0]))
     surface = draw.dirichlet(np.full(BINS, 0.2), state.shape[0] // 3)
-    belief, frame = np.full((len(path), 2 * BINS), np.nan), np.append(frame, [0.1, 12.0, 0.0, 0.05])
+    belief, frame = np.full((len(path), 2 * BINS), np.nan), np.append(frame, [0.1, 12.0, 0.0, 0.05, spared])
     square, row, entries = np.empty((0, 0)), np.empty(0), np.empty(0, np.int64)
     single = square.astype(np.float32)
     query = Query(np.array([ALREADY_LISTED, 0, 0, 0, STATE_GIVEN], np.int32), np.array([0.0, 0.0, 1.0]))
@@ -68,9 +68,12 @@ def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0):
 
 
 @pytest.mark.slow
-@given(seeds, st.sampled_from([1, 3, 50]), st.sampled_from([0.0, 0.005, 0.1, 1.0]))
+@given(
+    seeds, st.sampled_from([1, 3, 50]), st.sampled_from([0.0, 0.005, 0.1, 1.0]),
+    st.sampled_from([0.0, 0.15, 0.3, 1.0]),
+)  # fmt: skip
 @settings(max_examples=60, deadline=None)
-def test_ray_casting_and_cell_messages_equal_their_twin(seed, rays, spread):
+def test_ray_casting_and_cell_messages_equal_their_twin(seed, rays, spread, spared):
     draw = np.random.default_rng(seed)
     shape, surfaces = (16, 21), 3
     traversed, hit = draw.uniform(0.001, 0.5, shape), draw.uniform(0.001, 0.9, shape)
@@ -83,10 +86,10 @@ def test_ray_casting_and_cell_messages_equal_their_twin(seed, rays, spread):
     path += [[2, s, r] for s in range(surfaces) for r in range(surfaces) if s != r]
     path, worth = np.array(path, np.int32), np.exp(draw.normal(0, 2, len(path)))
     frame, place = np.array([-0.3, 0.2, 0.3]), draw.uniform(0, 5, 2)
-    drawn, validity, message = launch_cast(state, path, place, worth, traversed, hit, frame, seed)
+    drawn, validity, message = launch_cast(state, path, place, worth, traversed, hit, frame, seed, spared)
     expected = reference.cast(
         drawn[:, :8].reshape(-1, 4, 2), drawn[:, 8:12].reshape(-1, 2, 2), drawn[:, 12], path[:, 0], worth,
-        traversed, hit, frame, rays, 0.1, 12.0,
+        traversed, hit, frame, rays, 0.1, 12.0, spared,
     )  # fmt: skip
     np.testing.assert_allclose(validity, expected[0], rtol=1e-5, atol=1e-9)
     # a ratio of e^7 and more is told from rounded sums that all but cancel
@@ -185,6 +188,19 @@ def test_a_ray_through_corners_stays_between_the_cells_that_touch_it(start, end)
     assert len(touched) >= 4
     assert (np.abs(touched[:, 1] - (touched[:, 0] if start[0] < 1 else 3 - touched[:, 0])) <= 1).all()
     assert 0.9 ** len(touched) == pytest.approx(validity[0], rel=1e-5)
+
+
+@pytest.mark.parametrize(("spared", "beside"), [(0.0, {3, 4, 6, 7}), (0.4, {3, 7}), (1.0, set())])
+def test_a_flat_ray_spares_the_cells_of_the_wall_that_it_meets(spared, beside):
+    """From (0.5, 1.6) to (10.5, 1.6) by the wall y = 0.5, which it meets in the sixth cell."""
+    table = np.full((4, 11), 0.1)
+    state = np.array([10.5, 1.6, 0.0, 0.0, 1.0, 0.5]).reshape(-1, 1)
+    message = launch_cast(
+        state, np.array([[1, 0, 0]], np.int32), np.array([0.5, 1.6]), np.array([np.exp(3.0)]), table, table,
+        np.array([0.0, 0.0, 1.0]), spared=spared,
+    )[2]  # fmt: skip
+    assert set(np.flatnonzero(message[0] < 0).tolist()) == beside
+    assert message[0, 5] > 0
 
 
 def test_no_paths_cast_nothing():

@@ -152,7 +152,9 @@ def test_a_glance_at_births_equals_its_twin(seed, surfaces, clocks):
     mean, _, _ = random_belief(draw, surfaces, clocks)
     places, shape = random_places(draw, 2), (17, 23)
     occupied = draw.uniform(0.001, 0.5, (2, shape[0] * shape[1])).astype(np.float32)
-    frame = np.array([-4.0, -3.0, 0.41, 0.1])  # much is outside
+    frame = np.array(
+        [-4.0, -3.0, 0.41, 0.1, 12.0, 0.0, 0.05, draw.choice([0.0, 0.2, 0.5])]
+    )  # much is outside
     hit = np.array([[-1, -1]] * 3 + [p for s in range(surfaces) for p in ((-1, s), (s, -1))], np.int32)
     count = len(hit)
     measurement = draw.integers(0, 4, count)
@@ -246,7 +248,7 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
     held, used = np.full((99, BINS), np.nan, np.float32), np.array([len(rows)], np.int32)
     held[: len(rows)] = rows
     surface = draw.dirichlet(np.full(BINS, 0.2), 3)
-    frame = np.array([-3.0, -2.0, 0.7, 0.1, 12.0, 0.8, 0.05])  # some hits are outside
+    frame = np.array([-3.0, -2.0, 0.7, 0.1, 12.0, 0.8, 0.05, 0.0])  # some hits are outside
     factor, told = draw.integers(0, 2, (room, 2)).astype(float), draw.uniform(0, 1, (4, room))
     told[2], told[3] = draw.choice([0.0, 0.01, 0.6, 1.2], room), 12 * told[3]
     pairs = np.sort(draw.integers(0, 9, room - 2))
@@ -286,7 +288,7 @@ def test_coefficients_learned_by_given_ratios_equal_their_twin(seed, rays):
     held[: len(rows)] = rows
     factor, told = draw.integers(0, 2, (room, 2)).astype(float), draw.uniform(0, 1, (4, room))
     told[2] = draw.choice([0.0, 0.01, 0.6, 1.0], room)
-    frame = np.array([-3.0, -2.0, 0.7, 0.1, 12.0, 0.8, 0.05])
+    frame = np.array([-3.0, -2.0, 0.7, 0.1, 12.0, 0.8, 0.05, 0.0])
     count, pairs = np.array([room - 2, 0], np.int32), (np.zeros(room + 1, np.int32), np.zeros((2, 0)))
     messages = Messages(count, path, factor, told, *pairs)
     ratio = np.log(draw.uniform(0, 3, (room, 2, BINS)) * draw.choice([1e-3, 1.0, 1e9], (room, 2, 1)))

@@ -30,13 +30,19 @@ OTHER_MATERIAL = 0.05
 class CellBuffers:
     """Arrays of all cells that belong to a workspace: occupancies in both roles, and casting's scratch.
 
+    Parameters
+    ----------
+    model : FilterModel
+    spared_cells : float
+        How many cells along its normal a wall is spared by the rays that it reflects: they don't cross these.
+
     Raises
     ------
     InputError
         The machine has no memory for so many cells.
     """
 
-    def __init__(self, model: FilterModel) -> None:
+    def __init__(self, model: FilterModel, spared_cells: float = 0.0) -> None:
         shape = model.grid.shape
         self.count = shape[0] * shape[1]
         check_room(self.count)
@@ -49,7 +55,8 @@ class CellBuffers:
         prior = 1 - np.exp(-cell / free_path)
         self.prior_odds = float(np.log(prior / (1 - prior)))
         self.clear = _clear(origin, cell, shape, model.anchor_positions).view(np.uint8).reshape(-1)
-        self.frame = np.array([*origin, cell, OUTSIDE, EVIDENCE_CLIP, 0.0, OTHER_MATERIAL])
+        spared_m = spared_cells * cell
+        self.frame = np.array([*origin, cell, OUTSIDE, EVIDENCE_CLIP, 0.0, OTHER_MATERIAL, spared_m])
         self.frame_of_messages = self.frame.copy()
         self.frame_of_messages[5] = MOSTLY_POSSIBLE
         self._most = max(1, OCCUPANCY_BYTES // (8 * self.count))
