@@ -2,6 +2,7 @@
 
 import ast
 import importlib.util
+import json
 import re
 import sys
 from pathlib import Path
@@ -17,6 +18,9 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 QUOTING = {"architecture"}
 """Pages that quote code which another test compares."""
 SHOWN = [page for page in PAGES if blocks(page) and page.stem not in QUOTING]
+NOTEBOOKS = sorted((ROOT / "examples").glob("*.ipynb"))
+MOST_NOTEBOOK_BYTES = 300_000
+"""Pictures in it included."""
 HEAVY = ("robustness", "bench")
 """Commands whose options alone are tried: they have no brief scene."""
 
@@ -69,6 +73,38 @@ def test_python_that_is_for_reading_alone_speaks_of_what_there_is(page):
             if isinstance(node, ast.ImportFrom) and node.module.startswith("gridslam"):
                 module = importlib.import_module(node.module)
                 assert all(hasattr(module, alias.name) for alias in node.names)
+
+
+def runner():
+    spec = importlib.util.spec_from_file_location("notebooks", ROOT / "docs/notebooks.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebooks_run_and_show_something(notebook, brief, monkeypatch, tmp_path):
+    """All cells in order; what is stored in the file is of the same kinds as what they show now."""
+    monkeypatch.chdir(tmp_path)
+    kept = [cell for cell in json.loads(notebook.read_text())["cells"] if cell["cell_type"] == "code"]
+    run, names = runner(), {}
+    assert any("image/png" in output.get("data", {}) for cell in kept for output in cell["outputs"])
+    for cell, source in zip(kept, run.code_cells(notebook), strict=True):
+        now = run.shown(source, notebook.name, names)
+        assert [sorted(o.get("data", {})) for o in now] == [
+            sorted(o.get("data", {})) for o in cell["outputs"]
+        ]
+    assert notebook.stat().st_size < MOST_NOTEBOOK_BYTES
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_links_of_notebooks_lead_somewhere(notebook):
+    cells = json.loads(notebook.read_text())["cells"]
+    words = "".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+    links = re.findall(r"\]\(([^)#]+)", words)
+    assert links
+    assert all((notebook.parent / link).exists() for link in links)
 
 
 @pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)

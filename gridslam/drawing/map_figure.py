@@ -89,7 +89,9 @@ def draw_map(
     width : float, inches
     """
     figure, axes = region(grid, scene, width)
-    occupancy(axes, grid)
+    mapped = bool(grid.observed.any())  # some methods map no cells
+    if mapped:
+        occupancy(axes, grid)
     if scene is not None:
         true_walls(axes, scene, GREEN, OUTLINE)
     surfaces(axes, grid)
@@ -103,7 +105,7 @@ def draw_map(
     rivals(axes, estimates)
     if scene is not None:
         anchors(axes, scene)
-    legend(figure, axes)
+    legend(figure, axes, mapped)
     return figure
 
 
@@ -255,11 +257,13 @@ def anchors(axes: Axes, scene: Scene) -> None:
         axes.annotate(name, (x, y), (6, 5), textcoords="offset points", annotation_clip=True, **style)
 
 
-def legend(figure: Figure, axes: Axes) -> None:
-    """Legend below the axes, the meaning of the cells included."""
+def legend(figure: Figure, axes: Axes, mapped: bool = True) -> None:
+    """Legend below the axes, with the meaning of the cells where there are any."""
     handles, _ = axes.get_legend_handles_labels()
     cells = [Patch(fc=color, ec="#808080", lw=0.5, label=title) for title, color in CELLS]
-    whole = [*handles, *cells]
+    whole = [*handles, *(cells if mapped else [])]
+    if not whole:
+        return
     most = 5 if figure.get_figwidth() > WIDE_IN else 3
     style: dict[str, Any] = {"ncols": min(most, len(whole)), "fontsize": "small", "frameon": False}
     figure.legend(handles=whole, loc="outside lower center", **style)

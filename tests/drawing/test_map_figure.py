@@ -54,6 +54,16 @@ def test_notebooks_get_a_picture_that_loads_nothing(run, shown, tmp_path):
     assert "http" not in page
 
 
+def test_plot_of_a_method_without_cells_speaks_of_none(run):
+    """Its cells aren't unexplored: there are none."""
+    heard = gs.simulate(run.scene, "agent1", 1)
+    lines = gs.map_scene(run.scene, heard, method="adaptive", seed=1, particles=100).plot()
+    words = {text.get_text() for text in lines.legends[0].get_texts()}
+    assert "surfaces found" in words
+    assert not words & {"free", "unexplored", "occupied"}
+    assert len(lines.axes[0].images) == 0
+
+
 def test_plot_shows_what_is_known(run):
     truth = gs.ground_truth(run.scene, "agent1")
     labels = [{text.get_text() for text in run.plot(t).legends[0].get_texts()} for t in (None, truth)]
