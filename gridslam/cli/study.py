@@ -37,9 +37,15 @@ def study(
     scheduler: Annotated[str | None, typer.Option(help="of a Dask cluster, e.g. tcp://host:8786")] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="processes here; default: one per core")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="begin anew")] = False,
+    form: Annotated[str, typer.Option("--format", help="of the figures: png, pdf or svg")] = "png",
+    width: Annotated[
+        float | None,
+        typer.Option(min=5, max=50, help="of the figures, cm: 8.8 suits a column (default: 20.3)"),
+    ] = None,
 ) -> None:
     """Run many seeds, methods and settings; write tables and figures. Started again, it goes on."""
-    from gridslam.studies.plots import draw_study
+    from gridslam.drawing.map_figure import FORMATS
+    from gridslam.studies.plots import WHOLE_IN, draw_study
     from gridslam.studies.study import Study
     from gridslam.studies.tables import batches, summary_rows, write_tables
     from gridslam.studies.workers import ClusterWorkers, LocalWorkers
@@ -47,6 +53,8 @@ def study(
 
     if scheduler is not None and workers:
         raise InputError("--workers", f"{workers} with --scheduler", "one of them; a cluster has its own")
+    if form not in FORMATS:
+        raise InputError("--format", repr(form), ", ".join(FORMATS))
     plan = Study(
         tuple(Scene.load(name) for name in scene),
         tuple(method or [DEFAULT]),
@@ -60,7 +68,7 @@ def study(
     found = batches(outcome)
     if found:
         write_tables(output, found)
-        draw_study(output, found)
+        draw_study(output, found, form, WHOLE_IN if width is None else width / 2.54)
         _table(summary_rows(found))
     done = sum(record is not None for record in outcome.records)
     line = f"{output}: {done} of {len(outcome.records)} runs, {outcome.fresh} of them new"
@@ -111,7 +119,7 @@ def _beside(error: float, unit: str, ratio: float) -> str:
     """An error, with its ratio to the bound where there is one."""
     if math.isnan(error):
         return "-"
-    return f"{error:.2f} {unit}" + ("" if math.isnan(ratio) else f" = {ratio:.2f}")
+    return f"{error:.2f} {unit}" + ("" if math.isnan(ratio) else f", {ratio:.2f}x")
 
 
 def _table(rows: list[dict[str, Any]]) -> None:
@@ -134,7 +142,7 @@ def _table(rows: list[dict[str, Any]]) -> None:
         )
     Console(width=max(out.width, WIDEST_TABLE)).print(table)
     note = (
-        "= times the bound of an unknown map; MOSPA: of the surfaces at the end; VAs: of the paths' virtual "
+        "x: times the bound of an unknown map; MOSPA: of the surfaces at the end; VAs: of the paths' virtual "
         "anchors; NEES: share of steps in its 95 % band; paths: detected minus true"
     )
     out.print(note, highlight=False, soft_wrap=True)

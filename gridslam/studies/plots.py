@@ -11,9 +11,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from gridslam.drawing.map_figure import encoded, fonts
 from gridslam.evaluation.consistency import nees_band
+from gridslam.io.files import write_bytes
 from gridslam.studies.tables import Batch
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -21,14 +24,31 @@ STYLES = ("-", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)))
 BOUND_COLOR, KNOWN_COLOR = "#303030", "#8a8a8a"
 MOST_SURFACES = 12
 """Panels in the figure of single surfaces; those that are there longest come first."""
-LEAST_M, LEAST_DEG = 1e-4, 1e-3
+LEAST_M, LEAST_CM, LEAST_DEG = 1e-4, 1e-2, 1e-3
 """Errors below these are drawn as these."""
-ERRORS = ("position_error_m", 1.0, LEAST_M), ("heading_error_rad", np.degrees(1.0), LEAST_DEG)
-"""Errors that are drawn, with the factor to m and degrees; the heading's only where something tells of it."""
+ERRORS = ("position_error_m", 100.0, LEAST_CM), ("heading_error_rad", np.degrees(1.0), LEAST_DEG)
+"""Errors that are drawn, with the factor to cm and degrees; the heading only where something tells of it."""
+WHOLE_IN, NARROW_IN = 8.0, 5.0
+"""Width for which figures are laid out, and below which there is room for two columns of a legend."""
+SETTLED = 30
+"""Steps after which errors count for where axes end; a third of a shorter run."""
+WILD = 100.0
+"""Times the median from which on errors need a logarithmic axis, as those of lost agents do."""
 
 
-def draw_study(directory: Path, found: Sequence[Batch]) -> list[Path]:
-    """Draw the figures of every scene and agent into ``figures/`` and return their paths."""
+def draw_study(
+    directory: Path, found: Sequence[Batch], form: str = "png", width: float = WHOLE_IN
+) -> list[Path]:
+    """Draw the figures of every scene and agent into ``figures/`` and return their paths.
+
+    Parameters
+    ----------
+    directory : Path
+    found : sequence of Batch
+    form : str
+        ``png``, ``pdf`` or ``svg``.
+    width : float, inches
+    """
     folder = directory / "figures"
     folder.mkdir(exist_ok=True)
     groups: dict[tuple[str, str], list[Batch]] = {}
@@ -44,12 +64,22 @@ def draw_study(directory: Path, found: Sequence[Batch]) -> list[Path]:
             ("rays", draw_rays),
             ("consistency", draw_consistency),
         ):
-            figure = draw(own)
-            if figure is not None:
-                name = re.sub(r"[^\w.-]+", "_", f"{scene}-{agent}-{title}")
-                written.append(folder / f"{name}.png")
-                figure.savefig(written[-1])
+            with fonts(width):
+                figure = draw(own)
+                if figure is not None:
+                    name = re.sub(r"[^\w.-]+", "_", f"{scene}-{agent}-{title}")
+                    written.append(folder / f"{name}.{form}")
+                    _resize(figure, width)
+                    write_bytes(written[-1], encoded(figure, form))
     return written
+
+
+def _resize(figure: Figure, width: float) -> None:
+    """Give a figure another width; narrow ones keep more of their height, for what stands beside the axes."""
+    share = width / WHOLE_IN
+    figure.set_size_inches(share * figure.get_figwidth(), share**0.6 * figure.get_figheight())
+    for legend in figure.legends if width < NARROW_IN else ():
+        legend.set_ncols(2)
 
 
 def draw_errors(own: Sequence[Batch]) -> Figure:
@@ -68,10 +98,13 @@ def draw_errors(own: Sequence[Batch]) -> Figure:
         unknown = [scale * getattr(batch.benchmark.unknown, name) for batch in own]
         _bound(axes, known, "known-map bound", ":")
         _bound(axes, unknown, "bound", "--")
-        axes.set_yscale("log")
         axes.grid(alpha=0.3)
-    for axes, what in zip(panels, ("position RMSE (m)", "heading RMSE (deg)"), strict=False):
+    for axes, what, (name, scale, _) in zip(
+        panels, ("position RMSE (cm)", "heading RMSE (deg)"), ERRORS, strict=False
+    ):
         axes.set_ylabel(what)
+        settled = min(SETTLED, own[0].rmse(name).shape[-1] // 3)
+        _fit_axis(axes, "y", scale * np.concatenate([batch.quantiles(name)[1][settled:] for batch in own]))
     panels[-1].set_xlabel("step")
     _legend(figure, panels[0])
     return figure
@@ -87,9 +120,13 @@ def draw_cdf(own: Sequence[Batch]) -> Figure:
             error = np.sort(np.maximum(scale * np.abs(batch.steps[name]).ravel(), least))
             share = np.arange(1, len(error) + 1) / len(error)
             panel.step(error, share, where="post", color=color, ls=style, lw=1.3, label=_label(batch, own))
-    for panel, what in zip(axes, ("position error (m)", "heading error (deg)"), strict=False):
-        panel.set(xscale="log", xlabel=what, ylim=(0, 1.01))
+    for panel, what, (name, scale, _) in zip(
+        axes, ("position error (cm)", "heading error (deg)"), ERRORS, strict=False
+    ):
+        panel.set(xlabel=what, ylim=(0, 1.01))
         panel.grid(alpha=0.3)
+        errors = scale * np.abs(np.concatenate([batch.steps[name].ravel() for batch in own]))
+        _fit_axis(panel, "x", errors[errors <= np.nanquantile(errors, 0.995)])
     axes[0].set_ylabel("share of steps")
     _legend(figure, axes[0])
     return figure
@@ -111,6 +148,7 @@ def draw_mospa(own: Sequence[Batch]) -> Figure:
     distance.set(yscale="log", ylabel="MOSPA of the surfaces (m)")
     image.set(yscale="log", ylabel="MOSPA of the virtual anchors (m)")
     count.set(xlabel="step", ylabel="surfaces found (dashed: true)")
+    count.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     for axes in (distance, image, count):
         axes.grid(alpha=0.3)
     _legend(figure, distance)
@@ -218,8 +256,20 @@ def _label(batch: Batch, own: Sequence[Batch]) -> str:
     return f"{batch.method}{settings} ({batch.runs} runs{lost})"
 
 
+def _fit_axis(axes: Axes, which: str, errors: NDArray[Any]) -> None:
+    """An axis from 0 to what errors come to, or a logarithmic one where some are far beyond the others."""
+    errors = errors[np.isfinite(errors)]
+    if not len(errors) or not errors.max() > 0:
+        return
+    if errors.max() > WILD * np.median(errors):
+        axes.set(**{f"{which}scale": "log"})
+    else:
+        axes.set(**{f"{which}lim": (0, 1.15 * float(errors.max()))})
+
+
 def _look(number: int) -> tuple[str, str | tuple]:
-    return COLORS[number % len(COLORS)], STYLES[number // len(COLORS) % len(STYLES)]
+    """Colour and style of the line of a batch: either alone tells it from its neighbours, in print, too."""
+    return COLORS[number % len(COLORS)], STYLES[number % len(STYLES)]
 
 
 def _figure(width: float, height: float) -> Figure:

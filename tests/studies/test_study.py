@@ -331,6 +331,13 @@ def test_figures_of_several_settings_are_drawn_side_by_side(scene, tmp_path, mon
     written = draw_study(tmp_path / "s", batches(outcome))
     assert len(written) == 6
     assert all(path.stat().st_size > 10_000 for path in written)
+    narrow = draw_study(tmp_path / "s", batches(outcome), "pdf", 3.5)
+    assert [path.suffix for path in narrow] == 6 * [".pdf"]
+    assert all(path.read_bytes().startswith(b"%PDF") for path in narrow)
+    axes = draw_errors(batches(outcome)).axes[0]
+    assert axes.get_yscale() == "linear"
+    styles = {(line.get_color(), line.get_linestyle()) for line in axes.lines if "runs" in line.get_label()}
+    assert len({color for color, _ in styles}) == len({style for _, style in styles}) == 2
 
 
 @pytest.mark.parametrize(
@@ -382,7 +389,7 @@ def test_command_writes_goes_on_and_reports(scene, tmp_path, monkeypatch, capsys
     (tmp_path / "tiny.toml").write_text(TINY)
     given = (tmp_path / "tiny.toml", "--runs", "2", "-o", tmp_path / "s")
     drawn = []
-    monkeypatch.setattr("gridslam.studies.plots.draw_study", lambda folder, found: drawn.append(folder))
+    monkeypatch.setattr("gridslam.studies.plots.draw_study", lambda folder, *_: drawn.append(folder))
     for fate, code, says in (
         ({0: KeyboardInterrupt()}, 130, "interrupted: 1 of 2 runs are kept"),
         ({0: RuntimeError("no luck")}, 1, "1 runs failed (RuntimeError: no luck)"),

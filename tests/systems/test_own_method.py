@@ -96,7 +96,7 @@ def test_run_takes_it_from_the_working_folder_and_its_folder_reads_back(say, tin
 @pytest.mark.slow
 def test_study_takes_it_in_fresh_worker_processes(say, tiny, tmp_path, monkeypatch):
     pytest.importorskip("joblib")
-    monkeypatch.setattr("gridslam.studies.plots.draw_study", lambda folder, found: [])
+    monkeypatch.setattr("gridslam.studies.plots.draw_study", lambda *_: [])
     shutil.copy(EXAMPLES / "own_method.py", tmp_path)
     words = ("study", tiny, "--runs", 2, "--workers", 1, "--method", NAME, "-o", "s")
     said = say(*words)

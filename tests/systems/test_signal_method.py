@@ -120,7 +120,7 @@ def test_simulate_refuses_what_no_recording_holds(say, files):
 @pytest.mark.slow
 def test_study_simulates_samples(say, files, monkeypatch):
     pytest.importorskip("joblib")
-    monkeypatch.setattr("gridslam.studies.plots.draw_study", lambda folder, found: [])
+    monkeypatch.setattr("gridslam.studies.plots.draw_study", lambda *_: [])
     said = say("study", "scene.toml", "--runs", 1, "--workers", 1, "--method", NAME, "-o", "s")
     assert said.code == 0, said
     assert "1 of 1 runs, 1 of them new" in said.out
