@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from filter_states import model_of, state_of
 from scene_samples import shortened
+from scipy.optimize import linear_sum_assignment
 
 import gridslam as gs
 from gridslam.errors import InputError
+from gridslam.evaluation.surface_truth import HeardSurfaces
 from gridslam.inference.management.in_sight import occupied_above, shortest_path
 from gridslam.inference.management.merging import MOST_SURFACES
 from gridslam.inference.management.mixture import moment_matched, same_identities
@@ -18,6 +20,7 @@ from gridslam.inference.messages.motion import predict
 from gridslam.inference.state.arrangement import arranged, unparked, without
 from gridslam.inference.state.belief import Belief, give_birth, update
 from gridslam.inference.state.grid import Grid
+from gridslam.simulation.image_source import ground_truth
 
 
 def believed(count, seed=1, size=0.1):
@@ -274,3 +277,39 @@ def test_a_checkpoint_holds_parked_surfaces_and_goes_on_bit_for_bit(system, crow
         file["believed/states/0/parked/cross"][...] *= 1e3
     with pytest.raises(InputError, match="parked"):
         system.resume(tmp_path / "here.h5")
+
+
+@pytest.mark.slow
+def test_once_around_a_building_of_60_walls_the_first_rooms_are_the_same_walls_again():
+    scene = gs.Scene.load("building").with_filter(particles=256)
+    truth = HeardSurfaces.of(ground_truth(scene, "agent1"))
+    scans = gs.simulate(scene, "agent1", seed=41)
+    slam = gs.GridSlam(scene, seed=41)
+    errors, active, first, seen = [], [], None, {}
+    for scan in scans:
+        estimate = slam.step(scan)
+        errors.append(estimate.position_m - scans.truth.position_m[scan.step])
+        state = slam.state
+        active.append(len(state.surfaces))
+        if state.parked is not None and first is None:
+            first = found(truth, estimate)
+            away = state.parked.surfaces
+            seen = dict(zip(away.identity.tolist(), away.seen.tolist(), strict=True))
+    last = found(truth, estimate)
+    assert max(active) <= MOST_SURFACES < len(state.every_existence)
+    assert len(last) >= 36  # of 44 that can be heard
+    assert int(estimate.detected.sum()) - len(last) <= 2
+    both = set(first) & set(last)
+    assert sum(first[wall] == last[wall] for wall in both) >= 0.85 * len(both)
+    again = dict(zip(state.surfaces.identity.tolist(), state.surfaces.seen.tolist(), strict=True))
+    assert sum(again.get(one, 0) > often for one, often in seen.items()) >= 2  # parked, and seen once more
+    assert np.sqrt(np.mean(np.square(errors).sum(1))) < 0.008  # bound: 0.0055
+
+
+def found(truth, estimate):
+    """Number of the surface found for each true wall, within 0.5 m of its feature vector."""
+    table = estimate.surfaces.take(estimate.detected)
+    far = np.linalg.norm(truth.feature[:, None] - table.sfv_m[None], axis=-1)
+    wall, row = linear_sum_assignment(np.minimum(far, 1.0))
+    good = far[wall, row] < 0.5
+    return dict(zip(wall[good].tolist(), table.identity[row[good]].tolist(), strict=True))

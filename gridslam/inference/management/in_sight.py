@@ -7,6 +7,7 @@ between, say more.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.state.grid import Grid
@@ -33,39 +34,36 @@ def shortest_path(state: State, lines: Array, bank: SurfaceBank, beyond: float, 
     """
     agent, spread = state.belief.mean[:2], np.sqrt(max(state.belief.covariance[:2, :2].trace(), 0.0))
     low, high = np.sort(np.where(np.isnan(bank.extent), bank.foot[:, None], bank.extent), axis=1).T
-    reach = beyond + SPREADS * float(spread)
-    best = np.full(len(lines), np.inf)
+    reach, anchors = beyond + SPREADS * float(spread), model.anchor_positions
     normal, along = unit(lines[:, 0]), unit(lines[:, 0] + 0.5 * np.pi)
-    height = lines[:, 1] - normal @ agent  # signed distance of the wall from the agent
-    for number, anchor in enumerate(model.anchor_positions):
-        image = mirror(lines, anchor)
-        other = lines[:, 1] - normal @ anchor
-        length = np.hypot(*(image - agent).T)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            hit = agent + (height / (height + other))[:, None] * (image - agent)
-        place = (along * hit).sum(1)
-        possible = (height * other > 0) & (place > low - reach) & (place < high + reach)
-        possible &= length < np.minimum(best, model.radio.max_distance_m)
-        possible &= (bank.owner < 0) | (bank.owner == number)
-        for row in np.flatnonzero(possible).tolist():
-            legs = (agent, anchor) if state.grid is not None else ()
-            if not any(is_blocked(state.require_grid(), hit[row], end, model) for end in legs):
-                best[row] = length[row]
-    return best
+    image = mirror(lines, anchors[:, None])  # (J, S, 2)
+    here, there = lines[:, 1] - normal @ agent, lines[:, 1] - anchors @ normal.T  # distances from the wall
+    length = np.hypot(*np.moveaxis(image - agent, -1, 0))
+    share = np.divide(here, here + there, out=np.zeros_like(there), where=here * there > 0)
+    hit = agent + share[..., None] * (image - agent)
+    place = (along * hit).sum(-1)
+    possible = (here * there > 0) & (place > low - reach) & (place < high + reach)
+    possible &= length < model.radio.max_distance_m
+    possible &= (bank.owner < 0) | (bank.owner == np.arange(len(anchors))[:, None])
+    if state.grid is not None and possible.any():
+        anchor, _ = np.nonzero(possible)
+        legs = np.broadcast_to(agent, (len(anchor), 2)), anchors[anchor]
+        hidden = [are_blocked(state.grid, hit[possible], ends, model) for ends in legs]
+        possible[possible] = ~np.any(hidden, axis=0)
+    return np.asarray(np.where(possible, length, np.inf).min(0, initial=np.inf))
 
 
-def is_blocked(grid: Grid, start: Array, end: Array, model: FilterModel) -> bool:
-    """Whether an occupied cell lies between two points (2,), away from both."""
-    step = 0.5 * model.grid.cell_m
-    length = float(np.hypot(*(end - start)))
-    if length <= 2 * CLEAR_M:
-        return False
-    along = np.arange(CLEAR_M, length - CLEAR_M, step) / length
-    cell = np.floor((start + along[:, None] * (end - start) - model.grid.origin_m) / model.grid.cell_m)
-    column, row = cell.astype(np.int64).T
-    inside = (row >= 0) & (row < grid.shape[0]) & (column >= 0) & (column < grid.shape[1])
-    evidence = grid.evidence[row[inside], column[inside]]
-    return bool((evidence > occupied_above(model)).any())
+def are_blocked(grid: Grid, start: Array, end: Array, model: FilterModel) -> NDArray[np.bool_]:
+    """Whether an occupied cell lies between points (L, 2) and (L, 2), away from both, (L,)."""
+    way, cell = end - start, model.grid.cell_m
+    length = np.hypot(*way.T)
+    along = CLEAR_M + 0.5 * cell * np.arange(int(length.max(initial=0.0) / (0.5 * cell)) + 1)
+    between = along < length[:, None] - CLEAR_M
+    points = start[:, None] + (along / np.maximum(length, cell)[:, None])[..., None] * way[:, None]
+    column, row = np.moveaxis(np.floor((points - model.grid.origin_m) / cell).astype(np.int64), -1, 0)
+    between &= (row >= 0) & (row < grid.shape[0]) & (column >= 0) & (column < grid.shape[1])
+    evidence = grid.evidence[np.where(between, row, 0), np.where(between, column, 0)]
+    return np.asarray((between & (evidence > occupied_above(model))).any(1))
 
 
 def occupied_above(model: FilterModel) -> float:

@@ -27,8 +27,10 @@ OFTEN = 8
 """Detections without which a surface stays in the belief until it is confirmed or pruned."""
 YOUNG = 30
 """Age up to which a surface may turn out to be one that is parked."""
-LIKELY, TURN_RAD, GAP_M = 16.0, 0.02, 0.05
-"""Squared deviations up to which two lines may be one, and deviations that are always allowed."""
+LIKELY, TURN_RAD, GAP_M = 9.0, 0.005, 0.01
+"""Squared deviations up to which two lines may be one, and deviations always allowed: as for merging."""
+FAR_RAD, FAR_M = 0.1, 0.5
+"""Turn and gap from which on they are none."""
 
 
 def recall(state: State, model: FilterModel) -> State:
@@ -91,8 +93,10 @@ def hidden(state: State, model: FilterModel) -> NDArray[np.bool_]:
     bank = state.surfaces
     rays = np.concatenate([bank.single, bank.double.max(1), bank.double.max(2)]).max(0, initial=0)
     away = (bank.seen >= OFTEN) & (rays < BELIEVED)
-    if away.any():
-        away &= ~np.isfinite(shortest_path(state, state.belief.lines, bank, FARTHER_M, model))
+    rows = np.flatnonzero(away)
+    if len(rows):
+        near = shortest_path(state, state.belief.lines[rows], bank.take(rows), FARTHER_M, model)
+        away[rows] = ~np.isfinite(near)
     if away.any() and state.parked is not None:
         away &= ~same_as_young(state, state.parked).any(1)
     return away
@@ -103,40 +107,29 @@ def same_as_young(state: State, parked: Parked) -> NDArray[np.bool_]:
 
     By turn, and gap where the young one was hit, within the joint covariance of both.
     """
-    bank = state.surfaces
-    same = np.zeros((len(bank), len(parked)), bool)
-    young = np.flatnonzero(bank.age <= YOUNG)
-    if not len(young):
-        return same
-    for row in young.tolist():
-        same[row] = _alike(state, row, parked) & (bank.owner[row] == parked.surfaces.owner)
-    return same
-
-
-def _alike(state: State, row: int, parked: Parked) -> NDArray[np.bool_]:
-    """Which parked lines may be the line in one row of the belief, (P,)."""
-    line, foot = state.belief.lines[row], float(state.surfaces.foot[row])
-    place = line[1] * unit(line[0]) + foot * unit(line[0] + 0.5 * np.pi)
-    lines = parked.lines
-    turn = wrap(line[0] - lines[:, 0])
-    flip = np.where(np.abs(turn) > 0.5 * np.pi, -1.0, 1.0)
-    turn = wrap(turn + np.pi * (flip < 0))
-    gap = lines[:, 1] - unit(lines[:, 0]) @ place
-    loose = (np.abs(turn) < 10 * TURN_RAD) & (np.abs(gap) < 10 * GAP_M)
-    for one in np.flatnonzero(loose).tolist():
-        # by the young line, then by the parked one
-        normal, along = unit(lines[one, 0]), unit(lines[one, 0] + 0.5 * np.pi)
-        by_place = -normal
-        turned = line[1] * unit(line[0] + 0.5 * np.pi) - foot * unit(line[0])
+    bank, lines, own = state.surfaces, parked.lines, state.belief.lines
+    normal, along = unit(own[:, 0]), unit(own[:, 0] + 0.5 * np.pi)
+    place = own[:, 1, None] * normal + bank.foot[:, None] * along
+    turned = (
+        own[:, 1, None] * along - bank.foot[:, None] * normal
+    )  # by which the place moves as the line turns
+    turn = wrap(own[:, None, 0] - lines[:, 0])
+    turn = np.where(np.abs(turn) > 0.5 * np.pi, wrap(turn + np.pi), turn)
+    gap = lines[:, 1] - place @ unit(lines[:, 0]).T
+    same = (np.abs(turn) < FAR_RAD) & (np.abs(gap) < FAR_M) & (bank.age <= YOUNG)[:, None]
+    same &= bank.owner[:, None] == parked.surfaces.owner
+    for young, old in np.argwhere(same).tolist():
+        across, side = unit(lines[old, 0]), unit(lines[old, 0] + 0.5 * np.pi)
         slope = np.array(
-            [[1.0, 0.0, -1.0, 0.0], [by_place @ turned, by_place @ unit(line[0]), -along @ place, 1.0]]
+            [[1, 0, -1, 0], [-across @ turned[young], -across @ normal[young], -side @ place[young], 1]]
         )
-        own, there = state.belief.layout.line(row), 2 * one + np.arange(2)
+        rows, there = state.belief.layout.line(young), 2 * old + np.arange(2)
+        cross = parked.cross[np.ix_(there, rows)]
         joint = np.block([
-            [state.belief.covariance[np.ix_(own, own)], parked.cross[np.ix_(there, own)].T],
-            [parked.cross[np.ix_(there, own)], parked.covariance[np.ix_(there, there)]],
+            [state.belief.covariance[np.ix_(rows, rows)], cross.T],
+            [cross, parked.covariance[np.ix_(there, there)]],
         ])  # fmt: skip
         spread = slope @ joint @ slope.T + np.diag([TURN_RAD**2, GAP_M**2])
-        off = np.array([turn[one], gap[one]])
-        loose[one] = off @ np.linalg.solve(spread, off) < LIKELY
-    return loose
+        off = np.array([turn[young, old], gap[young, old]])
+        same[young, old] = off @ np.linalg.solve(spread, off) < LIKELY
+    return same

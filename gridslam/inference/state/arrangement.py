@@ -11,13 +11,12 @@ from gridslam.inference.state.belief import keep
 from gridslam.inference.state.layout import PER_LINE
 from gridslam.inference.state.parked import Parked
 from gridslam.inference.state.state import State
-from gridslam.inference.state.surface_bank import FRESH_DOUBLE, FRESH_SINGLE
 
 
 def arranged(state: State, active: NDArray[np.bool_]) -> State:
     """The state with other surfaces in its joint belief, ordered by their numbers; nothing is forgotten.
 
-    Rays of what is parked start anew.
+    Rays between a parked and another surface start as ones that nothing told of for long.
 
     Parameters
     ----------
@@ -35,13 +34,7 @@ def arranged(state: State, active: NDArray[np.bool_]) -> State:
     left = _entries(away, head)
     rest = None
     if len(away):
-        kept = bank.take(away)
-        fresh = replace(
-            kept,
-            single=np.full_like(kept.single, FRESH_SINGLE),
-            double=np.full_like(kept.double, FRESH_DOUBLE),
-        )
-        rest = Parked(fresh, mean[left], joint[np.ix_(left, left)], joint[np.ix_(left, own)])
+        rest = Parked(bank.take(away), mean[left], joint[np.ix_(left, left)], joint[np.ix_(left, own)])
     return replace(
         state,
         belief=replace(belief, mean=mean[own], covariance=joint[np.ix_(own, own)]),

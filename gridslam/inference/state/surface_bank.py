@@ -9,10 +9,13 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.rays import P_APPEAR, P_STAY
 from gridslam.world.radio import BINS
 
 FRESH_SINGLE, FRESH_DOUBLE, FRESH_BEARER = 0.5, 0.3, 0.98
 """Existence of a new surface's rays: single bounces, double bounces, and the ray that bore it."""
+RESTING = P_APPEAR / (P_APPEAR + 1 - P_STAY)
+"""Existence of a ray of which nothing was told for long."""
 SETTLED = 100
 """Age and number of sightings of a surface that an earlier agent left."""
 
@@ -84,11 +87,11 @@ class SurfaceBank:
         return SurfaceBank(**chosen, single=np.ascontiguousarray(single), double=np.ascontiguousarray(double))
 
     def joined(self, other: SurfaceBank) -> SurfaceBank:
-        """These surfaces, then those of another bank; rays over one of either are fresh."""
+        """These surfaces, then those of another bank; nothing was told for long of rays over one of each."""
         count, whole = len(self), len(self) + len(other)
         columns = [f.name for f in fields(self) if f.name not in ("single", "double")]
         parts = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in columns}
-        double = np.full((len(self.double), whole, whole), FRESH_DOUBLE)
+        double = np.full((len(self.double), whole, whole), RESTING)
         double[:, :count, :count], double[:, count:, count:] = self.double, other.double
         return SurfaceBank(**parts, single=np.concatenate([self.single, other.single], 1), double=double)
 
