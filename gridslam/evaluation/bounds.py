@@ -220,7 +220,7 @@ def whitened_jacobian(
     """
     jacobian, signal = path_jacobian(scene, agent, paths, surface, track), scene.signal_model(agent)
     anchors = signal.anchor_aperture[paths.anchor]
-    steep = lean(paths.distance_m, scene.heights(agent)[paths.anchor])
+    steep = lean(paths.distance_m, scene.verticals(agent).heights(paths.over, paths.anchor))
     std = (
         signal.distance_std(paths.amplitude),
         signal.angle_std(paths.amplitude, paths.aod_rad, anchors, steep),
@@ -251,7 +251,7 @@ def path_jacobian(
     double = paths.bounces == 2
     last = np.where(double, hit[:, 1], hit[:, 0])
     lines = surface_lines(scene) if len(scene.walls) else np.zeros((1, 2))
-    heights = scene.heights(agent)[paths.anchor]
+    heights = scene.verticals(agent).heights(paths.over, paths.anchor)
     geometry = trace(
         track.position_m[paths.step],
         scene.anchor_positions[paths.anchor],

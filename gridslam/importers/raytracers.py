@@ -1,8 +1,9 @@
 """Paths of three-dimensional ray tracers as measurements: Sionna RT, DeepMIMO.
 
 A path that a map of walls can explain runs over vertical walls alone: it leaves and arrives at one slope.
-Every other path (over the floor, the ceiling, a roof) is left out. Where the scene has heights, lengths stay
-as they are, and so do paths of any slope that lead from the anchor's height to the agent's. Without heights,
+Every other path (over a roof, and over floor and ceiling unless the scene has them) is left out. Where the
+scene has heights, lengths stay as they are, and so do paths of any slope that lead from the anchor's height
+to the agent's. Without heights,
 what isn't too steep is projected on the plane: the azimuths as they are, the length times the cosine of the
 slope.
 """
@@ -24,6 +25,7 @@ from gridslam.world.geometry import wrap
 from gridslam.world.radio import SPEED_OF_LIGHT
 
 if TYPE_CHECKING:
+    from gridslam.world.levels import Verticals
     from gridslam.world.scene import Scene
 
 CHOICES = ("slope_deg", "carrier_hz", "least_snr_db", "agent")
@@ -129,7 +131,8 @@ def plane_table(
     heading_rad : float or (N,) float, rad
         Heading of the agent at each step.
     slope_deg : float, optional
-        Steepest path that is kept; paths over the floor or the ceiling never are. Default: any where the
+        Steepest path that is kept; paths over the floor or the ceiling only once, and only if the scene has
+        it. Default: any where the
         scene has heights, else 30: too small a value leaves out the line of sight to anchors close by; the
         amplitude isn't projected, and at 30 degrees is 13 % below what the plane lets expect.
     carrier_hz : float or None
@@ -170,10 +173,8 @@ def plane_table(
     slope, length = np.abs(paths.departure_zenith_rad - 0.5 * np.pi), SPEED_OF_LIGHT * paths.delay_s
     steepest = slope_deg if slope_deg is not None else 90.0 if scene.has_heights else STEEPEST_DEG
     with np.errstate(invalid="ignore"):
-        kept = paths.planar & (slope <= np.radians(steepest)) & (paths.delay_s > 0) & (amplitude > least)
-        if scene.has_heights:  # up and down again over floor and ceiling keeps the slope, too
-            off = length * np.cos(paths.departure_zenith_rad) + scene.heights(agent)[:, None]
-            kept &= np.abs(off) < SAME_HEIGHT_M + SAME_SLOPE_RAD * length
+        kept = (slope <= np.radians(steepest)) & (paths.delay_s > 0) & (amplitude > least)
+        kept &= _in_space(paths, length, scene.verticals(agent)) if scene.has_heights else paths.planar
     turned = np.broadcast_to(heading, (steps,))[:, None, None]
     columns = {
         "distance_m": length if scene.has_heights else length * np.cos(slope),
@@ -186,6 +187,17 @@ def plane_table(
         name: {anchor: values[:, j] for j, anchor in enumerate(scene.anchor_names)}
         for name, values in cut.items()
     }
+
+
+def _in_space(paths: TracedPaths, length: Array, ways: Verticals) -> NDArray[np.bool_]:
+    """Paths over vertical walls and at most one of the scene's levels, (N, J, L); lengths in m."""
+    rise, near = length * np.cos(paths.departure_zenith_rad), SAME_HEIGHT_M + SAME_SLOPE_RAD * length
+    # up and down again over floor and ceiling keeps the slope, too
+    kept = paths.planar & (np.abs(rise + ways.height[0][:, None]) < near)
+    mirrored = np.abs(paths.departure_zenith_rad - paths.arrival_zenith_rad) < SAME_SLOPE_RAD
+    for image in ways.height[1:]:
+        kept |= mirrored & (np.abs(rise - image[:, None]) < near)
+    return np.asarray(kept)
 
 
 def measurements_of(paths: TracedPaths, scene: Scene, heading_rad: ArrayLike, **more: Any) -> Measurements:

@@ -99,7 +99,7 @@ def gate(
     known = np.where(missing, 0.0, std) ** 2
     reach = GATE * np.sqrt(np.diagonal(spread, axis1=1, axis2=2)[:, None] + known) + MARGIN
     label = heard[:, 9]
-    ours = (label < 0) | (label == path[:, 3, None])
+    ours = (label < 0) | (label == own[:, 11, None])
     chosen = ours & (gap < reach).all(-1) & (worth > 1e-6)[:, None] & (strength[0] > 0)
     row, measurement = np.nonzero(chosen)
     std, missing = std[chosen], missing[chosen]

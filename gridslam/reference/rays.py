@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.kernels.primitives.blocks import BOUNCES, HEAD, ONLY, Belief, Links, Query
+from gridslam.kernels.primitives.blocks import BOUNCES, HEAD, ONLY, SENDERS, Belief, Links, Query
 from gridslam.reference.gaussian import late, predict
 from gridslam.reference.paths import prepare
 from gridslam.world.geometry import lean, wrap
@@ -37,7 +37,7 @@ def listed(anchor: int, bounces: int, links: Links) -> tuple[Whole, Array, Array
 
 def asked(only: int, bounces: int, head: int) -> Query:
     """A query for paths as they are."""
-    return Query(np.array([only, bounces, head, 0, 0], np.int32), np.array([1.0, 0.0, 1.0]))
+    return Query(np.array([only, bounces, head, 0, 0, 1], np.int32), np.array([1.0, 0.0, 1.0]))
 
 
 def list_paths(
@@ -47,11 +47,11 @@ def list_paths(
 
     What it drafts by `points` is that of `prepare`, and isn't told.
     """
-    only, bounces, head = query.choice[[ONLY, BOUNCES, HEAD]].tolist()
+    only, bounces, head, senders = query.choice[[ONLY, BOUNCES, HEAD, SENDERS]].tolist()
     stay, appear, share = query.weight.tolist()
     if points is not None:
         prepare(*belief, head, share, points)
-    anchors = [only] if only >= 0 else range(len(places))
+    anchors = [anchor for anchor in range(len(places)) if only < 0 or anchor % senders == only]
     parts = [listed(anchor, bounces, links) for anchor in anchors]
     path, existence, surfaces = (np.concatenate(part) for part in zip(*parts, strict=True))
     value, _, spread = predict(*belief, head, path, places)
@@ -82,5 +82,5 @@ def near(
     gap[..., 1:] = wrap(gap[..., 1:])
     total = predicted[:, None, 3:12:4] + std**2
     far = np.where(heard[:, 3:6] < 0, 0.0, gap**2 / total).sum(-1)
-    there = (surfaces > STRONG)[:, None] & ((heard[:, 9] < 0) | (path[:, 3, None] == heard[:, 9]))
+    there = (surfaces > STRONG)[:, None] & ((heard[:, 9] < 0) | (own[..., 11] == heard[:, 9]))
     return np.asarray(((far < 16.0) & there).any(0) & (heard[:, 7] > 0.5))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -67,8 +68,8 @@ def _on_piece(point: Array, walls: Segments, index: NDArray[np.intp]) -> NDArray
 def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> TruePaths:
     """Trace every visible path of an agent's track (default: the scene's), up to ``radio.max_bounces``.
 
-    A scatterer adds a path of its own. Every leg is checked against every wall, and every interaction point
-    must lie on its wall piece.
+    Each may go over floor or ceiling, too. A scatterer adds a path of its own. Every leg is checked against
+    every wall, and every interaction point must lie on its wall piece.
     """
     track = scene.track(agent) if track is None else track
     walls, signal = scene.segments(), scene.signal_model(agent)
@@ -88,9 +89,9 @@ def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> Tru
     block = max(MOST_AT_ONCE // len(pieces), 1)
 
     rows = []
-    for number, (position, height) in enumerate(
-        zip(scene.anchor_positions, scene.heights(agent), strict=True)
-    ):
+    ways, senders = scene.verticals(agent), len(scene.anchors)
+    for (way, over), number in product(enumerate(ways.over), range(senders)):
+        position, height = scene.anchor_positions[number], ways.height[way, number]
         facing = scene.anchor_orientations[number]
         for start in range(0, len(track), block):
             places = track.position_m[start : start + block]
@@ -117,6 +118,7 @@ def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> Tru
             strength = np.where(kind > 0, walls.reflection[piece[:, 1]], 1.0) if count else np.ones(len(kind))
             if count:
                 strength = strength * np.where(kind == 2, walls.reflection[piece[:, 0]], 1.0)
+            strength = strength * ways.gain[way]
             distance = geometry.distance[good]
             rows.append(
                 TruePaths(
@@ -129,6 +131,7 @@ def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> Tru
                     kind,
                     np.where(kind[:, None] == 1, np.stack([piece[:, 0], np.full(len(kind), -1)], -1), piece),
                     points,
+                    np.full(len(kind), over),
                 )
             )
     table = TruePaths(*(np.concatenate([getattr(r, f.name) for r in rows]) for f in fields(TruePaths)))

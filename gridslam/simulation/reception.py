@@ -47,7 +47,9 @@ def received(
     heard = np.flatnonzero(amplitude > signal.threshold if given is None else ndtr(noise[:, 0]) < given)
     clean = paths.amplitude[heard]
     heights = scene.heights(agent)
-    steep = lean(paths.distance_m[heard], heights[paths.anchor[heard]])
+    over = paths.over[heard] if isinstance(paths, TruePaths) else np.zeros(len(heard), np.intp)
+    tall = scene.verticals(agent).heights(over, paths.anchor[heard])
+    steep = lean(paths.distance_m[heard], tall)
     apertures = signal.anchor_aperture[paths.anchor[heard]]
     aod_std = signal.angle_std(clean, paths.aod_rad[heard], apertures, steep)
     aoa_std = signal.angle_std(clean, paths.aoa_rad[heard], signal.agent_aperture, steep)

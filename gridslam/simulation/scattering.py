@@ -70,6 +70,7 @@ def path_rows(
         np.full(len(step), len(corners) - 2),
         np.full((len(step), 2), -1),
         points,
+        np.zeros(len(step), np.intp),
     )
 
 

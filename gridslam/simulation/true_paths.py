@@ -24,6 +24,9 @@ class TruePaths:
         Wall pieces hit first and last; -1 where there is none.
     points : (L, 4, 2) m
         Anchor, first and second interaction point (NaN where there is none), agent.
+    over : (L,) int
+        Whether the path also goes over floor or ceiling: `DIRECT`, `FLOOR` or `CEILING`; not a bounce, as
+        seen from above.
     """
 
     step: NDArray[np.intp]
@@ -35,13 +38,14 @@ class TruePaths:
     bounces: NDArray[np.intp]
     segment: NDArray[np.intp]
     points: Array
+    over: NDArray[np.intp]
 
     @classmethod
     def empty(cls) -> TruePaths:
         """No paths."""
         return cls(
             *(np.zeros(0, np.intp),) * 2, *(np.zeros(0),) * 4, np.zeros(0, np.intp),
-            np.zeros((0, 2), np.intp), np.zeros((0, 4, 2)),
+            np.zeros((0, 2), np.intp), np.zeros((0, 4, 2)), np.zeros(0, np.intp),
         )  # fmt: skip
 
     def __len__(self) -> int:

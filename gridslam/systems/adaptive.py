@@ -110,5 +110,6 @@ class AdaptiveSlam(SurfaceFilter):
 
     method = "adaptive"
     by_particles = True
+    over_levels = True
     start = staticmethod(start)
     advance = staticmethod(step)

@@ -59,6 +59,9 @@ class FilterFront(ABC, Generic[Heard, Believed]):
     by_particles: ClassVar[bool] = False
     """Whether ``filter.representation = "particles"`` says something that it does."""
 
+    over_levels: ClassVar[bool] = False
+    """Whether paths over floor and ceiling have a place in it."""
+
     def __init__(
         self,
         scene: Scene,
@@ -72,6 +75,8 @@ class FilterFront(ABC, Generic[Heard, Believed]):
         if asked == "particles" and not self.by_particles:
             allowed = "'gaussian': grid and adaptive SLAM, and the published methods, take particles"
             raise InputError(f"{scene.name}: filter.representation", f"{asked!r} for {self.method}", allowed)
+        if not self.over_levels:
+            scene.require_walls_alone(self.method)
         self.scene, self.seed = scene, seed
         self.model = self._model(scene.filter_model(agent))
         self.agent = self.model.agent
@@ -82,7 +87,7 @@ class FilterFront(ABC, Generic[Heard, Believed]):
         prior = prior if self.uses_maps else None
         self.provenance = _provenance(prior)
         begun = self._begun(self.start(self.model, prior))
-        self.now = Moment(begun, Identity.of(self.model.anchor_positions))
+        self.now = Moment(begun, Identity.of(scene.anchor_positions))
 
     @property
     def state(self) -> Any:
@@ -175,7 +180,7 @@ class FilterFront(ABC, Generic[Heard, Believed]):
 
     def _checked(self, scan: Heard, after: float | None) -> Heard:
         """What was heard, if it is of the kind that the system takes and makes sense."""
-        return scan.checked(len(self.model.anchors), after)
+        return scan.checked(len(self.scene.anchors), after)
 
     def _advanced(self, scan: Heard) -> tuple[Believed, Any]:
         """What is believed after a scan, and what happened."""

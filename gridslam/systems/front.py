@@ -149,7 +149,7 @@ class SurfaceFilter(SurfaceFront[Scan]):
         if isinstance(scan, SignalScan):
             allowed = "path measurements, a Scan: gridslam extract makes them of signals"
             raise InputError(f"{type(self).__name__}.step", "sampled signals", allowed)
-        return scan.checked(len(self.model.anchors), after)
+        return scan.checked(len(self.scene.anchors), after)
 
     def _advanced(self, scan: Scan) -> tuple[Population, StepInfo]:
         if self._branches(self.state):

@@ -19,7 +19,7 @@ from gridslam.inference.messages.cells import cast_messages, cast_paths, update_
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.motion import predict
-from gridslam.inference.messages.reflection import Reflected, update_coefficients
+from gridslam.inference.messages.reflection import reflected, update_coefficients
 from gridslam.inference.messages.sample_updates import (
     at_samples,
     keep_samples,
@@ -66,7 +66,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     for heard in scans:
         radio = state.calibration.tuned(model.radio, heard.anchor)
         paths, visible = cast_paths(state, heard.anchor, model, work=work)  # eq. (1)
-        amplitudes = Reflected(visible.products, radio)  # eq. (2)
+        amplitudes = reflected(visible.products, paths.rays, radio)  # eq. (2)
         # eqs. (8)-(10), (17)-(42)
         paths = at_samples(paths, state)
         cloud, ratios = evaluate(heard, paths, visible.validity, amplitudes, radio, model, work=work)
@@ -112,6 +112,7 @@ class GridSlam(SurfaceFilter):
     method = "grid"
     keeps_grid = True
     by_particles = True
+    over_levels = True
     start = staticmethod(start)
     advance = staticmethod(step)
 

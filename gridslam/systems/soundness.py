@@ -85,7 +85,7 @@ def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shap
     yield "belief/covariance", state.belief.covariance.shape, (size, size)
     yield "los", state.los.shape, (anchors,)
     for name in ("clutter", "listened", "turn", "turn_weight"):
-        yield f"calibration/{name}", getattr(state.calibration, name).shape, (anchors,)
+        yield f"calibration/{name}", getattr(state.calibration, name).shape, (model.senders,)
     yield from _shapes_of_bank(state.surfaces, "surfaces", anchors)
     if state.parked is not None:
         yield "parked/cross", state.parked.cross.shape, (len(state.parked.mean), size)

@@ -27,8 +27,10 @@ class FilterModel:
     radio : RadioModel
         As the scene states it; what is learned of it stands in the state.
     anchor_names : tuple of str
+        Of those that send.
     anchors : (J, 3) float64
-        x, y (m) and orientation (rad), read-only.
+        x, y (m) and orientation (rad), read-only. Where floor and ceiling reflect, the images of all anchors
+        in them follow: J counts those, too.
     anchor_heights : (J,) float64
         How high they stand above the agent (m), read-only: 0 where all is planar.
     max_bounces : int
@@ -51,6 +53,11 @@ class FilterModel:
     settings: FilterSettings
     start_mean: Array
     start_variance: Array
+
+    @property
+    def senders(self) -> int:
+        """How many anchors send: they come first, the others are images in floor and ceiling."""
+        return len(self.anchor_names)
 
     @cached_property
     def anchor_positions(self) -> Array:
@@ -84,8 +91,8 @@ class FilterModel:
         return self.settings.births / (4 * np.pi * self.radius_m)
 
     def turned(self, turns: Array) -> Self:
-        """The same with its anchors turned by (J,) rad."""
-        orientation = wrap(self.anchor_orientations + turns)
+        """The same with its anchors turned by (senders,) rad, and their images with them."""
+        orientation = wrap(self.anchor_orientations + np.resize(turns, len(self.anchors)))
         return replace(self, anchors=fixed(np.column_stack([self.anchor_positions, orientation])))
 
 

@@ -8,7 +8,7 @@ depends on follows from it: a strong path is seen surely and measured sharply.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -48,6 +48,8 @@ class RadioModel:
         Detection probability and sigma_d (m) of every path, instead of those that follow from its amplitude.
     window_m : (float, float) or None
         What measured distances may be; None for 0 to the longest.
+    image_gains : tuple of float
+        Factors of amplitudes of the anchors, and of their images in floor and ceiling where those follow.
     """
 
     amplitude_at_1m: float
@@ -62,6 +64,17 @@ class RadioModel:
     given_detection: float | None = None
     given_distance_std: float | None = None
     window_m: tuple[float, float] | None = None
+    image_gains: tuple[float, ...] = (1.0,)
+
+    def imaged(self, gains: Array) -> RadioModel:
+        """The same, all anchors followed by their images in floor and ceiling, with gains (V,), 1 first."""
+        aperture = np.tile(self.anchor_aperture, (len(gains), 1))
+        return replace(self, anchor_aperture=aperture, image_gains=tuple(gains.tolist()))
+
+    @property
+    def senders(self) -> int:
+        """Anchors without images."""
+        return len(self.anchor_aperture) // len(self.image_gains)
 
     @property
     def span_m(self) -> float:
@@ -75,14 +88,16 @@ class RadioModel:
 
     @cached_property
     def numbers(self) -> Array:
-        """What kernels take of the radio, (J, 11), by anchors; see `gridslam.kernels.primitives.radio`."""
+        """What kernels take of the radio, (J, 12), by anchors; see `gridslam.kernels.primitives.radio`."""
         given = 0.0 if self.given_distance_std is None else self.given_distance_std
-        numbers = np.empty((len(self.anchor_aperture), 11))
+        numbers = np.empty((len(self.anchor_aperture), 12))
         numbers[:] = (
             self.distance_scale, given, 0.0, 0.0, *self.agent_aperture, self.span_m,
-            self.amplitude_at_1m, self.samples, self.threshold, self.false_alarms,
+            self.amplitude_at_1m, self.samples, self.threshold, self.false_alarms, 0.0,
         )  # fmt: skip
         numbers[:, 2:4] = self.anchor_aperture
+        numbers[:, 7] *= np.repeat(self.image_gains, self.senders)
+        numbers[:, 11] = np.arange(len(numbers)) % self.senders
         numbers.setflags(write=False)
         return numbers
 

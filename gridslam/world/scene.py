@@ -19,6 +19,7 @@ from gridslam.errors import InputError
 from gridslam.world.clocks import Clocks
 from gridslam.world.filter_model import FilterModel, fixed
 from gridslam.world.geometry import Segments, crossing, distance_to_segments, line_through, wrap
+from gridslam.world.levels import Level, Verticals, check_heights, verticals_of
 from gridslam.world.names import Label, label_fault, same_folder
 from gridslam.world.radio import SPEED_OF_LIGHT, RadioModel
 from gridslam.world.scene_parts import (
@@ -65,6 +66,8 @@ class Scene(Strict):
     materials: dict[Name, Share] = Field(default_factory=lambda: {"concrete": 0.7, "glass": 0.3})
     anchors: tuple[Anchor, ...] = Field(min_length=1)
     walls: tuple[Wall, ...] = ()
+    floor: Level | None = None
+    ceiling: Level | None = None
     scatterers: tuple[Scatterer, ...] = ()
     agents: tuple[Agent, ...] = ()
     clocks: Clocks | None = None
@@ -190,6 +193,19 @@ class Scene(Strict):
                 where, found, "[x, y] and no height_m: sampled signals, refa and network-paper are planar"
             )
 
+    def require_walls_alone(self, method: str) -> None:
+        """Refuse floor and ceiling, for a method whose paths go over walls alone.
+
+        Raises
+        ------
+        InputError
+            One of them reflects.
+        """
+        for name, level in (("floor", self.floor), ("ceiling", self.ceiling)):
+            if level is not None:
+                allowed = "none, or grid or adaptive SLAM, whose paths may go over it"
+                raise InputError(f"{self.name}: {name}", f"a {name} that reflects, for {method}", allowed)
+
     def heights(self, agent: str | None = None) -> Array:
         """How high the anchors stand above an agent, by default the first, (J,) m: 0 in a planar scene.
 
@@ -198,11 +214,22 @@ class Scene(Strict):
         InputError
             There is no such agent.
         """
+        return np.asarray(self.verticals(agent).height[0])
+
+    def verticals(self, agent: str | None = None) -> Verticals:
+        """Heights of anchors above an agent, by default the first, and of their images in floor and ceiling.
+
+        Raises
+        ------
+        InputError
+            There is no such agent.
+        """
         if not self.has_heights:
-            return np.zeros(len(self.anchors))
+            return verticals_of(np.zeros(len(self.anchors)), 0.0, None, None)
         bodies = self.agents[:1] if agent is None else (self.agent(agent),)
         own = sum(body.height_m or 0.0 for body in bodies)
-        return np.array([anchor.position_m[2] - own for anchor in self.anchors], dtype=np.float64)
+        above = np.array([anchor.position_m[2] - own for anchor in self.anchors], dtype=np.float64)
+        return verticals_of(above, own, self.floor, self.ceiling)
 
     @property
     def scatterer_positions(self) -> Array:
@@ -296,10 +323,11 @@ class Scene(Strict):
         variance[2:4] += (body.step_m / body.interval_s) ** 2
         mean = np.array([*body.start_m, 0.0, 0.0, np.radians(body.start_heading_deg)])
         anchors = np.column_stack([self.anchor_positions, self.anchor_orientations])
+        ways = self.verticals(body.name)
         return FilterModel(
-            self.name, body.name, self.signal_model(body.name), self.anchor_names, fixed(anchors),
-            fixed(self.heights(body.name)), self.radio.max_bounces, self.grid, self.filter, fixed(mean),
-            fixed(variance),
+            self.name, body.name, self.signal_model(body.name).imaged(ways.gain), self.anchor_names,
+            fixed(np.tile(anchors, (len(ways.gain), 1))), fixed(ways.height.ravel()), self.radio.max_bounces,
+            self.grid, self.filter, fixed(mean), fixed(variance),
         )  # fmt: skip
 
     def segments(self) -> Segments:
@@ -336,7 +364,7 @@ class Scene(Strict):
             for index, name in enumerate(names):
                 if name in names[:index]:
                     raise fault(f"{key}[{index}].name", repr(name), "a name that isn't taken")
-        self._check_heights()
+        check_heights(self.anchors, self.agents, self.floor, self.ceiling)
         self._check_clocks()
         folders = [same_folder(agent.name) for agent in self.agents]
         for index, folder in enumerate(folders):
@@ -356,20 +384,6 @@ class Scene(Strict):
             if agent.waypoints_m is not None:
                 self._check_track(agent, walls, f"agents[{index}]")
         return self
-
-    def _check_heights(self) -> None:
-        """Heights of all anchors and agents, or of none."""
-        for index, anchor in enumerate(self.anchors):
-            if (len(anchor.position_m) > 2) != self.has_heights:
-                same = "[x, y, z]" if self.has_heights else "[x, y]"
-                found, allowed = str(list(anchor.position_m)), f"{same}, as of the first anchor"
-                raise fault(f"anchors[{index}].position_m", found, allowed)
-        for index, agent in enumerate(self.agents):
-            if self.has_heights and agent.height_m is None:
-                raise fault(f"agents[{index}].height_m", "none", "its height: the anchors have heights")
-            if agent.height_m is not None and not self.has_heights:
-                found = f"{agent.height_m:g}, but no anchor has a height"
-                raise fault(f"agents[{index}].height_m", found, "[x, y, z] for every anchor's position_m")
 
     def _check_clocks(self) -> None:
         kinds: dict[str, tuple[Anchor | Agent, ...]] = {"anchors": self.anchors, "agents": self.agents}

@@ -5,7 +5,7 @@ import taichi as ti
 from gridslam.kernels import FAINTEST, UNMEASURED
 from gridslam.kernels.primitives.functions import wrapped
 from gridslam.kernels.primitives.layout import HEIGHT
-from gridslam.kernels.primitives.radio import SPAN, deviations_of, lean_of
+from gridslam.kernels.primitives.radio import SENDER, SPAN, deviations_of, lean_of
 from gridslam.kernels.primitives.tables import ANCHOR, LABEL, LENGTH, UNEXPLAINED
 from gridslam.kernels.propagation.amplitudes import NEGLIGIBLE, worth_of
 
@@ -35,7 +35,7 @@ def gate(
         anchor = rows.path[row, ANCHOR]
         for m in range(heard.shape[0]):
             ratio = scratch.strength[0, row, m]
-            own = heard[m, LABEL] < 0 or heard[m, LABEL] == anchor
+            own = heard[m, LABEL] < 0 or heard[m, LABEL] == radio[anchor, SENDER]
             if own and ratio > 0 and worth_of(ratios.odds, row) > NEGLIGIBLE:
                 amplitude = ti.max(scratch.strength[1, row, m], FAINTEST)
                 lean = lean_of(rows.predicted[row, LENGTH], places[anchor, HEIGHT])

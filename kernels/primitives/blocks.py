@@ -24,11 +24,11 @@ KeptWholeCube: TypeAlias = Annotated[Any, "i32", 3]
 Single: TypeAlias = Annotated[Any, "f32", 2]
 Bytes: TypeAlias = Annotated[Any, "u8", 2]
 
-ONLY, BOUNCES, HEAD, OFFSET, ROOTED = range(5)
+ONLY, BOUNCES, HEAD, OFFSET, ROOTED, SENDERS = range(6)
 """Places of `Query.choice`: the anchor, -1 for all, one after the other, or `ALREADY_LISTED`; bounces at
 most, single ones are always listed; entry of the mean where the lines begin, see `primitives.layout`; first
 of the points that samples are drawn by, after the last comes the first; `TAKE_ROOT`, `ROOT_GIVEN` or
-`STATE_GIVEN`."""
+`STATE_GIVEN`; how many anchors send: all after these are their images, and listed with them."""
 STAY, APPEAR, SHARE = range(3)
 """Places of `Query.weight`: probabilities that a ray stays and that one appears, 1 and 0 list them as they
 are; share of the covariance's root that particles are drawn with."""
@@ -42,7 +42,7 @@ class Belief(NamedTuple):
 
 
 class Anchors(NamedTuple):
-    """Anchors: x, y, orientation, height above the agent [J, 4]; the radio's numbers [J, 11], see
+    """Anchors: x, y, orientation, height above the agent [J, 4]; the radio's numbers [J, 12], see
     `primitives.radio`."""
 
     places: Square

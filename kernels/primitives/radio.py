@@ -4,10 +4,21 @@ import taichi as ti
 
 from gridslam.kernels.primitives.functions import cos_of, decay_of, logarithm_of, sin_of
 
-SCALE, GIVEN, THERE, HERE, SPAN, AT_1M, SAMPLES, THRESHOLD, FALSE_ALARMS = 0, 1, 2, 4, 6, 7, 8, 9, 10
+SCALE, GIVEN, THERE, HERE, SPAN, AT_1M, SAMPLES, THRESHOLD, FALSE_ALARMS, SENDER = (
+    0,
+    1,
+    2,
+    4,
+    6,
+    7,
+    8,
+    9,
+    10,
+    11,
+)
 """Columns of `RadioModel.numbers`, a row for each anchor: sigma_d times u; sigma_d if given, else 0;
 apertures of anchor and agent (2 each); longest distance; u at 1 m; number of samples; threshold; mean
-clutter."""
+clutter; the anchor that sends: itself, or the one whose image in floor or ceiling it is."""
 FLOOR = -25.0
 """Log of the Rayleigh density that clutter has at least, or a ratio to it would overflow."""
 STEEPEST = 1 - 2.0**-10

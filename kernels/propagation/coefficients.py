@@ -153,7 +153,7 @@ def learn(
     step: ti.f64,
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
     table: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [T] p_d over ``0, step, ...``
-    radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 11] see `radio`
+    radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 12] see `radio`
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] see `blocks.Cells`
     rays_cast: pack(Drawn),
     messages: pack(Messages),

@@ -10,6 +10,7 @@ from gridslam.kernels.primitives.blocks import (
     OFFSET,
     ONLY,
     ROOTED,
+    SENDERS,
     SHARE,
     STAY,
     Belief,
@@ -24,7 +25,7 @@ from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.layout import anchor_of, clock_entry
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.particles import ready
-from gridslam.kernels.primitives.radio import GIVEN, HERE, SCALE, THERE, THRESHOLD, lean_of
+from gridslam.kernels.primitives.radio import GIVEN, HERE, SCALE, SENDER, THERE, THRESHOLD, lean_of
 from gridslam.kernels.primitives.tables import LABEL
 
 STRONG = 0.3
@@ -67,9 +68,10 @@ def list_and_predict(
     stay, appear = query.weight[STAY], query.weight[APPEAR]
     ready(belief, head, query.weight[SHARE], query.choice[OFFSET], query.choice[ROOTED], draft)
     count, n, known = links.surface.shape[0], 0, only == ALREADY_LISTED
-    end = 0 if known else (places.shape[0] if only < 0 else only + 1)
-    for anchor in range(ti.max(only, 0), end):
-        for kind in range(3 if bounces > 1 else 2):
+    begin, end = ti.max(only, 0), (0 if known else places.shape[0])
+    for anchor in range(begin, end):
+        own = only < 0 or anchor % query.choice[SENDERS] == only
+        for kind in range((3 if bounces > 1 else 2) if own else 0):
             for s in range(1 if kind == 0 else count):
                 for r in range(count if kind == 2 else 1):
                     there, chance, together = listed(kind, s, r, anchor, links)
@@ -130,7 +132,7 @@ def near(
     surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
     owner: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] the one anchor that a surface serves; -1 for all
     heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] of all anchors: see `AnchorScan.table`
-    radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 11] see `radio`
+    radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 12] see `radio`
     claimed: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [M] out: 1 where a loud measurement lies near a path
 ):
     """Find the loud measurements that lie where a line of sight or a single bounce is predicted."""
@@ -152,6 +154,8 @@ def near(
                         spread += spread_by_clocks(slope, entry, clock, covariance)
                     lean = lean_of(value[0] - place[3], place[4])
                     for m in range(heard.shape[0]):
-                        if heard[m, 7] > 0.5 and (heard[m, LABEL] < 0 or heard[m, LABEL] == anchor):
+                        if heard[m, 7] > 0.5 and (
+                            heard[m, LABEL] < 0 or heard[m, LABEL] == radio[anchor, SENDER]
+                        ):
                             if lies_near(m, value, spread, lean, heard, radio, anchor):
                                 claimed[m] = 1

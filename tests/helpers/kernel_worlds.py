@@ -47,10 +47,11 @@ def random_bank(draw, surfaces, anchors):
 
 
 def random_radio(draw, given_std=False, flat_array=False, anchors=2):
-    """What kernels take of a radio, by anchors."""
+    """What kernels take of a radio, by anchors, the last of which may be an image of the first."""
     here = [0.0, 0.0] if flat_array else [0.3, 0.1]
-    row = [0.5, 0.02 * given_std, 0.4, 0.2, *here, 30.0, draw.uniform(20, 90), 200.0, 2.0, 1.5]
+    row = [0.5, 0.02 * given_std, 0.4, 0.2, *here, 30.0, draw.uniform(20, 90), 200.0, 2.0, 1.5, 0.0]
     radio = np.tile(row, (anchors, 1))
+    radio[:, 11] = np.arange(anchors) % draw.integers(max(anchors - 1, 1), anchors + 1)
     radio[:, 2:4] *= draw.uniform(0.5, 2, (anchors, 1))  # arrays differ, the rest is the agent's
     return radio
 

@@ -13,6 +13,15 @@ def shortened(scene, steps, agents=1):
     return gs.Scene.checked(data, data["name"])
 
 
+def with_levels(scene, floor=(0.0, 0.5), ceiling=(3.0, 0.4)):
+    """The scene with floor and ceiling, (height, coefficient) each."""
+    levels = {
+        name: {"height_m": height, "coefficient": own}
+        for name, (height, own) in (("floor", floor), ("ceiling", ceiling))
+    }
+    return gs.Scene.checked({**scene.model_dump(exclude_none=True), **levels}, scene.name)
+
+
 def raised(scene, above_m, agent_m=1.0):
     """The scene with its agents at a height, and each anchor so much above them (one number, or J)."""
     data = scene.model_dump(exclude_none=True)

@@ -28,4 +28,6 @@ def paths(*routes, repeat=1, anchor=None):
     bounces = np.array([(np.array(s) >= 0).sum() for s in segments])
     index = np.arange(count)
     anchor = index * 0 if anchor is None else np.array(anchor)
-    return TruePaths(index, anchor, none, none, none, none, bounces, np.array(segments), np.array(rows))
+    return TruePaths(
+        index, anchor, none, none, none, none, bounces, np.array(segments), np.array(rows), index
+    )

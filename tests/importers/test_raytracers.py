@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scene_samples import with_levels
 from scipy.optimize import linear_sum_assignment
 from tables import same
 
@@ -248,6 +249,24 @@ def test_real_sionna_traces_the_paths_of_the_image_source_simulator(traced, name
         assert gap.min(1).max() < 1e-3
         sight = gap[:, true.bounces == 0].argmin(0)
         np.testing.assert_allclose(scan.amplitude[sight], true.amplitude[true.bounces == 0], rtol=1e-5)
+
+
+def test_real_sionna_traces_the_paths_over_floor_and_ceiling(traced, tmp_path):
+    scene = with_levels(Scene.load("ceiling"))
+    (tmp_path / "levels.toml").write_text(scene.to_toml(), encoding="utf-8")
+    track, truth = scene.track("agent1"), true_paths(scene, "agent1")
+    heard = gs.from_sionna(
+        traced(str(tmp_path / "levels.toml"), 50, "office"), scene, track.heading_rad[::50], **LEAST
+    )
+    for number in range(len(heard)):
+        scan, true = heard.scan(number), truth.at(number * 50)
+        gap = np.abs(scan.distance_m[:, None] - true.distance_m)
+        gap += np.abs(wrap(scan.aod_rad[:, None] - true.aod_rad))
+        gap += np.abs(wrap(scan.aoa_rad[:, None] - true.aoa_rad)) + (scan.anchor[:, None] != true.anchor)
+        assert gap.min(1).max() < 1e-2
+        traceable = true.bounces + (true.over > 0) <= 2  # it was asked for so many
+        assert gap.min(0)[traceable].max() < 1e-2
+        assert (true.over[gap.argmin(1)] > 0).sum() > 8
 
 
 def louder(name):

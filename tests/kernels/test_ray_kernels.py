@@ -41,7 +41,7 @@ def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0, spared
     belief, frame = np.full((len(path), 2 * BINS), np.nan), np.append(frame, [0.1, 12.0, 0.0, 0.05, spared])
     square, row, entries = np.empty((0, 0)), np.empty(0), np.empty(0, np.int64)
     single = square.astype(np.float32)
-    query = Query(np.array([ALREADY_LISTED, 0, 0, 0, STATE_GIVEN], np.int32), np.array([0.0, 0.0, 1.0]))
+    query = Query(np.array([ALREADY_LISTED, 0, 0, 0, STATE_GIVEN, 1], np.int32), np.array([0.0, 0.0, 1.0]))
     cast(
         query, Belief(row, square), np.append(place, [0.0, 0.0])[None],
         Links(row, entries, row, square, np.empty((0, 0, 0))),

@@ -51,8 +51,11 @@ def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, onl
     mean, covariance, _ = random_belief(draw, surfaces, clocks)
     surface, owner, _, sight, single, double = random_bank(draw, surfaces, anchors)
     change = (0.95, 0.005) if only >= 0 else (1.0, 0.0)
+    senders = 2 if only == 1 else int(draw.integers(1, 3))  # the second anchor may be the first one's image
     bank = surface, owner, sight, single, double
-    query = Query(np.array([only, bounces, 5 + clocks, 0, TAKE_ROOT], np.int32), np.array([*change, 0.9]))
+    query = Query(
+        np.array([only, bounces, 5 + clocks, 0, TAKE_ROOT, senders], np.int32), np.array([*change, 0.9])
+    )
     into = query, Belief(mean, covariance), random_places(draw, anchors), Links(*bank)
     room = anchors * (1 + surfaces**2)
     path, existence, together = np.zeros((room, 4), np.int32), np.zeros(room), np.zeros(room)
@@ -91,7 +94,7 @@ def test_loud_measurements_near_a_path_equal_their_twin(seed, surfaces, given_st
     head, bank = 5 + clocks, random_bank(draw, surfaces, anchors)
     places = random_places(draw, anchors)
     links = Links(*bank[:2], *bank[3:])
-    query = Query(np.array([-1, 1, head, 0, 0], np.int32), np.array([1.0, 0.0, 1.0]))
+    query = Query(np.array([-1, 1, head, 0, 0, 1], np.int32), np.array([1.0, 0.0, 1.0]))
     _, _, _, predicted = reference.list_paths(query, Belief(mean, covariance), places, links)
     heard = random_table(draw, int(draw.integers(0, 8)), predicted[:, :3], draw.choice([0.01, 0.4]))
     radio = random_radio(draw, given_std)

@@ -24,19 +24,19 @@ def drop_ghosts(bank: SurfaceBank, belief: Belief, places: Array) -> tuple[Surfa
     Parameters
     ----------
     places : (J, 2) m
-        The anchors.
+        The anchors; of the bank's rays, the first J are theirs.
     """
     runtime.start()
     from gridslam.kernels.management.merging import find_ghosts
 
-    if len(belief.lines) != len(bank) or len(places) != len(bank.single):
+    if len(belief.lines) != len(bank) or len(places) > len(bank.single):
         raise ValueError("surfaces or anchors don't belong together")
     often = sorted(bank.seen.tolist())
     if len(often) < 3 or often[-2] < OFTEN or often[-2] <= OFTENER * often[0]:
         return bank, belief  # no two that were seen so much more often than a third
     ghost = np.empty(len(bank), np.int32)
-    head = belief.layout.head
-    find_ghosts(belief.mean, belief.covariance, head, bank.existence, bank.seen, bank.single, places, ghost)
+    head, single = belief.layout.head, bank.single[: len(places)]
+    find_ghosts(belief.mean, belief.covariance, head, bank.existence, bank.seen, single, places, ghost)
     if not ghost.any():
         return bank, belief
     return bank.take(ghost == 0), keep(belief, ghost == 0)

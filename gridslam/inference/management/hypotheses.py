@@ -141,7 +141,7 @@ def _listed(population: Population, scan: Scan, model: FilterModel, work: Worksp
 def _nothing(state: State, model: FilterModel, work: Workspace) -> StepInfo:
     """What is to be said of a step at which nothing was mapped."""
     calibration = state.calibration
-    clutter = [calibration.estimate(j, model.radio.false_alarms) for j in range(len(model.anchors))]
+    clutter = [calibration.estimate(j, model.radio.false_alarms) for j in range(model.senders)]
     health = Health(
         False, NOT_FOUND, float(work.particles.count), clutter=np.array(clutter), amplitude=calibration.gain,
         turned_rad=calibration.turned.copy(), silent_steps=state.monitor.silent,

@@ -92,7 +92,7 @@ def merge_and_prune(state: State, model: FilterModel, most: int | None = MOST_SU
     """
     bank, belief = merge(state.surfaces, state.belief)
     if model.max_bounces > 1:
-        bank, belief = drop_ghosts(bank, belief, model.anchor_positions)
+        bank, belief = drop_ghosts(bank, belief, model.anchor_positions[: model.senders])
     before = bank
     bank, belief = prune(bank, belief, model.settings.prune_below, most)
     monitor = state.monitor

@@ -96,7 +96,7 @@ def known_sources(state: State, model: FilterModel, *, work: Workspace) -> list[
     whole = unparked(state)
     rays = paths_now(whole, replace(model, max_bounces=1), work=work)
     level = whole.surfaces.reflection @ REFLECTION_BINS
-    return sources(rays, whole.belief, model.anchor_positions, level)
+    return sources(rays, whole.belief, model.anchor_positions[: model.senders], level)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,9 +43,19 @@ def estimates(
         Amplitude of a line of sight 1 m long: others follow from coefficients, [Li2026grid], eq. (2).
     strength : callable, optional
         Amplitudes (L,) of rays of given lengths (L,), if they are known otherwise.
+
+    Notes
+    -----
+    Paths over floor or ceiling are those of their anchors, and of the walls that they go over, too.
     """
     table, paths = _described(state, state.los, model.places, model.max_bounces, at_1m, strength, work)
-    return table if state.parked is None else surface_estimate(state, work=work), paths
+    table = table if state.parked is None else surface_estimate(state, work=work)
+    if model.senders == len(model.anchors):
+        return table, paths
+    amplitude = paths.amplitude
+    if strength is None:
+        amplitude = amplitude * np.array(model.radio.image_gains)[paths.anchor // model.senders]
+    return table, replace(paths, anchor=paths.anchor % model.senders, amplitude=amplitude)
 
 
 def described(population: Population) -> HypothesisEstimate:

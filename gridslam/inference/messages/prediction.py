@@ -64,9 +64,11 @@ def listed_buffers(most: int) -> Listed:
     return Listed(table, np.empty(most), np.empty(most), np.empty((most, PREDICTED)), found)
 
 
-def query_of(only: int, bounces: int, sampling: Sampling, change: tuple[float, float], share: float) -> Query:
+def query_of(
+    only: int, bounces: int, sampling: Sampling, change: tuple[float, float], share: float, senders: int = 1
+) -> Query:
     """Which paths a kernel lists and how, and what it draws; what of it is at hand is told at each launch."""
-    choice = np.array((only, bounces, sampling.head, sampling.first, 0), np.int32)
+    choice = np.array((only, bounces, sampling.head, sampling.first, 0, senders), np.int32)
     return Query(choice, np.array((*change, share)))
 
 
@@ -108,7 +110,7 @@ class PathQuery:
         cls, state: State, anchor: int, model: FilterModel, samples: int, number: int, work: Workspace,
         change: tuple[float, float] = (P_STAY, P_APPEAR),
     ) -> Self:  # fmt: skip
-        """Arguments for all listed paths of `anchor`; the next query of that anchor reuses the buffers.
+        """Arguments for all listed paths of `anchor` and its images; its next query reuses the buffers.
 
         Parameters
         ----------
@@ -120,14 +122,15 @@ class PathQuery:
         bank, belief, anchors = state.surfaces, state.belief, model.places
         surfaces, places = len(bank), len(anchors)
         bank.check(belief, places, len(state.los))
-        if anchor >= places:
+        if anchor >= model.senders:
             raise ValueError("there is no such anchor")
-        most = (places if anchor == EVERY_ANCHOR else 1) * listed_at_most(surfaces, model.max_bounces)
+        listed = places if anchor == EVERY_ANCHOR else places // model.senders
+        most = listed * listed_at_most(surfaces, model.max_bounces)
         buffers = work.buffers(listed_buffers, anchor, most)
         draft = work.buffers(draft_of, anchor, belief.layout, samples)
         sampling = work.particles.samples(belief, number, draft)
         count, bandwidth = work.particles.ask(belief)
-        query = query_of(anchor, model.max_bounces, sampling, change, _share(bandwidth))
+        query = query_of(anchor, model.max_bounces, sampling, change, _share(bandwidth), model.senders)
         own, links = blocks.Belief(belief.mean, belief.covariance), links_of(bank, state.los)
         recipe = Recipe(belief.layout, draft.root, draft.base, sampling.points, count, bandwidth)
         return cls(query, own, anchors, links, sampling, buffers, (surfaces, places), recipe)

@@ -14,6 +14,7 @@ from gridslam.inference.messages.cells import RAYS
 from gridslam.inference.messages.detections import latest_hits
 from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.state.polylines import Polylines
+from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels.primitives.blocks import Coefficients, Drawn, Hits
@@ -43,6 +44,28 @@ class Reflected:
     def nodes(self) -> Array:
         """Amplitudes of the nodes at 1 m, (K,)."""
         return _nodes(self.signal.amplitude_at_1m)
+
+
+def reflected(products: Array, rays: Rays, signal: RadioModel) -> Reflected:
+    """Amplitudes by beliefs over products of walls' coefficients (L, K), and by floor and ceiling."""
+    if len(signal.image_gains) == 1:
+        return Reflected(products, signal)
+    weaker = products.copy()
+    for image, gain in enumerate(signal.image_gains):
+        own = rays.anchor // signal.senders == image
+        weaker[own] = products[own] @ _times(gain)
+    return Reflected(weaker, signal)
+
+
+@lru_cache(16)
+def _times(gain: float) -> Array:
+    """What a factor makes of a belief over `PRODUCTS`, (K, K): means are kept where nodes are near enough."""
+    place = np.clip(gain * PRODUCTS * len(PRODUCTS) - 1, 0, len(PRODUCTS) - 1)
+    low = np.minimum(place.astype(np.intp), len(PRODUCTS) - 2)
+    moved, node = np.zeros((len(PRODUCTS), len(PRODUCTS))), np.arange(len(PRODUCTS))
+    moved[node, low], moved[node, low + 1] = low + 1 - place, place - low
+    moved.setflags(write=False)
+    return moved
 
 
 @lru_cache(16)

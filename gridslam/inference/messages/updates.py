@@ -98,7 +98,7 @@ def update_surfaces_and_agent(
     ----------
     ratios : LikelihoodRatios
         With its `new` filled in; its messages are filled in here.
-    turned : (J,) rad
+    turned : (senders,) rad
         By which the anchors are taken to be turned.
     given : Association, optional
         Done otherwise.
@@ -115,7 +115,7 @@ def update_surfaces_and_agent(
     belief, los, existence = state.belief.copy(), state.los.copy(), bank.existence.copy()
     single, double, pairs, rounds = bank.single.copy(), bank.double.copy(), ratios.pairs, ROUNDS
     share, scratch = work.buffers(_shares, anchor, len(pairs.index)), np.empty((len(belief.mean), 6))
-    fits = np.empty((len(turned), len(NO_FIT)))
+    fits = np.empty((anchors, len(NO_FIT)))
     fits[:] = NO_FIT
     if given is not None:
         ratios.message[tables.NU], ratios.measured[tables.CLAIMED] = given.nu, given.claimed
@@ -127,17 +127,27 @@ def update_surfaces_and_agent(
         belief.layout.head, rounds, blocks.Belief(belief.mean, belief.covariance),
         blocks.PathRows(rays.table, paths.prediction.whole), pairs.block(ratios.blocks), ratios.block,
         heard.table, blocks.Anchors(model.places, model.radio.numbers),
-        blocks.Existence(existence, los, single, double), blocks.Account(scratch, share, turned, fits),
+        blocks.Existence(existence, los, single, double),
+        blocks.Account(scratch, share, np.resize(turned, anchors), fits),
         messages.block(),
     )  # fmt: skip
     bank = replace(bank, existence=existence, single=single, double=double)
     listed = Rays(rays.table.copy(), rays.existence.copy(), rays.surfaces.copy(), rays.among)
+    fits = _with_images(fits, len(turned))
     own = slice(anchor, anchor + 1) if anchor >= 0 else slice(None)
     exchange = Exchange(
         anchor, listed, ratios.odds, ratios.message, ratios.measured, fits[own], paths.recipe.count,
         np.zeros((0, 2)), given,
     )  # fmt: skip
     return replace(state, belief=belief, surfaces=bank, los=los), exchange
+
+
+def _with_images(fits: Array, senders: int) -> Array:
+    """Sums of anchors, those of their images in floor and ceiling among them, (senders, 9)."""
+    if len(fits) == senders:
+        return fits
+    each = fits.reshape(-1, senders, fits.shape[1])
+    return np.column_stack([each[..., :-1].sum(0), each[..., -1].min(0)])
 
 
 def _shares(pairs: int) -> Array:

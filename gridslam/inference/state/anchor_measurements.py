@@ -80,7 +80,7 @@ class AnchorScan:
 
 def split_by_anchor(scan: Scan, model: FilterModel) -> list[AnchorScan]:
     """A scan, anchor by anchor, the silent ones too."""
-    return anchor_scans(scan, model.places, model.radio.threshold)
+    return anchor_scans(scan, model.places[: model.senders], model.radio.threshold)
 
 
 def anchor_scans(scan: Scan, anchors: Array, threshold: float = 0.0) -> list[AnchorScan]:

@@ -21,6 +21,8 @@ from gridslam.world.filter_model import FilterModel
 
 FRESH_SIGHT = 0.9
 """Existence of an anchor's line of sight before the first scan."""
+FRESH_OVER = 0.3
+"""The same over floor or ceiling: less, so that an agent is placed by what is surer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +36,7 @@ class State:
     surfaces : SurfaceBank
         Existence, coefficients and rays of the surfaces, in the order of the belief.
     los : (J,) float64
-        Existence of every anchor's line of sight.
+        Existence of every anchor's line of sight, and of those of images in floor and ceiling.
     calibration : Calibration
         Learned clutter levels, gain and turns of anchors.
     monitor : HealthMonitor
@@ -80,7 +82,8 @@ class State:
         gaussian = Belief(model.start_mean, np.diag(model.start_variance))
         return cls(
             gaussian if samples is None else samples.moments(), SurfaceBank.empty(anchors),
-            np.full(anchors, FRESH_SIGHT), Calibration.start(anchors), HealthMonitor(), samples=samples,
+            np.where(np.arange(anchors) < model.senders, FRESH_SIGHT, FRESH_OVER),
+            Calibration.start(model.senders), HealthMonitor(), samples=samples,
         )  # fmt: skip
 
     def believing(self, belief: Belief, before: Belief | None = None) -> Self:
