@@ -175,7 +175,7 @@ def learn(
 
     for row, (bounces, last, first) in enumerate(path[:, :3]):
         heard = told[2, row] > 0.05
-        if bounces == 1 and heard:
+        if bounces == 1 and (heard or send[row]):
             log = likelihood(row, 1.0)
             posterior = surface[last] * np.exp(log - log.max()) + 1e-9
             surface[last] = posterior / posterior.sum()

@@ -17,6 +17,7 @@ from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.births import add_births
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
+from gridslam.inference.messages.faint_births import recall_leftovers, remember_leftovers
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.messages.prediction import predict_paths
@@ -33,6 +34,7 @@ from gridslam.inference.messages.sample_updates import (
 )
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
 from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.state.leftovers import Leftovers
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -44,7 +46,7 @@ from gridslam.world.scan import Scan
 
 def start(model: FilterModel, prior: Map | None = None) -> State:
     """The state before the first step: the agent's prior, and the surfaces of an earlier agent's map."""
-    state = replace(State.start(model), amplitudes=RayAmplitudes())
+    state = replace(State.start(model), amplitudes=RayAmplitudes(), leftovers=Leftovers.none())
     return state if prior is None else inherit_surfaces(state, prior)
 
 
@@ -67,6 +69,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         cloud, ratios = evaluate(heard, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
         births = propose_births(state, heard, cloud, ratios, radio, model, work=work)
+        births = recall_leftovers(births, state, heard, ratios, radio, model)  # (M251)
         before = state
         state, exchange = update_surfaces_and_agent(
             state, heard, paths, ratios, reckoned.turned, model, work=work
@@ -80,6 +83,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         exchanges.append(exchange)
     state = park(recalled, merge_and_prune(state, model, None), model)
     state = keep_samples(state, model, work=work)
+    state = remember_leftovers(state, scans, exchanges, model)
     return conclude(state, exchanges, reckoned, model, work)
 
 

@@ -17,6 +17,7 @@ from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.births import add_births
 from gridslam.inference.messages.cells import cast_messages, cast_paths, update_cells
 from gridslam.inference.messages.clutter import learn_clutter
+from gridslam.inference.messages.faint_births import recall_leftovers, remember_leftovers
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.messages.reflection import reflected, update_coefficients
@@ -29,6 +30,7 @@ from gridslam.inference.messages.sample_updates import (
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.grid import Grid
+from gridslam.inference.state.leftovers import Leftovers
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.map import Map
@@ -45,7 +47,7 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
     prior : Map, optional
         On the model's grid.
     """
-    state = State.start(model)
+    state = replace(State.start(model), leftovers=Leftovers.none())
     if prior is None:
         return replace(state, grid=Grid.empty(model.grid.shape))
     grid = Grid.of(prior.evidence, prior.observed, prior.coefficient)
@@ -72,6 +74,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         cloud, ratios = evaluate(heard, paths, visible.validity, amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
         births = propose_births(state, heard, cloud, ratios, radio, model, work=work)  # eq. (11)
+        births = recall_leftovers(births, state, heard, ratios, radio, model)  # (M251)
         before = state
         state, exchange = update_surfaces_and_agent(
             state, heard, paths, ratios, reckoned.turned, model, work=work
@@ -85,6 +88,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     state = update_cells(state, work=work)  # eq. (46)
     state = park(recalled, merge_and_prune(state, model, None), model)
     state = keep_samples(state, model, work=work)
+    state = remember_leftovers(state, scans, exchanges, model)
     return conclude(state, exchanges, reckoned, model, work)
 
 

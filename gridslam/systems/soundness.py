@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
+from gridslam.inference.state.anchor_measurements import LEAST_STD
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.layout import AGENT, StateLayout
 from gridslam.inference.state.population import Population
@@ -99,6 +100,14 @@ def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shap
         yield "samples/agent", state.samples.agent.shape, (count, AGENT)
         yield "samples/lines", state.samples.lines.shape, (surfaces, count, 2)
         yield "samples/identity", state.samples.identity.shape, (surfaces,)
+    if state.leftovers is not None:
+        steps, rows = len(state.leftovers.pose), len(state.leftovers)
+        parts: dict[str, Shape] = {
+            "pose": (steps, 3), "covariance": (steps, 3, 3), "value": (rows, 3), "std": (rows, 3),
+        }  # fmt: skip
+        for field in fields(state.leftovers):
+            found = getattr(state.leftovers, field.name).shape
+            yield f"leftovers/{field.name}", found, parts.get(field.name, (rows,))
     if state.noise is not None:
         yield "noise", state.noise.shape, (anchors,)
     if state.rings is not None:
@@ -164,6 +173,14 @@ def _claims_of_parts(state: State, model: FilterModel) -> list[tuple[str, bool, 
     anchors, grid, rings = len(model.anchors), state.grid, state.rings
     if state.noise is not None:
         claims.append(("noise", _within(state.noise, 0, np.inf), "0 or more"))
+    left = state.leftovers
+    if left is not None:
+        claims += [
+            ("leftovers/anchor", _within(left.anchor, 0, anchors - 1), "anchors' numbers"),
+            ("leftovers/back", _within(left.back, 0, len(left.pose) - 1), "a row of pose"),
+            ("leftovers/std", _within(left.std, LEAST_STD, np.inf), "above 0"),
+            ("leftovers/amplitude", _within(left.amplitude, LEAST_STD, np.inf), "above 0"),
+        ]
     if grid is not None:
         rows = np.sort(grid.row[grid.row >= 0])
         each = np.array_equal(rows, np.arange(len(grid.hit))) and _within(grid.row, -1, np.inf)

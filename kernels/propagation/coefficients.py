@@ -193,7 +193,7 @@ def learn(
                     log, messages.noted, messages.told, messages.begin, messages.said, table, step, radio,
                     row, other,
                 )  # fmt: skip
-                if bounces == 1 and heard:
+                if bounces == 1:
                     most, total = ti.cast(-1e30, ti.f64), ti.cast(0.0, ti.f64)
                     for n in range(BINS):
                         most = ti.max(most, log[n])

@@ -44,6 +44,10 @@ class Births:
         I: mean number of such births over that of clutter, weighed by V of their paths.
     anchor : (B,) int32
         The anchor that sent the measurement, if so.
+    support : (B, BINS), optional
+        By the new surface's coefficient, what earlier measurements make of it; see `faint_births`.
+    seen : (B,) int64, optional
+        How often it was heard before, about.
     """
 
     measurement: NDArray[np.int32]
@@ -51,6 +55,8 @@ class Births:
     line: Array
     ratio: Array
     anchor: NDArray[np.int32]
+    support: Array | None = None
+    seen: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
         return len(self.ratio)
@@ -149,6 +155,9 @@ def add_chosen(
         belief, reflection = initialise_surface(births, number, heard, state.belief, signal, model)
         if belief.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not np.isfinite(belief.mean).all():
             continue
+        if births.support is not None:
+            reflection = reflection * births.support[number]
+            reflection /= reflection.sum()
         ends, anchor = births.hit[number].tolist(), int(births.anchor[number])
         bank = state.surfaces.add(
             state.next_identity,
@@ -157,6 +166,7 @@ def add_chosen(
             float(belief.mean[:2] @ unit(belief.lines[-1, 0] + 0.5 * np.pi)),
             (anchor, *ends),
             -1 if shared else anchor,
+            seen=0 if births.seen is None else int(births.seen[number]),
         )
         state = replace(state, belief=belief, surfaces=bank, next_identity=state.next_identity + 1)
         last, first = (int(bank.identity[s]) for s in ends)  # -1 is the last, which is the new one

@@ -6,10 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from gridslam.arrays import Array
+from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.state import belief, surface_bank
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import mirror, slant
+from gridslam.world.radio import REFLECTION_BINS
 
+OFTEN = 8
+"""Detections from which on a surface is beyond doubt, and its chances aren't counted any more."""
 JITTER = 0.2
 """Share of the papers' surface jitter that is used: it keeps particles apart, a Gaussian needs less."""
 
@@ -32,7 +38,9 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
             joint, time_s - state.time_s, settings.acceleration_mps2, np.radians(settings.heading_deg),
             JITTER * settings.surface_m, surfaces.foot,
         )  # fmt: skip
-        surfaces = surface_bank.evolve(surfaces, settings.survival, settings.reflection)
+        surfaces = surface_bank.evolve(
+            surfaces, settings.survival, settings.reflection, _chances(state, model)
+        )
     return replace(
         state,
         belief=joint,
@@ -42,3 +50,19 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
         monitor=state.monitor.begun(scan_size),
         time_s=time_s,
     )
+
+
+def _chances(state: State, model: FilterModel) -> Array:
+    """Probability (S,) that a single bounce over each surface is detected, of the anchor that hears it best.
+
+    Surfaces that were seen often need none: theirs is 1.
+    """
+    bank, chance = state.surfaces, np.ones(len(state.surfaces))
+    few = np.flatnonzero(bank.seen < OFTEN)
+    if len(few):
+        image = mirror(state.belief.lines[few, None], model.places[:, :2])
+        level = np.linalg.norm(image - state.belief.mean[:2], axis=-1)
+        distance = slant(level, model.places[:, 3])
+        detected = detection_table(model.radio)(model.radio.amplitude(distance[..., None], REFLECTION_BINS))
+        chance[few] = (detected * bank.reflection[few, None]).sum(-1).max(1)
+    return chance

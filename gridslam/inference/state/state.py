@@ -12,6 +12,7 @@ from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.calibration import Calibration
 from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.health import HealthMonitor
+from gridslam.inference.state.leftovers import Leftovers
 from gridslam.inference.state.parked import Parked
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rings import Rings
@@ -55,6 +56,8 @@ class State:
         Particles of agent and surfaces (``filter.representation = "particles"``); `belief` has their moments.
     parked : Parked, optional
         Surfaces out of sight, where there are too many for one joint belief.
+    leftovers : Leftovers, optional
+        What no known path explained lately (systems that bear walls of it).
     noise : (J,), optional
         Power of the noise in each sample, 0 where it isn't known yet (systems on sampled signals).
     """
@@ -73,6 +76,7 @@ class State:
     samples: StateSamples | None = None
     noise: Array | None = None
     parked: Parked | None = None
+    leftovers: Leftovers | None = None
 
     @classmethod
     def start(cls, model: FilterModel) -> Self:

@@ -30,8 +30,10 @@ class SurfaceBank:
     existence : (S,) float64
     reflection : (S, BINS) float64
         Belief over `REFLECTION_BINS`; rows sum to 1.
-    age, seen : (S,) int
-        Steps since birth; detections, one per step and anchor at most.
+    age : (S,) float64
+        Chances to be seen since birth: steps, each with the probability that a single bounce is detected.
+    seen : (S,) int
+        Detections, one per step and anchor at most.
     single : (J, S) float64
         Existence of the single-bounce ray from each anchor.
     double : (J, S, S) float64
@@ -47,7 +49,7 @@ class SurfaceBank:
     identity: NDArray[np.int64]
     existence: Array
     reflection: Array
-    age: NDArray[np.int64]
+    age: Array
     seen: NDArray[np.int64]
     single: Array
     double: Array
@@ -75,7 +77,7 @@ class SurfaceBank:
         """A bank without surfaces."""
         none, whole = np.zeros(0), np.zeros(0, np.int64)
         return cls(
-            whole, none, np.zeros((0, BINS)), whole.copy(), whole.copy(), np.zeros((anchors, 0)),
+            whole, none, np.zeros((0, BINS)), none.copy(), whole.copy(), np.zeros((anchors, 0)),
             np.zeros((anchors, 0, 0)), np.zeros((0, 2)), none.copy(), whole.copy(),
         )  # fmt: skip
 
@@ -103,7 +105,7 @@ class SurfaceBank:
         foot: float,
         bearer: tuple[int, int, int],
         owner: int = -1,
-        age: int = 0,
+        age: float = 0.0,
         seen: int = 0,
         extent: Array | None = None,
     ) -> SurfaceBank:
@@ -131,11 +133,17 @@ class SurfaceBank:
         )
 
 
-def evolve(bank: SurfaceBank, survival: float, walk: float) -> SurfaceBank:
-    """Surfaces survive, coefficients walk by `walk` per step ([Li2026grid], sections III-C, IV-A)."""
+def evolve(bank: SurfaceBank, survival: float, walk: float, chance: Array | float = 1.0) -> SurfaceBank:
+    """Surfaces survive, coefficients walk by `walk` per step ([Li2026grid], sections III-C, IV-A).
+
+    Parameters
+    ----------
+    chance : (S,) or float
+        Probability that each will be detected at this step, if it is there and in sight.
+    """
     reflection = bank.reflection
     if walk:
         reflection, step = reflection.copy(), 0.5 * (walk * BINS) ** 2 * np.diff(reflection)
         reflection[:, :-1] += step
         reflection[:, 1:] -= step
-    return replace(bank, existence=bank.existence * survival, reflection=reflection, age=bank.age + 1)
+    return replace(bank, existence=bank.existence * survival, reflection=reflection, age=bank.age + chance)

@@ -1,0 +1,144 @@
+"""Walls that are heard too seldom to be told from clutter at once."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from filter_states import model_of, state_of
+from scipy.stats import multivariate_normal
+
+import gridslam as gs
+from gridslam.inference.messages.faint_births import borne_out, single_bounces
+from gridslam.inference.messages.motion import predict
+from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.leftovers import MEMORY, MOST, Leftovers
+from gridslam.world.geometry import trace, wrap
+from gridslam.world.radio import BINS, REFLECTION_BINS
+
+PLACE, POSE = np.array([1.0, 4.0, 0.3, 0.0]), np.array([-2.0, -1.0, 0.8])
+LINE = np.array([0.5 * np.pi, 6.0])
+ANGLE = np.radians(4.0)
+
+
+def at(line, pose, place=PLACE):
+    path = single_bounces(line, place[None], pose[None])
+    return path.value[0]
+
+
+def test_single_bounces_are_those_of_the_tracer_and_slopes_are_differences():
+    path = trace(POSE[None, :2], PLACE[None, :2], LINE[None], LINE[None], np.array([1]))
+    expected = path.distance[0], path.departure[0] - PLACE[2], path.arrival[0] - POSE[2]
+    found = single_bounces(LINE, PLACE[None], POSE[None])
+    np.testing.assert_allclose(wrap(found.value[0] - expected), 0, atol=1e-12)
+    assert found.possible[0]
+    assert not single_bounces(LINE, PLACE[None], POSE[None] + [0, 9, 0]).possible[0]
+    for slope, where, other in ((found.by_line, LINE, POSE), (found.by_pose, POSE, LINE)):
+        for column in range(len(where)):
+            off = np.zeros(len(where))
+            off[column] = 1e-6
+            both = [at(w, other) if where is LINE else at(other, w) for w in (where + off, where - off)]
+            np.testing.assert_allclose(slope[0, :, column], (both[0] - both[1]) / 2e-6, atol=1e-7)
+
+
+def scene_of(left, spread=1e-8):
+    """A model, a state and a scan with one faint measurement of the line, after these leftovers."""
+    model = model_of("room", [PLACE[:3], [-3.0, -2.0, 0.0]])
+    belief = Belief(np.array([*POSE[:2], 0, 0, POSE[2]]), np.diag(np.full(5, spread)))
+    state = replace(state_of(belief, 2), leftovers=left)
+    std = np.array([[0.05, ANGLE, ANGLE]])
+    heard = AnchorScan.of(0, PLACE[:2], PLACE[2], at(LINE, POSE)[None], std, np.array([2.4]))
+    return model, state, heard
+
+
+def left_over(back, value, steps, amplitude=2.2):
+    rows = len(back)
+    return Leftovers(
+        np.tile(POSE, (steps, 1)), np.tile(1e-10 * np.eye(3), (steps, 1, 1)), np.array(back, np.int64),
+        np.zeros(rows, np.int64), np.reshape(value, (-1, 3)), np.tile([0.05, ANGLE, ANGLE], (rows, 1)),
+        np.full(rows, amplitude),
+    )  # fmt: skip
+
+
+def test_one_earlier_measurement_counts_as_worked_out_by_hand():
+    value = at(LINE, POSE) + np.array([0.06, 0.03, -0.05])
+    model, state, heard = scene_of(left_over([1], value, 2))
+    gain, seen = borne_out(LINE, heard, 0, state, state.leftovers, model.radio, model)
+    assert seen == 1
+    # the same line, measured twice: what one measurement of three numbers leaves open of two
+    path = single_bounces(LINE, PLACE[None], POSE[None])
+    noise = np.diag(np.square([0.05, ANGLE, ANGLE]))
+    slope = path.by_line[0]
+    covariance = np.linalg.inv(slope.T @ np.linalg.inv(noise) @ slope)
+    density = multivariate_normal(at(LINE, POSE), slope @ covariance @ slope.T + noise).pdf(value)
+    radio, level = model.radio, model.radio.amplitude(at(LINE, POSE)[0], REFLECTION_BINS)
+    clutter = np.exp(radio.log_clutter(2.2)) * radio.false_alarms
+    ratio = np.exp(radio.log_rician(2.2, level)) * density / clutter
+    missed = 1 - radio.detection_probability(level)
+    other = radio.detection_probability(
+        radio.amplitude(at(LINE, POSE, np.array([-3.0, -2.0, 0.0, 0.0]))[0], REFLECTION_BINS)
+    )
+    silent = 0.5 + 0.5 * (1 - other) ** 2  # the second anchor heard nothing twice, or can't hear it
+    np.testing.assert_allclose(gain, 0.5 * missed * ratio * silent, rtol=2e-3, atol=1e-4)
+
+
+def test_silence_and_strangers_tell_nothing_for_a_line():
+    nothing = left_over([], np.zeros((0, 3)), 20)
+    model, state, heard = scene_of(nothing)
+    gain, seen = borne_out(LINE, heard, 0, state, nothing, model.radio, model)
+    assert seen == 0
+    np.testing.assert_array_equal(gain, 0)
+    strangers = left_over([3, 4], at(LINE, POSE) + np.array([[0.55, 0, 0], [0, 0.5, -0.5]]), 20)
+    few = borne_out(LINE, heard, 0, state, strangers, model.radio, model)[0]
+    again = left_over([3, 4], np.tile(at(LINE, POSE), (2, 1)), 20)
+    many = borne_out(LINE, heard, 0, state, again, model.radio, model)[0]
+    assert few.max() < 1e-3 * many.max()
+
+
+def test_leftovers_are_forgotten_by_age_and_by_number():
+    left = Leftovers.none()
+    for step in range(MEMORY + 40):
+        rows = 20 if step > MEMORY else 1
+        left = left.joined(
+            np.full(3, float(step)), np.eye(3), np.zeros(rows, np.int64), np.full((rows, 3), float(step)),
+            np.ones((rows, 3)), np.ones(rows),
+        )  # fmt: skip
+        assert len(left.pose) == min(step + 1, MEMORY)
+        assert len(left) <= MOST
+        np.testing.assert_array_equal(left.pose[left.back, 0], left.value[:, 0])
+    assert left.back.max() < MEMORY
+
+
+def test_a_faint_surface_has_as_many_chances_to_be_confirmed_as_a_loud_one():
+    model, state, _ = scene_of(None)
+    belief = Belief(np.array([*state.belief.mean, *LINE]), 1e-6 * np.eye(7))
+    state = replace(state_of(belief, 2), time_s=0.0)
+    for coefficient in (BINS - 1, 1):
+        reflection = np.eye(BINS)[[coefficient]]
+        bank = replace(state.surfaces, reflection=reflection)
+        moved = predict(replace(state, surfaces=bank), 1.0, 0, model)
+        level = model.radio.amplitude(
+            [at(LINE, POSE, p)[0] for p in model.places], REFLECTION_BINS[coefficient]
+        )
+        chance = model.radio.detection_probability(np.asarray(level)).max()
+        assert moved.surfaces.age[0] == pytest.approx(chance, abs=2e-3)
+        assert chance > 0.95 or (coefficient == 1 and chance < 0.1)
+    often = replace(state.surfaces, seen=np.array([8]), reflection=np.eye(BINS)[[0]])
+    assert predict(replace(state, surfaces=often), 1.0, 0, model).surfaces.age[0] == 1.0
+
+
+@pytest.mark.slow
+def test_walls_heard_once_in_ten_steps_are_mapped_and_clutter_is_not():
+    scene = gs.Scene.load("room")
+    agent = scene.agents[0].model_copy(update={"steps": 120})
+    faint = scene.model_copy(update={"materials": {"concrete": 0.17}, "agents": (agent,)})
+    slam = gs.GridSlam(faint, seed=2)
+    for scan in gs.simulate(faint, "agent1", seed=2):
+        slam.step(scan)
+    best = slam.population.best
+    often = best.belief.lines[(best.surfaces.existence > 0.5) & (best.surfaces.seen >= 5)]
+    walls = np.array([[0, 4.0], [np.pi, 4.0], [0.5 * np.pi, 3.0], [-0.5 * np.pi, 3.0]])
+    turn = np.abs(wrap(often[:, None, 0] - walls[:, 0]))
+    same = (turn < 0.1) & (np.abs(often[:, None, 1] - walls[:, 1]) < 0.2)
+    assert same.any(1).all(), "nothing else is seen so often"
+    assert same.any(0).sum() >= 3, "one of four without what was left over before"
