@@ -18,7 +18,7 @@ from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.waveform import Waveform
 
 Complex = NDArray[np.complex128]
-KINDS = (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)
+KINDS = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])
 """Which factor is replaced by its derivative: none, or that of one parameter."""
 
 
@@ -200,29 +200,32 @@ def superpose_arrays(
     )  # fmt: skip
 
 
-def products(band: ArrayBand, samples: Complex, path: Array) -> tuple[Complex, Complex]:
+def products(
+    band: ArrayBand, samples: Complex, path: Array, kinds: NDArray[np.intp] = KINDS
+) -> tuple[Complex, Complex]:
     """Products of the responses and derivatives of N paths with each other and with the samples.
+
+    Parameters
+    ----------
+    kinds : (K, 3) intp
+        Those of `KINDS` that are asked for.
 
     Returns
     -------
     (gram, matched)
-        (4, N, 4, N), by kind and path of either; (4, N).
+        (K, N, K, N), by kind and path of either; (K, N).
     """
-    factors = band.factors(path)
-    small = [np.einsum("pnk,qmk->pnqm", np.conj(factor), factor, optimize=True) for factor in factors]
-    count = len(path)
-    gram = np.empty((4, count, 4, count), np.complex128)
-    for row, left in enumerate(KINDS):
-        for column, right in enumerate(KINDS):
-            delay, leaving, arriving = (small[f][left[f], :, right[f]] for f in range(3))
-            gram[row, :, column] = delay * leaving * arriving
+    factors, count = band.factors(path), len(path)
+    gram: Complex | float = 1.0
+    for factor, kind in zip(factors, kinds.T, strict=True):
+        flat = factor.reshape(2 * count, factor.shape[2])
+        small = (np.conj(flat) @ flat.T).reshape(2, count, 2, count)
+        gram = gram * small[kind][:, :, kind]
     delay, leaving, arriving = (np.conj(factor) for factor in factors)
-    part = np.tensordot(delay.reshape(-1, len(band.wavenumber)), samples, (1, 2))  # [2 N, A, B]
-    part = part.reshape(2, count, *samples.shape[:2])
-    matched = np.empty((4, count), np.complex128)
-    for row, (d, a, b) in enumerate(KINDS):
-        matched[row] = np.einsum("na,nb,nab->n", leaving[a], arriving[b], part[d], optimize=False)
-    return gram, matched
+    part = delay.reshape(2 * count, delay.shape[2]) @ samples.reshape(-1, samples.shape[2]).T
+    part = part.reshape(2, count, *samples.shape[:2]) @ arriving.transpose(1, 2, 0)  # [2, N, A, 2]
+    part = leaving.transpose(1, 0, 2) @ part  # [2, N, 2, 2]: which factor of delay, departure, arrival
+    return np.asarray(gram), part[kinds[:, 0], :, kinds[:, 1], kinds[:, 2]]
 
 
 def one_more(
@@ -230,7 +233,7 @@ def one_more(
 ) -> tuple[Complex, Array]:
     """s^H C^-1 z and s^H C^-1 s of paths (K, 3) on top of N others (N, 3), each (K,)."""
     count = len(path)
-    gram, matched = products(band, samples, np.concatenate([path, new]))
+    gram, matched = products(band, samples, np.concatenate([path, new]), KINDS[:1])
     plain, root = gram[0, :, 0], np.sqrt(weight)
     lower = np.linalg.cholesky(np.eye(count) + root[:, None] * plain[:count, :count] * root / noise)
     half = np.linalg.solve(
