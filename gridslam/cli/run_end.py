@@ -134,7 +134,7 @@ def _table(runs: list[Run], scores: list[dict[str, Any]]) -> Table:
         found, matched, true = (score[f"surfaces_{key}"] for key in ("detected", "matched", "true"))
         of = "" if true is None else f" {matched}/{true}"
         if found is None:
-            found = f"{score['features']} features" if score["features"] else "-"
+            found = "-" if score["features"] is None else f"{score['features']} features"
         table.add_row(
             done.agent,
             str(score["steps"]),

@@ -86,14 +86,17 @@ def inherited_truth(scene: Scene, grid: Map, latest: bool = True) -> list[Truth]
 
 
 def tells_heading(scene: Scene, agent: str, takes: Kind = "paths") -> bool:
-    """Whether anything that a method is handed tells which way an agent faces.
+    """Whether a method finds out which way an agent faces.
+
+    It can't where nothing tells, and needn't where a recording holds the exact heading.
 
     Parameters
     ----------
     takes : "paths" or "signal"
         What the method is handed.
     """
-    blind = takes == "signal" and has_single_antennas(scene, agent)
+    given = scene.agent(agent).heading_sensor_deg == 0
+    blind = takes == "signal" and (given or has_single_antennas(scene, agent))
     return not blind and "aoa" in scene.radio.measures
 
 

@@ -122,7 +122,7 @@ class Run:
         )
         from gridslam.evaluation.surface_truth import surface_scores
         from gridslam.simulation.image_source import Truth
-        from gridslam.systems.registry import kind_of
+        from gridslam.systems.registry import kind_of, maps_features
 
         found = self.surfaces.take(self.surfaces.existence > self.scene.filter.detect_above)
         maps_surfaces = self.map.surfaces is not None or len(found) > 0
@@ -132,7 +132,7 @@ class Run:
             "position_std_m": float(np.sqrt(np.trace(self.covariance[:, :2, :2], axis1=1, axis2=2).mean())),
             "heading_std_deg": float(np.degrees(np.sqrt(self.covariance[:, 4, 4].mean()))),
             "surfaces_detected": len(found) if maps_surfaces else None,
-            "features": None if self.map.features is None else len(self.map.features),
+            "features": maps_features(self.method, self.map.features),
             "map": dict.fromkeys(MAP_KEYS),
             "health": {
                 "unwell_steps": sum(not e.health.ok for e in self.estimates),

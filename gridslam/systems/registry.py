@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sized
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, cast
@@ -51,6 +51,8 @@ class Method:
         Whether it lives on angles: distances alone tell it too little.
     draws_particles : bool
         Whether ``filter.particles`` means anything to it.
+    maps : bool
+        Whether it maps anything at all.
     """
 
     name: str
@@ -63,6 +65,7 @@ class Method:
     several: bool = False
     on_angles: bool = False
     draws_particles: bool = True
+    maps: bool = True
 
 
 _ENTERED = (
@@ -162,6 +165,7 @@ _ENTERED = (
         measures="sampled signals, as hybrid",
         takes_map=False,
         takes="signal",
+        maps=False,
     ),
 )
 METHODS = {entry.name: entry for entry in _ENTERED}
@@ -197,6 +201,11 @@ def taken_by(method: type) -> Kind:
 def kind_of(name: str) -> Kind:
     """What the method of this name takes, if it is ours; of others, path measurements are supposed."""
     return METHODS[name].takes if name in METHODS else "paths"
+
+
+def maps_features(name: str, features: Sized | None) -> int | None:
+    """How many features are in the map of the method of this name; None if it has no place for any."""
+    return None if features is None or (name in METHODS and not METHODS[name].maps) else len(features)
 
 
 def particles_of(name: str, particles: int) -> int | None:

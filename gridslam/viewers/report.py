@@ -53,10 +53,14 @@ SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
 }
 MIME = {".png": "image/png", ".gif": "image/gif", ".mp4": "video/mp4"}
 CAPTIONS = {
-    "map": "Map: cells, track and surfaces found.",
+    "map": "Map: the track, and what was found.",
     "reflection": "Reflection coefficients of the occupied cells.",
     "rays": "Paths of one step.",
     "errors": "Errors over time.",
+    "features": "Features learned, with three standard deviations, over the true walls.",
+    "sights": "Lines of sight over time: whether they are there, and how strong.",
+    "signal": "Delay profile of each anchor at one step, and what the model makes of it.",
+    "gospa": "Errors of the images of anchors over time (GOSPA).",
 }
 
 
@@ -93,7 +97,8 @@ def write_report(
         own = {p.stem.removeprefix(f"{name}-"): p for p in figures if p.stem.startswith(f"{name}-")}
         titles = [title for title in CAPTIONS if title in own] + [t for t in own if t not in CAPTIONS]
         parts += [_figure(own[title], title) for title in titles]
-        parts.append(_surfaces(found))
+        mapped = run.summary.get("agents", {}).get(name, {}).get("surfaces_detected", 0) is not None
+        parts += [_surfaces(found)] if mapped else []
     names = tuple(f"{name}-" for name in run.agents)
     parts += [_figure(path, path.stem) for path in figures if not path.stem.startswith(names)]
     parts.append(_settings(run))

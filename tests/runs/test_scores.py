@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 from run_samples import hall, some_estimate, some_run
 
+import gridslam as gs
 from gridslam.errors import InputError
+from gridslam.evaluation.ground_truth import tells_heading
 from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.simulation.image_source import ground_truth
+from gridslam.systems.registry import maps_features
 
 
 @pytest.fixture(scope="module")
@@ -105,3 +108,12 @@ def test_steps_that_contradict_themselves_are_refused(tmp_path, name, values):
         file[name] = np.array(values)
     with pytest.raises(InputError, match=r"steps\.h5"):
         read_steps(tmp_path / "steps.h5")
+
+
+def test_what_a_method_does_not_find_out_is_not_scored():
+    """Features of a method that maps none, and a heading that recordings hold exactly."""
+    assert [maps_features(name, "ab") for name in ("hybrid", "mine:Mine")] == [2, 2]
+    assert [maps_features("los", ""), maps_features("grid", None)] == [None, None]
+    screen = gs.Scene.load("screen")
+    assert not tells_heading(screen, "agent1", "signal")
+    assert tells_heading(screen, "agent1", "paths")
