@@ -4,7 +4,13 @@ from importlib.metadata import version as version_of
 
 project, author = "gridslam", "The gridslam authors"
 release = version_of("gridslam")
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",
+]
 exclude_patterns = ["README.md", "api.md", "*.toml"]
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 4

@@ -180,3 +180,26 @@ def test_words_of_health_that_are_explained_are_said():
     for phrase in phrases:
         for part in re.split(r" ?\b[NMX]\b(?: %)? ?", phrase):
             assert part.strip(" ,") in said, phrase
+
+
+def test_faults_of_built_pages_are_found(tmp_path):
+    """The gate looks them over: dead links, places that aren't there, and what is loaded from elsewhere."""
+    spec = importlib.util.spec_from_file_location("check_pages", DOCS / "check_pages.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    first = '<h1 id="top"></h1><a href="b.html#here">b</a><a href="https://x.org">x</a>'
+    good, bad = tmp_path / "good", tmp_path / "bad"
+    for folder, second in (
+        (good, '<p id="here"></p><a class="k" href="a.html#top">a</a>'),
+        (bad, '<script src="https://x.org/m.js"></script><a href="c.html">c</a>'),
+    ):
+        folder.mkdir()
+        (folder / "a.html").write_text(first)
+        (folder / "b.html").write_text(second)
+    assert list(module.faults(good)) == []
+    assert list(module.faults(bad)) == [
+        "a.html: dead link b.html#here",
+        "b.html: dead link c.html",
+        "b.html: loads https://x.org/m.js",
+    ]
+    assert "python docs/check_pages.py build/docs" in (ROOT / ".ci/run").read_text()
