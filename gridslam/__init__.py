@@ -21,6 +21,7 @@ from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.direct import DirectSlam
 from gridslam.systems.direct_grid import DirectGridSlam
 from gridslam.systems.grid import GridSlam
+from gridslam.systems.hybrid import HybridSlam
 from gridslam.systems.network import NetworkSlam
 from gridslam.systems.network_grid import NetworkGridSlam
 from gridslam.systems.slam import Slam
@@ -38,6 +39,7 @@ __all__ = [
     "DirectSlam",
     "Estimate",
     "GridSlam",
+    "HybridSlam",
     "InputError",
     "Map",
     "Measurements",

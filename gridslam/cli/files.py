@@ -71,8 +71,8 @@ def export(
     raw: Annotated[bool, typer.Option("--raw", help="nav2: the cells alone, no walls drawn in")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace files of these names")] = False,
 ) -> None:
-    """Export a map for others: nav2 (yaml, pgm), pictures (png), tables (csv), surfaces (GeoJSON)."""
-    from gridslam.importers.geojson import write_surfaces
+    """Export a map for others: nav2 (yaml, pgm), pictures (png), tables (csv), walls, features (GeoJSON)."""
+    from gridslam.importers.geojson import write_features, write_surfaces
     from gridslam.io.files import beside, cannot_write, put_in_place, refuse_taken
     from gridslam.maps.map import Map
     from gridslam.viewers.plots import draw_export
@@ -88,6 +88,8 @@ def export(
         draw_export(found, part)
         if found.surfaces is not None:
             write_surfaces(part / "surfaces.geojson", found.surfaces, found.wall_segments())
+        if found.features is not None:
+            write_features(part / "features.geojson", found.features)
         names = sorted(path.name for path in part.iterdir())
         refuse_taken([output / name for name in names], overwrite)
         output.mkdir(exist_ok=True)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from gridslam.errors import InputError
-from gridslam.estimates import SurfaceEstimate
+from gridslam.estimates import FREE, MIRROR, SCATTERER, FeatureEstimate, SurfaceEstimate
 from gridslam.importers.floorplans import LARGEST_BYTES, MOST_PIECES, Line
 from gridslam.io.files import write_bytes
 from gridslam.maps.walls import WallSegments
@@ -231,3 +231,39 @@ def write_surfaces(
         The file can't be written.
     """
     write_bytes(path, (json.dumps(surfaces(found, walls), indent=1, allow_nan=False) + "\n").encode())
+
+
+def features(found: FeatureEstimate) -> dict[str, object]:
+    """Learned features as a GeoJSON FeatureCollection of points, in metres of the scene's frame.
+
+    Each has its anchor and where that stands, the extra length and its deviation, the power over the noise
+    at 1 m, and what it is: mirror, scatterer or free.
+    """
+    names = {FREE: "free", MIRROR: "mirror", SCATTERER: "scatterer"}
+    rows = []
+    for n in range(len(found)):
+        square = found.covariance[n]
+        rows.append({
+            "type": "Feature",
+            "geometry": {"type": "Point", "coordinates": found.position_m[n].tolist()},
+            "properties": {
+                "identity": int(found.identity[n]), "anchor": int(found.anchor[n]),
+                "anchor_m": found.anchor_m[n].tolist(), "kind": names.get(int(found.kind[n]), "free"),
+                "bias_m": float(found.bias_m[n]), "bias_std_m": float(np.sqrt(square[2, 2])),
+                "position_cov_m2": square[:2, :2].tolist(),
+                "power_over_noise_db": float(10 * np.log10(max(found.variance[n] / found.noise[n], 1e-30))),
+                "steps_seen": int(found.steps_seen[n]),
+            },
+        })  # fmt: skip
+    return {"type": "FeatureCollection", "features": rows}
+
+
+def write_features(path: str | os.PathLike[str], found: FeatureEstimate) -> None:
+    """Write learned features as GeoJSON, see `features`.
+
+    Raises
+    ------
+    InputError
+        The file can't be written.
+    """
+    write_bytes(path, (json.dumps(features(found), indent=1, allow_nan=False) + "\n").encode())

@@ -15,6 +15,7 @@ from gridslam.estimates import Estimate, SurfaceEstimate
 from gridslam.inference.management.hypotheses import advance, begun
 from gridslam.inference.management.readout import described, estimates, surface_estimate
 from gridslam.inference.management.step_info import StepInfo
+from gridslam.inference.management.surface_features import mirror_surfaces
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.belief import append, lines_covariance, with_lines
@@ -176,8 +177,10 @@ def bare_map(
 
 def inherit_surfaces(state: Mapped, prior: Map) -> Mapped:
     """The state with the surfaces that another agent left: as correlated as they are in its map, and
-    independent of this agent."""
+    independent of this agent. Of a map that has none, learned features that are mirror images say them."""
     known = prior.surfaces if prior.surfaces is not None else SurfaceEstimate.empty()
+    if not len(known) and prior.features is not None:
+        known = mirror_surfaces(prior.features)
     uniform = np.full(len(REFLECTION_BINS), 1 / len(REFLECTION_BINS))
     for row in range(len(known)):
         reflection = uniform if prior.surface_reflection is None else prior.surface_reflection[row]
@@ -193,7 +196,7 @@ def inherit_surfaces(state: Mapped, prior: Map) -> Mapped:
         )
         belief: Any = append(state.belief, known.line[row], known.line_cov[row])
         state = replace(state, belief=belief, surfaces=surfaces, next_identity=state.next_identity + 1)
-    if prior.surface_covariance is not None:
+    if prior.surface_covariance is not None and len(prior.surface_covariance) == 2 * len(known):
         state = replace(state, belief=with_lines(state.belief, prior.surface_covariance))
     fresh = np.full_like(state.surfaces.single, FRESH_SINGLE)
     return replace(state, surfaces=replace(state.surfaces, single=fresh))

@@ -17,6 +17,7 @@ from gridslam.arrays import Array
 from gridslam.estimates import Estimate, PathEstimate
 from gridslam.inference.management.feature_tables import feature_estimate, with_features
 from gridslam.inference.management.hybrid_info import HybridInfo, conclude
+from gridslam.inference.management.surface_features import image_features
 from gridslam.inference.messages.feature_likelihood import Front, require_hybrid
 from gridslam.inference.messages.following import (
     counted,
@@ -58,7 +59,9 @@ class HybridWork:
 
 
 def start(model: SignalModel, prior: Map | None = None) -> HybridState:
-    """The state before the first step: the agent's prior, and features that an earlier agent left.
+    """The state before the first step: the agent's prior, and what an earlier agent left.
+
+    These are features, or surfaces, of which the anchors' images are features.
 
     Raises
     ------
@@ -71,8 +74,11 @@ def start(model: SignalModel, prior: Map | None = None) -> HybridState:
         model.start_mean[:MOVING].copy(), np.diag(model.start_variance[:MOVING]), FeatureBank.empty(),
         np.full(anchors, 0.5), np.ones(anchors), np.ones(anchors),
     )  # fmt: skip
-    if prior is not None and prior.features is not None:
-        belief = with_features(belief, prior.features, prior.feature_covariance, model.anchor_positions)
+    if prior is not None:
+        left, joint = prior.features, prior.feature_covariance
+        if left is None or not len(left):  # of a method that maps surfaces
+            left, joint = image_features(prior.surfaces, prior.surface_covariance, model)
+        belief = with_features(belief, left, joint, model.anchor_positions)
     empty = Segment.empty(anchors, elements, frequencies)
     return HybridState(belief, belief, empty, next_identity=len(belief.features))
 

@@ -149,3 +149,17 @@ def test_features_are_exported_with_their_deviations(tmp_path):
     np.testing.assert_array_equal(rows["kind"], table.kind)
     random_map(1).to_csv(tmp_path / "plain")
     assert not (tmp_path / "plain" / "features.csv").exists()
+
+
+def test_features_are_points_in_geojson(tmp_path):
+    import json
+
+    from gridslam.importers.geojson import write_features
+
+    table, _ = feature_estimate(belief(), ANCHORS)
+    write_features(tmp_path / "features.geojson", table)
+    rows = json.loads((tmp_path / "features.geojson").read_text())["features"]
+    np.testing.assert_allclose([row["geometry"]["coordinates"] for row in rows], table.position_m)
+    np.testing.assert_allclose([row["properties"]["bias_m"] for row in rows], table.bias_m)
+    assert rows[0]["properties"]["kind"] in ("free", "mirror", "scatterer")
+    assert rows[1]["properties"]["anchor_m"] == ANCHORS[1].tolist()
