@@ -75,7 +75,7 @@ def whole_cure(table: Columns, scene: Scene, agent: str | None, sofar: Sight, pl
         if sight.explained >= FITTING and sight.evidence > needed:
             needed = sight.evidence + CLEAR
             best = Cure(_names(order, scene, sight, plain), renamed, sight)
-    if not _has_both(table):
+    if not both_measured(table):
         return best
     # finds the lines of sight alone: the particles may miss the right error, least squares name it afterwards
     seen = [explain(table, scene, agent, error=error) for error in range_errors(scene)]
@@ -90,7 +90,7 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
 
     Lines of sight may fit in spite of it: the agent is then thought to be elsewhere.
     """
-    if not _has_both(table):
+    if not both_measured(table):
         return None
     found = fits(table, sight, scene, range_errors(scene), agent)
     if not found:
@@ -119,7 +119,7 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
     return Cure(told, whole, after)
 
 
-def _has_both(table: Columns) -> bool:
+def both_measured(table: Columns) -> bool:
     """Whether there are distances, and angles to tell their errors from another place of the agent."""
     return bool(len(finite(table, "distance_m"))) and any(len(finite(table, name)) for name in ANGLES)
 
@@ -137,7 +137,8 @@ def _words(error: RangeError, size: float, scene: Scene) -> str:
     time = abs(size) / SPEED_OF_LIGHT * 1e9
     long, cure = ("long", "subtract it") if size > 0 else ("short", "add it")
     much = f"{abs(size):.2f} m ({time:.1f} ns)"
-    return f"distances {whose} are {much} too {long}, as by clocks that differ; {cure}"
+    instead = "" if scene.clocks is not None else ", or give the scene [clocks] and run network SLAM"
+    return f"distances {whose} are {much} too {long}, as by clocks that differ; {cure}{instead}"
 
 
 def _orders(count: int) -> Iterator[tuple[int, ...]]:

@@ -141,7 +141,8 @@ def _run_in_turn(asked: Asked) -> None:
             if stopped and kept:
                 go_on_later(folder, kept, termination)
             progress = f"{len(runs[-1].estimates)} of {len(heards[-1])} steps of {runs[-1].agent}"
-            done = Done(runs, heards, scores, source(file), progress)
+            told = _range_notes(world, runs, heards) if file is not None else []
+            done = Done(runs, heards, scores, source(file), progress, lines=told)
             finish(folder, place, world, done, stopped, termination)
 
 
@@ -214,6 +215,15 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Heard]]:
         if not (runs or kept):
             raise
     return runs, heards[: len(runs)]
+
+
+def _range_notes(world: Scene, runs: list[Run], heards: list[Heard]) -> list[str]:
+    """What measurements that weren't simulated show of their distances: clocks, or heights."""
+    from gridslam.checks.range_note import range_note
+
+    with busy("looking at the distances"):
+        notes = [(done.agent, range_note(world, done.agent, h)) for done, h in zip(runs, heards, strict=True)]
+    return [f"note: {agent}: {note}" for agent, note in notes if note]
 
 
 def _scores(world: Scene, runs: list[Run], heards: list[Heard], given: Map | None) -> list[dict[str, Any]]:

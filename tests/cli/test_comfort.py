@@ -1,8 +1,10 @@
 """Small things that make the command line easy to live with."""
 
 import json
+import re
 import subprocess
 import sys
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -134,3 +136,17 @@ def test_figures_are_drawn_in_other_formats_and_widths(say):
     assert names == {f"agent1-{title}.pdf" for title in ("map", "reflection", "rays", "errors")}
     said = say("plot", "out", "--format", "jpg")
     assert (said.code, len(said.complaints)) == (2, 1)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_figures")
+def test_distances_of_clocks_that_are_off_are_named_below_the_table_of_a_run(say):
+    scene = shortened(gs.Scene.load("room"), 60).with_filter(particles=64)
+    heard = gs.simulate(scene, "agent1", 12)
+    Path("room.toml").write_text(scene.to_toml())
+    for metres, times in ((0.0, 0), (1.5, 1)):
+        replace(heard, distance_m=heard.distance_m + metres).to_csv("heard.csv")
+        said = say("run", "room.toml", "--measurements", "heard.csv", "-o", "out", "--overwrite")
+        assert said.code == 0
+        named = re.findall(r"note: agent1: distances of all anchors are 1\.[45]\d m .* too long.*", said.out)
+        assert len(named) == times

@@ -1,0 +1,45 @@
+"""What a run's user is told of the distances: an offset or a height that the scene doesn't have."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gridslam.checks.line_of_sight_filter import explain
+from gridslam.checks.rivals import CERTAIN, FITTING, both_measured, range_cure, range_errors
+from gridslam.measurements.heard import Heard
+from gridslam.measurements.table import Measurements
+from gridslam.world.scene import Scene
+
+
+def range_note(scene: Scene, agent: str, heard: Heard) -> str | None:
+    """One line on an error that all distances of an anchor have, or of all anchors; None if there is none.
+
+    A filter can't tell: it puts agent and walls where such distances fit. So lines of sight are followed on
+    their own over the first steps, as `gridslam check` does; it takes distances and angles. In scenes with
+    clocks network SLAM finds offsets.
+
+    Parameters
+    ----------
+    agent : str
+        Who heard it.
+    """
+    if not isinstance(heard, Measurements) or scene.clocks is not None:
+        return None
+    if not set(heard.anchors) <= set(scene.anchor_names):
+        return None
+    place = np.array([scene.anchor_names.index(name) for name in heard.anchors], np.intp)
+    table = {name: np.asarray(values) for name, values in heard.columns.items()}
+    if not len(table["step"]) or not both_measured(table):
+        return None
+    order = np.argsort(table["step"], kind="stable")
+    table = {name: values[order] for name, values in table.items()}
+    table["anchor"] = place[table["anchor"]]
+    sight = explain(table, scene, agent)
+    if sight.explained < FITTING:  # too large to be taken for another place: its size is looked for, too
+        seen = [explain(table, scene, agent, error=error) for error in range_errors(scene)]
+        top = max(seen, key=lambda one: one.evidence)
+        if top.explained < FITTING or top.evidence < sight.evidence + CERTAIN:
+            return None
+        sight = top
+    cure = range_cure(table, scene, agent, sight)
+    return None if cure is None else cure.suspicion.text
