@@ -174,6 +174,24 @@ def test_walls_out_of_sight_are_parked_and_come_back_where_they_may_be_seen():
     np.testing.assert_array_equal(back.surfaces.existence, far.surfaces.existence[:MOST_SURFACES])
 
 
+def test_an_agent_that_is_elsewhere_all_of_a_sudden_gets_the_walls_there_in_place_of_those_here():
+    model = model_of(
+        anchors=[[0.0, -1.0], [50.0, -1.0]], radio=replace(model_of().radio, max_distance_m=200.0)
+    )
+    count = MOST_SURFACES + 6
+    state = corridor(count)
+    extent = state.surfaces.extent.copy()
+    extent[MOST_SURFACES:] -= 50.0  # tangents point towards negative x
+    single = np.full_like(state.surfaces.single, 0.9)  # believed in until just now
+    bank = replace(state.surfaces, extent=extent, single=np.concatenate([single, single]))
+    bank = replace(bank, double=np.concatenate([bank.double, bank.double]))
+    state = arranged(replace(state, surfaces=bank), np.arange(count) < MOST_SURFACES)
+    there = recall(at(state, 50.0), model)
+    assert there.surfaces.identity.tolist() == list(range(MOST_SURFACES, count))
+    assert there.monitor.dropped == 0
+    assert recall(state, model).parked is state.parked
+
+
 def test_of_too_many_in_sight_the_least_likely_are_set_aside_and_told_and_tentative_ones_dropped():
     model = model_of(anchors=[[0.0, -1.0]], radio=replace(model_of().radio, max_distance_m=200.0))
     count = MOST_SURFACES + 4

@@ -46,13 +46,17 @@ def recall(state: State, model: FilterModel) -> State:
     wanted = np.isfinite(near) | same_as_young(state, parked).any(0)
     if not wanted.any():
         return state
-    room = max(MOST_SURFACES - len(state.surfaces), 0)
+    bank = state.surfaces
+    stay = np.ones(len(bank), bool)
+    if len(bank) + int(wanted.sum()) > MOST_SURFACES:  # elsewhere all of a sudden, as an agent that was lost
+        stay = ~(settled(state, model) & out_of_reach(state, np.ones(len(bank), bool), model))
+    room = max(MOST_SURFACES - int(stay.sum()), 0)
     order = np.argsort(np.where(wanted, np.minimum(near, 1e9), np.inf), kind="stable")
     back = np.zeros(len(parked), bool)
     back[order[: min(room, int(wanted.sum()))]] = True
     left = int(np.count_nonzero(wanted & ~back))
     state = replace(state, monitor=replace(state.monitor, dropped=left))
-    return arranged(state, np.concatenate([np.ones(len(state.surfaces), bool), back])) if room else state
+    return arranged(state, np.concatenate([stay, back])) if room else state
 
 
 def park(recalled: State, state: State, model: FilterModel) -> State:
@@ -74,7 +78,7 @@ def park(recalled: State, state: State, model: FilterModel) -> State:
     if len(state.every_existence) <= MOST_SURFACES:
         return state
     sure = bank.existence > model.settings.detect_above
-    away = sure & hidden(state, model)
+    away = hidden(state, model)
     stay = np.flatnonzero(~away)
     beyond = stay[np.argsort(-bank.existence[stay], kind="stable")[MOST_SURFACES:]]
     if len(beyond):
@@ -88,15 +92,26 @@ def park(recalled: State, state: State, model: FilterModel) -> State:
     return arranged(state, np.concatenate([~away, np.zeros(outside, bool)]))
 
 
+def settled(state: State, model: FilterModel) -> NDArray[np.bool_]:
+    """Which surfaces of the joint belief are believed in and confirmed, (S,)."""
+    bank = state.surfaces
+    return (bank.existence > model.settings.detect_above) & (bank.seen >= OFTEN)
+
+
+def out_of_reach(state: State, asked: NDArray[np.bool_], model: FilterModel) -> NDArray[np.bool_]:
+    """Which of the surfaces that are asked for (S,) no path can be over, (S,)."""
+    away, rows = asked.copy(), np.flatnonzero(asked)
+    if len(rows):
+        bank = state.surfaces.take(rows)
+        away[rows] = ~np.isfinite(shortest_path(state, state.belief.lines[rows], bank, FARTHER_M, model))
+    return away
+
+
 def hidden(state: State, model: FilterModel) -> NDArray[np.bool_]:
-    """Which surfaces of the joint belief are out of sight, (S,)."""
+    """Which surfaces of the joint belief are to be parked, (S,)."""
     bank = state.surfaces
     rays = np.concatenate([bank.single, bank.double.max(1), bank.double.max(2)]).max(0, initial=0)
-    away = (bank.seen >= OFTEN) & (rays < BELIEVED)
-    rows = np.flatnonzero(away)
-    if len(rows):
-        near = shortest_path(state, state.belief.lines[rows], bank.take(rows), FARTHER_M, model)
-        away[rows] = ~np.isfinite(near)
+    away = out_of_reach(state, settled(state, model) & (rays < BELIEVED), model)
     if away.any() and state.parked is not None:
         away &= ~same_as_young(state, state.parked).any(1)
     return away
