@@ -7,11 +7,13 @@ from gridslam.importers.deepmimo import measurements_from_deepmimo as from_deepm
 from gridslam.importers.deepmimo import network_from_deepmimo
 from gridslam.importers.sionna import measurements_from_sionna as from_sionna
 from gridslam.importers.sionna import network_from_sionna
+from gridslam.inference.messages.radio_errors import RadioErrors
 from gridslam.maps.fusion import fuse
 from gridslam.maps.map import Map
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements, Scan
+from gridslam.runs.calibrate import calibrate
 from gridslam.runs.map_scene import map_scene
 from gridslam.runs.network_run import NetworkRun, map_network
 from gridslam.runs.run import Run
@@ -49,6 +51,7 @@ __all__ = [
     "NetworkScan",
     "NetworkSlam",
     "PathEstimate",
+    "RadioErrors",
     "Recording",
     "Run",
     "Scan",
@@ -61,6 +64,7 @@ __all__ = [
     "VirtualAnchorSlam",
     "Waveform",
     "bundled_scenes",
+    "calibrate",
     "extract",
     "from_deepmimo",
     "from_sionna",

@@ -1,0 +1,70 @@
+"""What an agent's antenna elements and the pulse really are, from a recording along a known way."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gridslam import runtime
+from gridslam.errors import InputError
+from gridslam.inference.management.surface_features import image_features
+from gridslam.inference.messages.radio_errors import Known, RadioErrors, radio_errors
+from gridslam.maps.frames import SAME_PLACE_M, fitted
+from gridslam.maps.map import Map
+from gridslam.measurements.recording import Recording
+from gridslam.world.scene import Scene
+from gridslam.world.signal_model import SignalModel
+
+LEAST_STEPS = 10
+
+
+def calibrate(
+    scene: Scene, recording: Recording, prior_map: Map | None = None, agent: str | None = None
+) -> RadioErrors:
+    """Errors of an agent's elements and of the pulse, see docs/model.md, (M234), (M235).
+
+    Parameters
+    ----------
+    scene : Scene
+        Its anchors; of one antenna each.
+    recording : Recording
+        With the true track, which is taken as exact.
+    prior_map : Map, optional
+        Whose learned features, else surfaces, are heard beside the lines of sight.
+    agent : str, optional
+        Default: the scene's first.
+
+    Raises
+    ------
+    InputError
+        No true track, fewer than 10 steps, other anchors or ones of several antennas, or a map of another
+        frame.
+    """
+    track, wave, steps = recording.truth, recording.waveform, len(recording.samples)
+    if track is None:
+        raise InputError("calibrate: recording", "no true track", "one along a known way")
+    if steps < LEAST_STEPS:
+        raise InputError("calibrate: recording", f"{steps} steps", f"{LEAST_STEPS} or more")
+    if wave.anchor_element_m.shape[1] != 1 or len(wave.anchor_element_m) != len(scene.anchors):
+        found = f"{len(wave.anchor_element_m)} anchors of {wave.anchor_element_m.shape[1]} elements"
+        raise InputError("calibrate: recording", found, f"{len(scene.anchors)} anchors of one")
+    heading = track.heading_rad if recording.heading_rad is None else recording.heading_rad
+    pose = np.column_stack([track.position_m, heading])[:steps]
+    model = SignalModel.of(scene.filter_model(agent), wave)
+    table = None
+    if prior_map is not None:
+        prior, _ = fitted(prior_map, scene)
+        table = prior.features
+        if table is None or not len(table):
+            table, _ = image_features(prior.surfaces, prior.surface_covariance, model)
+    known = []
+    for j, anchor in enumerate(model.anchors[:, :2]):
+        paths = np.array([[*anchor, 0.0]])
+        if table is not None:
+            own = np.hypot(*(table.anchor_m - anchor).T) < SAME_PLACE_M
+            paths = np.concatenate([paths, np.column_stack([table.position_m, table.bias_m])[own]])
+        heard = recording.heard[:, j]
+        if heard.any():
+            samples = np.asarray(recording.samples[heard, j, 0], np.complex128)
+            known.append(Known(samples, pose[heard], paths))
+    with runtime.one_blas_thread():
+        return radio_errors(known, wave)
