@@ -75,8 +75,12 @@ def study_line(folder: Path) -> str:
         lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
     except (OSError, ValueError) as error:
         raise InputError(str(path), "lines that can't be read", "results of a study") from error
-    done = sum(isinstance(line, dict) and "agents" in line for line in lines)
-    return f"study: {done} finished runs"
+    done = sum(isinstance(line, dict) and "key" in line for line in lines)
+    return f"study: {done} finished run{'' if done == 1 else 's'}"
+
+
+MOST_PERCENT = 100
+"""Largest value of a cell of a raw nav2 map; what is above is unknown."""
 
 
 def nav2_line(path: Path) -> str:
@@ -103,6 +107,10 @@ def nav2_line(path: Path) -> str:
     told = ", ".join(
         f"{share:.0%} {kind}" for share, kind in zip(shares, ("occupied", "free", "unknown"), strict=True)
     )
+    if known.get("mode") == "raw":  # as of reflection coefficients
+        values = cells[cells <= MOST_PERCENT]
+        told = f"percents in {values.size / cells.size:.0%} of the cells"
+        told += f", {values.min()} to {values.max()}" if values.size else ""
     place = f"lower left corner at {origin[0]:g}, {origin[1]:g} m"
     return f"nav2 map: {width} x {height} cells of {side:g} m, {place}; {told}"
 

@@ -68,9 +68,10 @@ class Map(MapCells):
         (height, width), who = self.shape, self.provenance.get("agents")
         names = ", ".join(map(str, who)) if isinstance(who, list) and who else "unknown agents"
         surfaces = len(self.surfaces) if self.surfaces is not None else 0
+        learned = "" if self.features is None else f", {len(self.features)} features"
         return (
             f"by {names}: {width} x {height} cells of {self.cell_m:g} m, {self.observed.mean():.0%} "
-            f"observed, {self.occupied.sum()} occupied, {surfaces} surfaces"
+            f"observed, {self.occupied.sum()} occupied, {surfaces} surfaces{learned}"
         )
 
     def _repr_html_(self) -> str:

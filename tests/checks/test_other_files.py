@@ -40,6 +40,7 @@ def made(tmp_path_factory):
         ("out/map.h5", "map by agent1, agent2: 48 x 38 cells of 0.2 m"),
         ("out/map.yaml", "nav2 map: 48 x 38 cells of 0.2 m, lower left corner at -4.8, -3.8 m; "),
         ("out/map.pgm", "nav2 map: 48 x 38 cells of 0.2 m, "),
+        ("out/reflection.yaml", "percents in "),
         ("out/agent1/steps.h5", "estimates over 3 steps (steps 0 to 2, 0 to 2 s): at the end "),
         ("out/agent1/trajectory.tum", "track: 3 poses, 0 to 2 s, "),
         ("out/agent2/truth.tum", "track: 2 poses, 0 to 1 s, "),
@@ -110,7 +111,8 @@ def test_other_json_is_refused_in_one_line(say, content):
 
 def test_study_is_told(say, made):
     Path("study").mkdir()
-    Path("study/study.jsonl").write_text('{"format": "gridslam-study"}\n{"agents": {}}\n{"agents": {}}\n')
+    head, run = '{"format": "gridslam-study", "agents": []}', '{"key": {}, "agents": {}}'
+    Path("study/study.jsonl").write_text("\n".join([head, run, run, ""]))
     for path in ("study", "study/study.jsonl"):
         assert "study: 2 finished runs" in say("check", path).out
     Path("study/study.jsonl").write_text("{")
