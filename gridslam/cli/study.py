@@ -103,6 +103,8 @@ def _run(plan: Study, output: Path, where: Workers, overwrite: bool) -> Outcome:
         task = bar.add_task("runs", total=None)
 
         def tell(done: int, total: int) -> None:
+            if not err.is_terminal and done > kept[0]:  # in a log file, a line per run
+                err.print(f"{done} of {total} runs", highlight=False)
             kept[:] = done, total
             bar.update(task, completed=done, total=total)
 

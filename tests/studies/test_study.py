@@ -400,6 +400,7 @@ def test_command_writes_goes_on_and_reports(scene, tmp_path, monkeypatch, capsys
         assert command(monkeypatch, *given) == code
         told = capsys.readouterr()
         assert says in told.out + told.err
+        assert "1 of them new" not in says or "2 of 2 runs\n" in told.err, "a line per run, in log files"
         assert (tmp_path / "s" / "failures.log").exists() == (code == 1)
     names = {path.name for path in Path(tmp_path / "s").iterdir()}
     assert names == {"study.jsonl", "runs.csv", "steps.csv", "summary.csv"}
