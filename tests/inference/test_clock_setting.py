@@ -118,7 +118,7 @@ def test_an_amplitude_far_off_a_path_counts_against_it_but_rules_nothing_out():
 
 
 def test_a_clock_is_set_once_its_rivals_are_gone():
-    search = ClockSearch.start(CLOCKS)
+    search = replace(ClockSearch.start(CLOCKS), since=np.array([5, 0]))  # beyond the first steps
     assert search.unset.tolist() == [True, False]
     peaks = -0.5 * ((CENTRE - 7.3) / 0.2) ** 2, -0.5 * ((CENTRE + 12) / 0.2) ** 2 - 3.0
     both = np.tile(np.logaddexp(*peaks), (2, 1))
@@ -134,6 +134,30 @@ def test_a_clock_is_set_once_its_rivals_are_gone():
     assert anchor == 0
     assert offset == pytest.approx(7.3, abs=0.02)
     assert not search.closed(0).unset.any()
+
+
+def gaussian(centre, std, level):
+    """Log evidence of one offset, over a flat rest with so much of the mass."""
+    peak = norm.pdf(CENTRE, centre, std)
+    flat = level / (1 - level) * 10 / len(CENTRE)  # of 10 a metre, as the peak's
+    return np.tile(np.log(peak + flat), (2, 1))
+
+
+def test_one_mode_as_wide_as_the_pose_is_decided_and_two_are_not():
+    fresh = ClockSearch.start(CLOCKS)
+    ((anchor, offset),) = fresh.heard(gaussian(7.3, 0.5, 1e-5)).decided()
+    assert (anchor, round(offset, 1)) == (0, 7.3)
+    assert fresh.heard(gaussian(7.3, 0.9, 1e-5)).decided() == []
+    two = np.logaddexp(*(gaussian(7.3 + side, 0.2, 1e-9) for side in (-1, 1)))
+    assert fresh.heard(two).decided() == []
+
+
+def test_a_doubtful_mode_is_decided_in_the_first_steps_alone():
+    search = ClockSearch.start(CLOCKS)
+    doubtful = search.heard(gaussian(7.3, 0.5, 5e-3))
+    assert len(doubtful.decided()) == 1
+    assert search.heard(gaussian(7.3, 0.5, 2e-2)).decided() == []
+    assert replace(doubtful, since=np.array([4, 0])).decided() == []
 
 
 def test_walks_blur_and_nothing_leaves_the_prior():

@@ -8,14 +8,13 @@ from scipy.stats import norm
 
 import gridslam as gs
 from gridslam.inference.messages.image_particles import path_values
+from gridslam.inference.messages.network_particle_births import add_network_births, propose_network
 from gridslam.inference.messages.network_particles import (
-    add_network_births,
     associate_network,
     blurred,
     clock_messages,
     evaluate_network,
     move_network,
-    propose_network,
     regularised,
     update_network,
 )
@@ -98,7 +97,7 @@ def test_ratios_and_messages_to_clocks_integrate_over_all_others(feature):
     if feature is not None:
         mean = density(state, heard, anchor, agents, places[some], clocks, False).mean((0, 2))
         np.testing.assert_allclose(seen.by_place[0, 0, some], mean, atol=0.03 * mean.max())
-    found = associate_network(seen, propose_network(state, 0, heard, OWN, np.random.default_rng(0)))
+    found = associate_network(seen, propose_network(state, 0, heard, OWN, np.random.default_rng(0)).odds)
     assert found.given.tolist() == [anchor]
     logs = clock_messages(state, seen, found)
     exists, nu = seen.existence[row], found.nu[row, 0]
@@ -128,7 +127,7 @@ def test_births_of_a_lone_measurement_are_those_of_all_events():
     heard = scan_of(state, feature=0)
     state = replace(state, features=state.features.take(np.zeros(1, bool)))
     seen, new = evaluate_network(state, 0, heard, OWN), propose_network(state, 0, heard, OWN, draw)
-    found = associate_network(seen, new)
+    found = associate_network(seen, new.odds)
     beta, missed = seen.ratio.mean(-1)[:, 0], np.full(4, 1 - RADIO.given_detection)
     nothing = missed.prod()
     events = (1 + new.odds.sum()) * nothing + sum(beta[f] * np.delete(missed, f).prod() for f in range(4))
@@ -165,7 +164,7 @@ def test_only_the_agent_whose_turn_it_is_moves_and_known_clocks_stay():
     assert moved.clocks[1:].tolist() != state.clocks[1:].tolist()
     heard = scan_of(state)
     seen = evaluate_network(state, 0, heard, OWN)
-    found = associate_network(seen, propose_network(state, 0, heard, OWN, draw))
+    found = associate_network(seen, propose_network(state, 0, heard, OWN, draw).odds)
     after = update_network(state, 0, seen, found, draw)
     np.testing.assert_array_equal(after.agents[1], state.agents[1])
     assert after.clocks[1].std() < 0.9 * state.clocks[1].std()

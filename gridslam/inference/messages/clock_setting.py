@@ -19,7 +19,7 @@ from gridslam.world.network_model import NetworkModel
 from gridslam.world.scan import Scan
 
 CHALLENGE_STEPS = 5
-"""From one look at set clocks to the next."""
+"""From one look at set clocks to the next; in as many first steps, each looks at them."""
 EXPECTED, SILENT_SHARE, HEARD_SHARE, DOUBTED = 0.5, 0.2, 0.5, 12.0
 """Chance from which on a path is expected; shares of the expected paths that count as silence and as being
 heard; nats of surprise by silence after which a clock is opened again."""
@@ -62,7 +62,8 @@ def challenge_clocks(
     """
     wide = model.clocks.half_width_m[: model.clocks.anchors] > NARROW_M
     closed = wide & ~state.clocks.unset
-    if state.step % CHALLENGE_STEPS or not closed.any():
+    later = state.step > CHALLENGE_STEPS and state.step % CHALLENGE_STEPS
+    if later or not closed.any():
         return state
     evidence = heard_about(state, closed, scans, model, works=works)
     devices = state.belief.layout.devices

@@ -1,4 +1,6 @@
-"""Messages of network SLAM as published: every agent, clock and virtual anchor by itself.
+"""Messages of network SLAM as published: motion, likelihoods, association, updates.
+
+Every agent, clock and virtual anchor by itself; new virtual anchors are in `network_particle_births`.
 
 [Venus2025network], sections IV and V, with the slips mended that docs/differences.md lists; docs/model.md,
 (M143) to (M145). Equations without a key are that paper's. A message to an agent integrates over a virtual
@@ -17,13 +19,12 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.messages.association import associate
 from gridslam.inference.messages.direct_particles import resampled
-from gridslam.inference.messages.image_particles import GATE, SPREAD, SUREST, moved_agents, path_values
+from gridslam.inference.messages.image_particles import GATE, SUREST, moved_agents, path_values
 from gridslam.inference.messages.likelihood import deviations
 from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.feature_particles import Features
 from gridslam.inference.state.network_particles import CLOCK, NetworkParticleState
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.geometry import unit, wrap
+from gridslam.world.geometry import wrap
 from gridslam.world.network_model import NetworkModel
 from gridslam.world.radio import RadioModel
 from gridslam.world.scan import Scan
@@ -87,23 +88,6 @@ class NetworkRatios:
     pairs: Sequence[Heard]
     ratio: Array
     by_place: Array
-
-
-@dataclass(frozen=True, eq=False)
-class NetworkBirths:
-    """For M measurements and J anchors, a virtual anchor that would be new, as weighted particles.
-
-    Attributes
-    ----------
-    odds : (M, J)
-        I_mj, in ratio to clutter.
-    logs : (M, J, P)
-    position : (M, J, P, 2) m
-    """
-
-    odds: Array
-    logs: Array
-    position: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,39 +267,17 @@ def blurred(at: Array, weight: Array | None, where: Array, std: float) -> Array:
     return np.interp(where, grid, smooth, 0.0, 0.0) / len(at)
 
 
-def propose_network(
-    state: NetworkParticleState, agent: int, heard: AnchorScan, model: FilterModel, draw: np.random.Generator
-) -> NetworkBirths:
-    """New virtual anchors of every measurement and anchor, (8), (20), (23)."""
-    own, radio, anchors = state.agents[agent], model.radio, model.anchors
-    count, several, labels = len(own), len(heard), len(anchors)
-    side = np.array(model.grid.shape) * model.grid.cell_m
-    std = measured_deviations(heard, radio)
-    base = np.log(model.settings.births) - np.log(SPREAD**2 * side.prod()) - log_clutter(heard, radio)
-    logs = np.full((several, labels, count), -np.inf)
-    position = np.zeros((several, labels, count, 2))
-    for m in range(several):
-        told = int(heard.label[m])
-        bearing = own[:, 4] + heard.value[m, 2] + std[m, 2] * draw.standard_normal(count)
-        if not np.isfinite(std[m, 2]):
-            bearing = draw.uniform(-np.pi, np.pi, count)
-        measured = heard.value[m, 0] + std[m, 0] * draw.standard_normal(count) + own[:, CLOCK]
-        for j in range(labels) if told < 0 else (told,):
-            distance = measured - state.clocks[j]
-            position[m, j] = own[:, :2] + np.maximum(distance, 1e-3)[:, None] * unit(bearing)
-            value = path_values(own[:, :CLOCK], position[m, j][None], np.zeros(1, bool), anchors[j])[1, 0]
-            aod = _log_gaussian(wrap(heard.value[m, 1] - value), std[m, 1])
-            possible = distance > 0
-            share = 0.0 if told >= 0 else np.log(labels)
-            logs[m, j, possible] = base[m] - share + np.log(distance[possible]) + aod[possible]
-    return NetworkBirths(np.exp(logs).mean(-1), logs, position)
+def associate_network(seen: NetworkRatios, born: Array) -> NetworkMarginals:
+    """One loopy belief propagation over all anchors' features and all measurements, (21).
 
-
-def associate_network(seen: NetworkRatios, new: NetworkBirths) -> NetworkMarginals:
-    """One loopy belief propagation over all anchors' features and all measurements, (21)."""
+    Parameters
+    ----------
+    born : (M, J)
+        I_mj, in ratio to clutter.
+    """
     beta = seen.existence[:, None] * seen.ratio.mean(-1)
     missed = np.maximum(1 - seen.existence * (1 - seen.missed), 1e-9)
-    nu, claimed = associate(beta, missed, 1 + new.odds.sum(1))
+    nu, claimed = associate(beta, missed, 1 + born.sum(1))
     bracket = np.einsum("fm,fmp->fp", nu, seen.ratio) + seen.missed
     share = beta * nu / (missed + (beta * nu).sum(1))[:, None]
     given = np.full(share.shape[1], -1, np.intp)
@@ -379,24 +341,6 @@ def clock_messages(state: NetworkParticleState, seen: NetworkRatios, found: Netw
     return logs
 
 
-def add_network_births(
-    state: NetworkParticleState, new: NetworkBirths, found: NetworkMarginals, draw: np.random.Generator
-) -> NetworkParticleState:
-    """The state with new virtual anchors that are likely enough, (24) to (26), without unlikely ones."""
-    existence = new.odds / (1 + new.odds.sum(1) + found.claimed)[:, None]
-    rows, labels = np.nonzero(existence > FEW)
-    size, count = len(rows), state.clocks.shape[1]
-    place = np.empty((size, count, 2))
-    for number, (m, j) in enumerate(zip(rows.tolist(), labels.tolist(), strict=True)):
-        place[number] = new.position[m, j][draw.permutation(resampled(new.logs[m, j], draw))]
-    born = Features(
-        state.next_identity + np.arange(size), labels.astype(np.int64), np.zeros(size, bool),
-        existence[rows, labels], place, np.zeros((size, count)),
-    )  # fmt: skip
-    kept = state.features.take(state.features.existence > FEW)
-    return replace(state, features=kept.joined(born), next_identity=state.next_identity + size)
-
-
 def detection(radio: RadioModel) -> float:
     """p_d of every path: given, or that of a path of 10 m ([Venus2025network] has one for all)."""
     return float(radio.detection_probability(np.asarray(radio.amplitude(10.0))))
@@ -411,10 +355,3 @@ def measured_deviations(heard: AnchorScan, radio: RadioModel) -> Array:
 def log_clutter(heard: AnchorScan, radio: RadioModel) -> Array:
     """Log of mu_fp f_fp over distance and angles, (M,)."""
     return np.log(radio.false_alarms) + radio.log_clutter(np.full(len(heard), np.nan))
-
-
-def _log_gaussian(off: Array, std: float) -> Array:
-    """Log density of a measured angle's error; uniform if it wasn't measured."""
-    if np.isinf(std):
-        return np.full(len(off), -np.log(2 * np.pi))
-    return np.asarray(-0.5 * (off / std) ** 2 - np.log(std * np.sqrt(2 * np.pi)))

@@ -14,8 +14,12 @@ from gridslam.world.clocks import ClockModel
 CELL_M = 0.1
 NARROW_M = 1.0
 """Half width of a prior up to which a clock counts as set; distance from the peak that counts as decided."""
+LOBE_M, LOBE_VARIANCE = 2.5, 0.5
+"""The same of a single mode as wide as poses are uncertain at first, and its largest variance (m^2)."""
 SURE = 0.999
 """Share of the mass that lies there once a clock is set: at 0.99, clutter alone sets one in a hundred."""
+FIRST_STEPS, FIRST_SURE = 3, 0.99
+"""Steps of a search in which less will do for a single mode: poses wait for it, and it is asked again."""
 FORGETTING, CHALLENGED = 0.7, 14.0
 """Share of older evidence about a set clock that counts, and nats for another offset that open it again."""
 SET_VARIANCE = 1.0
@@ -113,10 +117,17 @@ class ClockSearch:
         """Open clocks whose mass lies about one peak, and its mean there (m)."""
         found, mass = [], self.mass
         for anchor in np.flatnonzero(self.unset & (self.since > 0)):
-            near = np.abs(self.centre - self.centre[mass[anchor].argmax()]) <= NARROW_M
-            share = mass[anchor, near].sum()
-            if share >= SURE:
-                found.append((int(anchor), float(mass[anchor, near] @ self.centre[near] / share)))
+            far = np.abs(self.centre - self.centre[mass[anchor].argmax()])
+            early = self.since[anchor] <= FIRST_STEPS
+            rules = ((NARROW_M, np.inf, SURE), (LOBE_M, LOBE_VARIANCE, FIRST_SURE if early else SURE))
+            for reach, widest, sure in rules:
+                near = far <= reach
+                share = mass[anchor, near].sum()
+                mean = mass[anchor, near] @ self.centre[near] / share
+                variance = mass[anchor, near] @ (self.centre[near] - mean) ** 2 / share
+                if share >= sure and variance <= widest:
+                    found.append((int(anchor), float(mean)))
+                    break
         return found
 
     def moments(self, anchor: int) -> tuple[float, float]:

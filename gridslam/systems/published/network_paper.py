@@ -17,12 +17,11 @@ from gridslam.errors import InputError
 from gridslam.estimates import Estimate
 from gridslam.inference.management.network_readout import NetworkEstimate
 from gridslam.inference.management.particle_readout import agent_moments, feature_paths, feature_surfaces
+from gridslam.inference.messages.network_particle_births import add_network_births, propose_network
 from gridslam.inference.messages.network_particles import (
-    add_network_births,
     associate_network,
     evaluate_network,
     move_network,
-    propose_network,
     update_network,
 )
 from gridslam.inference.state.anchor_measurements import of_all_anchors
@@ -78,7 +77,7 @@ def step(
         heard = of_all_anchors(own, model.agents[agent].radio.threshold)
         seen = evaluate_network(state, agent, heard, model.agents[agent])  # (17), (18)
         new = propose_network(state, agent, heard, model.agents[agent], draw)  # (23)
-        found = associate_network(seen, new)  # (21)
+        found = associate_network(seen, new.odds)  # (21)
         state = update_network(state, agent, seen, found, draw)
         state = add_network_births(state, new, found, draw)  # (24) to (26)
         given[agent] = np.where(own.anchor >= 0, own.anchor, found.given)
