@@ -39,7 +39,7 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
             JITTER * settings.surface_m, surfaces.foot,
         )  # fmt: skip
         surfaces = surface_bank.evolve(
-            surfaces, settings.survival, settings.reflection, _chances(state, model)
+            surfaces, settings.survival, settings.reflection, chances(state, model)
         )
     return replace(
         state,
@@ -52,7 +52,7 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
     )
 
 
-def _chances(state: State, model: FilterModel) -> Array:
+def chances(state: State, model: FilterModel) -> Array:
     """Probability (S,) that a single bounce over each surface is detected, of the anchor that hears it best.
 
     Surfaces that were seen often need none: theirs is 1.

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.messages.motion import JITTER
+from gridslam.arrays import Array
+from gridslam.inference.messages.motion import JITTER, chances
 from gridslam.inference.state import surface_bank
 from gridslam.inference.state.network_belief import predict_network
 from gridslam.inference.state.network_state import NetworkState
@@ -38,7 +39,9 @@ def predict_all(
             belief, dt, model.agents, model.clocks, here & state.here, JITTER * settings.surface_m,
             surfaces.foot,
         )  # fmt: skip
-        surfaces = surface_bank.evolve(surfaces, settings.survival, settings.reflection)
+        surfaces = surface_bank.evolve(
+            surfaces, settings.survival, settings.reflection, best_chances(state, scans, model)
+        )
         clocks = clocks.walked(model.clocks.walk_m**2 * dt + (model.clocks.drift_m * dt) ** 2)
     records = tuple(
         record
@@ -50,3 +53,13 @@ def predict_all(
         state, belief=belief, surfaces=surfaces, clocks=clocks, records=records, here=here,
         labelled=labelled, time_s=time_s,
     )  # fmt: skip
+
+
+def best_chances(state: NetworkState, scans: Sequence[Scan | None], model: NetworkModel) -> Array | float:
+    """Probability (S,) that a single bounce over each surface is detected by the agent that hears it best."""
+    each = [
+        chances(state.part(agent), model.agents[agent])
+        for agent, scan in enumerate(scans)
+        if scan is not None
+    ]
+    return np.max(each, axis=0) if each else 0.0
