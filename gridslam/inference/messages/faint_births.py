@@ -99,7 +99,9 @@ def recall_leftovers(
     explained, amplitude = ratios.explained[births.measurement], heard.amplitude[births.measurement]
     new = (births.hit < 0).all(1) & (births.ratio < CERTAIN) & (explained < CERTAIN)
     new &= np.isfinite(heard.value[births.measurement]).all(1) & (amplitude > 0)
-    rows = np.flatnonzero(new & _has_company(births.line, left, model.places))
+    rows = np.flatnonzero(new)
+    if len(rows):
+        rows = rows[_has_company(births.line[rows], left, model.places)]
     if not len(rows):
         return births
     support = np.ones((len(births), len(REFLECTION_BINS)))
