@@ -285,7 +285,7 @@ def test_heading_that_nothing_tells_of_is_left_out_as_in_runs(scene, tmp_path):
     assert np.isnan([value for name, value in step_rows(found)[0].items() if "heading" in name]).all()
     assert row["position_rmse_m"] > 0
     labels = [axes.get_ylabel() for draw in (draw_errors, draw_consistency) for axes in draw(found).axes]
-    assert labels == ["position RMSE (m)", "mean NEES of position"]
+    assert labels == ["position RMSE (cm)", "mean NEES of position"]
     assert len(draw_cdf(found).axes) == 1
 
 
