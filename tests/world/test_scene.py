@@ -189,7 +189,9 @@ def test_missing_and_unreadable_files_are_named(tmp_path):
 
 
 def test_unknown_name_lists_the_bundled_scenes():
-    names = "alcove, annex, canyon, ceiling, chamber, exchange, facade, hall, overlap, pillars, room, "
+    names = (
+        "alcove, annex, building, canyon, ceiling, chamber, exchange, facade, hall, overlap, pillars, room, "
+    )
     names += "scatter, screen, seminar"
     with pytest.raises(InputError, match=rf"'rom'; allowed: {names}, or the path"):
         Scene.load("rom")
