@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 
+COLLINEAR_M = 1e-6
+"""Offset below which pieces of walls share one surface."""
 STEEPEST = 1 - 2.0**-10
 """Sine of the elevation up to which a horizontal array sees azimuths (exact in single precision, too)."""
 
@@ -283,3 +285,17 @@ def trace(
     jacobian[:, 1, 5] += np.where(double, 2.0, 0.0)
     jacobian[:, 2, 2] = -1.0
     return PathGeometry(**vars(path), jacobian=jacobian)
+
+
+def surfaces_of(start: Array, end: Array) -> NDArray[np.intp]:
+    """Number of the infinite line on which each piece (P, 2) lies (P,), in order of first appearance."""
+    surface = np.full(len(start), -1, dtype=np.intp)
+    # a long piece fixes a line best
+    for piece in np.argsort(-np.linalg.norm(end - start, axis=1), kind="stable"):
+        if surface[piece] < 0:
+            angle, offset = line_through(start[piece], end[piece])
+            normal = np.array([np.cos(angle), np.sin(angle)])
+            gap = np.maximum(np.abs(start @ normal - offset), np.abs(end @ normal - offset))
+            surface[(gap <= COLLINEAR_M) & (surface < 0)] = piece
+    _, first, number = np.unique(surface, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[number].astype(np.intp)

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import os
 import tomllib
-from dataclasses import fields
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 import tomli_w
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.world.clocks import Clocks
 from gridslam.world.filter_model import FilterModel, fixed
-from gridslam.world.geometry import Segments, crossing, distance_to_segments, line_through, wrap
+from gridslam.world.geometry import Segments, surfaces_of, wrap
 from gridslam.world.levels import Level, Verticals, check_heights, verticals_of
-from gridslam.world.names import Label, label_fault, same_folder
+from gridslam.world.names import Label, label_fault
 from gridslam.world.radio import SPEED_OF_LIGHT, RadioModel
+from gridslam.world.scene_checks import Room, check_clocks, check_names, check_places, walked
 from gridslam.world.scene_parts import (
     Agent,
     Anchor,
@@ -37,11 +35,8 @@ from gridslam.world.scene_parts import (
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.validation import Strict, fault, nearest
 from gridslam.world.waveform import Waveform
-from gridslam.world.waypoints import TightCorner, smooth_track
 
 BUNDLED = Path(__file__).parents[1] / "scenes"
-COLLINEAR_M, CLEARANCE_M, SCATTERER_M = 1e-6, 0.01, 0.1
-"""Offset below which pieces share one surface; distance that devices keep from walls, and from scatterers."""
 PATH_SAMPLES = 2500
 """Samples over all antenna pairs, where a scene gives neither them nor frequencies."""
 LEAST_PRIOR = 1e-4
@@ -342,7 +337,7 @@ class Scene(Strict):
         coefficient = [self.materials[w.material] if w.material and w.reflects else 0.0 for w in self.walls]
         reflection = np.array(coefficient)[wall]
         curved = np.array([w.arc is not None for w in self.walls], dtype=bool)[wall]
-        return Segments(start, end, reflection, _surfaces(start, end), wall, np.where(curved, wall, -1))
+        return Segments(start, end, reflection, surfaces_of(start, end), wall, np.where(curved, wall, -1))
 
     def track(self, agent: str) -> Trajectory:
         """Smooth way of an agent through its waypoints, one state per step.
@@ -356,46 +351,20 @@ class Scene(Strict):
         if body.waypoints_m is None:
             where = f"{self.name}: agents[{self.agents.index(body)}].waypoints_m"
             raise InputError(where, "none", "waypoints, to simulate this agent")
-        return _walk(body)
+        return walked(body)
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        for key, names in (("anchors", self.anchor_names), ("agents", tuple(a.name for a in self.agents))):
-            for index, name in enumerate(names):
-                if name in names[:index]:
-                    raise fault(f"{key}[{index}].name", repr(name), "a name that isn't taken")
+        check_names(self.anchors, self.agents)
         check_heights(self.anchors, self.agents, self.floor, self.ceiling)
-        self._check_clocks()
-        folders = [same_folder(agent.name) for agent in self.agents]
-        for index, folder in enumerate(folders):
-            if folder in folders[:index]:
-                found = f"{self.agents[index].name!r} beside {self.agents[folders.index(folder)].name!r}"
-                raise fault(f"agents[{index}].name", found, "names that differ by more than case")
+        check_clocks(self.clocks, self.anchors, self.agents)
         for index, wall in enumerate(self.walls):
             if wall.material is not None and wall.material not in self.materials:
                 field = f"walls[{index}].material"
                 raise fault(field, repr(wall.material), nearest(wall.material, self.materials))
         self._check_samples()
-        walls = self.segments()
-        for index, anchor in enumerate(self.anchors):
-            self._check_way(np.array([anchor.position_m[:2]]), walls, f"anchors[{index}].position_m")
-        for index, agent in enumerate(self.agents):
-            self._check_way(np.array([agent.start_m]), walls, f"agents[{index}].start_m")
-            if agent.waypoints_m is not None:
-                self._check_track(agent, walls, f"agents[{index}]")
+        check_places(self.anchors, self.agents, Room(self.grid, self.segments(), self.scatterer_positions))
         return self
-
-    def _check_clocks(self) -> None:
-        kinds: dict[str, tuple[Anchor | Agent, ...]] = {"anchors": self.anchors, "agents": self.agents}
-        for key, devices in kinds.items():
-            for index, device in enumerate(devices):
-                if device.clock is not None and self.clocks is None:
-                    raise fault(f"{key}[{index}].clock", "a clock", "none, or a table [clocks] too")
-        if self.clocks is not None and self.clocks.reference is not None:
-            names = [*self.anchor_names, *(agent.name for agent in self.agents)]
-            if names.count(self.clocks.reference) != 1:
-                found, allowed = repr(self.clocks.reference), nearest(self.clocks.reference, names)
-                raise fault("clocks.reference", found, allowed)
 
     def _check_samples(self) -> None:
         """A number of samples that is given must be that of the frequencies and of some agent's antennas."""
@@ -408,51 +377,6 @@ class Scene(Strict):
             follows = " or ".join(map(str, allowed))
             raise fault("radio.samples", str(radio.samples), f"{follows}, as frequencies and arrays say")
 
-    def _check_track(self, agent: Agent, walls: Segments, where: str) -> None:
-        try:
-            track = _walk(agent)
-        except TightCorner as error:
-            index = error.index + len(agent.waypoints_m or ()) - len(agent.way) + 1
-            found = f"room to turn with a radius of {error.radius:.2g} m"
-            cure = "longer legs beside it, a blunter corner, or a shorter step_m"
-            allowed = f"{error.smallest:.2g} m or more: {cure}"
-            raise fault(f"{where}.waypoints_m[{index}]", found, allowed) from None
-        if agent.steps is not None and agent.steps > len(track):
-            raise fault(f"{where}.steps", str(agent.steps), f"at most {len(track)}, where the waypoints end")
-        off = np.degrees(np.abs(wrap(track.heading_rad[0] - np.radians(agent.start_heading_deg))))
-        if off > max(agent.prior.heading_deg, 1e-6):
-            facing = float(np.degrees(track.heading_rad[0]))
-            allowed = f"{facing:.1f} (the motion's) within prior.heading_deg"
-            raise fault(f"{where}.start_heading_deg", str(agent.start_heading_deg), allowed)
-        self._check_way(track.position_m, walls, f"{where}.waypoints_m")
-
-    def _check_way(self, way: Array, walls: Segments, where: str) -> None:
-        """Positions (N, 2) inside the region, clear of walls, and no wall between consecutive ones."""
-        outside = ~self.grid.holds(way)
-        if outside.any():
-            x, y = way[outside][0]
-            allowed = f"x in {list(self.grid.x_m)}, y in {list(self.grid.y_m)}"
-            raise fault(where, f"({x:.4g}, {y:.4g}) outside the grid", allowed)
-        for number, (start, end, line) in enumerate(zip(walls.start, walls.end, walls.line, strict=True)):
-            near = distance_to_segments(way, start[None], end[None])[:, 0] < CLEARANCE_M
-            if len(way) > 1:
-                here = crossing(way[:-1], way[1:], line)
-                with np.errstate(invalid="ignore"):
-                    along = (way[:-1] + here[:, None] * (way[1:] - way[:-1]) - start) @ (end - start)
-                    near[1:] |= (
-                        (here >= 0) & (here <= 1) & (along >= 0) & (along <= (end - start) @ (end - start))
-                    )
-            if near.any():
-                x, y = way[near][0]
-                found = f"({x:.4g}, {y:.4g}) in walls[{walls.wall[number]}]"
-                raise fault(where, found, f"places at least {CLEARANCE_M} m from every wall")
-        gap = np.linalg.norm(way[:, None] - self.scatterer_positions, axis=-1)
-        if gap.size and gap.min() < SCATTERER_M:
-            row, number = np.unravel_index(gap.argmin(), gap.shape)
-            x, y = way[row]
-            found = f"({x:.4g}, {y:.4g}) at scatterers[{number}]"
-            raise fault(where, found, f"places at least {SCATTERER_M} m from every scatterer")
-
 
 def _size(array: ArraySpec) -> int:
     return array.rows * array.columns
@@ -461,25 +385,3 @@ def _size(array: ArraySpec) -> int:
 def bundled_scenes() -> list[str]:
     """Names of the scenes that come with the package."""
     return sorted(path.stem for path in BUNDLED.glob("*.toml"))
-
-
-@lru_cache(maxsize=64)
-def _walk(agent: Agent) -> Trajectory:
-    """Track of an agent with waypoints, cut to its number of steps."""
-    whole = smooth_track(agent.way, agent.step_m, agent.interval_s, agent.acceleration_mps2)
-    return Trajectory(*(getattr(whole, f.name)[: agent.steps] for f in fields(whole)))
-
-
-def _surfaces(start: Array, end: Array) -> NDArray[np.intp]:
-    """Number of the infinite line on which each piece lies, in order of first appearance."""
-    surface = np.full(len(start), -1, dtype=np.intp)
-    for piece in np.argsort(
-        -np.linalg.norm(end - start, axis=1), kind="stable"
-    ):  # a long piece fixes a line best
-        if surface[piece] < 0:
-            angle, offset = line_through(start[piece], end[piece])
-            normal = np.array([np.cos(angle), np.sin(angle)])
-            gap = np.maximum(np.abs(start @ normal - offset), np.abs(end @ normal - offset))
-            surface[(gap <= COLLINEAR_M) & (surface < 0)] = piece
-    _, first, number = np.unique(surface, return_index=True, return_inverse=True)
-    return np.argsort(np.argsort(first))[number].astype(np.intp)
