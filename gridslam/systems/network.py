@@ -83,8 +83,8 @@ def step(
     state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
     state = set_clocks(state, scan.scans, model, works=work)  # (M103)
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
-    state = merge_and_prune_shared(state, model)
-    return replace(state, step=state.step + 1), NetworkInfo(tuple(infos))
+    state, told = merge_and_prune_shared(state, model, infos)
+    return replace(state, step=state.step + 1), NetworkInfo(told)
 
 
 def take_turns(

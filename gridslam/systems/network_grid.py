@@ -58,8 +58,8 @@ def step(
         for info, one, own in zip(infos, model.agents, work, strict=True)
     ]
     state = update_shared_cells(state, used, works=work)  # eqs. (43) to (46)
-    state = merge_and_prune_shared(state, model)
-    return replace(state, step=state.step + 1), NetworkInfo(tuple(infos))
+    state, told = merge_and_prune_shared(state, model, infos)
+    return replace(state, step=state.step + 1), NetworkInfo(told)
 
 
 def turn(

@@ -97,7 +97,11 @@ def merge_and_prune(state: State, model: FilterModel, most: int | None = MOST_SU
     bank, belief = prune(bank, belief, model.settings.prune_below, most)
     monitor = state.monitor
     if most is not None and len(bank) == most < len(before):
-        dropped = ~np.isin(before.identity, bank.identity)
-        crowded = int(np.count_nonzero(dropped & (before.existence > model.settings.detect_above)))
-        monitor = replace(monitor, dropped=crowded)
+        monitor = replace(monitor, dropped=dropped(before, bank, model.settings.detect_above))
     return replace(state, surfaces=bank, belief=belief, monitor=monitor)
+
+
+def dropped(before: SurfaceBank, after: SurfaceBank, sure: float) -> int:
+    """How many surfaces that were believed in are no longer there."""
+    gone = ~np.isin(before.identity, after.identity)
+    return int(np.count_nonzero(gone & (before.existence > sure)))

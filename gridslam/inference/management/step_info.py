@@ -67,6 +67,11 @@ class StepInfo:
         """Log of the step's normaliser: that of each anchor given the ones before, in ratio to clutter."""
         return sum(exchange.log_evidence for exchange in self.exchanges)
 
+    def doubted(self, reason: str) -> StepInfo:
+        """The same with one more reason for which health isn't good."""
+        why = "; ".join(filter(None, (self.health.why, reason)))
+        return replace(self, health=replace(self.health, ok=False, why=why))
+
 
 def conclude(
     state: State, exchanges: Sequence[Exchanged], reckoned: Calibration, model: FilterModel, work: Workspace

@@ -144,7 +144,7 @@ class HealthMonitor:
         if self.crowd:
             reasons.append(f"{self.crowd} loud paths of one anchor: {MOST_LOUD} of them propose poses")
         if self.dropped:
-            reasons.append(f"{self.dropped} surfaces left out for want of room")
+            reasons.append(left_out(self.dropped))
         health = Health(
             not reasons, "; ".join(reasons), effective, ratio, (low, high), share, np.array(heard),
             calibration.gain, calibration.turned.copy(), self.silent,
@@ -154,6 +154,11 @@ class HealthMonitor:
         return health, replace(
             self, usual=self.usual + (SLOW if self.usual > 0 else 1.0) * (share - self.usual)
         )
+
+
+def left_out(count: int) -> str:
+    """Say that so many surfaces aren't in the belief, which takes only so many."""
+    return f"{count} surfaces left out for want of room"
 
 
 def innovation_band(freedom: float) -> tuple[float, float]:
