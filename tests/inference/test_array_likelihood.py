@@ -24,6 +24,7 @@ def dense(band, path, samples):
     return log, np.linalg.inv(covariance)
 
 
+@pytest.mark.slow
 def test_all_of_it_is_that_of_the_dense_covariance():
     samples = heard(BAND, PATH, [4, 2j, 1])
     found = superpose_arrays(BAND, samples, PATH, WEIGHT, NOISE)

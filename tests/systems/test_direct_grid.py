@@ -42,6 +42,7 @@ def followed(slam, recording, steps=8):
     return [slam.step(recording.scan(number)) for number in range(steps)]
 
 
+@pytest.mark.slow
 def test_it_follows_the_agent_and_finds_walls(scene, recording, ran):
     slam, estimates = ran
     error = np.array([e.position_m for e in estimates]) - recording.truth.position_m
@@ -69,6 +70,7 @@ def test_coefficients_and_cells_are_learned(scene, ran):
     assert sheet.evidence.max() > 1 > -1 > sheet.evidence.min()
 
 
+@pytest.mark.slow
 def test_noise_is_estimated_and_scale_and_phase_mean_nothing(scene, recording, ran):
     np.testing.assert_allclose(ran[0].state.noise, 1, atol=0.06)
     rng = np.random.default_rng(1)
@@ -81,6 +83,7 @@ def test_noise_is_estimated_and_scale_and_phase_mean_nothing(scene, recording, r
     np.testing.assert_allclose(last.covariance, ran[1][7].covariance, rtol=1e-3, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_step_changes_nothing_that_it_is_handed_and_repeats(scene, recording, ran):
     slam = gs.DirectGridSlam(scene, waveform=recording.waveform)
     followed(slam, recording)
@@ -92,6 +95,7 @@ def test_a_step_changes_nothing_that_it_is_handed_and_repeats(scene, recording, 
     np.testing.assert_array_equal(slam.state.belief.mean[:2], ran[1][8].position_m)
 
 
+@pytest.mark.slow
 def test_it_goes_on_from_a_checkpoint_bit_for_bit(scene, recording, tmp_path):
     slam = gs.DirectGridSlam(scene, waveform=recording.waveform)
     followed(slam, recording, 6)
@@ -155,6 +159,7 @@ def test_an_agent_that_tells_no_angle_is_refused_in_one_line(array):
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.slow
 def test_one_antenna_at_the_anchors_will_do():
     scene = with_arrays()
     data = scene.model_dump(exclude_none=True)

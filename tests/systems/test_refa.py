@@ -20,6 +20,7 @@ def world():
     return scene, gs.simulate(scene, "agent1", 4)
 
 
+@pytest.mark.slow
 def test_it_follows_its_agent_maps_for_every_anchor_and_goes_on_bit_for_bit(world, tmp_path):
     scene, heard = world
     slam, errors = PublishedVirtualAnchorSlam(scene, seed=5), []
