@@ -74,7 +74,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         cloud, ratios = evaluate(heard, paths, visible.validity, amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
         births = propose_births(state, heard, cloud, ratios, radio, model, work=work)  # eq. (11)
-        births = recall_leftovers(births, state, heard, ratios, radio, model)  # (M251)
+        births, ratios = recall_leftovers(births, state, heard, ratios, radio, model)  # (M251)
         before = state
         state, exchange = update_surfaces_and_agent(
             state, heard, paths, ratios, reckoned.turned, model, work=work

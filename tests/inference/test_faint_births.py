@@ -8,11 +8,14 @@ from filter_states import model_of, state_of
 from scipy.stats import multivariate_normal
 
 import gridslam as gs
-from gridslam.inference.messages.faint_births import borne_out, single_bounces
+from gridslam.inference.messages.births import Births
+from gridslam.inference.messages.faint_births import borne_out, recall_leftovers, single_bounces
+from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.leftovers import MEMORY, MOST, Leftovers
+from gridslam.kernels.primitives import tables
 from gridslam.world.geometry import trace, wrap
 from gridslam.world.radio import BINS, REFLECTION_BINS
 
@@ -80,6 +83,25 @@ def test_one_earlier_measurement_counts_as_worked_out_by_hand():
     )
     silent = 0.5 + 0.5 * (1 - other) ** 2  # the second anchor heard nothing twice, or can't hear it
     np.testing.assert_allclose(gain, 0.5 * missed * ratio * silent, rtol=2e-3, atol=1e-4)
+
+
+def test_what_leftovers_bear_out_is_in_new_ratios_and_the_old_ones_are_left_alone():
+    model, state, heard = scene_of(left_over([1, 2], np.tile(at(LINE, POSE), (2, 1)), 3))
+    measured = np.zeros((tables.MEASURED_ROWS, 1))
+    measured[tables.NEW] = 1.5
+    old = LikelihoodRatios(None, None, np.zeros((tables.ODDS, 0)), np.zeros((5, 0, 1)), measured)
+    nobody = np.full((1, 2), -1, np.int32)
+    births = Births(np.zeros(1, np.int32), nobody, LINE[None], np.array([0.5]), np.zeros(1, np.int32))
+    for array in (measured, births.ratio, births.line):
+        array.setflags(write=False)
+    found, ratios = recall_leftovers(births, state, heard, old, model.radio, model)
+    assert old.new[0] == 1.5
+    assert births.ratio[0] == 0.5
+    assert found.ratio[0] > 5.0, "an earlier measurement bears it out"
+    assert found.seen[0] == 2
+    assert ratios.new[0] == pytest.approx(1.5 + found.ratio[0] - 0.5)
+    same = recall_leftovers(births, replace(state, leftovers=None), heard, old, model.radio, model)
+    assert same == (births, old)
 
 
 def test_silence_and_strangers_tell_nothing_for_a_line():

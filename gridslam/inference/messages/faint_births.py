@@ -85,8 +85,8 @@ def single_bounces(line: Array, places: Array, pose: Array) -> Predicted:
 def recall_leftovers(
     births: Births, state: State, heard: AnchorScan, ratios: LikelihoodRatios, radio: RadioModel,
     model: FilterModel,
-) -> Births:  # fmt: skip
-    """Weigh births of single bounces by what was left unexplained before; writes `ratios.new`.
+) -> tuple[Births, LikelihoodRatios]:  # fmt: skip
+    """Births of single bounces weighed by what was left unexplained before, and the ratios with their sums.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def recall_leftovers(
     """
     left = state.leftovers
     if left is None or not len(left) or not len(births):
-        return births
+        return births, ratios
     explained, amplitude = ratios.explained[births.measurement], heard.amplitude[births.measurement]
     new = (births.hit < 0).all(1) & (births.ratio < CERTAIN) & (explained < CERTAIN)
     new &= np.isfinite(heard.value[births.measurement]).all(1) & (amplitude > 0)
@@ -103,7 +103,7 @@ def recall_leftovers(
     if len(rows):
         rows = rows[_has_company(births.line[rows], left, model.places)]
     if not len(rows):
-        return births
+        return births, ratios
     support = np.ones((len(births), len(REFLECTION_BINS)))
     seen = np.zeros(len(births), np.int64)
     for row in rows.tolist():
@@ -116,8 +116,9 @@ def recall_leftovers(
     prior /= prior.sum(1, keepdims=True)
     ratio = births.ratio.copy()
     ratio[rows] *= (prior * support[rows]).sum(1)
-    np.add.at(ratios.measured[tables.NEW], births.measurement[rows], ratio[rows] - births.ratio[rows])
-    return replace(births, ratio=ratio, support=support, seen=seen)
+    measured = ratios.measured.copy()
+    np.add.at(measured[tables.NEW], births.measurement[rows], ratio[rows] - births.ratio[rows])
+    return replace(births, ratio=ratio, support=support, seen=seen), replace(ratios, measured=measured)
 
 
 def _has_company(line: Array, left: Leftovers, places: Array) -> NDArray[np.bool_]:
