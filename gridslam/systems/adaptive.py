@@ -10,29 +10,20 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam.inference.management.merging import merge_and_prune
-from gridslam.inference.management.parking import park, recall
 from gridslam.inference.management.pose_recovery import recover_pose
+from gridslam.inference.management.representation import representation_of
 from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.birth_proposals import propose_births
-from gridslam.inference.messages.births import add_births
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
 from gridslam.inference.messages.faint_births import recall_leftovers, remember_leftovers
 from gridslam.inference.messages.likelihood_ratios import evaluate
-from gridslam.inference.messages.motion import predict
-from gridslam.inference.messages.prediction import predict_paths
 from gridslam.inference.messages.ray_amplitudes import (
     predict_amplitudes,
     start_amplitudes,
     update_amplitudes,
 )
-from gridslam.inference.messages.sample_updates import (
-    at_samples,
-    keep_samples,
-    move_samples,
-    weigh_samples,
-)
-from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
+from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.leftovers import Leftovers
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
@@ -53,36 +44,30 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
 def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:
     """One step, as the list of its messages ([Li2025adaptive], section V)."""
     work.begin()
-    exchanges, earlier_s = list[Exchange](), state.time_s
-    state = predict(state, scan.time_s, len(scan), model)
-    state = move_samples(state, earlier_s, model, work=work)
+    exchanges, earlier_s, form = list[Exchange](), state.time_s, representation_of(state, model)
+    state = form.predict(state, scan.time_s, len(scan), model, work=work)
     reckoned = state.calibration
     model = work.calibrated(model, reckoned.turned)
     scans = split_by_anchor(scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)
-    recalled = state = keep_samples(recall(state, model), model, work=work)
+    recalled = state = form.recall(state, model, work=work)
     for heard in scans:
         radio = state.calibration.tuned(model.radio, heard.anchor)
-        paths = predict_paths(state, heard.anchor, model, work=work)  # eqs. (13), (14)
+        paths = form.predict_paths(state, heard.anchor, model, work=work)  # eqs. (13), (14)
         amplitudes = predict_amplitudes(state, paths, model.radio, work=work)  # eq. (13), amplitude
-        paths = at_samples(paths, state)
         cloud, ratios = evaluate(heard, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
         births = propose_births(state, heard, cloud, ratios, radio, model, work=work)
         births, ratios = recall_leftovers(births, state, heard, ratios, radio, model)  # (M251)
-        before = state
-        state, exchange = update_surfaces_and_agent(
+        state, exchange = form.update_surfaces_and_agent(
             state, heard, paths, ratios, reckoned.turned, model, work=work
         )
-        state = weigh_samples(before, state, paths, heard, ratios, model, work=work)
         state = update_amplitudes(state, paths, amplitudes, heard, ratios, model.radio, work=work)  # eq. (26)
         state = mark_detections(state, paths.rays, ratios.responsible.sum(1), model, work=work)
-        state, exchange, born = add_births(state, births, heard, exchange, radio, model, work=work)
+        state, exchange, born = form.add_births(state, births, heard, exchange, radio, model, work=work)
         state = start_amplitudes(state, born, heard, model.radio)
-        state = keep_samples(state, model, work=work)
         exchanges.append(exchange)
-    state = park(recalled, merge_and_prune(state, model, None), model)
-    state = keep_samples(state, model, work=work)
+    state = form.park(recalled, merge_and_prune(state, model, None), model, work=work)
     state = remember_leftovers(state, scans, exchanges, model)
     return conclude(state, exchanges, reckoned, model, work)
 

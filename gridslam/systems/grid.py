@@ -10,24 +10,16 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam.inference.management.merging import merge_and_prune
-from gridslam.inference.management.parking import park, recall
 from gridslam.inference.management.pose_recovery import recover_pose
+from gridslam.inference.management.representation import representation_of
 from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.birth_proposals import propose_births
-from gridslam.inference.messages.births import add_births
-from gridslam.inference.messages.cells import cast_messages, cast_paths, update_cells
+from gridslam.inference.messages.cells import cast_messages, update_cells
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.faint_births import recall_leftovers, remember_leftovers
 from gridslam.inference.messages.likelihood_ratios import evaluate
-from gridslam.inference.messages.motion import predict
 from gridslam.inference.messages.reflection import reflected, update_coefficients
-from gridslam.inference.messages.sample_updates import (
-    at_samples,
-    keep_samples,
-    move_samples,
-    weigh_samples,
-)
-from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
+from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.leftovers import Leftovers
@@ -57,37 +49,31 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
 def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:
     """One step, as the list of its messages ([Li2026grid], section III)."""
     work.begin()
-    exchanges, earlier_s = list[Exchange](), state.time_s
-    state = predict(state, scan.time_s, len(scan), model)  # section III-C
-    state = move_samples(state, earlier_s, model, work=work)
+    exchanges, earlier_s, form = list[Exchange](), state.time_s, representation_of(state, model)
+    state = form.predict(state, scan.time_s, len(scan), model, work=work)  # section III-C
     reckoned = state.calibration
     model = work.calibrated(model, reckoned.turned)
     scans = split_by_anchor(scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)
-    recalled = state = keep_samples(recall(state, model), model, work=work)
+    recalled = state = form.recall(state, model, work=work)
     for heard in scans:
         radio = state.calibration.tuned(model.radio, heard.anchor)
-        paths, visible = cast_paths(state, heard.anchor, model, work=work)  # eq. (1)
+        paths, visible = form.cast_paths(state, heard.anchor, model, work=work)  # eq. (1)
         amplitudes = reflected(visible.products, paths.rays, radio)  # eq. (2)
         # eqs. (8)-(10), (17)-(42)
-        paths = at_samples(paths, state)
         cloud, ratios = evaluate(heard, paths, visible.validity, amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
         births = propose_births(state, heard, cloud, ratios, radio, model, work=work)  # eq. (11)
         births, ratios = recall_leftovers(births, state, heard, ratios, radio, model)  # (M251)
-        before = state
-        state, exchange = update_surfaces_and_agent(
+        state, exchange = form.update_surfaces_and_agent(
             state, heard, paths, ratios, reckoned.turned, model, work=work
         )
-        state = weigh_samples(before, state, paths, heard, ratios, model, work=work)
-        state, exchange, _ = add_births(state, births, heard, exchange, radio, model, work=work)
-        state = keep_samples(state, model, work=work)
+        state, exchange, _ = form.add_births(state, births, heard, exchange, radio, model, work=work)
         exchanges.append(exchange)
     drawn = cast_messages(state, model, work=work)  # eqs. (43) to (45)
     state = update_coefficients(state, drawn, model, work=work)
     state = update_cells(state, work=work)  # eq. (46)
-    state = park(recalled, merge_and_prune(state, model, None), model)
-    state = keep_samples(state, model, work=work)
+    state = form.park(recalled, merge_and_prune(state, model, None), model, work=work)
     state = remember_leftovers(state, scans, exchanges, model)
     return conclude(state, exchanges, reckoned, model, work)
 

@@ -7,10 +7,16 @@ import pytest
 from scipy.stats import norm
 
 import gridslam as gs
+from gridslam.inference.management.representation import (
+    JointGaussian,
+    SeparateGaussians,
+    SeparateParticles,
+    representation_of,
+)
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.prediction import predict_paths
 from gridslam.inference.messages.ray_amplitudes import predict_amplitudes
-from gridslam.inference.messages.sample_updates import _densities, at_samples, keep_samples, sample_logs
+from gridslam.inference.messages.sample_updates import _densities, at_samples, sample_logs
 from gridslam.inference.messages.updates import update_surfaces_and_agent
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.belief import Belief
@@ -145,8 +151,19 @@ def test_surfaces_that_stay_keep_their_particles_and_new_ones_are_drawn():
     np.testing.assert_allclose(np.cov(after.lines[0].T), covariance[5:7, 5:7], atol=0.01)
 
 
-def test_a_state_without_particles_is_left_alone():
-    slam = gs.AdaptiveSlam(gs.Scene.load("room"), seed=1)
-    paths = predict_paths(slam.state, 0, slam.model, work=slam.work)
-    assert at_samples(paths, slam.state) is paths
-    assert keep_samples(slam.state, slam.model, work=slam.work) is slam.state
+@pytest.mark.parametrize(
+    ("settings", "form"),
+    [
+        ({}, JointGaussian),
+        ({"correlated": False}, SeparateGaussians),
+        ({"representation": "particles", "particles": 960}, SeparateParticles),
+    ],
+)
+def test_a_state_meets_the_messages_of_its_representation(settings, form):
+    slam = gs.AdaptiveSlam(gs.Scene.load("room").with_filter(**settings), seed=1)
+    found = representation_of(slam.state, slam.model)
+    assert type(found) is form
+    after = found.with_surfaces(slam.state, slam.model, slam.work)
+    assert (after is slam.state) == (form is JointGaussian)
+    paths = found.predict_paths(slam.state, 0, slam.model, work=slam.work)
+    assert (paths.recipe.kept == 0.0) == (form is SeparateParticles), "at the particles themselves"

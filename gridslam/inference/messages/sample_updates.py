@@ -1,6 +1,7 @@
 """Messages of the papers' representation: particles are moved, meet the paths, are weighted and resampled.
 
-Of a state without particles nothing changes. [Li2025adaptive], section V; docs/model.md, (M142).
+They are part of a step by `inference/management/representation.py`. [Li2025adaptive], section V;
+docs/model.md, (M142).
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from gridslam.inference.messages.image_particles import moved_agents
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.prediction import PredictedPaths
 from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.belief import separated
 from gridslam.inference.state.particles import Recipe
 from gridslam.inference.state.state import State
 from gridslam.inference.state.state_samples import StateSamples
@@ -37,9 +37,9 @@ MOVING, WEIGHING, BEARING = range(3)
 @timed("updates")
 def move_samples(state: State, earlier_s: float | None, model: FilterModel, *, work: Workspace) -> State:
     """Particles a step on: motion of the agent, walk of the surfaces where they were hit last."""
-    if state.samples is None or earlier_s is None or state.time_s is None:
+    if earlier_s is None or state.time_s is None:
         return state
-    samples, draw = state.samples, _stream(work, state, MOVING)
+    samples, draw = state.require_samples(), _stream(work, state, MOVING)
     agent = moved_agents(samples.agent, state.time_s - earlier_s, model, draw)
     size, shift = samples.lines.shape[:2], model.settings.surface_m
     turn = shift / TURN_M * draw.standard_normal(size)
@@ -50,9 +50,7 @@ def move_samples(state: State, earlier_s: float | None, model: FilterModel, *, w
 
 def at_samples(paths: PredictedPaths, state: State) -> PredictedPaths:
     """The paths, to be evaluated at the state's own particles: points, the k-th of all beliefs together."""
-    if state.samples is None:
-        return paths
-    samples, mean = state.samples, state.belief.mean
+    samples, mean = state.require_samples(), state.belief.mean
     whole = np.concatenate([samples.agent, *samples.lines], axis=1).T
     off = whole - mean[:, None]
     off[4] = wrap(off[4])
@@ -74,9 +72,7 @@ def weigh_samples(
     before, state : State
         Before and after the updates; what exists is taken from the latter.
     """
-    if before.samples is None:
-        return state
-    samples, draw = before.samples, _stream(work, state, WEIGHING, heard.anchor)
+    samples, draw = before.require_samples(), _stream(work, state, WEIGHING, heard.anchor)
     logs, surfaces = sample_logs(samples, before.surfaces.existence, paths, ratios, model.places)
     lines = samples.lines.copy()
     for row in np.flatnonzero(surfaces.any(1)):
@@ -116,12 +112,10 @@ def sample_logs(
     return logs, surfaces
 
 
-def keep_samples(state: State, model: FilterModel, *, work: Workspace) -> State:
-    """The state in its representation: particles of the surfaces there are, or a Gaussian as set."""
-    if state.samples is None:
-        return state if model.settings.correlated else replace(state, belief=separated(state.belief))
+def sampled_anew(state: State, *, work: Workspace) -> State:
+    """The state with particles of the surfaces there are: those of new ones are drawn."""
     draw = _stream(work, state, BEARING, state.next_identity)
-    return _with(state, state.samples.having(state.surfaces.identity, state.belief, draw))
+    return _with(state, state.require_samples().having(state.surfaces.identity, state.belief, draw))
 
 
 def _densities(

@@ -126,3 +126,15 @@ class State:
         if self.grid is None:
             raise ValueError("this state has no grid")
         return self.grid
+
+    def require_samples(self) -> StateSamples:
+        """The particles, of a state that is held in them.
+
+        Raises
+        ------
+        ValueError
+            This one isn't.
+        """
+        if self.samples is None:
+            raise ValueError("this state has no particles")
+        return self.samples
