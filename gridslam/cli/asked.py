@@ -3,49 +3,85 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
+import typer
+
+from gridslam.cli.agents import named_file
+from gridslam.cli.help import SCENE_HELP, method_names, scene_names
+from gridslam.cli.options import flag
+from gridslam.cli.resume import as_saved
 from gridslam.errors import InputError
+from gridslam.systems.registry import DEFAULT, method_help
 
 if TYPE_CHECKING:
-    import typer
-
     from gridslam.world.scene import Scene
 
+MAIN_SCENE = "hall"
 
-@dataclass(frozen=True)
-class Asked:
-    """Options of `run`, by the names of its parameters, and the scene as they leave it."""
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """Options of `run`, as they were given or as a run had them that is gone on with."""
+
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, autocompletion=scene_names)] = MAIN_SCENE
+    agent: Annotated[list[str] | None, typer.Option(help="agents, in order")] = None
+    method: Annotated[str, typer.Option(help=method_help(), autocompletion=method_names)] = DEFAULT
+    particles: Annotated[int | None, typer.Option(help="instead of the scene's filter.particles")] = None
+    seed: Annotated[int, typer.Option(min=0)] = 0
+    measurements: Annotated[Path | None, typer.Option(help="CSV, MATLAB or HDF5 file of the one agent")] = (
+        None
+    )
+    signal: Annotated[
+        Path | None, typer.Option(help="sampled signals of the one agent, for methods that take them")
+    ] = None
+    truth: Annotated[
+        list[str] | None,
+        typer.Option(help="FILE.tum to score what was recorded by; of several agents at once NAME=FILE.tum"),
+    ] = None
+    map_file: Annotated[Path | None, typer.Option("--map", help="map to start from")] = None
+    same_frame: Annotated[
+        bool, flag("--same-frame", "the map is in the scene's frame, though it shares no anchor")
+    ] = False
+    start: Annotated[
+        str | None, typer.Option(help="told start: drawn from the prior by seed (default), or exact")
+    ] = None
+    device: Annotated[str, typer.Option(help="auto, cpu or gpu")] = "auto"
+    threads: Annotated[int | None, typer.Option(min=1)] = None
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="new folder")] = None
+    overwrite: Annotated[bool, flag("--overwrite", "replace an earlier run's folder")] = False
+    rerun: Annotated[bool, flag("--rerun", "show it in the Rerun viewer meanwhile")] = False
+    rerun_to: Annotated[
+        str | None, typer.Option(help="FILE.rrd to record to instead, or HOST:PORT of a viewer")
+    ] = None
+    checkpoint: Annotated[
+        int | None, typer.Option(min=1, help="steps between checkpoints, from which --resume goes on")
+    ] = None
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            help="folder of an interrupted run with --checkpoint: go on with it, as it was asked for",
+            is_eager=True,
+            callback=as_saved,
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked(RunOptions):
+    """Options of `run`, and the scene as they leave it."""
 
     context: typer.Context
     world: Scene
-    method: str
-    agent: list[str] | None
-    seed: int
-    measurements: Path | None
-    signal: Path | None
-    truth: list[str] | None
-    map_file: Path | None
-    same_frame: bool
-    start: str | None
-    device: str
-    threads: int | None
-    output: Path | None
-    overwrite: bool
-    rerun: bool
-    rerun_to: str | None
-    resume: Path | None
 
     @classmethod
-    def of(cls, context: typer.Context, world: Scene) -> Self:
-        """All options of a command as they were given, or as a run had them that is gone on with."""
-        given: dict[str, Any] = {
-            f.name: context.params[f.name] for f in fields(cls) if f.name in context.params
-        }
-        if given["resume"] is not None:
-            given["output"] = given["resume"]
+    def of(cls, context: typer.Context, options: RunOptions, world: Scene) -> Self:
+        """What was asked for in this context; a run that is gone on with stays in its folder."""
+        if options.resume is not None:
+            options = replace(options, output=options.resume)
+        given = {f.name: getattr(options, f.name) for f in fields(options)}
         return cls(context=context, world=world, **given)
 
     @property
@@ -85,31 +121,3 @@ class Asked:
                 raise InputError("--truth", item, f"NAME=FILE.tum, one for each of {', '.join(agents)}")
             found[whose] = path
         return found
-
-
-def named_file(item: str) -> tuple[str | None, Path]:
-    """Agent and file of ``NAME=FILE``, or of a file alone, which may have such a sign in its name."""
-    name, sign, rest = item.partition("=")
-    return (name, Path(rest)) if sign and not Path(item).exists() else (None, Path(item))
-
-
-def agents_of(world: Scene, chosen: list[str] | None, measurements: Path | None) -> list[str]:
-    """Names of the agents to run, all of which can be."""
-    names = chosen or [agent.name for agent in world.agents[: 1 if measurements else None]]
-    if not names:
-        raise InputError(f"{world.name}: agents", "none", "at least one")
-    if measurements and len(names) > 1:
-        raise InputError("--agent", ", ".join(names), "one agent with --measurements")
-    if len(set(names)) < len(names):
-        raise InputError("--agent", ", ".join(names), "each agent once")
-    for name in names:
-        world.agent(name)
-        if measurements is None and not world.walls:
-            raise InputError(
-                f"{world.name}: walls",
-                "none",
-                "walls to simulate from, or --measurements FILE (--signal FILE)",
-            )
-        if measurements is None:
-            world.track(name)
-    return names

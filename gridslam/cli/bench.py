@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gridslam.cli.help import COMPARE
+from gridslam.cli.options import flag
 from gridslam.errors import InputError
 from gridslam.systems.registry import method_class, method_help
 
@@ -35,14 +36,14 @@ def bench(
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="write all numbers here too")
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="everything, but too briefly to be exact")] = False,
+    quick: Annotated[bool, flag("--quick", "everything, but too briefly to be exact")] = False,
     method: Annotated[
         list[str] | None,
         typer.Option(help="time steps of this one alone: " + method_help("; may be repeated")),
     ] = None,
     device: Annotated[str, typer.Option(help="auto, cpu or gpu")] = "auto",
     threads: Annotated[int | None, typer.Option(min=1, help="of the kernels")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace that file")] = False,
+    overwrite: Annotated[bool, flag("--overwrite", "replace that file")] = False,
 ) -> None:
     """Measure speed and memory on this machine: kernels against NumPy, steps, growth, start-up."""
     from gridslam.bench.bench import measure

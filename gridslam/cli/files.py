@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 
 from gridslam.cli.help import LOOK, SCENES
+from gridslam.cli.options import flag
 from gridslam.errors import InputError
 
 out = Console()
@@ -68,8 +69,8 @@ def check(
 def export(
     map_file: Annotated[Path, typer.Argument(metavar="MAP.h5")],
     output: Annotated[Path, typer.Option("-o", "--output", help="folder; other files in it stay")],
-    raw: Annotated[bool, typer.Option("--raw", help="nav2: the cells alone, no walls drawn in")] = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace files of these names")] = False,
+    raw: Annotated[bool, flag("--raw", "nav2: the cells alone, no walls drawn in")] = False,
+    overwrite: Annotated[bool, flag("--overwrite", "replace files of these names")] = False,
 ) -> None:
     """Export a map for others: nav2 (yaml, pgm), pictures (png), tables (csv), walls, features (GeoJSON)."""
     from gridslam.importers.geojson import write_features, write_surfaces
@@ -110,9 +111,9 @@ def fuse(
     maps: Annotated[list[Path], typer.Argument(metavar="MAP.h5...", help="two or more")],
     output: Annotated[Path, typer.Option("-o", "--output", help="FILE.h5")],
     same_frame: Annotated[
-        bool, typer.Option("--same-frame", help="they are in one frame, though they share no anchor")
+        bool, flag("--same-frame", "they are in one frame, though they share no anchor")
     ] = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace a file of this name")] = False,
+    overwrite: Annotated[bool, flag("--overwrite", "replace a file of this name")] = False,
 ) -> None:
     """Make one map of maps that agents made apart from each other."""
     from gridslam.maps.fusion import fuse as fused
@@ -136,7 +137,7 @@ def plot(
         float | None,
         typer.Option(min=5, max=50, help="of the figures, cm: 8.8 suits a column (default: 18.3)"),
     ] = None,
-    rerun: Annotated[bool, typer.Option("--rerun", help="show it in the Rerun viewer instead")] = False,
+    rerun: Annotated[bool, flag("--rerun", "show it in the Rerun viewer instead")] = False,
     rerun_to: Annotated[str | None, typer.Option(help="as that of run")] = None,
 ) -> None:
     """Draw a finished run's figures again."""

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from gridslam.cli.options import flag
+
 MAP, LOOK, SCENES, COMPARE = "Map", "Look at and hand over", "Scenes", "Compare and measure"
 """Groups of commands."""
 SCENE_HELP = "bundled name or path"
@@ -35,7 +37,7 @@ def _version(asked: bool) -> None:
 
 def about(
     version: Annotated[
-        bool, typer.Option("--version", help="Show the version and exit.", is_eager=True, callback=_version)
+        bool, flag("--version", "Show the version and exit.", is_eager=True, callback=_version)
     ] = False,
 ) -> None:
     """Radio multipath in, a map out. Begin with: gridslam run; gridslam check FILE looks at your own data."""

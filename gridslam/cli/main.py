@@ -11,8 +11,9 @@ import typer
 from rich.console import Console
 
 from gridslam.cli import bench, files, scene, signals
-from gridslam.cli.asked import agents_of
+from gridslam.cli.agents import agents_of
 from gridslam.cli.help import COMPARE, MAP, SCENE_HELP, about, scene_names
+from gridslam.cli.options import flag, unpacked
 from gridslam.cli.robustness import robustness
 from gridslam.cli.run import run
 from gridslam.cli.study import study
@@ -25,7 +26,7 @@ app = typer.Typer(
 )
 out, err = Console(), Console(stderr=True)
 app.callback()(about)
-app.command(rich_help_panel=MAP)(run)
+app.command(rich_help_panel=MAP)(unpacked(run))
 
 
 @app.command(rich_help_panel=MAP)
@@ -36,13 +37,11 @@ def simulate(
         list[str] | None, typer.Option(help="default: the first; several go into one file")
     ] = None,
     unlabelled: Annotated[
-        bool, typer.Option("--unlabelled", help="nothing says which anchor a measurement is of")
+        bool, flag("--unlabelled", "nothing says which anchor a measurement is of")
     ] = False,
-    signal: Annotated[
-        bool, typer.Option("--signal", help="sampled signals instead of paths, into FILE.h5")
-    ] = False,
+    signal: Annotated[bool, flag("--signal", "sampled signals instead of paths, into FILE.h5")] = False,
     seed: Annotated[int, typer.Option(min=0)] = 0,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace files of these names")] = False,
+    overwrite: Annotated[bool, flag("--overwrite", "replace files of these names")] = False,
 ) -> None:
     """Write what an agent would hear, or several agents at once."""
     from gridslam.io.files import refuse_taken
@@ -76,7 +75,7 @@ def simulate(
 signals.register(app)
 files.register(app)
 scene.register(app)
-app.command(rich_help_panel=COMPARE)(study)
+app.command(rich_help_panel=COMPARE)(unpacked(study))
 app.command(rich_help_panel=COMPARE)(robustness)
 bench.register(app)
 

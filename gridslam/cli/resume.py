@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from gridslam.cli.asked import named_file
+from gridslam.cli.agents import named_file
 from gridslam.errors import InputError
 
 if TYPE_CHECKING:

@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from gridslam.cli.options import flag
 from gridslam.errors import InputError
 from gridslam.systems.registry import DEFAULT, method_class, method_help
 
@@ -29,7 +30,7 @@ def robustness(
     case: Annotated[list[str] | None, typer.Option(help="kinds of disturbance; default: all")] = None,
     method: Annotated[str, typer.Option(help=method_help())] = DEFAULT,
     threads: Annotated[int | None, typer.Option(min=1)] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier table")] = False,
+    overwrite: Annotated[bool, flag("--overwrite", "replace an earlier table")] = False,
 ) -> None:
     """Disturb what a filter hears and is told: errors in bounds before, during and after, and its health."""
     from gridslam import runtime

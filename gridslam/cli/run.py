@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.console import Console
 
-from gridslam.cli.asked import Asked, agents_of
-from gridslam.cli.help import SCENE_HELP, method_names, scene_names
+from gridslam.cli.agents import agents_of
+from gridslam.cli.asked import Asked, RunOptions
 from gridslam.cli.network import run_network
 from gridslam.cli.observed import (
     angles_hint,
@@ -22,9 +21,9 @@ from gridslam.cli.observed import (
     view_of,
 )
 from gridslam.cli.output import interruptible, reserved
-from gridslam.cli.resume import as_saved, refuse_contradictions, unfinished
+from gridslam.cli.resume import refuse_contradictions, unfinished
 from gridslam.cli.run_end import Done, busy, finish, go_on_later
-from gridslam.systems.registry import DEFAULT, METHODS, method_class, method_help, taken_by
+from gridslam.systems.registry import METHODS, method_class, taken_by
 
 if TYPE_CHECKING:
     from gridslam.maps.map import Map
@@ -35,62 +34,19 @@ if TYPE_CHECKING:
     from gridslam.world.scene import Scene
 
 err = Console(stderr=True)
-MAIN_SCENE = "hall"
 
 
-def run(
-    context: typer.Context,
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, autocompletion=scene_names)] = MAIN_SCENE,
-    agent: Annotated[list[str] | None, typer.Option(help="agents, in order")] = None,
-    method: Annotated[str, typer.Option(help=method_help(), autocompletion=method_names)] = DEFAULT,
-    particles: Annotated[int | None, typer.Option(help="instead of the scene's filter.particles")] = None,
-    seed: Annotated[int, typer.Option(min=0)] = 0,
-    measurements: Annotated[
-        Path | None, typer.Option(help="CSV, MATLAB or HDF5 file of the one agent")
-    ] = None,
-    signal: Annotated[
-        Path | None, typer.Option(help="sampled signals of the one agent, for methods that take them")
-    ] = None,
-    truth: Annotated[
-        list[str] | None,
-        typer.Option(help="FILE.tum to score what was recorded by; of several agents at once NAME=FILE.tum"),
-    ] = None,
-    map_file: Annotated[Path | None, typer.Option("--map", help="map to start from")] = None,
-    same_frame: Annotated[
-        bool, typer.Option("--same-frame", help="the map is in the scene's frame, though it shares no anchor")
-    ] = False,
-    start: Annotated[
-        str | None, typer.Option(help="told start: drawn from the prior by seed (default), or exact")
-    ] = None,
-    device: Annotated[str, typer.Option(help="auto, cpu or gpu")] = "auto",
-    threads: Annotated[int | None, typer.Option(min=1)] = None,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="new folder")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier run's folder")] = False,
-    rerun: Annotated[bool, typer.Option("--rerun", help="show it in the Rerun viewer meanwhile")] = False,
-    rerun_to: Annotated[
-        str | None, typer.Option(help="FILE.rrd to record to instead, or HOST:PORT of a viewer")
-    ] = None,
-    checkpoint: Annotated[
-        int | None, typer.Option(min=1, help="steps between checkpoints, from which --resume goes on")
-    ] = None,
-    resume: Annotated[
-        Path | None,
-        typer.Option(
-            help="folder of an interrupted run with --checkpoint: go on with it, as it was asked for",
-            is_eager=True,
-            callback=as_saved,
-        ),
-    ] = None,
-) -> None:
+def run(context: typer.Context, options: RunOptions) -> None:
     """Run SLAM: map a scene with its agents, each from the map that the one before it left."""
     from gridslam.world.scene import Scene
 
-    if resume is not None:
-        refuse_contradictions(context, resume)
-    world = Scene.load(scene)
-    world = world if particles is None else world.with_filter(particles=particles)
-    asked = Asked.of(context, world)
-    if method in METHODS and METHODS[method].several:
+    if options.resume is not None:
+        refuse_contradictions(context, options.resume)
+    world = Scene.load(options.scene)
+    if options.particles is not None:
+        world = world.with_filter(particles=options.particles)
+    asked = Asked.of(context, options, world)
+    if asked.method in METHODS and METHODS[asked.method].several:
         run_network(asked)
     else:
         _run_in_turn(asked)

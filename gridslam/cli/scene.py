@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 
 from gridslam.cli.help import LOOK, SCENE_HELP, SCENES, scene_names
+from gridslam.cli.options import flag
 from gridslam.errors import InputError
 
 out = Console()
@@ -30,7 +31,7 @@ def _scene() -> None:
 @scene_app.command("new")
 def new_scene(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="SCENE.toml")],
-    overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
+    overwrite: Annotated[bool, flag("--overwrite")] = False,
 ) -> None:
     """Write a scene file to begin with: a room with two anchors, and what each key means."""
     from gridslam.io.files import refuse_taken, write_bytes
@@ -50,7 +51,7 @@ def new_scene(
 @scene_app.command("show")
 def show_scene(
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, autocompletion=scene_names)],
-    whole: Annotated[bool, typer.Option("--whole", help="all keys with defaults and what they mean")] = False,
+    whole: Annotated[bool, flag("--whole", "all keys with defaults and what they mean")] = False,
 ) -> None:
     """Print a scene file."""
     from gridslam.world.scene import BUNDLED, Scene, bundled_scenes
@@ -73,8 +74,8 @@ def import_plan(
     unit: Annotated[str | None, typer.Option(help="of a DXF drawing: m, dm, cm, mm, in or ft")] = None,
     origin: Annotated[str, typer.Option(help="x,y of the plan that becomes the scene's 0,0, m")] = "0,0",
     cell: Annotated[float, typer.Option(min=0.001, help="side of a cell, m")] = 0.1,
-    geographic: Annotated[bool, typer.Option("--geographic", help="GeoJSON in degrees")] = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
+    geographic: Annotated[bool, flag("--geographic", "GeoJSON in degrees")] = False,
+    overwrite: Annotated[bool, flag("--overwrite")] = False,
 ) -> None:
     """Make a scene file of a floor plan, and a picture of it beside it."""
     from gridslam.importers import dxf, geojson
@@ -118,7 +119,7 @@ def import_plan(
 
 def report(
     directory: Annotated[Path, typer.Argument(metavar="RUN", help="a run's folder")],
-    still: Annotated[bool, typer.Option("--still", help="without the moving picture of each agent")] = False,
+    still: Annotated[bool, flag("--still", "without the moving picture of each agent")] = False,
 ) -> None:
     """Write report.html into a run's folder: one page with all its figures, which opens offline."""
     from rich.progress import Progress

@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 
 from gridslam.cli.help import MAP, SCENE_HELP, scene_names
+from gridslam.cli.options import flag
 from gridslam.errors import InputError
 
 out = Console()
@@ -31,7 +32,7 @@ def extract(
     false_alarms: Annotated[
         float | None, typer.Option(help="noise peaks per anchor and step that pass (default: 0.1)")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace a file of this name")] = False,
+    overwrite: Annotated[bool, flag("--overwrite", "replace a file of this name")] = False,
 ) -> None:
     """Find the paths in sampled signals, for methods that take path measurements."""
     from gridslam.extraction.front_end import extract as found_in

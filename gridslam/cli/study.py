@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from gridslam.cli.options import flag
 from gridslam.errors import InputError
 from gridslam.systems.registry import DEFAULT, method_help
 
@@ -23,9 +25,46 @@ WIDEST_TABLE = 160
 """Columns up to which the table is printed whole, whatever the terminal."""
 
 
+@dataclass(frozen=True)
+class Place:
+    """Where the runs are done."""
+
+    scheduler: Annotated[str | None, typer.Option(help="of a Dask cluster, e.g. tcp://host:8786")] = None
+    workers: Annotated[int | None, typer.Option(min=1, help="processes here; default: one per core")] = None
+
+    def open(self) -> Workers:
+        """Processes here, or those of a cluster.
+
+        Raises
+        ------
+        InputError
+            Both were asked for.
+        """
+        from gridslam.studies.workers import ClusterWorkers, LocalWorkers
+
+        if self.scheduler is None:
+            return LocalWorkers(self.workers)
+        if self.workers:
+            found = f"{self.workers} with --scheduler"
+            raise InputError("--workers", found, "one of them; a cluster has its own")
+        return ClusterWorkers(self.scheduler)
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What the figures are like."""
+
+    form: Annotated[str, typer.Option("--format", help="of the figures: png, pdf or svg")] = "png"
+    width: Annotated[
+        float | None,
+        typer.Option(min=5, max=50, help="of the figures, cm: 8.8 suits a column (default: 20.3)"),
+    ] = None
+
+
 def study(
     scene: Annotated[list[str], typer.Argument(help="bundled names or paths")],
     output: Annotated[Path, typer.Option("-o", "--output", help="folder; an interrupted study goes on")],
+    *,
     runs: Annotated[int, typer.Option(min=1, help="seeds per method, scene and setting")] = 20,
     seed: Annotated[int, typer.Option(min=0, help="the first seed")] = 0,
     method: Annotated[list[str] | None, typer.Option(help=method_help("; may be repeated"))] = None,
@@ -34,27 +73,20 @@ def study(
     ] = None,
     agent: Annotated[list[str] | None, typer.Option(help="agents, in order")] = None,
     start: Annotated[str, typer.Option(help="told start: drawn from the prior by seed, or exact")] = "drawn",
-    scheduler: Annotated[str | None, typer.Option(help="of a Dask cluster, e.g. tcp://host:8786")] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="processes here; default: one per core")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="begin anew")] = False,
-    form: Annotated[str, typer.Option("--format", help="of the figures: png, pdf or svg")] = "png",
-    width: Annotated[
-        float | None,
-        typer.Option(min=5, max=50, help="of the figures, cm: 8.8 suits a column (default: 20.3)"),
-    ] = None,
+    place: Place,
+    overwrite: Annotated[bool, flag("--overwrite", "begin anew")] = False,
+    figures: Figures,
 ) -> None:
     """Run many seeds, methods and settings; write tables and figures. Started again, it goes on."""
     from gridslam.drawing.map_figure import FORMATS
     from gridslam.studies.plots import WHOLE_IN, draw_study
     from gridslam.studies.study import Study
     from gridslam.studies.tables import batches, summary_rows, write_tables
-    from gridslam.studies.workers import ClusterWorkers, LocalWorkers
     from gridslam.world.scene import Scene
 
-    if scheduler is not None and workers:
-        raise InputError("--workers", f"{workers} with --scheduler", "one of them; a cluster has its own")
-    if form not in FORMATS:
-        raise InputError("--format", repr(form), ", ".join(FORMATS))
+    where = place.open()
+    if figures.form not in FORMATS:
+        raise InputError("--format", repr(figures.form), ", ".join(FORMATS))
     plan = Study(
         tuple(Scene.load(name) for name in scene),
         tuple(method or [DEFAULT]),
@@ -63,12 +95,12 @@ def study(
         tuple(agent or ()),
         start,
     )
-    where: Workers = ClusterWorkers(scheduler) if scheduler is not None else LocalWorkers(workers)
     outcome = _run(plan, output, where, overwrite)
     found = batches(outcome)
     if found:
         write_tables(output, found)
-        draw_study(output, found, form, WHOLE_IN if width is None else width / 2.54)
+        width = WHOLE_IN if figures.width is None else figures.width / 2.54
+        draw_study(output, found, figures.form, width)
         _table(summary_rows(found))
     done = sum(record is not None for record in outcome.records)
     line = f"{output}: {done} of {len(outcome.records)} runs, {outcome.fresh} of them new"

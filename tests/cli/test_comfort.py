@@ -35,9 +35,9 @@ def test_module_is_the_command_line(tmp_path):
 def test_commands_come_in_groups_and_names_are_completed():
     import typer
 
+    from gridslam.cli.asked import MAIN_SCENE
     from gridslam.cli.help import COMPARE, LOOK, MAP, SCENES, method_names, scene_names
     from gridslam.cli.main import app
-    from gridslam.cli.run import MAIN_SCENE
 
     commands = typer.main.get_command(app).commands.values()
     assert {command.rich_help_panel for command in commands} == {MAP, LOOK, SCENES, COMPARE}
