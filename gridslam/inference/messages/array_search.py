@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.messages.array_likelihood import ArrayBand, Complex, one_more, products
+from gridslam.inference.messages.path_search import take_in
 from gridslam.inference.messages.state_mode import PathsPrior, StateMode, state_mode
 from gridslam.world.geometry import wrap
 
@@ -78,44 +79,70 @@ def level_of(band: ArrayBand, rate: float = FALSE_PEAKS) -> float:
 
 
 def find_paths(band: ArrayBand, samples: Complex, prior: PathsPrior, noise: float, power: Array) -> Found:
-    """The joint mode, with paths that the known ones leave unexplained taken in, strongest first.
+    """The joint mode of the known paths, and of new ones that these leave unexplained; see `take_in`.
 
-    Each is solved for together with all known paths from their prediction: judged after an update, the agent
-    would have swallowed the misfit. One beside a known path that was hardly believed in is taken to be this.
+    A peak beside a known path that was hardly believed in is taken to be this.
 
     Parameters
     ----------
     power : (N,)
         Mean power of the known paths if they are there.
     """
-    known, level = len(prior.table), level_of(band)
-    mode = state_mode(band, samples, prior, noise)
-    avoid = np.zeros((0, 3))
-    for _ in range(2 * MOST_NEW):
-        rest = samples - _composed(band, mode)
-        peak = _climbed(band, rest, _strongest(band, rest, avoid))
-        matched, own = one_more(band, samples, peak[None], mode.path, prior.weight, noise)
-        if abs(matched[0]) ** 2 / own[0] < level:
-            break
-        beside = _beside(band, mode.path, peak)
+    prior, mode = take_in(_Peaks(band, samples, noise, power), prior)
+    return Found(prior, mode, _new(prior, mode, noise))
+
+
+@dataclass(frozen=True, eq=False)
+class _Peak:
+    """A path (3,) and its mean power, as it seems."""
+
+    path: Array
+    power: float
+
+
+class _Peaks:
+    """Peaks over length, departure and arrival; see `path_search.Candidates`."""
+
+    tries = 2 * MOST_NEW
+
+    def __init__(self, band: ArrayBand, samples: Complex, noise: float, power: Array) -> None:
+        self.band, self.samples, self.noise, self.power = band, samples, noise, power
+        self.level = level_of(band)
+        self.avoid = np.zeros((0, 3))
+
+    def solve(self, prior: PathsPrior) -> StateMode:
+        return state_mode(self.band, self.samples, prior, self.noise)
+
+    def strongest(self, prior: PathsPrior, mode: StateMode) -> _Peak | None:
+        if len(prior.free) == MOST_NEW:
+            return None
+        rest = self.samples - _composed(self.band, mode)
+        path = _climbed(self.band, rest, _strongest(self.band, rest, self.avoid))
+        matched, own = one_more(self.band, self.samples, path[None], mode.path, prior.weight, self.noise)
+        if abs(matched[0]) ** 2 / own[0] < self.level:
+            return None
+        return _Peak(path, float(abs(matched[0]) / own[0]) ** 2)
+
+    def widened(self, prior: PathsPrior, mode: StateMode, peak: _Peak) -> PathsPrior | None:
+        known, power = len(prior.table), self.power
+        beside = _beside(self.band, mode.path, peak.path)
         faint = beside[:known] & (LEAST_RAISE * prior.weight[:known] < HALF * power)
         if faint.any():
             row = int(np.where(faint, power, -1.0).argmax())
-            prior = prior.reweighted(row, HALF * power[row])
-            mode = state_mode(band, samples, prior, noise)
-        elif beside.any():
-            avoid = np.concatenate([avoid, mode.path[beside], peak[None]])
-        else:
-            wider = prior.with_path(peak, float(abs(matched[0]) / own[0]) ** 2)
-            trial = state_mode(band, samples, wider, noise)
-            gained, left = trial.paths.without(wider.weight)
-            if gained[-1] / left[-1] < level or _beside(band, mode.path, trial.path[-1]).any():
-                avoid = np.concatenate([avoid, peak[None]])
-                continue
-            prior, mode = wider, trial
-            if len(prior.free) == MOST_NEW:
-                break
-    return Found(prior, mode, _new(prior, mode, noise))
+            return prior.reweighted(row, HALF * power[row])
+        if beside.any():
+            self.avoid = np.concatenate([self.avoid, mode.path[beside], peak.path[None]])
+            return None
+        return prior.with_path(peak.path, peak.power)
+
+    def takes(self, prior: PathsPrior, mode: StateMode, trial: StateMode, peak: _Peak) -> bool:
+        if len(trial.path) == len(mode.path):  # a known path was raised
+            return True
+        gained, left = trial.paths.without(prior.weight)
+        if gained[-1] / left[-1] >= self.level and not _beside(self.band, mode.path, trial.path[-1]).any():
+            return True
+        self.avoid = np.concatenate([self.avoid, peak.path[None]])
+        return False
 
 
 def _new(prior: PathsPrior, mode: StateMode, noise: float) -> NewPaths:

@@ -9,15 +9,12 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from gridslam.arrays import Array
+from gridslam.inference.messages.path_search import climb
 from gridslam.inference.messages.signal_likelihood import Band, Superposition, superpose
 
 Complex = NDArray[np.complex128]
-ROUNDS, HALVINGS = 8, 6
-"""Gauss-Newton steps at most, and halvings of each."""
 FARTHEST = 0.2
 """Longest step, in resolutions: a longer one jumps to the next sidelobe."""
-STILL = 0.02
-"""Share of a deviation below which a step ends the search."""
 BEHIND_M = 0.05
 """Scale over which it becomes unlikely that an image is nearer than its anchor."""
 FREE_M = 100.0
@@ -86,6 +83,40 @@ class Mode:
         return np.asarray(self.covariance.diagonal())
 
 
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Paths at some distances, and their log posterior."""
+
+    paths: Superposition
+    value: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Distances:
+    """Log posterior of the distances of all paths; see `path_search.Posterior`."""
+
+    band: Band
+    samples: Complex
+    prior: PathPrior
+    noise: float
+
+    def at(self, distance: Array) -> _Place:
+        prior = self.prior
+        paths = superpose(self.band, self.samples, distance, prior.weight, self.noise)
+        off = distance - prior.mean
+        value = paths.log_density - 0.5 * float(off @ prior.precision @ off)
+        return _Place(paths, value + float(log_behind(distance).sum()))
+
+    def slopes(self, distance: Array, place: _Place) -> tuple[Array, Array]:
+        push, stiff = _order(distance)
+        prior, paths = self.prior, place.paths
+        gradient = paths.gradient - prior.precision @ (distance - prior.mean) + push
+        return gradient, prior.precision + paths.information + stiff
+
+    def shortened(self, place: _Place, step: Array) -> Array:
+        return step * min(1.0, FARTHEST * self.band.resolution_m / np.abs(step).max())
+
+
 def joint_mode(
     band: Band, samples: Complex, prior: PathPrior, noise: float, start: Array | None = None
 ) -> Mode:
@@ -99,34 +130,11 @@ def joint_mode(
     start : (N,) m, optional
         Where the search begins. Default: the predicted distances.
     """
-    distance = prior.mean.copy() if start is None else start.copy()
-    longest = FARTHEST * band.resolution_m
-    paths = superpose(band, samples, distance, prior.weight, noise)
-    best = _log_posterior(paths, prior, distance)
-    for _ in range(ROUNDS):
-        push, stiff = _order(distance)
-        gradient = paths.gradient - prior.precision @ (distance - prior.mean) + push
-        curvature = prior.precision + paths.information + stiff
-        step = np.linalg.solve(curvature, gradient)
-        if float(gradient @ step) < STILL**2:
-            break
-        step *= min(1.0, longest / np.abs(step).max())
-        for _ in range(HALVINGS):
-            trial = superpose(band, samples, distance + step, prior.weight, noise)
-            value = _log_posterior(trial, prior, distance + step)
-            if value > best:
-                break
-            step *= 0.5
-        else:
-            break
-        distance, paths, best = distance + step, trial, value
-    covariance = np.linalg.inv(prior.precision + paths.information)
-    return Mode(distance, 0.5 * (covariance + covariance.T), best, paths, noise)
-
-
-def _log_posterior(paths: Superposition, prior: PathPrior, distance: Array) -> float:
-    off = distance - prior.mean
-    return paths.log_density - 0.5 * float(off @ prior.precision @ off) + float(log_behind(distance).sum())
+    posterior = _Distances(band, samples, prior, noise)
+    begin = prior.mean if start is None else start
+    distance, place = climb(posterior, begin, posterior.at(begin))
+    covariance = np.linalg.inv(prior.precision + place.paths.information)
+    return Mode(distance, 0.5 * (covariance + covariance.T), place.value, place.paths, noise)
 
 
 def log_behind(distance: Array, margin: float = BEHIND_M) -> Array:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.messages.distance_mode import Mode, PathPrior, joint_mode
+from gridslam.inference.messages.path_search import take_in
 from gridslam.inference.messages.signal_likelihood import Band, Inverse, Sweep
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.images import DirectState, Tentative
@@ -87,10 +88,7 @@ class Found:
 
 
 def find_births(band: Band, samples: Complex, prior: PathPrior, noise: float, step: int) -> Found:
-    """Look for paths that the known ones leave unexplained, the strongest first, before anything is updated.
-
-    Each candidate is solved for together with all known paths from their prediction: judged after an update,
-    the agent would have swallowed the misfit.
+    """The joint mode of the known paths, and of new ones that these leave unexplained; see `take_in`.
 
     Parameters
     ----------
@@ -98,53 +96,82 @@ def find_births(band: Band, samples: Complex, prior: PathPrior, noise: float, st
         Steps taken before this one.
     """
     rate = max(BIRTHS, FIRST_BIRTHS * float(np.exp(-step / FIRST_STEPS)))
-    mode = joint_mode(band, samples, prior, noise)
-    taken, weak = list[NewPath](), list[NewPath]()
-    nearest = prior.mean[0] + NEAR_M + DEVIATIONS * np.sqrt(1 / prior.precision[0, 0])
-    grid = band.folding_m / POINTS * np.arange(POINTS)
-    grid = grid + band.folding_m * (grid < nearest)
-    open_ = grid < nearest + band.folding_m - band.resolution_m
-    intensities = noise * 10 ** (INTENSITIES_DB / 10)
-    needed = np.log(LEAST_EXISTENCE) - np.log(rate) - ACCEPTED
-    inverse, table = _explained(band, samples, prior, mode, noise)
-    for _ in range(MOST_NEW):
-        logs = table.log_ratio(intensities[:, None])
-        best = logs.max(0)
-        score = np.where(open_, best + np.log(np.exp(logs - best).mean(0)), -np.inf)
-        peak = int(score.argmax())
-        if score[peak] < needed - SOLVED_AGAIN:
-            break
-        share = np.exp(logs[:, peak] - best[peak])
-        intensity = float(share @ intensities / share.sum())
-        wider = prior.with_path(float(grid[peak]), intensity)
-        trial = joint_mode(band, samples, wider, noise)
-        log_odds = trial.log_posterior - mode.log_posterior + np.log(rate) + ACCEPTED
-        existence = float(1 / (1 + np.exp(-np.clip(log_odds, -50, 50))))
-        if existence < LEAST_EXISTENCE or trial.distance[-1] < nearest:
-            open_ &= np.abs(grid - grid[peak]) > BESIDE_M
-            continue
-        new = NewPath(existence, float(trial.distance[-1]), float(trial.variance[-1]), intensity)
-        if existence > 0.5:
-            taken.append(new)
-            prior, mode = wider, trial
-            inverse, table = _explained(band, samples, prior, mode, noise)
-        else:
-            open_ &= np.abs(grid - grid[peak]) > BESIDE_M
-            known = np.append(mode.distance, [path.distance for path in weak])
-            if (np.abs(known - new.distance) > BESIDE_M).all():
-                weak.append(new)
-    return Found(prior, mode, taken + weak, inverse, table)
+    births = _Births(band, samples, prior, noise, rate)
+    prior, mode = take_in(births, prior)
+    inverse, table = births.explained(prior, mode)
+    return Found(prior, mode, births.taken + births.weak, inverse, table)
 
 
-def _explained(
-    band: Band, samples: Complex, prior: PathPrior, mode: Mode, noise: float
-) -> tuple[Inverse, Sweep]:
-    """All paths at their mode, broadened by their variance, and what one more would be worth on top.
+class _Births:
+    """Peaks over distance; see `path_search.Candidates`. A peak is a distance (m) and an intensity.
 
-    An error of 1 cm would else leave -24 dB of a strong path to be explained.
+    Parameters
+    ----------
+    prior : PathPrior
+        Of the known paths.
+    rate : float
+        Probability of a new path per delay cell.
+
+    Attributes
+    ----------
+    taken, weak : list of NewPath
+        Those taken in; those that aren't sure enough.
     """
-    inverse = Inverse.of(band, samples, prior.weight, mode.distance, mode.variance, noise)
-    return inverse, inverse.sweep(POINTS)
+
+    tries = MOST_NEW
+
+    def __init__(self, band: Band, samples: Complex, prior: PathPrior, noise: float, rate: float) -> None:
+        self.band, self.samples, self.noise, self.rate = band, samples, noise, rate
+        self.taken, self.weak = list[NewPath](), list[NewPath]()
+        self.nearest = float(prior.mean[0] + NEAR_M + DEVIATIONS * np.sqrt(1 / prior.precision[0, 0]))
+        grid = band.folding_m / POINTS * np.arange(POINTS)
+        self.grid = grid + band.folding_m * (grid < self.nearest)
+        self.open = self.grid < self.nearest + band.folding_m - band.resolution_m
+        self.intensities = noise * 10 ** (INTENSITIES_DB / 10)
+        self._latest: tuple[Mode, Inverse, Sweep] | None = None
+
+    def solve(self, prior: PathPrior) -> Mode:
+        return joint_mode(self.band, self.samples, prior, self.noise)
+
+    def explained(self, prior: PathPrior, mode: Mode) -> tuple[Inverse, Sweep]:
+        """All paths at their mode, broadened by their variance, and what one more would be worth on top.
+
+        An error of 1 cm would else leave -24 dB of a strong path to be explained.
+        """
+        if self._latest is None or self._latest[0] is not mode:
+            inverse = Inverse.of(
+                self.band, self.samples, prior.weight, mode.distance, mode.variance, self.noise
+            )
+            self._latest = mode, inverse, inverse.sweep(POINTS)
+        return self._latest[1:]
+
+    def strongest(self, prior: PathPrior, mode: Mode) -> tuple[float, float] | None:
+        _, table = self.explained(prior, mode)
+        logs = table.log_ratio(self.intensities[:, None])
+        best = logs.max(0)
+        score = np.where(self.open, best + np.log(np.exp(logs - best).mean(0)), -np.inf)
+        peak = int(score.argmax())
+        if score[peak] < np.log(LEAST_EXISTENCE) - np.log(self.rate) - ACCEPTED - SOLVED_AGAIN:
+            return None
+        share = np.exp(logs[:, peak] - best[peak])
+        return float(self.grid[peak]), float(share @ self.intensities / share.sum())
+
+    def widened(self, prior: PathPrior, mode: Mode, peak: tuple[float, float]) -> PathPrior:
+        return prior.with_path(*peak)
+
+    def takes(self, prior: PathPrior, mode: Mode, trial: Mode, peak: tuple[float, float]) -> bool:
+        log_odds = trial.log_posterior - mode.log_posterior + np.log(self.rate) + ACCEPTED
+        existence = float(1 / (1 + np.exp(-np.clip(log_odds, -50, 50))))
+        new = NewPath(existence, float(trial.distance[-1]), float(trial.variance[-1]), peak[1])
+        possible = existence >= LEAST_EXISTENCE and new.distance >= self.nearest
+        if possible and existence > 0.5:
+            self.taken.append(new)
+            return True
+        self.open &= np.abs(self.grid - peak[0]) > BESIDE_M
+        known = np.append(mode.distance, [path.distance for path in self.weak])
+        if possible and (np.abs(known - new.distance) > BESIDE_M).all():
+            self.weak.append(new)
+        return False
 
 
 def add_tentative(state: DirectState, anchor: int, new: list[NewPath], model: FilterModel) -> DirectState:

@@ -19,16 +19,13 @@ from gridslam.inference.messages.array_likelihood import (
     Complex,
     superpose_arrays,
 )
+from gridslam.inference.messages.path_search import climb
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.layout import HEADING
 from gridslam.world.geometry import trace, wrap
 
-ROUNDS, HALVINGS = 8, 6
-"""Gauss-Newton steps at most, and halvings of each."""
 FARTHEST = 0.36
 """Longest step of a path that matters, as a root mean square turn of phase, rad: 0.2 of c/B in length."""
-STILL = 0.02
-"""Share of a deviation below which a step ends the search."""
 FREE = np.array([1e-2, 1e-1, 1e-1])
 """Prior precision (1/m, 1/rad; its root) of a path of which nothing is known."""
 WIDE, STARTS = 0.7, 48
@@ -158,90 +155,89 @@ def state_mode(band: ArrayBand, samples: Complex, prior: PathsPrior, noise: floa
     noise : float
         Power of the noise in each sample.
     """
-    search = _Search(band, samples, prior, noise)
-    if search.is_wide():
-        search.start_afresh()
-    for _ in range(ROUNDS):
-        gradient, curvature, _ = search.slopes()
-        step: Array = np.asarray(np.linalg.solve(curvature, gradient), np.float64)
-        if float(gradient @ step) < STILL**2 or not search.climb(step):
-            break
-    return search.mode()
+    posterior = _States(band, samples, prior, noise)
+    numbers = np.zeros(posterior.size + prior.free.size)
+    place = posterior.at(numbers)
+    if posterior.is_wide(place):
+        numbers, place = posterior.likeliest(numbers, place)
+    return posterior.mode(*climb(posterior, numbers, place))
 
 
-class _Search:
-    """Where a search for the mode has got to."""
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Paths (N + F, 3) of a state, their slopes (3 N + 3 F, n) by it, and the log posterior."""
+
+    path: Array
+    slope: Array
+    paths: ArraySuperposition
+    value: float
+
+
+class _States:
+    """Log posterior of a state in deviations of its prior, and of free paths; see `path_search.Posterior`."""
 
     def __init__(self, band: ArrayBand, samples: Complex, prior: PathsPrior, noise: float) -> None:
         self.band, self.samples, self.prior, self.noise = band, samples, prior, noise
         self.root, self.head = prior.belief.root, prior.belief.layout.head
         self.size = len(self.root)
         self.matters = prior.weight > noise
-        self.at = np.zeros(self.size + prior.free.size)
-        self.path, self.turn, self.paths, self.value = self._evaluated(self.at)
+        self.precision = np.concatenate([np.ones(self.size), np.tile(FREE**2, len(prior.free))])
 
-    def _evaluated(self, at: Array) -> tuple[Array, Array, ArraySuperposition, float]:
+    def at(self, numbers: Array) -> _Place:
         prior, size = self.prior, self.size
-        mean = prior.belief.mean + self.root @ at[:size]
-        known, slope = paths_at(mean, prior.place, prior.table, self.head)
-        off = at[size:].reshape(-1, 3)
+        mean = prior.belief.mean + self.root @ numbers[:size]
+        known, by_state = paths_at(mean, prior.place, prior.table, self.head)
+        off = numbers[size:].reshape(-1, 3)
         path = np.concatenate([known, prior.free + off])
         paths = superpose_arrays(self.band, self.samples, path, prior.weight, self.noise)
-        value = paths.log_density - 0.5 * float(at[:size] @ at[:size] + ((FREE * off) ** 2).sum())
-        turn = np.zeros((len(path), 3, len(at)))
-        turn[: len(known), :, :size] = slope @ self.root
+        value = paths.log_density - 0.5 * float(numbers[:size] @ numbers[:size] + ((FREE * off) ** 2).sum())
+        slope = np.zeros((len(path), 3, len(numbers)))
+        slope[: len(known), :, :size] = by_state @ self.root
         free = np.arange(len(off))
         for side in range(3):
-            turn[len(known) + free, side, size + 3 * free + side] = 1.0
-        return path, turn.reshape(-1, len(at)), paths, value
+            slope[len(known) + free, side, size + 3 * free + side] = 1.0
+        return _Place(path, slope.reshape(-1, len(numbers)), paths, value)
 
-    def is_wide(self) -> bool:
+    def is_wide(self, place: _Place) -> bool:
         """Whether a path that matters is known less well than within a wave of its correlation."""
-        spread = np.sqrt((self.turn[:, : self.size] ** 2).sum(1)).reshape(-1, 3) * self.band.steepness
-        return bool((spread[: len(self.prior.table)][self.matters[: len(self.prior.table)]] > WIDE).any())
+        spread = np.sqrt((place.slope[:, : self.size] ** 2).sum(1)).reshape(-1, 3) * self.band.steepness
+        known = len(self.prior.table)
+        return bool((spread[:known][self.matters[:known]] > WIDE).any())
 
-    def start_afresh(self) -> None:
-        """Begin at the likeliest of states drawn from the belief, if it is likelier than the mean."""
+    def likeliest(self, numbers: Array, place: _Place) -> tuple[Array, _Place]:
+        """The likeliest of states drawn from the belief and of its mean."""
         for drawn in _points(self.size):
-            at = np.concatenate([drawn, self.at[self.size :]])
-            trial = self._evaluated(at)
-            if trial[3] > self.value:
-                self.at = at
-                self.path, self.turn, self.paths, self.value = trial
+            tried = np.concatenate([drawn, numbers[self.size :]])
+            trial = self.at(tried)
+            if trial.value > place.value:
+                numbers, place = tried, trial
+        return numbers, place
 
-    def slopes(self) -> tuple[Array, Array, Array]:
-        """Gradient and curvature of the posterior, and the snapshot's part of the curvature."""
-        precision = np.concatenate([np.ones(self.size), np.tile(FREE**2, len(self.prior.free))])
-        told = self.turn.T @ self.paths.information @ self.turn
-        gradient = self.turn.T @ self.paths.gradient.reshape(-1) - precision * self.at
-        return gradient, told + np.diag(precision), told
+    def slopes(self, numbers: Array, place: _Place) -> tuple[Array, Array]:
+        gradient = place.slope.T @ place.paths.gradient.reshape(-1) - self.precision * numbers
+        return gradient, self.told(place) + np.diag(self.precision)
 
-    def climb(self, step: Array) -> bool:
-        """Go as far along a step as the posterior rises; whether it does at all."""
-        moved = np.abs((self.turn @ step).reshape(-1, 3)) * self.band.steepness
+    def told(self, place: _Place) -> Array:
+        """Information of the snapshot about all numbers."""
+        return np.asarray(place.slope.T @ place.paths.information @ place.slope)
+
+    def shortened(self, place: _Place, step: Array) -> Array:
+        moved = np.abs((place.slope @ step).reshape(-1, 3)) * self.band.steepness
         farthest = float(moved[self.matters].max(initial=0.0))
-        step = step * min(1.0, FARTHEST / max(farthest, 1e-12))
-        for _ in range(HALVINGS):
-            trial = self._evaluated(self.at + step)
-            if trial[3] > self.value:
-                self.at = self.at + step
-                self.path, self.turn, self.paths, self.value = trial
-                return True
-            step = 0.5 * step
-        return False
+        return step * min(1.0, FARTHEST / max(farthest, 1e-12))
 
-    def mode(self) -> StateMode:
-        """What is believed there."""
-        _, curvature, told = self.slopes()
-        covariance = np.linalg.inv(curvature)
-        mean = self.prior.belief.mean + self.root @ self.at[: self.size]
+    def mode(self, numbers: Array, place: _Place) -> StateMode:
+        """What is believed at a place."""
+        told, size = self.told(place), self.size
+        covariance = np.linalg.inv(told + np.diag(self.precision))
+        mean = self.prior.belief.mean + self.root @ numbers[:size]
         mean[HEADING] = wrap(mean[HEADING])
-        own = self.root @ covariance[: self.size, : self.size] @ self.root.T
+        own = self.root @ covariance[:size, :size] @ self.root.T
         belief = replace(self.prior.belief, mean=mean, covariance=0.5 * (own + own.T))
-        turn = self.turn.reshape(-1, 3, len(self.at))
+        slope = place.slope.reshape(-1, 3, len(numbers))
         return StateMode(
-            belief, self.path, turn @ covariance @ np.swapaxes(turn, 1, 2), self.paths, self.at[: self.size],
-            told[: self.size, : self.size], self.value,
+            belief, place.path, slope @ covariance @ np.swapaxes(slope, 1, 2), place.paths, numbers[:size],
+            told[:size, :size], place.value,
         )  # fmt: skip
 
 
