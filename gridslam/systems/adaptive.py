@@ -48,7 +48,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     state = form.predict(state, scan.time_s, len(scan), model, work=work)
     reckoned = state.calibration
     model = work.calibrated(model, reckoned.turned)
-    scans = split_by_anchor(scan, model)
+    scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)
     recalled = state = form.recall(state, model, work=work)
     for heard in scans:
@@ -68,7 +68,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state = start_amplitudes(state, born, heard, model.radio)
         exchanges.append(exchange)
     state = form.park(recalled, merge_and_prune(state, model, None), model, work=work)
-    state = remember_leftovers(state, scans, exchanges, model)
+    state = remember_leftovers(state, scans, exchanges, model, work=work)
     return conclude(state, exchanges, reckoned, model, work)
 
 

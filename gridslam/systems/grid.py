@@ -53,7 +53,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     state = form.predict(state, scan.time_s, len(scan), model, work=work)  # section III-C
     reckoned = state.calibration
     model = work.calibrated(model, reckoned.turned)
-    scans = split_by_anchor(scan, model)
+    scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)
     recalled = state = form.recall(state, model, work=work)
     for heard in scans:
@@ -74,7 +74,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     state = update_coefficients(state, drawn, model, work=work)
     state = update_cells(state, work=work)  # eq. (46)
     state = form.park(recalled, merge_and_prune(state, model, None), model, work=work)
-    state = remember_leftovers(state, scans, exchanges, model)
+    state = remember_leftovers(state, scans, exchanges, model, work=work)
     return conclude(state, exchanges, reckoned, model, work)
 
 

@@ -52,7 +52,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     state = predict(state, scan.time_s, len(scan), model)
     reckoned = state.calibration
     model = work.calibrated(model, reckoned.turned)
-    scans = split_by_anchor(scan, model)
+    scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)
     for heard in scans:
         before, radio = state, state.calibration.tuned(model.radio, heard.anchor)

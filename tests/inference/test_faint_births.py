@@ -9,39 +9,31 @@ from scipy.stats import multivariate_normal
 
 import gridslam as gs
 from gridslam.inference.messages.births import Births
-from gridslam.inference.messages.faint_births import borne_out, recall_leftovers, single_bounces
+from gridslam.inference.messages.faint_births import borne_out, recall_leftovers
+from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.leftovers import MEMORY, MOST, Leftovers
 from gridslam.kernels.primitives import tables
-from gridslam.world.geometry import trace, wrap
+from gridslam.world.geometry import trace, unit, wrap
 from gridslam.world.radio import BINS, REFLECTION_BINS
+from gridslam.world.single_bounces import single_bounces
 
 PLACE, POSE = np.array([1.0, 4.0, 0.3, 0.0]), np.array([-2.0, -1.0, 0.8])
 LINE = np.array([0.5 * np.pi, 6.0])
 ANGLE = np.radians(4.0)
+AGENT = np.array([0, 1, 4])
 
 
 def at(line, pose, place=PLACE):
-    path = single_bounces(line, place[None], pose[None])
-    return path.value[0]
+    return single_bounces(line, place, pose).value
 
 
-def test_single_bounces_are_those_of_the_tracer_and_slopes_are_differences():
-    path = trace(POSE[None, :2], PLACE[None, :2], LINE[None], LINE[None], np.array([1]))
-    expected = path.distance[0], path.departure[0] - PLACE[2], path.arrival[0] - POSE[2]
-    found = single_bounces(LINE, PLACE[None], POSE[None])
-    np.testing.assert_allclose(wrap(found.value[0] - expected), 0, atol=1e-12)
-    assert found.possible[0]
-    assert not single_bounces(LINE, PLACE[None], POSE[None] + [0, 9, 0]).possible[0]
-    for slope, where, other in ((found.by_line, LINE, POSE), (found.by_pose, POSE, LINE)):
-        for column in range(len(where)):
-            off = np.zeros(len(where))
-            off[column] = 1e-6
-            both = [at(w, other) if where is LINE else at(other, w) for w in (where + off, where - off)]
-            np.testing.assert_allclose(slope[0, :, column], (both[0] - both[1]) / 2e-6, atol=1e-7)
+def borne(line, heard, left, state, model, m=0):
+    gain, seen = borne_out(np.array([line]), heard, np.array([m]), state, left, model.radio, model)
+    return gain[0], int(seen[0])
 
 
 def scene_of(left, spread=1e-8):
@@ -66,12 +58,11 @@ def left_over(back, value, steps, amplitude=2.2):
 def test_one_earlier_measurement_counts_as_worked_out_by_hand():
     value = at(LINE, POSE) + np.array([0.06, 0.03, -0.05])
     model, state, heard = scene_of(left_over([1], value, 2))
-    gain, seen = borne_out(LINE, heard, 0, state, state.leftovers, model.radio, model)
+    gain, seen = borne(LINE, heard, state.leftovers, state, model)
     assert seen == 1
     # the same line, measured twice: what one measurement of three numbers leaves open of two
-    path = single_bounces(LINE, PLACE[None], POSE[None])
     noise = np.diag(np.square([0.05, ANGLE, ANGLE]))
-    slope = path.by_line[0]
+    slope, _ = single_bounces(LINE, PLACE, POSE).slopes()
     covariance = np.linalg.inv(slope.T @ np.linalg.inv(noise) @ slope)
     density = multivariate_normal(at(LINE, POSE), slope @ covariance @ slope.T + noise).pdf(value)
     radio, level = model.radio, model.radio.amplitude(at(LINE, POSE)[0], REFLECTION_BINS)
@@ -83,6 +74,76 @@ def test_one_earlier_measurement_counts_as_worked_out_by_hand():
     )
     silent = 0.5 + 0.5 * (1 - other) ** 2  # the second anchor heard nothing twice, or can't hear it
     np.testing.assert_allclose(gain, 0.5 * missed * ratio * silent, rtol=2e-3, atol=1e-4)
+
+
+def likelihoods(line, heard, m, state, left, radio, model):
+    """Twin of `borne_out` for one line, measurement by measurement: (gain, seen)."""
+    now, noise = state.belief.covariance[np.ix_(AGENT, AGENT)], np.square(heard.own_std[m])
+    value, by_line, by_pose = traced(line, model.places[heard.anchor], state.belief.mean[AGENT])
+    inverse = np.linalg.inv(by_pose @ now @ by_pose.T + np.diag(noise))
+    covariance = np.linalg.inv(by_line.T @ inverse @ by_line + 1e-9 * np.eye(2))
+    gap = heard.value[m] - value
+    gap[1:] = wrap(gap[1:])
+    line = line + covariance @ by_line.T @ inverse @ gap
+    worlds, seen = np.zeros((2, len(left.pose), BINS)), 0.0
+    for anchor, place in enumerate(model.places):
+        silent, either = np.zeros((len(left.pose), BINS)), np.zeros((len(left.pose), BINS))
+        for back, pose in enumerate(left.pose):
+            value, by_line, by_pose = traced(line, place, pose)
+            level = radio.amplitude(value[0], REFLECTION_BINS)
+            possible = np.prod([unit(line[0]) @ p[:2] - line[1] for p in (place, pose)]) > 0
+            missed = np.maximum(1 - possible * detection_table(radio)(level), 1e-9)
+            ratios = []
+            for h in np.flatnonzero((left.anchor == anchor) & (left.back == back)):
+                gap = left.value[h] - value
+                gap[1:] = wrap(gap[1:])
+                if not possible or (np.abs(gap) >= 0.6).any():
+                    continue
+                spread = by_line @ covariance @ by_line.T + by_pose @ left.covariance[back] @ by_pose.T
+                log = multivariate_normal(np.zeros(3), spread + np.diag(left.std[h] ** 2)).logpdf(gap)
+                log -= radio.log_clutter(left.amplitude[h]) + np.log(radio.false_alarms)
+                ratios.append(np.exp(np.minimum(log + radio.log_rician(left.amplitude[h], level), 25.0)))
+            silent[back], either[back] = missed, missed + sum(ratios)
+            seen += sum((ratio / either[back]).max() for ratio in ratios)
+        each = np.cumprod([silent, either], 1)
+        worlds += np.log(each if anchor == heard.anchor else 0.5 + 0.5 * each)
+    gain = np.exp(np.minimum(worlds, 50.0)).mean(1)
+    return gain[1] - gain[0], round(seen)
+
+
+def traced(line, place, pose):
+    """Value (3,) of a single bounce, and slopes by the line (3, 2) and the pose (3, 3)."""
+    path = trace(pose[None, :2], place[None, :2], line[None], line[None], np.array([1]), place[3])
+    value = np.array([path.distance[0], path.departure[0] - place[2], path.arrival[0] - pose[2]])
+    return value, path.jacobian[0, :, 3:5], path.jacobian[0, :, :3]
+
+
+def test_many_births_at_once_are_borne_out_as_each_is_by_itself():
+    draw, steps, rows = np.random.default_rng(5), 12, 40
+    model, state, _ = scene_of(None, 1e-4)
+    pose = POSE + draw.normal(0, [0.4, 0.4, 0.2], (steps, 3))
+    root = draw.normal(0, 0.01, (steps, 3, 3))
+    lines = LINE + draw.normal(0, [0.1, 0.3], (6, 2))
+    back, anchor = np.sort(draw.integers(0, steps, rows)), draw.integers(0, 2, rows)
+    of = draw.integers(0, len(lines), rows)
+    value = single_bounces(lines[of], model.places[anchor], pose[back]).value
+    std = np.full((rows, 3), [0.1, 0.06, 0.06])
+    value = value + std * draw.standard_normal((rows, 3))
+    left = Leftovers(
+        pose, root @ root.transpose(0, 2, 1), back, anchor, value, std,
+        draw.uniform(1.8, 4.0, rows),
+    )  # fmt: skip
+    heard = AnchorScan.of(
+        1, model.places[1, :2], model.places[1, 2], single_bounces(lines, model.places[1], POSE).value,
+        np.tile([0.05, ANGLE, ANGLE], (len(lines), 1)), np.full(len(lines), 2.4),
+    )  # fmt: skip
+    order = draw.permutation(len(lines))
+    found = borne_out(lines[order], heard, order, state, left, model.radio, model)
+    for line, m, gain, seen in zip(lines[order], order, *found, strict=True):
+        expected = likelihoods(line, heard, m, state, left, model.radio, model)
+        np.testing.assert_allclose(gain, expected[0], rtol=1e-6, atol=1e-12)
+        assert seen == expected[1]
+    assert found[1].max() > 1
 
 
 def test_what_leftovers_bear_out_is_in_new_ratios_and_the_old_ones_are_left_alone():
@@ -107,13 +168,13 @@ def test_what_leftovers_bear_out_is_in_new_ratios_and_the_old_ones_are_left_alon
 def test_silence_and_strangers_tell_nothing_for_a_line():
     nothing = left_over([], np.zeros((0, 3)), 20)
     model, state, heard = scene_of(nothing)
-    gain, seen = borne_out(LINE, heard, 0, state, nothing, model.radio, model)
+    gain, seen = borne(LINE, heard, nothing, state, model)
     assert seen == 0
     np.testing.assert_array_equal(gain, 0)
     strangers = left_over([3, 4], at(LINE, POSE) + np.array([[0.55, 0, 0], [0, 0.5, -0.5]]), 20)
-    few = borne_out(LINE, heard, 0, state, strangers, model.radio, model)[0]
+    few = borne(LINE, heard, strangers, state, model)[0]
     again = left_over([3, 4], np.tile(at(LINE, POSE), (2, 1)), 20)
-    many = borne_out(LINE, heard, 0, state, again, model.radio, model)[0]
+    many = borne(LINE, heard, again, state, model)[0]
     assert few.max() < 1e-3 * many.max()
 
 

@@ -255,6 +255,21 @@ def test_a_model_without_an_agent_is_refused():
         scene.filter_model()
 
 
+def test_what_hypotheses_share_is_made_once_and_of_the_same_objects_alone(scene):
+    work, made = GridSlam(scene, seed=1).work, []
+    one, two = np.zeros(2), np.zeros(2)
+
+    def make(*of):
+        made.append(of)
+        return len(made)
+
+    assert [work.once(make, one), work.once(make, one), work.once(make, two)] == [1, 1, 2]
+    assert work.once(make, one, two) == 3
+    for other in range(200):  # forgotten arrays' numbers are given to others
+        assert work.once(make, np.full(2, other)) == 4 + other
+    assert work.once(make, one) == 204
+
+
 def test_stages_of_a_step_add_up_and_workspaces_are_their_filters_own(scene, scans):
     one, two = GridSlam(scene, seed=3), GridSlam(scene, seed=3)
     for scan in scans[:3]:

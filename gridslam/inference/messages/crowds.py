@@ -45,14 +45,19 @@ def neighbours(table: Array) -> NDArray[np.bool_]:
     return none
 
 
-def crowded_as_one(pairs: Pairs, heard: AnchorScan) -> Pairs:
+def crowded_as_one(pairs: Pairs, heard: AnchorScan, near: NDArray[np.bool_] | None = None) -> Pairs:
     """The pairs, a crowd's widened: all of it together tells what one measurement of its middle would.
 
     Which of many paths that differ by centimetres caused which measurement is a guess, and wrong guesses
     agree with each other: taken as independent, they make the filter sure of an error. Pairs without a crowd
     stay the same object.
+
+    Parameters
+    ----------
+    near : (M, M), optional
+        The `neighbours`, where they are known.
     """
-    near = neighbours(heard.table)
+    near = neighbours(heard.table) if near is None else near
     if not near.any():
         return pairs
     count, index = near.sum(1), pairs.index[: len(pairs), 1]

@@ -6,7 +6,7 @@ docs/model.md, (M251), (M252). Ours.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,12 @@ from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.leftovers import Leftovers
 from gridslam.inference.state.state import State
+from gridslam.inference.workspace.workspace import Workspace
 from gridslam.kernels.primitives import tables
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.geometry import slant, unit, wrap
+from gridslam.world.geometry import wrap
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
+from gridslam.world.single_bounces import single_bounces
 
 POSE = np.array([0, 1, 4])
 NEAR_M, NEAR_RAD = 0.6, 0.6
@@ -37,49 +39,6 @@ WIDEST = 1e3
 """Deviation that stands for "tells nothing"."""
 MOST_LOG, LEAST_DOUBT = 25.0, 1e-9
 """Largest log ratio of one measurement; least probability of a miss."""
-
-
-@dataclass(frozen=True)
-class Predicted:
-    """Single bounces over one line, at many poses: distance, AoD, AoA, and their slopes.
-
-    Attributes
-    ----------
-    value : (N, 3)
-    by_line : (N, 3, 2)
-    by_pose : (N, 3, 3)
-    possible : (N,) bool
-        Agent and anchor stand on one side.
-    """
-
-    value: Array
-    by_line: Array
-    by_pose: Array
-    possible: NDArray[np.bool_]
-
-
-def single_bounces(line: Array, places: Array, pose: Array) -> Predicted:
-    """Single bounces over a line (angle, offset) from places (N, 4) to poses (N, 3)."""
-    count, normal, tangent = len(pose), unit(line[0]), unit(line[0] + 0.5 * np.pi)
-    gap, along = places[:, :2] @ normal - line[1], places[:, :2] @ tangent
-    image = places[:, :2] - 2 * gap[:, None] * normal
-    by_angle = -2 * along[:, None] * normal - 2 * gap[:, None] * tangent
-    toward = image - pose[:, :2]
-    level = np.maximum(np.hypot(toward[:, 0], toward[:, 1]), 1e-9)
-    toward /= level[:, None]
-    across = np.stack([-toward[:, 1], toward[:, 0]], 1) / level[:, None]
-    arrival, distance = np.arctan2(toward[:, 1], toward[:, 0]), slant(level, places[:, 3])
-    toward = toward * (level / distance)[:, None]
-    value = np.stack([distance, 2 * line[0] - arrival - places[:, 2], arrival - pose[:, 2]], 1)
-    by_line, by_pose = np.empty((count, 3, 2)), np.zeros((count, 3, 3))
-    for column, moved in enumerate((by_angle, np.broadcast_to(2 * normal, (count, 2)))):
-        by_line[:, 0, column] = (toward * moved).sum(1)
-        by_line[:, 2, column] = (across * moved).sum(1)
-    by_line[:, 1] = -by_line[:, 2]
-    by_line[:, 1, 0] += 2.0
-    by_pose[:, 0, :2], by_pose[:, 1, :2], by_pose[:, 2, :2] = -toward, across, -across
-    by_pose[:, 2, 2] = -1.0
-    return Predicted(value, by_line, by_pose, gap * (pose[:, :2] @ normal - line[1]) > 0)
 
 
 def recall_leftovers(
@@ -106,11 +65,9 @@ def recall_leftovers(
         return births, ratios
     support = np.ones((len(births), len(REFLECTION_BINS)))
     seen = np.zeros(len(births), np.int64)
-    for row in rows.tolist():
-        m = int(births.measurement[row])
-        found = borne_out(births.line[row], heard, m, state, left, radio, model)
-        support[row] += found[0]
-        seen[row] = found[1]
+    borne_by = births.measurement[rows].astype(np.intp)
+    gain, seen[rows] = borne_out(births.line[rows], heard, borne_by, state, left, radio, model)
+    support[rows] += gain
     level = REFLECTION_BINS * radio.amplitude(heard.value[births.measurement[rows], 0])[:, None]
     prior = np.exp(radio.log_rician(amplitude[rows, None], level))
     prior /= prior.sum(1, keepdims=True)
@@ -123,94 +80,101 @@ def recall_leftovers(
 
 def _has_company(line: Array, left: Leftovers, places: Array) -> NDArray[np.bool_]:
     """Whether any leftover lies roughly where a single bounce over each line (B, 2) is predicted, (B,)."""
-    place, pose = places[left.anchor], left.pose[left.back]
-    normal = unit(line[:, 0])
-    gap = place[:, :2] @ normal.T - line[:, 1]
-    toward = place[:, None, :2] - 2 * gap[..., None] * normal - pose[:, None, :2]
-    distance = slant(np.hypot(toward[..., 0], toward[..., 1]), place[:, 3:])
-    near = np.abs(distance - left.value[:, :1]) < NEAR_M
-    arrival = np.arctan2(toward[..., 1], toward[..., 0])
-    near &= np.abs(wrap(arrival - pose[:, 2:] - left.value[:, 2:])) < NEAR_RAD
-    near &= np.abs(wrap(2 * line[:, 0] - arrival - place[:, 2:3] - left.value[:, 1:2])) < NEAR_RAD
-    return np.asarray(near.any(0))
+    path = single_bounces(line[:, None], places[left.anchor], left.pose[left.back])
+    return np.asarray(_near(left.value, path.value)[0].any(1))
+
+
+def _near(value: Array, predicted: Array) -> tuple[NDArray[np.bool_], Array]:
+    """Which measurements (..., 3) lie roughly where they are predicted, and by how much they miss it."""
+    gap = value - predicted
+    gap[..., 1:] = wrap(gap[..., 1:])
+    return np.asarray((np.abs(gap) < (NEAR_M, NEAR_RAD, NEAR_RAD)).all(-1)), gap
 
 
 def borne_out(
-    line: Array, heard: AnchorScan, m: int, state: State, left: Leftovers, radio: RadioModel,
+    line: Array, heard: AnchorScan, m: NDArray[np.intp], state: State, left: Leftovers, radio: RadioModel,
     model: FilterModel,
-) -> tuple[Array, int]:  # fmt: skip
-    """Likelihood of what was left over if the line has been there for some steps, over that if it hasn't.
+) -> tuple[Array, NDArray[np.int64]]:  # fmt: skip
+    """Likelihood of what was left over if a line has been there for some steps, over that if it hasn't.
 
     Misses alone tell nothing for a line and are left out.
+
+    Parameters
+    ----------
+    line : (B, 2)
+        Lines of single bounces.
+    m : (B,)
+        Which measurement each is born of.
 
     Returns
     -------
     (gain, seen)
-        gain (BINS,): by the line's coefficient; seen: how often it was heard before.
+        gain (B, BINS): by the line's coefficient; seen (B,): how often it was heard before.
     """
-    own, places = heard.anchor, model.places
-    now = state.belief.covariance[np.ix_(POSE, POSE)]
-    rows = np.array([m])
-    z = heard.value[rows]
-    std = np.minimum(deviations(heard, rows, heard.amplitude[rows], z[:, 1:], radio)[0], WIDEST)
-    here = single_bounces(line, places[[own]], state.belief.mean[None, POSE])
-    spread = here.by_pose[0] @ now @ here.by_pose[0].T + np.diag(std**2)
-    weighed = np.linalg.solve(spread, here.by_line[0])
-    covariance = np.linalg.inv(here.by_line[0].T @ weighed + 1e-9 * np.eye(2))
-    gap = z[0] - here.value[0]
-    gap[1:] = wrap(gap[1:])
-    line = line + covariance @ (weighed.T @ gap)
-
-    logs, seen = np.zeros((2, len(left.pose), len(REFLECTION_BINS))), 0.0
-    for anchor in range(len(places)):
-        silent, both, count = _history(line, covariance, anchor, left, radio, places)
-        if anchor != own:
-            silent, both = (
-                np.log(1 - OPEN + OPEN * np.exp(np.minimum(log, 500.0))) for log in (silent, both)
-            )
-        logs[0] += silent
-        logs[1] += both
-        seen += count
-    gain = np.exp(np.minimum(logs, 50.0)).mean(1)
-    return gain[1] - gain[0], round(seen)
+    line, covariance = _corrected(line, heard, m, state, radio, model)
+    places = model.places
+    path = single_bounces(line[:, None, None], places[:, None], left.pose)  # of all anchors, at all steps
+    level = REFLECTION_BINS * radio.amplitude(path.value[..., :1])
+    chance = detection_table(model.radio)(level) * path.possible[..., None]
+    missed = np.maximum(1 - chance, LEAST_DOUBT)
+    near, gap = _near(left.value, path.value[:, left.anchor, left.back])
+    b, h = np.nonzero(near & path.possible[:, left.anchor, left.back])
+    at = b, left.anchor[h], left.back[h]
+    log = _log_density(line[b], covariance[b], gap[b, h], h, left, places)
+    log -= radio.log_clutter(left.amplitude[h]) + np.log(radio.false_alarms)
+    loud = radio.log_rician(left.amplitude[h, None], level[at])
+    ratio, either = np.exp(np.minimum(log[:, None] + loud, MOST_LOG)), missed.copy()
+    np.add.at(either, at, ratio)
+    seen = np.bincount(b, (ratio / either[at]).max(1), len(line))
+    # of the latest 1, 2 ... steps: if nothing was the line's, and if anything may have been
+    logs = np.cumsum(np.log([missed, either]), 3)
+    others = np.arange(len(places)) != heard.anchor
+    logs[:, :, others] = np.log(1 - OPEN + OPEN * np.exp(np.minimum(logs[:, :, others], 500.0)))
+    gain = np.exp(np.minimum(logs.sum(2), 50.0)).mean(2)
+    return gain[1] - gain[0], np.rint(seen).astype(np.int64)
 
 
-def _history(
-    line: Array, covariance: Array, anchor: int, left: Leftovers, radio: RadioModel, places: Array
-) -> tuple[Array, Array, float]:
-    """Log ratios (W, BINS) of what an anchor sent in the latest 1, 2 ... steps: if nothing of it was the
-    line's, and if anything may have been; and about how many were."""
-    place = np.broadcast_to(places[anchor], (len(left.pose), 4))
-    path = single_bounces(line, place, left.pose)
-    level = REFLECTION_BINS * radio.amplitude(path.value[:, :1])
-    missed = np.maximum(1 - detection_table(radio)(level) * path.possible[:, None], LEAST_DOUBT)
-    silent = np.cumsum(np.log(missed), 0)
-    rows = np.flatnonzero(left.anchor == anchor)
-    back = left.back[rows]
-    gap = left.value[rows] - path.value[back]
+def _corrected(
+    line: Array, heard: AnchorScan, m: NDArray[np.intp], state: State, radio: RadioModel,
+    model: FilterModel,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Lines (B, 2) and their covariances (B, 2, 2) by one measurement each, at the pose that is believed."""
+    value = heard.value[m]
+    std = np.minimum(deviations(heard, m, heard.amplitude[m], value[:, 1:], radio), WIDEST)
+    here = single_bounces(line, model.places[heard.anchor], state.belief.mean[POSE])
+    by_line, by_pose = here.slopes()
+    spread = _spread(by_pose, state.belief.covariance[np.ix_(POSE, POSE)], std)
+    weighed = np.linalg.solve(spread, by_line)
+    covariance = np.linalg.inv(by_line.transpose(0, 2, 1) @ weighed + 1e-9 * np.eye(2))
+    gap = value - here.value
     gap[:, 1:] = wrap(gap[:, 1:])
-    near = path.possible[back] & (np.abs(gap) < (NEAR_M, NEAR_RAD, NEAR_RAD)).all(1)
-    if not near.any():
-        return silent, silent, 0.0
-    rows, back, gap = rows[near], back[near], gap[near]
-    amplitude = left.amplitude[rows]
-    by_line, by_pose = path.by_line[back], path.by_pose[back]
+    moved = covariance @ (weighed.transpose(0, 2, 1) @ gap[..., None])
+    return line + moved[..., 0], np.asarray(covariance, np.float64)
+
+
+def _log_density(
+    line: Array, covariance: Array, gap: Array, h: NDArray[np.intp], left: Leftovers, places: Array
+) -> Array:
+    """Log densities (N,) of leftovers `h` that miss what lines with covariances predict by `gap` (N, 3)."""
+    back = left.back[h]
+    by_line, by_pose = single_bounces(line, places[left.anchor[h]], left.pose[back]).slopes()
     spread = by_line @ covariance @ by_line.transpose(0, 2, 1)
-    spread += by_pose @ left.covariance[back] @ by_pose.transpose(0, 2, 1)
-    spread[:, range(3), range(3)] += left.std[rows] ** 2
+    spread += _spread(by_pose, left.covariance[back], left.std[h])
     far = np.einsum("ni,ni->n", gap, np.linalg.solve(spread, gap[..., None])[..., 0])
-    log = -0.5 * far - 0.5 * np.linalg.slogdet(2 * np.pi * spread)[1]
-    log -= radio.log_clutter(amplitude) + np.log(radio.false_alarms)
-    ratio = np.exp(np.minimum(log[:, None] + radio.log_rician(amplitude[:, None], level[back]), MOST_LOG))
-    heard = missed.copy()
-    np.add.at(heard, back, ratio)
-    each = (ratio / heard[back]).max(1).sum()
-    return silent, np.cumsum(np.log(heard), 0), float(each)
+    return np.asarray(-0.5 * far - 0.5 * np.linalg.slogdet(2 * np.pi * spread)[1])
+
+
+def _spread(slope: Array, covariance: Array, std: Array) -> Array:
+    """Covariances (N, 3, 3) of measurements with deviations (N, 3) that depend on what is known so well."""
+    spread = slope @ covariance @ slope.transpose(0, 2, 1)
+    spread[:, range(3), range(3)] += std**2
+    return np.asarray(spread)
 
 
 def remember_leftovers(
-    state: State, scans: Sequence[AnchorScan], exchanges: Sequence[Exchange], model: FilterModel
-) -> State:
+    state: State, scans: Sequence[AnchorScan], exchanges: Sequence[Exchange], model: FilterModel, *,
+    work: Workspace,
+) -> State:  # fmt: skip
     """Keep what was probably no known path's, nor bore a surface, for later steps.
 
     Measurements that lack distance, an angle or the amplitude aren't kept.
@@ -219,13 +183,19 @@ def remember_leftovers(
         return state
     parts = []
     for heard, exchange in zip(scans, exchanges, strict=True):
-        free = np.isfinite(heard.value).all(1) & (heard.amplitude > 0)
-        free &= exchange.responsible.sum(0) < KNOWN
+        whole, std = work.once(_stated, heard, model.radio)
+        free = whole & (exchange.responsible.sum(0) < KNOWN)
         free[exchange.born[exchange.born[:, 1] > KNOWN, 0].astype(np.intp)] = False
         rows = np.flatnonzero(free)
-        value, amplitude = heard.value[rows], heard.amplitude[rows]
-        std = np.minimum(deviations(heard, rows, amplitude, value[:, 1:], model.radio), WIDEST)
-        parts.append((np.full(len(rows), heard.anchor, np.int64), value, std, amplitude))
+        anchor = np.full(len(rows), heard.anchor, np.int64)
+        parts.append((anchor, heard.value[rows], std[rows], heard.amplitude[rows]))
     own = state.belief.covariance[np.ix_(POSE, POSE)]
     columns = (np.concatenate(column) for column in zip(*parts, strict=True))
     return replace(state, leftovers=state.leftovers.joined(state.belief.mean[POSE], own, *columns))
+
+
+def _stated(heard: AnchorScan, radio: RadioModel) -> tuple[NDArray[np.bool_], Array]:
+    """Which measurements lack nothing, (M,), and deviations by their own amplitudes, (M, 3)."""
+    whole = np.isfinite(heard.value).all(1) & (heard.amplitude > 0)
+    rows = np.arange(len(heard))
+    return whole, np.minimum(deviations(heard, rows, heard.amplitude, heard.value[:, 1:], radio), WIDEST)

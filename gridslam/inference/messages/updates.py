@@ -10,7 +10,7 @@ import numpy as np
 from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.messages.association import ROUNDS, Association, associate, log_normaliser
-from gridslam.inference.messages.crowds import crowded_as_one
+from gridslam.inference.messages.crowds import crowded_as_one, neighbours
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.prediction import PredictedPaths
 from gridslam.inference.state.anchor_measurements import AnchorScan
@@ -122,7 +122,7 @@ def update_surfaces_and_agent(
         ratios.measured[tables.NEW], rounds = given.new, 0
     messages.reserve(len(rays), len(pairs), (surfaces, anchors))
     launch = update_with_clocks() if belief.clocks else update
-    pairs = crowded_as_one(pairs, heard)
+    pairs = crowded_as_one(pairs, heard, work.once(neighbours, heard.table))
     launch(
         belief.layout.head, rounds, blocks.Belief(belief.mean, belief.covariance),
         blocks.PathRows(rays.table, paths.prediction.whole), pairs.block(ratios.blocks), ratios.block,

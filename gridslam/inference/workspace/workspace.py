@@ -18,6 +18,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 OTHER = "bookkeeping"
 """Stage of whatever isn't timed by itself."""
+SHARED = 64
+"""Things that hypotheses share, at most."""
 
 
 class Workspace:
@@ -63,6 +65,7 @@ class Workspace:
         self.messages = PathMessages(self._cells is not None)
         self.seconds: dict[str, float] = {}
         self._buffers: dict[tuple[Callable[..., Any], Hashable], tuple[tuple[Any, ...], Any]] = {}
+        self._shared: dict[tuple[Any, ...], tuple[tuple[Any, ...], Any]] = {}
         self._stages = [OTHER]
         self._since = time.perf_counter()
         self._turned: tuple[FilterModel, bytes, FilterModel] | None = None
@@ -84,6 +87,20 @@ class Workspace:
         known = self._buffers.get((make, slot))
         if known is None or known[0] != shape:
             known = self._buffers[make, slot] = shape, make(*shape)
+        made: Made = known[1]
+        return made
+
+    def once(self, make: Callable[..., Made], *of: Any) -> Made:
+        """What `make` makes of these very objects: made once, for hypotheses share it.
+
+        Nobody may change it in place, nor what it was made of.
+        """
+        key = make, *map(id, of)
+        known = self._shared.get(key)
+        if known is None:
+            if len(self._shared) == SHARED:
+                self._shared.clear()
+            known = self._shared[key] = of, make(*of)  # which keeps them, so that others have other numbers
         made: Made = known[1]
         return made
 
