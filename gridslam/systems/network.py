@@ -14,6 +14,7 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
+from gridslam.inference.management.clock_rivals import advance
 from gridslam.inference.management.network_merging import merge_and_prune_shared
 from gridslam.inference.management.network_readout import CONFIRMED, network_estimate
 from gridslam.inference.management.pose_recovery import recover_pose
@@ -35,6 +36,7 @@ from gridslam.inference.messages.ray_amplitudes import (
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
 from gridslam.inference.state.anchor_measurements import AnchorScan, of_all_anchors, split_by_anchor
 from gridslam.inference.state.belief import lines_covariance
+from gridslam.inference.state.network_population import NetworkPopulation
 from gridslam.inference.state.network_state import NetworkState
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -150,7 +152,7 @@ def by_anchor(
     return state, scans
 
 
-class NetworkSlam(FilterFront[NetworkScan, NetworkState]):
+class NetworkSlam(FilterFront[NetworkScan, NetworkPopulation]):
     """Network SLAM, one step of all agents at a time.
 
     Parameters
@@ -201,6 +203,17 @@ class NetworkSlam(FilterFront[NetworkScan, NetworkState]):
     def _model(self, model: FilterModel) -> NetworkModel:
         return network_model(self.scene, self._names or [model.agent])
 
+    @property
+    def state(self) -> Any:
+        """What is believed after the latest step; of several hypotheses, the likeliest."""
+        return self.now.believed.best
+
+    def _begun(self, state: Any) -> Any:
+        return NetworkPopulation((state,))
+
+    def _advanced(self, scan: NetworkScan) -> tuple[Any, Any]:
+        return advance(self.now.believed, scan, self.model, self.work, self.advance)
+
     def _workspace(self) -> Works:
         first = Workspace(self.model.agents[0], self.seed, self.keeps_grid)
         cells = first.require_cells() if self.keeps_grid else None
@@ -242,9 +255,11 @@ class NetworkSlam(FilterFront[NetworkScan, NetworkState]):
         for name, told in starts.items():
             number = self.model.names.index(name)
             state = self.started_at(state, number, told.position_m, told.heading_rad)
-        self.now = self.now._replace(believed=state)
+        self.now = self.now._replace(believed=self._begun(state))
 
-    def estimate(self, believed: NetworkState, scan: NetworkScan, info: NetworkInfo, began: float) -> Any:
+    def estimate(
+        self, believed: NetworkPopulation, scan: NetworkScan, info: NetworkInfo, began: float
+    ) -> Any:
         """Estimates of agents, surfaces and clocks."""
         whole = network_estimate(believed, scan, info.agents, self.model, began, works=self.work)
         return whole.agents[self.agent] if self._single else whole

@@ -15,6 +15,7 @@ from gridslam.estimates import Estimate
 from gridslam.inference.management.readout import estimates
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
+from gridslam.inference.state.network_population import NetworkPopulation
 from gridslam.inference.state.network_state import NetworkState
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.geometry import wrap
@@ -60,11 +61,11 @@ class NetworkEstimate:
 
 
 def network_estimate(
-    state: NetworkState, scan: NetworkScan, infos: Sequence[StepInfo | None], model: NetworkModel,
+    population: NetworkPopulation, scan: NetworkScan, infos: Sequence[StepInfo | None], model: NetworkModel,
     began: float, *, works: Sequence[Workspace],
 ) -> NetworkEstimate:  # fmt: skip
     """MMSE estimates of agents, surfaces and clocks; the step began at `began`, `time.perf_counter`."""
-    found = dict[str, Estimate | None]()
+    state, found = population.best, dict[str, Estimate | None]()
     labels = dict[str, NDArray[np.intp]]()
     for agent, (name, heard, info) in enumerate(zip(model.names, scan.scans, infos, strict=True)):
         found[name] = None
@@ -77,7 +78,7 @@ def network_estimate(
         offset, covariance = state.belief.clock_offsets()
     return NetworkEstimate(
         scan.step, scan.time_s, found, (*model.anchor_names, *model.names), offset / SPEED_OF_LIGHT,
-        covariance / SPEED_OF_LIGHT**2, state.clocks.unset.copy(), labels,
+        covariance / SPEED_OF_LIGHT**2, population.unset, labels,
     )  # fmt: skip
 
 

@@ -42,10 +42,16 @@ def set_clocks(
         return state
     search = state.clocks.heard(heard_about(state, state.clocks.unset, scans, model, works=works))
     belief, first = state.belief, state.belief.layout.devices
-    for anchor, offset in search.decided():
+    for anchor, offset in search.decided(tells_no_departure(scans)):
         belief, search = belief.independent(int(first[anchor]), offset, SET_VARIANCE), search.closed(anchor)
     state = replace(state, belief=belief, clocks=search)
     return loosened(state)
+
+
+def tells_no_departure(scans: Sequence[Scan | None]) -> bool:
+    """Whether something was heard, and no departure of it measured: then clocks have rival modes."""
+    heard = [scan.aod_rad for scan in scans if scan is not None and len(scan)]
+    return bool(heard) and not any(np.isfinite(angle).any() for angle in heard)
 
 
 def challenge_clocks(
@@ -63,7 +69,7 @@ def challenge_clocks(
     wide = model.clocks.half_width_m[: model.clocks.anchors] > NARROW_M
     closed = wide & ~state.clocks.unset
     later = state.step > CHALLENGE_STEPS and state.step % CHALLENGE_STEPS
-    if later or not closed.any():
+    if later or not closed.any() or tells_no_departure(scans):  # rival modes are hypotheses then
         return state
     evidence = heard_about(state, closed, scans, model, works=works)
     devices = state.belief.layout.devices

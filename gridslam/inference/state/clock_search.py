@@ -20,6 +20,8 @@ SURE = 0.999
 """Share of the mass that lies there once a clock is set: at 0.99, clutter alone sets one in a hundred."""
 FIRST_STEPS, FIRST_SURE = 3, 0.99
 """Steps of a search in which less will do for a single mode: poses wait for it, and it is asked again."""
+MODE_COUNTS = 1e-5
+"""Share of the mass from which on a rival mode is kept, where they are: steps share the pose's error."""
 FORGETTING, CHALLENGED = 0.7, 14.0
 """Share of older evidence about a set clock that counts, and nats for another offset that open it again."""
 SET_VARIANCE = 1.0
@@ -113,13 +115,20 @@ class ClockSearch:
         doubt = np.where(unset, 0.0, self.doubt)
         return replace(self, log=log, unset=unset, doubt=doubt)
 
-    def decided(self) -> list[tuple[int, float]]:
-        """Open clocks whose mass lies about one peak, and its mean there (m)."""
+    def decided(self, rivals: bool = False) -> list[tuple[int, float]]:
+        """Open clocks whose mass lies about one peak, and its mean there (m).
+
+        Parameters
+        ----------
+        rivals : bool
+            Whether other modes are kept as hypotheses: then none that counts may be left.
+        """
         found, mass = [], self.mass
         for anchor in np.flatnonzero(self.unset & (self.since > 0)):
             far = np.abs(self.centre - self.centre[mass[anchor].argmax()])
-            early = self.since[anchor] <= FIRST_STEPS
-            rules = ((NARROW_M, np.inf, SURE), (LOBE_M, LOBE_VARIANCE, FIRST_SURE if early else SURE))
+            first = FIRST_SURE if self.since[anchor] <= FIRST_STEPS else SURE
+            narrow, lobe = (1 - MODE_COUNTS,) * 2 if rivals else (SURE, first)
+            rules = ((NARROW_M, np.inf, narrow), (LOBE_M, LOBE_VARIANCE, lobe))
             for reach, widest, sure in rules:
                 near = far <= reach
                 share = mass[anchor, near].sum()

@@ -101,6 +101,17 @@ class PublishedNetworkSlam(NetworkSlam):
             raise InputError(where, "clocks with rates", "clocks of one state, or --method network")
         return self.seed
 
+    @property
+    def state(self) -> Any:
+        """What is believed after the latest step."""
+        return self.now.believed
+
+    def _begun(self, state: Any) -> Any:
+        return state
+
+    def _advanced(self, scan: NetworkScan) -> tuple[Any, Any]:
+        return self.advance(self.state, scan, self.model, self.work)
+
     @staticmethod
     def moved(state: Any, position_m: Array, heading_rad: float) -> Any:
         """The state before the first step, with the first agent's prior about another start (m, rad)."""

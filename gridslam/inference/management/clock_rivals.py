@@ -1,0 +1,151 @@
+"""Rival modes of clocks, kept as hypotheses where departures aren't measured; docs/model.md, (M106).
+
+A wall behind an anchor explains all of its paths by a longer bias, and arrivals hardly tell. Whole worlds do:
+in the wrong one the line of sight is left over, and no wall explains what comes before it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.inference.management.hypotheses import comparable
+from gridslam.inference.messages.clock_setting import tells_no_departure
+from gridslam.inference.state.clock_search import MODE_COUNTS, NEVER, ClockSearch
+from gridslam.inference.state.network_population import ALIKE_M, NetworkPopulation
+from gridslam.inference.state.network_state import NetworkState
+from gridslam.inference.workspace.workspace import Workspace
+from gridslam.world.network_model import NetworkModel
+from gridslam.world.network_scan import NetworkScan
+
+Step = Callable[[NetworkState, NetworkScan, NetworkModel, Any], tuple[NetworkState, Any]]
+Modes = dict[int, list[NDArray[np.bool_]]]
+"""Cells (C,) of every mode of an anchor's clock; the last may be all that is left."""
+REACH_M, MOST = 1.25, 5
+"""Half width of a mode, and modes of one clock at most."""
+HOPELESS, CAP = 30.0, 48
+"""Log weight behind the best at which a hypothesis is pruned; hypotheses at most."""
+PARTICLES = 512
+"""Drawn for each agent in each of several hypotheses, at most."""
+
+
+def advance(
+    population: NetworkPopulation, scan: NetworkScan, model: NetworkModel, works: Sequence[Workspace],
+    step: Step,
+) -> tuple[NetworkPopulation, Any]:  # fmt: skip
+    """One step of all hypotheses; of one whose clocks have rival modes by then, instead of a branch for each.
+
+    Parameters
+    ----------
+    step : callable
+        The system's, of one state.
+
+    Returns
+    -------
+    (population, info)
+        info: of the likeliest.
+    """
+    states, logs, infos = list[NetworkState](), list[float](), list[Any]()
+    room = CAP - len(population)
+    _limit(works, len(population) > 1)
+    for before, log in zip(population.states, population.log_weight, strict=True):
+        after, info = step(before, scan, model, works)
+        parts = [(before, 0.0)]
+        if room > 0 and tells_no_departure(scan.scans):
+            parts = branches(before, after, rival_modes(after.clocks), room + 1)
+        if len(population) == len(parts) == 1:
+            return replace(population, states=(after,)), info
+        _limit(works, True)
+        room -= len(parts) - 1
+        for branch, share in parts:
+            if len(parts) > 1:
+                after, info = step(branch, scan, model, works)
+            states.append(after)
+            infos.append(info)
+            logs.append(log + share + evidence(after, info, model))
+    weight = np.array(logs)
+    return reduced(NetworkPopulation.weighed(states, weight)), infos[int(weight.argmax())]
+
+
+def _limit(works: Sequence[Workspace], several: bool) -> None:
+    for work in works:
+        work.particles.limit = PARTICLES if several else None
+
+
+def rival_modes(search: ClockSearch) -> Modes:
+    """Modes of open clocks that have several, the likeliest first, then what is left if it counts."""
+    found: Modes = {}
+    for anchor in np.flatnonzero(search.unset & (search.since > 0)).tolist():
+        left = search.mass[anchor]
+        modes = list[NDArray[np.bool_]]()
+        while len(modes) < MOST and left.max() > 0:
+            near = np.abs(search.centre - search.centre[left.argmax()]) <= REACH_M
+            if left[near].sum() < MODE_COUNTS:
+                break
+            modes.append(near & (left > 0))
+            left = np.where(near, 0.0, left)
+        if left.sum() >= MODE_COUNTS:  # its line of sight may have been missed as yet
+            modes.append(left > 0)
+        if len(modes) > 1:
+            found[anchor] = modes
+    return found
+
+
+def branches(
+    before: NetworkState, after: NetworkState, modes: Modes, most: int
+) -> list[tuple[NetworkState, float]]:
+    """The state before a step with each likely combination of modes, and the log of its prior mass.
+
+    Parameters
+    ----------
+    after : NetworkState
+        After the step: its histograms say what is likely.
+    most : int
+        Combinations at most.
+    """
+    mass = after.clocks.mass
+    likely = [[np.log(mass[anchor, own].sum()) for own in cells] for anchor, cells in modes.items()]
+    numbers = [range(len(cells)) for cells in modes.values()]
+
+    def unlikely(pick: tuple[int, ...]) -> float:
+        return -float(sum(own[k] for own, k in zip(likely, pick, strict=True)))
+
+    ranked = sorted(product(*numbers), key=unlikely)
+    made, earlier = [], before.clocks.log
+    whole = np.logaddexp.reduce(earlier, axis=1)
+    for pick in ranked[:most]:
+        if unlikely(pick) > unlikely(ranked[0]) + HOPELESS:
+            break
+        log, share = earlier.copy(), 0.0
+        for (anchor, cells), k in zip(modes.items(), pick, strict=True):
+            share += float(np.logaddexp.reduce(earlier[anchor, cells[k]]) - whole[anchor])
+            log[anchor] = np.where(cells[k], log[anchor] - log[anchor, cells[k]].max(), NEVER)
+        made.append((replace(before, clocks=replace(before.clocks, log=log)), share))
+    return made
+
+
+def evidence(state: NetworkState, info: Any, model: NetworkModel) -> float:
+    """Log evidence of a step, of what all agents heard."""
+    told = zip(range(len(model.agents)), info.agents, model.agents, strict=True)
+    return sum(comparable(own, state.part(agent), one) for agent, own, one in told if own is not None)
+
+
+def reduced(population: NetworkPopulation) -> NetworkPopulation:
+    """Without hypotheses far behind the best, and those that have become the same as a likelier one."""
+    offset, place, kept = population.offsets, population.places, list[int]()
+    for one, (state, log) in enumerate(zip(population.states, population.log_weight, strict=True)):
+        if log <= population.log_weight[0] - HOPELESS:
+            continue
+        same = (np.abs(offset[kept] - offset[one]) < ALIKE_M).all(1)
+        same &= (np.abs(place[kept] - place[one]) < ALIKE_M).all((1, 2))
+        if state.clocks.unset.any() or not same.any():
+            kept.append(one)
+    if len(kept) == len(population):
+        return population
+    logs = np.array(population.log_weight)[kept]
+    return NetworkPopulation.weighed([population.states[k] for k in kept], logs)
