@@ -317,6 +317,8 @@ class Estimate:
     hypotheses : HypothesisEstimate
         Where the agent may be, the likeliest first (no rows where it wasn't kept). Surfaces and paths are
         those of the first.
+    heights : dict
+        Height and its deviation, m, of "agent", "floor" and "ceiling", where the scene gives deviations.
     """
 
     step: int
@@ -332,6 +334,7 @@ class Estimate:
     seconds: float = math.nan
     health: Health = field(default_factory=Health)
     hypotheses: HypothesisEstimate = field(default_factory=HypothesisEstimate.empty)
+    heights: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """One line."""

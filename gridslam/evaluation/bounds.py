@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from gridslam.arrays import Array
 from gridslam.inference.state.layout import AGENT
@@ -86,12 +87,15 @@ def known_map_bound(
     paths = true_paths(scene, agent, track) if paths is None else paths
     paths = paths.take(paths.of_walls)
     jacobian = whitened_jacobian(scene, agent, paths, hit_surfaces(scene, paths), track)
+    tall = height_slopes(scene, agent, paths)
+    jacobian = np.concatenate([jacobian[:, :, :AGENT], tall], 2)
     rows = _information(scene, agent, paths, jacobian, len(track))
-    information, bounds = agent_prior(scene, agent), []
+    information, bounds = _joined(agent_prior(scene, agent), _height_prior(scene, agent)), []
     for step in range(len(rows)):
         if step:
-            information = predict_information(information, *agent_motion(scene, track.time_s, step, 0))
-        information = information + rows[step, :AGENT, :AGENT]
+            motion = agent_motion(scene, track.time_s, step, 0)
+            information = predict_information(information, *_widened(*motion, tall.shape[2]))
+        information = information + rows[step]
         bounds.append(agent_bound(estimable_covariance(information)))
     position, heading = np.transpose(bounds)
     return Bound(position, heading)
@@ -126,9 +130,11 @@ def unknown_map_bound(
         surface = np.union1d(surface, before.surface)
     line, rows = surface_lines(scene)[surface], whitened_jacobian(scene, agent, paths, surface)
     times = scene.track(agent).time_s
-    gained = _information(scene, agent, paths, rows, len(times))
+    tall = height_slopes(scene, agent, paths)
+    gained = _information(scene, agent, paths, np.concatenate([rows, tall], 2), len(times))
     information = np.zeros((AGENT + 2 * len(surface),) * 2)
     information[:AGENT, :AGENT] = agent_prior(scene, agent)
+    information = _joined(information, _height_prior(scene, agent))  # heights come last
     if before is not None:
         own = AGENT + (2 * np.searchsorted(surface, before.surface)[:, None] + np.arange(2)).ravel()
         information[np.ix_(own, own)] = before.information
@@ -138,7 +144,7 @@ def unknown_map_bound(
     for step in range(len(gained)):
         if step:
             motion = agent_motion(scene, times, step, len(surface), jitter, feet)
-            information = predict_information(information, *motion)
+            information = predict_information(information, *_widened(*motion, tall.shape[2]))
         information = information + gained[step]
         covariance = estimable_covariance(information)
         bounds.append(agent_bound(covariance))
@@ -148,8 +154,10 @@ def unknown_map_bound(
         spread = sfv_covariance(line[known], own_covariance[known])
         surface_m[step, known] = np.sqrt(np.trace(spread, axis1=1, axis2=2))
         follow_hits(feet, scene, paths.at(step), surface, line)
-    corner, cross = information[:AGENT, :AGENT], information[:AGENT, AGENT:]
-    left = information[AGENT:, AGENT:] - cross.T @ np.linalg.solve(corner, cross)
+    lines = np.arange(AGENT, AGENT + 2 * len(surface))
+    rest = np.setdiff1d(np.arange(len(information)), lines)  # what the next agent doesn't share
+    corner, cross = information[np.ix_(rest, rest)], information[np.ix_(rest, lines)]
+    left = information[np.ix_(lines, lines)] - cross.T @ np.linalg.solve(corner, cross)
     position, heading = np.transpose(bounds)
     return MapBound(position, heading, surface, line, surface_m, 0.5 * (left + left.T))
 
@@ -228,6 +236,36 @@ def whitened_jacobian(
     )
     measured = [quantity in signal.measures for quantity in ("distance", "aod", "aoa")]
     return jacobian / np.where(measured, np.stack(std, -1), np.inf)[:, :, None]
+
+
+def height_slopes(scene: Scene, agent: str, paths: TruePaths) -> Array:
+    """Derivative of (distance, AoD, AoA) of each path by unknown rises, over their deviations, (L, 3, G)."""
+    ways, signal = scene.verticals(agent), scene.signal_model(agent)
+    slopes = np.zeros((len(paths), 3, len(ways.rise_variance)))
+    if slopes.size and "distance" in signal.measures:
+        rise, heights = ways.rises(paths.over), ways.heights(paths.over, paths.anchor)
+        rows = np.flatnonzero(rise >= 0)
+        slope = heights / paths.distance_m / signal.distance_std(paths.amplitude)
+        slopes[rows, 0, rise[rows]] = slope[rows]
+    return slopes
+
+
+def _height_prior(scene: Scene, agent: str) -> Array:
+    """Information about unknown rises before the start, (G, G)."""
+    return np.asarray(np.linalg.inv(scene.verticals(agent).rise_variance), np.float64)
+
+
+def _joined(information: Array, other: Array) -> Array:
+    """Information about what is independent."""
+    return np.asarray(block_diag(information, other)) if other.size else information
+
+
+def _widened(backward: Array, push: Array, variance: Array, heights: int) -> tuple[Array, Array, Array]:
+    """A motion, of so many heights more that nothing moves."""
+    if not heights:
+        return backward, push, variance
+    still = np.zeros((heights, push.shape[1]))
+    return np.asarray(block_diag(backward, np.eye(heights))), np.concatenate([push, still]), variance
 
 
 def path_jacobian(

@@ -11,7 +11,7 @@ from gridslam.reference.feature_likelihood import (
     differentiate_features,
     evaluate_features,
 )
-from gridslam.reference.gaussian import correct, predict
+from gridslam.reference.gaussian import correct, late, predict, tall
 from gridslam.reference.histograms import listen, walk
 from gridslam.reference.merging import find_duplicates, find_ghosts
 from gridslam.reference.messages import associate, enter, evaluate, gate, log_rician, weigh
@@ -44,6 +44,7 @@ __all__ = [
     "fold_messages",
     "gate",
     "initialise_surface",
+    "late",
     "learn",
     "learn_ratios",
     "likely",
@@ -58,9 +59,10 @@ __all__ = [
     "prepare",
     "propose",
     "recall",
+    "tall",
     "trace",
     "update",
     "walk",
     "weigh",
     "weigh_by_visibility",
-]  # fmt: skip
+]

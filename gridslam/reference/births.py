@@ -10,7 +10,7 @@ from gridslam.inference.state.belief import Belief, give_birth, update
 from gridslam.inference.state.layout import AGENT, StateLayout
 from gridslam.kernels import FAINTEST
 from gridslam.reference.cells import cells_of
-from gridslam.reference.gaussian import late
+from gridslam.reference.gaussian import RISE, clocked, late, tall
 from gridslam.reference.messages import clutter, deviations, log_rician
 from gridslam.reference.paths import lines_of
 from gridslam.world.geometry import course, lean, level_of, line_between, mirror, trace, unit, wrap
@@ -39,7 +39,8 @@ def _proposed(
     places: Array, radio: Array, rate: float, measured: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
     """The same of one anchor: (M, H) and (M, H, 2)."""
-    place, explained, delta = places[anchor], measured[0], late(mean, head, anchor)
+    place, explained, delta = places[anchor].copy(), measured[0], late(mean, head, anchor, places)
+    place[3] = tall(mean, head, anchor, places)
     silent, double, length = heard[:, 6] < 0, (known >= 0).any(1), heard[:, 0] - delta
     usual = np.where(silent, 0.5 * radio[7] / np.maximum(length, 1e-3), heard[:, 6])
     std = deviations(np.maximum(usual, FAINTEST), heard[:, 1:3], radio, lean(length, place[3]))
@@ -54,7 +55,8 @@ def _proposed(
     keep &= length > abs(place[3])
     keep &= (heard[:, 9] < 0) | (heard[:, 9] == anchor)
     weight = np.zeros((len(heard), len(known)))
-    clock = state[len(state) - (head - AGENT) + anchor] if head > AGENT else np.zeros(state.shape[1])
+    late_by = len(state) - (head - AGENT) + anchor
+    clock = state[late_by] if clocked(head, places) else np.zeros(state.shape[1])
     measurement = np.concatenate([heard[keep, :3], std[keep]], 1)
     weight[keep] = likely(state[: len(state) - (head - AGENT)], clock, noise, measurement, known, place)
     ratio = common[:, None] * level[:, double.astype(int)] * weight * np.where(double, DOUBLE_SHARE, 1.0)
@@ -134,11 +136,11 @@ def initialise_surface(
     Lines are worked out at all inputs at once, and derivatives are differences.
     """
     amplitude, place, facing, radio = heard[m, 6], places[anchor, :2], places[anchor, 2], radio[anchor]
-    value = heard[m, :3] - np.array([late(mean, head, anchor), 0.0, 0.0])
+    value = heard[m, :3] - np.array([float(late(mean, head, anchor, places)), 0.0, 0.0])
     known, size, layout = max(last, first), len(mean), StateLayout.of_view(len(mean), head - AGENT)
     new, line_of = layout.surfaces, layout.line
     strength = amplitude if amplitude >= 0 else 0.5 * radio[7] / max(value[0], 1e-3)
-    height = places[anchor, 3]
+    height = float(tall(mean, head, anchor, places))
     steep = lean(value[0], height)
     std = deviations(np.array([max(strength, FAINTEST)]), value[None, 1:], radio, steep)[0]
     std = np.where(heard[m, 3:6] > 0, heard[m, 3:6], std)
@@ -172,8 +174,10 @@ def initialise_surface(
     derivative = np.stack([wrap(change[:, 0]), change[:, 1]]) / 2e-5
     by_state = np.zeros((2, size))
     by_state[:, [0, 1, 4]] = derivative[:, :3]
-    if layout.clocks:
+    if clocked(head, places):
         by_state[:, AGENT + anchor] = -derivative[:, 3]
+    elif layout.clocks and places[anchor, RISE] >= 0:
+        by_state[:, AGENT + int(places[anchor, RISE])] = -derivative[:, 3] * height / value[0]
     if known >= 0:
         by_state[:, line_of(known)] = derivative[:, 5:]
     back = derivative[:, 4] * wrap(inputs[4] - at[4])

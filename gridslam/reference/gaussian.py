@@ -11,13 +11,26 @@ from gridslam.inference.state.layout import AGENT, HEADING, StateLayout
 from gridslam.world.geometry import trace, wrap
 
 Whole = NDArray[np.int32]
+RISE = 5
 UNHEARD, UNMOVED = 1e-3, 1e-6
 
 
-def late(mean: Array, head: int, anchors: Whole | int) -> Array:
+def late(mean: Array, head: int, anchors: Whole | int, places: Array) -> Array:
     """By how much clocks lengthen the distances of anchors, m."""
-    differences = mean[AGENT:head]
-    return differences[anchors] if len(differences) else np.zeros(np.shape(anchors))
+    differences, known = mean[AGENT:head], np.zeros(np.shape(anchors))
+    return np.where(places[anchors, RISE] >= 0, 0.0, differences[anchors]) if clocked(head, places) else known
+
+
+def clocked(head: int, places: Array) -> bool:
+    """Whether what stands between pose and lines are clocks."""
+    return head > AGENT and bool((places[:, RISE] == -1).all())
+
+
+def tall(mean: Array, head: int, anchors: Whole | int, places: Array) -> Array:
+    """How high anchors stand above the agent, m: as told, and a rise on top where there is one."""
+    rise = places[anchors, RISE].astype(np.intp)
+    own = np.append(mean[AGENT:head], 0.0)
+    return np.where((rise >= 0) & (head > AGENT), places[anchors, 4] + own[rise], places[anchors, 3])
 
 
 def predict(
@@ -34,14 +47,18 @@ def predict(
         lines[last],
         lines[first],
         bounces,
-        place[:, 3],
+        tall(mean, head, source, places),
     )
-    far, bearing = drawn.distance + late(mean, head, source), drawn.arrival - mean[HEADING]
+    far, bearing = drawn.distance + late(mean, head, source, places), drawn.arrival - mean[HEADING]
     value = np.stack([far, wrap(drawn.departure - place[:, 2]), wrap(bearing)], -1)
     slope = np.zeros((count, 3, len(mean)))
     slope[:, :, [0, 1, HEADING]] = drawn.jacobian[:, :, :3]
-    if layout.clocks:
+    if clocked(head, places):
         slope[np.arange(count), 0, AGENT + source] = 1.0
+    elif layout.clocks:
+        rise = place[:, RISE].astype(np.intp)
+        by = tall(mean, head, source, places) / drawn.distance
+        slope[np.arange(count), 0, AGENT + rise] = np.where(rise >= 0, by, 0.0)
     for row in range(count):
         if bounces[row] > 0:
             slope[row][:, layout.line(last[row])] += drawn.jacobian[row, :, 3:5]

@@ -10,6 +10,8 @@ from gridslam.inference.state.layout import AGENT, HEADING
 from gridslam.world.geometry import trace, wrap
 
 Whole = NDArray[np.int32]
+RISE = 5
+"""Column of anchors: which rise is theirs; below 0 none, and -1 where clocks may be unknown."""
 
 
 def lines_of(state: Array, head: int = AGENT) -> Array:
@@ -29,14 +31,17 @@ def densities(
     surfaces = lines if len(lines) else np.zeros((1, particles, 2))
     position = np.asarray(state[:2].T, np.float64)
     for row, (bounces, last, first, number) in enumerate(path):
-        place = places[number]
+        place, rise = places[number], int(places[number, RISE])
+        own, height = len(state) - clocks + (number if rise < 0 else rise), place[3]
+        if clocks and rise >= 0:
+            height = place[4] + np.asarray(state[own], np.float64)
         drawn = trace(
             position, np.broadcast_to(place[:2], (particles, 2)), surfaces[max(last, 0)],
-            surfaces[max(first, 0)], np.full(particles, bounces), place[3],
+            surfaces[max(first, 0)], np.full(particles, bounces), height,
         )  # fmt: skip
         possible = drawn.valid.astype(np.float64)
         valid[row] = possible.reshape(blocks, block).sum(1)
-        late = state[len(state) - clocks + number] if clocks else 0.0
+        late = state[own] if clocks and rise == -1 else 0.0
         seen = np.stack([drawn.distance + late, drawn.departure - place[2], drawn.arrival - state[2]], -1)
         for n in range(start[row], start[row + 1]):
             gap = pair[n, :3] - seen

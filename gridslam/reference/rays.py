@@ -55,7 +55,7 @@ def list_paths(
     parts = [listed(anchor, bounces, links) for anchor in anchors]
     path, existence, surfaces = (np.concatenate(part) for part in zip(*parts, strict=True))
     value, _, spread = predict(*belief, head, path, places)
-    length = value[:, 0] - late(belief.mean, head, path[:, 3])
+    length = value[:, 0] - late(belief.mean, head, path[:, 3], places)
     whole = np.column_stack([value, spread.reshape(-1, 9), length])
     return path, stay * existence + appear * (1 - existence), surfaces, whole
 

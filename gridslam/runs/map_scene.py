@@ -166,6 +166,8 @@ def _started(
 ) -> Slam:
     """A method's object, told of a start: by `start_at` where it has one, else by its scene."""
     told = getattr(method, "start_at", None)
+    if start is not None and start.heights_m:
+        scene = scene.at_heights(agent, start.heights_m)
     if start is not None and told is None:
         scene = scene.starting(agent, start.position_m, start.heading_rad)
     slam = built(method, scene, prior_map, agent, seed, waveform)

@@ -142,6 +142,8 @@ class Run:
             "seconds_per_step": float(self.seconds_per_step),
             "peak_memory_mb": float(self.peak_memory_mb),
         }
+        if self.estimates and self.estimates[-1].heights:
+            scores["heights"] = self._heights(isinstance(truth, Truth))
         track = truth.trajectory if isinstance(truth, Truth) else truth
         if track is not None and len(self.trajectory):
             position, heading = track_errors(self.trajectory, track)
@@ -168,6 +170,14 @@ class Run:
             if self.map.observed.any():  # not every method tells cells
                 scores["map"] = map_scores(self.map, whole.segments, whole.paths)
         return scores
+
+    def _heights(self, simulated: bool) -> dict[str, dict[str, float | None]]:
+        """Estimated heights, their deviations, and errors where the scene has the true ones, m."""
+        true = self.scene.told_heights(self.agent)
+        return {
+            name: {"height_m": height, "std_m": std, "error_m": height - true[name][0] if simulated else None}
+            for name, (height, std) in self.estimates[-1].heights.items()
+        }
 
 
 AGENT_KEYS = (

@@ -41,6 +41,7 @@ HYPOTHESIS_UNITS = {
     "position_cov_m2": "m^2",
     "surface_count": "1",
 }
+HEIGHTS = ("agent", "floor", "ceiling")
 TAILS = {
     "position_m": (2,),
     "velocity_mps": (2,),
@@ -61,7 +62,8 @@ def write_steps(path: str | os.PathLike[str], estimates: Sequence[Estimate]) -> 
 
     ``/steps/<name>`` has one row per step; ``/surfaces/<name>``, ``/paths/<name>`` and ``/hypotheses/<name>``
     hold the rows of all steps below one another, those of step ``n`` from ``offset[n]`` up to
-    ``offset[n + 1]``. How long a step took is left out, so that a run repeated gives the same file.
+    ``offset[n + 1]``. ``/heights/<name>`` has heights and their deviations, where they were unknown. How long
+    a step took is left out, so that a run repeated gives the same file.
 
     Raises
     ------
@@ -87,6 +89,12 @@ def write_steps(path: str | os.PathLike[str], estimates: Sequence[Estimate]) -> 
         put(group, "offset", np.cumsum([0, *map(len, rivals)]), "1")
         for name, unit in HYPOTHESIS_UNITS.items():
             put(group, name, getattr(HypothesisEstimate.stack(rivals), name), unit)
+        tall = [e.heights for e in estimates]
+        if any(tall):
+            heights = file.create_group("heights")
+            for name in HEIGHTS:
+                if all(name in own for own in tall):
+                    put(heights, name, np.array([own[name] for own in tall]), "m")
 
 
 def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
@@ -112,6 +120,7 @@ def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
         route = {name: get(paths, name, (lines, *TAILS.get(name, ()))) for name in PATH_UNITS}
         detected = get(surfaces, "detected", (total,), "b")
         rivals = _read_hypotheses(file, count)
+        tall = _read_heights(file, count)
     all_surfaces, all_paths = SurfaceEstimate(**table), PathEstimate(**route)
     return [
         Estimate(
@@ -127,9 +136,19 @@ def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
             float(rows["effective_sample_size"][n]),
             math.nan,
             hypotheses=rivals[n],
+            heights=tall[n],
         )
         for n in range(count)
     ]
+
+
+def _read_heights(file: h5py.File, count: int) -> list[dict[str, tuple[float, float]]]:
+    """Heights of every step that a file holds, and their deviations, m."""
+    if "heights" not in file:
+        return [{}] * count
+    group = subgroup(file, "heights")
+    rows = {name: get(group, name, (count, 2)).tolist() for name in HEIGHTS if name in group}
+    return [{name: (row[n][0], row[n][1]) for name, row in rows.items()} for n in range(count)]
 
 
 def _read_hypotheses(file: h5py.File, count: int) -> list[HypothesisEstimate]:

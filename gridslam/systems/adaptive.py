@@ -47,7 +47,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     exchanges, earlier_s, form = list[Exchange](), state.time_s, representation_of(state, model)
     state = form.predict(state, scan.time_s, len(scan), model, work=work)
     reckoned = state.calibration
-    model = work.calibrated(model, reckoned.turned)
+    model = work.calibrated(model, reckoned.turned, state.belief.higher)
     scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)
     recalled = state = form.recall(state, model, work=work)
@@ -100,5 +100,6 @@ class AdaptiveSlam(SurfaceFilter):
     method = "adaptive"
     by_particles = True
     over_levels = True
+    finds_heights = True
     start = staticmethod(start)
     advance = staticmethod(step)

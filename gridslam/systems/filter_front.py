@@ -61,6 +61,8 @@ class FilterFront(ABC, Generic[Heard, Believed]):
 
     over_levels: ClassVar[bool] = False
     """Whether paths over floor and ceiling have a place in it."""
+    finds_heights: ClassVar[bool] = False
+    """Whether it estimates heights that a scene gives with deviations."""
 
     def __init__(
         self,
@@ -77,6 +79,8 @@ class FilterFront(ABC, Generic[Heard, Believed]):
             raise InputError(f"{scene.name}: filter.representation", f"{asked!r} for {self.method}", allowed)
         if not self.over_levels:
             scene.require_walls_alone(self.method)
+        if not self.finds_heights or asked == "particles":
+            scene.require_known_heights(f"{self.method} by particles" if self.finds_heights else self.method)
         self.scene, self.seed = scene, seed
         self.model = self._model(scene.filter_model(agent))
         self.agent = self.model.agent

@@ -118,7 +118,7 @@ class SurfaceFront(FilterFront[Heard, Population]):
     def estimate(self, believed: Population, scan: Heard, info: StepInfo, began: float) -> Estimate:
         """MMSE estimates of the agent; surfaces and paths of the likeliest hypothesis; all hypotheses."""
         state, population = believed.best, believed
-        model = self.work.calibrated(self.model, info.turned)
+        model = self.work.calibrated(self.model, info.turned, state.belief.higher)
         mean, covariance = population.agent()
         at_1m = model.radio.amplitude_at_1m * info.gain
         table, paths = estimates(state, model, at_1m, self._strength(state), work=self.work)
@@ -126,8 +126,15 @@ class SurfaceFront(FilterFront[Heard, Population]):
             scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[HEADING])),
             covariance, table, paths,
             table.existence > model.settings.detect_above, info.health.effective_sample_size,
-            time.perf_counter() - began, info.health, described(population),
+            time.perf_counter() - began, info.health, described(population), self._heights(state),
         )  # fmt: skip
+
+    def _heights(self, state: State) -> dict[str, tuple[float, float]]:
+        """Heights that the scene gives with deviations, as believed, and their deviations, m."""
+        belief, own = state.belief, state.belief.layout.heights
+        if not belief.rises:
+            return {}
+        return self.scene.found_heights(self.agent, belief.higher, belief.covariance[own, own])
 
 
 class SurfaceFilter(SurfaceFront[Scan]):

@@ -82,7 +82,11 @@ def require_sound(state: State, model: FilterModel, where: str) -> None:
 def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shape]]:
     """Parts of a state, their shapes, and what these have to be: all parts speak of the same surfaces."""
     anchors, surfaces, size = len(model.anchors), len(state.surfaces), len(state.belief.mean)
-    yield "belief/mean", (size,), (StateLayout(1, state.belief.clocks, surfaces).size,)
+    yield (
+        "belief/mean",
+        (size,),
+        (StateLayout(1, state.belief.clocks, surfaces, rises=len(model.rise_variance)).size,),
+    )
     yield "belief/covariance", state.belief.covariance.shape, (size, size)
     yield "los", state.los.shape, (anchors,)
     for name in ("clutter", "listened", "turn", "turn_weight"):

@@ -2,6 +2,7 @@
 
 What a file holds never says what is made of it: the classes are those that the annotations name. A field that
 may be None is absent then. Field metadata ``{"blank": True}`` lets an array hold NaN; all others are finite.
+``{"later": True}`` marks a number that older files lack, which then is the field's default.
 """
 
 from __future__ import annotations
@@ -117,6 +118,8 @@ def _dataclass(group: h5py.Group, kind: type, where: str) -> Any:
         raise InputError(where, f"a {found}", f"a {kind.__name__}")
     hints, values = _hints(kind), {}
     for field in fields(kind):
+        if field.metadata.get("later", False) and field.name not in group.attrs:
+            continue
         values[field.name] = get_value(
             group, field.name, hints[field.name], bool(field.metadata.get("blank", False))
         )

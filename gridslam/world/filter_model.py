@@ -7,11 +7,15 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import RadioModel
 from gridslam.world.scene_parts import FilterSettings, GridSpec
+
+FIXED = -2
+"""Stands for the rise of an anchor whose height is known where others' aren't."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +36,7 @@ class FilterModel:
         x, y (m) and orientation (rad), read-only. Where floor and ceiling reflect, the images of all anchors
         in them follow: J counts those, too.
     anchor_heights : (J,) float64
-        How high they stand above the agent (m), read-only: 0 where all is planar.
+        How high they stand above the agent as told (m), read-only: 0 where all is planar.
     max_bounces : int
         Bounces of the paths that are listed.
     grid : GridSpec
@@ -40,6 +44,12 @@ class FilterModel:
     settings : FilterSettings
     start_mean, start_variance : (5,) float64
         Prior of x, y, vx, vy (m, m/s) and heading (rad).
+    rise : (J,) int
+        Which rise each anchor has, by which it is higher than told; -1 for none.
+    rise_variance : (G, G) float64
+        Prior covariance of the rises (m^2).
+    higher : (G,) float64
+        What the rises are believed to be (m).
     """
 
     scene: str
@@ -53,6 +63,9 @@ class FilterModel:
     settings: FilterSettings
     start_mean: Array
     start_variance: Array
+    rise: NDArray[np.intp]
+    rise_variance: Array
+    higher: Array
 
     @property
     def senders(self) -> int:
@@ -71,8 +84,14 @@ class FilterModel:
 
     @cached_property
     def places(self) -> Array:
-        """The anchors as kernels take them, (J, 4): x, y (m), orientation (rad), height (m)."""
-        return fixed(np.column_stack([self.anchors, self.anchor_heights]))
+        """The anchors as kernels take them, (J, 6): x, y (m), orientation (rad), height as believed and as
+        told (m), and number of its rise; -1 for none, `FIXED` where others have one."""
+        told, rise = self.anchor_heights, np.full(len(self.anchors), -1.0)
+        believed = told
+        if len(self.higher):
+            believed = told + np.where(self.rise >= 0, self.higher[self.rise], 0.0)
+            rise = np.where(self.rise >= 0, self.rise, FIXED).astype(np.float64)
+        return fixed(np.column_stack([self.anchors, believed, told, rise]))
 
     @cached_property
     def middle(self) -> Array:
@@ -90,10 +109,11 @@ class FilterModel:
         """Births per anchor, step and unit of the lines (rad m) that cross the region."""
         return self.settings.births / (4 * np.pi * self.radius_m)
 
-    def turned(self, turns: Array) -> Self:
-        """The same with its anchors turned by (senders,) rad, and their images with them."""
+    def calibrated(self, turns: Array, higher: Array) -> Self:
+        """The same with its anchors turned by (senders,) rad, their images with them, and rises of (G,) m."""
         orientation = wrap(self.anchor_orientations + np.resize(turns, len(self.anchors)))
-        return replace(self, anchors=fixed(np.column_stack([self.anchor_positions, orientation])))
+        anchors = fixed(np.column_stack([self.anchor_positions, orientation]))
+        return replace(self, anchors=anchors, higher=fixed(higher.copy()))
 
 
 def fixed(array: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.world.scene_parts import Agent, Anchor, Metre, Share
+from gridslam.world.scene_parts import Agent, Anchor, HeightStd, Metre, Share
 from gridslam.world.validation import Strict, fault
 
 DIRECT, FLOOR, CEILING = range(3)
@@ -21,6 +22,7 @@ class Level(Strict):
 
     height_m: Metre
     coefficient: Share
+    height_std_m: HeightStd = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,27 +37,81 @@ class Verticals:
         Of the anchors above the agent, and of their images in the levels.
     gain : (V,)
         Coefficients of the levels, 1 for none.
+    rise : (V,) int
+        Which rise makes these heights others than that, -1 for none; docs/model.md, (M261).
+    rise_variance : (G, G) m^2
+        Covariance of the rises.
     """
 
     over: tuple[int, ...]
     height: Array
     gain: Array
+    rise: NDArray[np.intp]
+    rise_variance: Array
+
+    def errors(self, higher: Array, covariance: Array) -> dict[int, tuple[float, float]]:
+        """By how much agent and levels, by `over`, are higher than told, and the deviations of that, m.
+
+        Parameters
+        ----------
+        higher : (G,) m
+            The rises as believed.
+        covariance : (G, G) m^2
+        """
+        found = dict[int, tuple[float, float]]()
+        for over, rise in zip(self.over, self.rise.tolist(), strict=True):
+            weight = np.zeros(len(higher))
+            weight[self.rise[:1][self.rise[:1] >= 0]] = -1.0 if over == DIRECT else -0.5
+            if over != DIRECT and rise >= 0:
+                weight[rise] += 0.5
+            found[over] = float(weight @ higher), math.sqrt(max(float(weight @ covariance @ weight), 0.0))
+        return found
 
     def heights(self, over: NDArray[np.intp], anchor: NDArray[np.intp]) -> Array:
         """Those of paths (L,) m."""
+        return np.asarray(self.height[self._row[over], anchor])
+
+    def rises(self, over: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Those of paths (L,), -1 for none."""
+        return np.asarray(self.rise[self._row[over]])
+
+    @property
+    def _row(self) -> NDArray[np.intp]:
+        """Which way goes over each level, (3,)."""
         row = np.zeros(CEILING + 1, np.intp)
         row[list(self.over)] = np.arange(len(self.over))
-        return np.asarray(self.height[row[over], anchor])
+        return row
 
 
-def verticals_of(above: Array, agent_m: float, floor: Level | None, ceiling: Level | None) -> Verticals:
-    """Ways of paths between anchors so high `above` (J,) an agent, which is at `agent_m`, m."""
+def verticals_of(
+    above: Array, agent_m: float, floor: Level | None, ceiling: Level | None, agent_std_m: float = 0.0
+) -> Verticals:
+    """Ways of paths between anchors so high `above` (J,) an agent, which is at `agent_m`, m, or nearly so."""
     levels = {FLOOR: floor, CEILING: ceiling}
     there = {over: level for over, level in levels.items() if level is not None}
     # the image of an anchor at z_j in a level h is at 2 h - z_j
     images = [2 * (level.height_m - agent_m) - above for level in there.values()]
     gain = np.array([1.0, *(level.coefficient for level in there.values())])
-    return Verticals((DIRECT, *there), np.stack([above, *images]), gain)
+    stds = np.array([agent_std_m, *(level.height_std_m for level in there.values())])
+    return Verticals((DIRECT, *there), np.stack([above, *images]), gain, *_rises(stds))
+
+
+def _rises(stds: Array) -> tuple[NDArray[np.intp], Array]:
+    """Which rise each way has (V,), and their covariance, by deviations of agent and levels (V,).
+
+    An agent that is higher lowers all heights above it as much, and a level that is raises its own by twice
+    that. Ways that depend on the same share a rise.
+    """
+    by_error = 2 * np.diag(stds)
+    by_error[:, 0] = -stds[0]
+    rise, rows = np.full(len(stds), -1, np.intp), list[Array]()
+    for way, row in enumerate(by_error):
+        if row.any():
+            alike = [n for n, other in enumerate(rows) if np.array_equal(row, other)]
+            rise[way] = alike[0] if alike else len(rows)
+            rows += [] if alike else [row]
+    shape = np.array(rows).reshape(-1, len(stds))
+    return rise, shape @ shape.T
 
 
 def check_heights(
@@ -74,6 +130,9 @@ def check_heights(
         if agent.height_m is not None and not tall:
             found = f"{agent.height_m:g}, but no anchor has a height"
             raise fault(f"agents[{index}].height_m", found, "[x, y, z] for every anchor's position_m")
+        if agent.height_std_m and not tall:
+            found = f"{agent.height_std_m:g}, but no anchor has a height"
+            raise fault(f"agents[{index}].height_std_m", found, "[x, y, z] for every anchor's position_m")
     for name, level, sign in (("floor", floor, 1), ("ceiling", ceiling, -1)):
         if level is None:
             continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
@@ -196,10 +197,58 @@ class Scene(Strict):
         InputError
             One of them reflects.
         """
-        for name, level in (("floor", self.floor), ("ceiling", self.ceiling)):
-            if level is not None:
-                allowed = "none, or grid or adaptive SLAM, whose paths may go over it"
-                raise InputError(f"{self.name}: {name}", f"a {name} that reflects, for {method}", allowed)
+        for name in self._levels:
+            allowed = "none, or grid or adaptive SLAM, whose paths may go over it"
+            raise InputError(f"{self.name}: {name}", f"a {name} that reflects, for {method}", allowed)
+
+    def require_known_heights(self, method: str, agent: str | None = None) -> None:
+        """Refuse heights with deviations, for a method that takes them as they are.
+
+        Raises
+        ------
+        InputError
+            That of the agent (default: of any), of floor or of ceiling has one.
+        """
+        for body in self.agents if agent is None else (self.agent(agent),):
+            for name, (_, std) in self.told_heights(body.name).items():
+                where = f"agents[{self.agents.index(body)}]" if name == "agent" else name
+                allowed = "0, or grid or adaptive SLAM by Gaussians, which estimate heights"
+                raise InputError(f"{self.name}: {where}.height_std_m", f"{std:g}, for {method}", allowed)
+
+    def told_heights(self, agent: str) -> dict[str, tuple[float, float]]:
+        """Heights that aren't known, and their deviations, m: of "agent", "floor", "ceiling"."""
+        told: dict[str, Agent | Level] = {"agent": self.agent(agent), **self._levels}
+        both = {name: (float(one.height_m or 0.0), one.height_std_m) for name, one in told.items()}
+        return {name: known for name, known in both.items() if known[1] > 0}
+
+    @property
+    def _levels(self) -> dict[str, Level]:
+        """Floor and ceiling, where they reflect."""
+        both = {"floor": self.floor, "ceiling": self.ceiling}
+        return {name: level for name, level in both.items() if level is not None}
+
+    def at_heights(self, agent: str | None, heights_m: Mapping[str, float]) -> Scene:
+        """The scene with other heights (m) of an agent, by default the first, of "floor" and "ceiling"."""
+        body = self.agent(agent) if agent is not None else self.agents[0]
+        changes: dict[str, Any] = {
+            name: level.model_copy(update={"height_m": heights_m[name]})
+            for name, level in self._levels.items()
+            if name in heights_m
+        }
+        if "agent" in heights_m:
+            own = body.model_copy(update={"height_m": heights_m["agent"]})
+            changes["agents"] = type(self.agents)([own if a is body else a for a in self.agents])
+        return self.model_copy(update=changes)
+
+    def found_heights(self, agent: str, higher: Array, covariance: Array) -> dict[str, tuple[float, float]]:
+        """Heights and their deviations, m, by believed rises (G,) and their covariance; as `told_heights`."""
+        told, ways = self.told_heights(agent), self.verticals(agent)
+        errors = ways.errors(higher, covariance)
+        return {
+            name: (known + errors[over][0], errors[over][1])
+            for over, name in enumerate(("agent", "floor", "ceiling"))
+            for known, _ in ([told[name]] if name in told else [])
+        }
 
     def heights(self, agent: str | None = None) -> Array:
         """How high the anchors stand above an agent, by default the first, (J,) m: 0 in a planar scene.
@@ -224,7 +273,8 @@ class Scene(Strict):
         bodies = self.agents[:1] if agent is None else (self.agent(agent),)
         own = sum(body.height_m or 0.0 for body in bodies)
         above = np.array([anchor.position_m[2] - own for anchor in self.anchors], dtype=np.float64)
-        return verticals_of(above, own, self.floor, self.ceiling)
+        unsure = max((body.height_std_m for body in bodies), default=0.0)
+        return verticals_of(above, own, self.floor, self.ceiling, unsure)
 
     @property
     def scatterer_positions(self) -> Array:
@@ -323,6 +373,8 @@ class Scene(Strict):
             self.name, body.name, self.signal_model(body.name).imaged(ways.gain), self.anchor_names,
             fixed(np.tile(anchors, (len(ways.gain), 1))), fixed(ways.height.ravel()), self.radio.max_bounces,
             self.grid, self.filter, fixed(mean), fixed(variance),
+            np.repeat(ways.rise, len(self.anchors)), fixed(ways.rise_variance),
+            fixed(np.zeros(len(ways.rise_variance))),
         )  # fmt: skip
 
     def segments(self) -> Segments:

@@ -26,6 +26,7 @@ Share = Annotated[float, Field(gt=0, le=1)]
 Probability = Annotated[float, Field(gt=0, lt=1)]
 Decibel = Annotated[float, Field(ge=-200, le=200)]
 Metre = Annotated[float, Field(ge=-1e6, le=1e6)]
+HeightStd = Annotated[float, Field(ge=0, le=1)]
 Degree = Annotated[float, Field(ge=-720, le=720)]
 Point = tuple[Metre, Metre]
 Place = Annotated[tuple[Metre, ...], Field(min_length=2, max_length=3)]
@@ -285,12 +286,14 @@ class Agent(Strict):
     ``filter.acceleration_mps2`` makes of it. Among several agents, `present_s` says from when to when it is
     there: its way begins then, and it is waited for even if nothing is heard. `heading_sensor_deg` is the
     deviation of the heading that recordings of sampled signals hold (0: exact); without it they hold none.
-    `height_m` is the height that it keeps, counted from where the heights of anchors are.
+    `height_m` is the height that it keeps, counted from where the heights of anchors are, and `height_std_m`
+    the deviation of what is known of it.
     """
 
     name: FolderName
     start_m: Point
     height_m: Metre | None = None
+    height_std_m: HeightStd = 0.0
     start_heading_deg: Degree = 0.0
     waypoints_m: tuple[Point, ...] | None = None
     step_m: Positive = 0.05

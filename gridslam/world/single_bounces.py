@@ -67,7 +67,7 @@ class SingleBounces:
 
 
 def single_bounces(line: Array, place: Array, pose: Array) -> SingleBounces:
-    """Single bounces over lines (..., 2) from places (..., 4) to poses (..., 3), which broadcast.
+    """Single bounces over lines (..., 2) from places (..., 4 or more) to poses (..., 3), which broadcast.
 
     docs/model.md, (M221) for heights.
     """

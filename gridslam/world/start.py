@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
@@ -26,11 +26,14 @@ class Start:
     position_m : (2,) float64, m
     heading_rad : float
     how : "drawn" or "exact"
+    heights_m : dict
+        Heights (m) that it is told other than the scene's: of "agent", "floor", "ceiling".
     """
 
     position_m: Array
     heading_rad: float
     how: How
+    heights_m: dict[str, float] = field(default_factory=dict)
 
 
 def require_seed(seed: int) -> None:
@@ -53,7 +56,8 @@ def told_start(scene: Scene, agent: str, seed: int, how: str = "drawn") -> Start
     how : str
         "drawn": uniform about the first pose of the agent's track (of an agent without waypoints, about
         its `start_m`), within the half widths of its prior and the region; the same for the same seed,
-        whatever is heard. "exact": the scene's own `start_m` and `start_heading_deg`.
+        whatever is heard; so are heights with deviations, normally distributed. "exact": the scene's own
+        `start_m`, `start_heading_deg` and `height_m`.
 
     Raises
     ------
@@ -74,4 +78,8 @@ def told_start(scene: Scene, agent: str, seed: int, how: str = "drawn") -> Start
     low, high = np.transpose([scene.grid.x_m, scene.grid.y_m])
     off = body.prior.position_m * draw.uniform(-1, 1, 2)
     turn = np.radians(body.prior.heading_deg) * draw.uniform(-1, 1)
-    return Start(np.clip(place + off, low, high), float(wrap(heading + turn)), "drawn")
+    heights = {
+        name: known + std * float(draw.standard_normal())
+        for name, (known, std) in scene.told_heights(agent).items()
+    }
+    return Start(np.clip(place + off, low, high), float(wrap(heading + turn)), "drawn", heights)

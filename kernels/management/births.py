@@ -20,7 +20,7 @@ from gridslam.kernels.primitives.functions import (
     wrapped,
 )
 from gridslam.kernels.primitives.launching import quick
-from gridslam.kernels.primitives.layout import HEADING, anchor_of, clock_row, line_entry, lines_in
+from gridslam.kernels.primitives.layout import HEADING, anchor_of, line_entry, lines_in, rise_of, unknown_row
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.radio import (
     AT_1M,
@@ -213,7 +213,8 @@ def propose(
         anchor, begin = whose[own], own * hypotheses
         for h in range(hypotheses):
             births.ratio[m, begin + h] = 0.0
-        place, clock = anchor_of(anchors.places, mean, head, anchor), clock_row(head, anchor, state.shape[0])
+        place = anchor_of(anchors.places, mean, head, anchor)
+        clock = unknown_row(anchors.places, head, anchor, state.shape[0])
         length = heard[m, 0] - place[3]
         common = rate * length
         keep = heard[m, 3] >= 0 and heard[m, 5] >= 0 and hypotheses > 0 and length > ti.abs(place[4])
@@ -236,7 +237,7 @@ def propose(
         for block in range(blocks if keep else 0):
             at, there, late = block * BLOCK, ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
             end_x, end_y = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
-            if clock >= 0:
+            if clock >= 0 and rise_of(anchors.places, anchor) < 0:  # a rise is taken at its mean
                 for i in range(BLOCK):
                     late[i] = state[clock, at + i]
             for i in range(BLOCK):
@@ -291,7 +292,7 @@ def weigh_by_visibility(
     head: ti.i32,  # entry of the mean where the lines begin: see `layout`
     wide: ti.i32,  # cells of a row
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 4] anchors: see `blocks`
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 6] anchors: see `blocks`
     occupied: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [2, ny nx] o of a traversed cell, of a hit one in V
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [4 or more] see `blocks.Cells`
     sketch: pack(Sketch),

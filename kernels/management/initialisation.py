@@ -18,7 +18,14 @@ from gridslam.kernels.primitives.functions import (
 )
 from gridslam.kernels.primitives.gaussian import entry_of, mirror_of, path_of
 from gridslam.kernels.primitives.launching import quick
-from gridslam.kernels.primitives.layout import HEADING, anchor_of, clock_entry, line_entry, lines_in
+from gridslam.kernels.primitives.layout import (
+    HEADING,
+    anchor_of,
+    line_entry,
+    lines_in,
+    steepness_of,
+    unknown_entry,
+)
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, lean_of, log_rician
 from gridslam.kernels.propagation.coefficients import BINS
@@ -129,13 +136,20 @@ def correct_by_departure(
 
 
 @ti.func
-def share_clock(joint: ti.template(), covariance: ti.template(), slope, clock):
-    """Correlate the new line with all else by the clocks, whose difference shortens its path."""
+def share_unknown(joint: ti.template(), covariance: ti.template(), slope, unknown, place, length):
+    """Correlate the new line with all else by what is unknown of its anchor, which shortens its path."""
     size = covariance.shape[0]
-    for i in range(size):
-        for r in ti.static(range(2)):
-            cross = joint[size + r, i] - slope[r, 3] * covariance[clock, i]
-            joint[size + r, i], joint[i, size + r] = cross, cross
+    if place[5] > 0.5:
+        steepness = steepness_of(place, length)
+        for i in range(size):
+            for r in ti.static(range(2)):
+                cross = joint[size + r, i] - steepness * slope[r, 3] * covariance[unknown, i]
+                joint[size + r, i], joint[i, size + r] = cross, cross
+    else:
+        for i in range(size):
+            for r in ti.static(range(2)):
+                cross = joint[size + r, i] - slope[r, 3] * covariance[unknown, i]
+                joint[size + r, i], joint[i, size + r] = cross, cross
 
 
 @quick
@@ -161,7 +175,8 @@ def initialise_surface(
         size, surface = belief.mean.shape[0], ti.max(last, first)
         newest, known = lines_in(head, size), (line_entry(head, surface) if surface >= 0 else 0)
         bounces = 1 if surface < 0 else 2
-        place, clock = anchor_of(anchors.places, belief.mean, head, anchor), clock_entry(head, anchor)
+        place = anchor_of(anchors.places, belief.mean, head, anchor)
+        unknown = unknown_entry(anchors.places, head, anchor)
         wall = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64)
         if surface >= 0:
             wall[0], wall[1], wall[2] = (
@@ -200,20 +215,23 @@ def initialise_surface(
                 for e in ti.static((0, 1, 2, 5, 6)):
                     cross += slope[r, e] * belief.covariance[entry[e], i]
                 out.joint[size + r, i], out.joint[i, size + r] = cross, cross
-        if clock >= 0:
-            share_clock(out.joint, belief.covariance, slope, clock)
+        if unknown >= 0:
+            share_unknown(out.joint, belief.covariance, slope, unknown, place, distance)
         for r in ti.static(range(2)):
             for q in ti.static(range(2)):
                 own = slope[r, 3] * slope[q, 3] * std[0] ** 2 + slope[r, 4] * slope[q, 4] * std[2] ** 2
                 for e in ti.static((0, 1, 2, 5, 6)):
                     own += out.joint[size + ti.max(r, q), entry[e]] * slope[ti.min(r, q), e]
                 out.joint[size + r, size + q] = own
-        if clock >= 0:
+        if unknown >= 0:
             for r in ti.static(range(2)):
                 for q in ti.static(range(2)):
                     so_far = out.joint[size + r, size + q]
-                    own = out.joint[size + ti.max(r, q), clock] * slope[ti.min(r, q), 3]
-                    out.joint[size + r, size + q] = so_far - own
+                    own = out.joint[size + ti.max(r, q), unknown] * slope[ti.min(r, q), 3]
+                    if place[5] > 0.5:
+                        out.joint[size + r, size + q] = so_far - steepness_of(place, distance) * own
+                    else:
+                        out.joint[size + r, size + q] = so_far - own
         out.fresh[size], out.fresh[size + 1] = angle, offset
         if departs:
             ends = (newest if last < 0 else last), (newest if first < 0 else first)

@@ -86,7 +86,7 @@ def describe(
     bounces: ti.i32,  # of a path at most
     at_1m: ti.f64,  # amplitude of a line of sight 1 m long
     belief: pack(Belief),
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 4] anchors: see `blocks`
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 6] anchors: see `blocks`
     links: pack(Links),
     surfaces: pack(SurfaceRows),
     out: pack(Description),

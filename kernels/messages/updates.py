@@ -17,14 +17,14 @@ from gridslam.kernels.primitives.blocks import (
     PathRows,
     Ratios,
 )
-from gridslam.kernels.primitives.gaussian import correct
+from gridslam.kernels.primitives.gaussian import CLOCKS_OPEN, NONE_OPEN, RISES_OPEN, correct
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.propagation.path_messages import note
 
 
-def _kernel(clocks):
-    """The kernel of a state with clocks, or without: known clocks cost nothing, not even in rounding."""
+def _kernel(open):
+    """The kernel of a state with clocks, rises or neither: known ones cost nothing, not even in rounding."""
 
     @ti.kernel
     def update(
@@ -47,7 +47,7 @@ def _kernel(clocks):
         for _ in range(1):
             if rounds > 0:
                 exchange(ratios.odds, ratios.message, ratios.measured, rounds)
-            correct(belief, head, rows.path, pairs, ratios, anchors.places, account, clocks)
+            correct(belief, head, rows.path, pairs, ratios, anchors.places, account, open)
             fit(rows, pairs, ratios.message, heard, anchors.radio, account)
             exist(
                 rows.path, ratios.odds, ratios.message, account.scratch, existence.surface, existence.sight,
@@ -59,10 +59,16 @@ def _kernel(clocks):
     return update
 
 
-update = quick(_kernel(False))
+update = quick(_kernel(NONE_OPEN))
 
 
 @cache
 def update_with_clocks():
     """The kernel `update` of a state with clocks."""
-    return quick(_kernel(True))
+    return quick(_kernel(CLOCKS_OPEN))
+
+
+@cache
+def update_with_rises():
+    """The kernel `update` of a state with rises."""
+    return quick(_kernel(RISES_OPEN))

@@ -42,7 +42,8 @@ class Belief(NamedTuple):
 
 
 class Anchors(NamedTuple):
-    """Anchors: x, y, orientation, height above the agent [J, 4]; the radio's numbers [J, 12], see
+    """Anchors: x, y, orientation, height above the agent as believed and as told, and which rise makes it
+    another, or -1 for none, -2 where other anchors have one [J, 6]; the radio's numbers [J, 12], see
     `primitives.radio`."""
 
     places: Square

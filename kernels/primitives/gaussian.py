@@ -1,14 +1,14 @@
 """Paths linearised at the mean of the joint belief: their prediction, and its correction by them.
 
-State: see `layout`. A path depends on seven of its entries at most, and on the difference of two clocks,
-which lengthens its distance and nothing else.
+State: see `layout`. A path depends on seven of its entries at most, and on what is unknown of its anchor, the
+difference of two clocks or a rise, which lengthens its distance and nothing else.
 """
 
 import taichi as ti
 
 from gridslam.kernels import UNMEASURED
 from gridslam.kernels.primitives.functions import PI, bearing_of, cos_of, decay_of, sin_of, slant_of, wrapped
-from gridslam.kernels.primitives.layout import anchor_of, clock_entry, line_entry
+from gridslam.kernels.primitives.layout import anchor_of, line_entry, steepness_of, unknown_entry
 from gridslam.kernels.primitives.tables import (
     BETA,
     LENGTH,
@@ -24,6 +24,8 @@ from gridslam.kernels.primitives.tables import (
 
 MEASURED = 0.1 * UNMEASURED
 """A variance from here on stands for "not measured"."""
+NONE_OPEN, CLOCKS_OPEN, RISES_OPEN = range(3)
+"""What a state holds between pose and lines."""
 UNHEARD, UNMOVED = 1e-3, 1e-6
 """Probabilities below which a path is left out, and below which an association moves nothing."""
 
@@ -45,7 +47,8 @@ def mirror_of(x, y, angle, offset):
 def path_of(mean: ti.template(), head, place, bounces, last, first):
     """Distance, AoD and AoA of a path, and their derivatives by the seven entries of `entry_of`.
 
-    `place` is that of `anchor_of`; by a difference of clocks, the distance has the derivative 1.
+    `place` is that of `anchor_of`; the distance changes by a clock as much as
+    that does, and by a rise as `steepness_of` says.
     """
     by_first_line, by_last_line = line_entry(head, first), line_entry(head, last)
     zero = ti.Vector([0.0, 0.0], dt=ti.f64)
@@ -105,7 +108,7 @@ def entry_of(head, bounces, last, first):
 
 @ti.func
 def spread_of(slope, entry, covariance: ti.template()):
-    """Covariance of the path's parameters, 3 x 3, but for what its clocks add."""
+    """Covariance of the path's parameters, 3 x 3, but for what is unknown of its anchor."""
     total = ti.Matrix.zero(ti.f64, 3, 3)
     for m in range(7):
         for n in range(7):
@@ -126,6 +129,30 @@ def spread_by_clocks(slope, entry, clock, covariance: ti.template()):
         for j in ti.static(range(3)):
             total[0, j] += p * slope[j, m]
             total[j, 0] += p * slope[j, m]
+    return total
+
+
+@ti.func
+def spread_by_rise(slope, entry, rise, steepness, covariance: ti.template()):
+    """What a rise at entry `rise` adds to it, by which distance has the derivative `steepness`."""
+    total = ti.Matrix.zero(ti.f64, 3, 3)
+    total[0, 0] += steepness * steepness * covariance[rise, rise]
+    for m in range(7):
+        p = steepness * covariance[rise, entry[m]]
+        for j in ti.static(range(3)):
+            total[0, j] += p * slope[j, m]
+            total[j, 0] += p * slope[j, m]
+    return total
+
+
+@ti.func
+def spread_by_unknown(slope, entry, unknown, place, length, covariance: ti.template()):
+    """The one or the other, by the anchor's place and the path's length."""
+    total = ti.Matrix.zero(ti.f64, 3, 3)
+    if place[5] > 0.5:
+        total = spread_by_rise(slope, entry, unknown, steepness_of(place, length), covariance)
+    else:
+        total = spread_by_clocks(slope, entry, unknown, covariance)
     return total
 
 
@@ -164,14 +191,14 @@ def predict_by(
     place = anchor_of(places, mean, head, anchor)
     value, slope = path_of(mean, head, place, bounces, last, first)
     entry = entry_of(head, bounces, last, first)
-    spread, clock = spread_of(slope, entry, covariance), clock_entry(head, anchor)
+    spread, unknown = spread_of(slope, entry, covariance), unknown_entry(places, head, anchor)
     out[row, LENGTH] = value[0] - place[3]
     for i in ti.static(range(3)):
         out[row, i] = value[i]
         for j in ti.static(range(3)):
             out[row, 3 + 3 * i + j] = spread[i, j]
-    if clock >= 0:
-        more = spread_by_clocks(slope, entry, clock, covariance)
+    if unknown >= 0:
+        more = spread_by_unknown(slope, entry, unknown, place, value[0] - place[3], covariance)
         for i in ti.static(range(3)):
             for j in ti.static(range(3)):
                 total = out[row, 3 + 3 * i + j] + more[i, j]
@@ -199,7 +226,7 @@ def sorted_by(rank: ti.template(), least, among):
 @ti.func
 def correct_by(
     row, belief: ti.template(), head, path: ti.template(), pairs: ti.template(), ratios: ti.template(),
-    places: ti.template(), account: ti.template(), clocks: ti.template(),
+    places: ti.template(), account: ti.template(), open: ti.template(),
 ):  # fmt: skip
     """Correct by one path, docs/model.md, (M27)-(M29).
 
@@ -207,13 +234,16 @@ def correct_by(
     """
     size = belief.mean.shape[0]
     bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
-    value, slope = path_of(
-        belief.mean, head, anchor_of(places, belief.mean, head, anchor), bounces, last, first
-    )
-    entry, clock = entry_of(head, bounces, last, first), clock_entry(head, anchor)
+    place = anchor_of(places, belief.mean, head, anchor)
+    value, slope = path_of(belief.mean, head, place, bounces, last, first)
+    entry, unknown = entry_of(head, bounces, last, first), unknown_entry(places, head, anchor)
+    steepness = steepness_of(place, value[0] - place[3])
     core = spread_of(slope, entry, belief.covariance)
-    if ti.static(clocks):
-        core += spread_by_clocks(slope, entry, clock, belief.covariance)
+    if ti.static(open == CLOCKS_OPEN):
+        core += spread_by_clocks(slope, entry, unknown, belief.covariance)
+    if ti.static(open == RISES_OPEN):
+        if unknown >= 0:
+            core += spread_by_rise(slope, entry, unknown, steepness, belief.covariance)
     total = ratios.odds[MISSED, row]
     change, shift = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)
     moved = False
@@ -250,8 +280,11 @@ def correct_by(
                 p = belief.covariance[n, entry[m]]
                 for i in ti.static(range(3)):
                     spread[i] += p * slope[i, m]
-            if ti.static(clocks):
-                spread[0] += belief.covariance[n, clock]
+            if ti.static(open == CLOCKS_OPEN):
+                spread[0] += belief.covariance[n, unknown]
+            if ti.static(open == RISES_OPEN):
+                if unknown >= 0:
+                    spread[0] += steepness * belief.covariance[n, unknown]
             pushed = change @ spread
             for i in ti.static(range(3)):
                 account.scratch[n, i], account.scratch[n, 3 + i] = spread[i], pushed[i]
@@ -274,13 +307,13 @@ def correct_by(
 @ti.func
 def correct(
     belief: ti.template(), head, path: ti.template(), pairs: ti.template(), ratios: ti.template(),
-    places: ti.template(), account: ti.template(), clocks: ti.template(),
+    places: ti.template(), account: ti.template(), open: ti.template(),
 ):  # fmt: skip
     """Correct by the paths one after the other, surest first, each moment-matched over its measurements.
 
     Several measurements may have come from the path, or none. With S = P J', a measurement moves the state
-    by S g, and all of them together change the covariance by S C S', where C is 3 x 3. `clocks` says whether
-    they are part of the state; arguments: see `updates.update`.
+    by S g, and all of them together change the covariance by S C S', where C is 3 x 3. `open` says whether
+    clocks or heights are part of the state; arguments: see `updates.update`.
     """
     for k in range(pairs.start[path.shape[0]]):
         account.share[k] = 0.0
@@ -295,6 +328,6 @@ def correct(
         ratios.odds[SURE, row] = total / ratios.odds[TOTAL, row]
     for turn in range(sorted_by(ratios.odds, UNHEARD, path.shape[0])):
         row = ti.cast(ratios.odds[ORDER, turn], ti.i32)
-        correct_by(row, belief, head, path, pairs, ratios, places, account, clocks)
+        correct_by(row, belief, head, path, pairs, ratios, places, account, open)
     for k in range(pairs.start[path.shape[0]]):
         ratios.message[RESPONSIBLE, pairs.index[k, 0], pairs.index[k, 1]] = account.share[k]

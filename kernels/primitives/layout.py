@@ -1,20 +1,23 @@
 """Where things stand in a view of the joint belief, and in a table of particles drawn from it.
 
 View of one agent: [x, y, vx, vy, heading | delta_1 .. delta_J | angle, offset of line 1 | ...]. Differences
-of clocks, delta (m), are there if clocks are unknown; `head` is where the lines begin, 5 or 5 + J.
+of clocks, delta (m), are there if clocks are unknown; `head` is where the lines begin, 5 or 5 + J. Where
+heights are unknown instead, rises stand there (m), by which anchors are higher above the agent than is told:
+one for all anchors that it is the same of.
 
-Rows of particles: x, y, heading; normal x, y and offset of every line; differences of clocks. Velocities
-aren't drawn.
+Rows of particles: x, y, heading; normal x, y and offset of every line; differences of clocks, or rises.
+Velocities aren't drawn.
 """
 
 import taichi as ti
 
 HEADING, CLOCKS = 4, 5
 """Entries of a view: the heading; the first difference of clocks, if there are any."""
-HEIGHT = 3
-"""Column of `Anchors.places` and of nothing else: height above the agent."""
-KNOWN = -1
-"""Stands for the entry of a clock that is known."""
+HEIGHT, TOLD_HEIGHT, RISE = 3, 4, 5
+"""Columns of `Anchors.places` and of nothing else: height above the agent as believed, and as told; which
+rise makes it another."""
+KNOWN, FIXED = -1, -2
+"""Stand for what is known: an anchor's clock or height; its height where others have rises."""
 
 
 @ti.func
@@ -30,25 +33,42 @@ def lines_in(head, size):
 
 
 @ti.func
-def clock_entry(head, anchor):
-    """Entry of the difference between an anchor's clock and the agent's; `KNOWN` if there is none."""
-    return ti.select(head > CLOCKS, CLOCKS + anchor, KNOWN)
+def rise_of(places: ti.template(), anchor):
+    """Which rise an anchor has; `KNOWN` or `FIXED` if its height is known."""
+    return ti.cast(places[anchor, RISE], ti.i32)
 
 
 @ti.func
-def clock_row(head, anchor, rows):
+def unknown_entry(places: ti.template(), head, anchor):
+    """Entry of what is unknown of an anchor: its rise, or how its clock differs from the agent's; `KNOWN` if
+    there is none."""
+    rise = rise_of(places, anchor)
+    entry = ti.select(head > CLOCKS, CLOCKS + ti.select(rise >= 0, rise, anchor), KNOWN)
+    return ti.select(rise == FIXED, KNOWN, entry)
+
+
+@ti.func
+def unknown_row(places: ti.template(), head, anchor, rows):
     """Its row among `rows` rows of particles; `KNOWN` if there is none."""
-    return ti.select(head > CLOCKS, rows - (head - CLOCKS) + anchor, KNOWN)
+    entry = unknown_entry(places, head, anchor)
+    return ti.select(entry >= 0, rows - head + entry, KNOWN)
 
 
 @ti.func
 def anchor_of(places: ti.template(), mean: ti.template(), head, anchor):
-    """Position and orientation of an anchor, by how much its clock lengthens distances (0 if known), and how
-    high it stands above the agent."""
-    clock = clock_entry(head, anchor)
-    late = ti.cast(0.0, ti.f64)
-    if clock >= 0:
-        late = mean[clock]
-    return ti.Vector(
-        [places[anchor, 0], places[anchor, 1], places[anchor, 2], late, places[anchor, HEIGHT]], dt=ti.f64
-    )
+    """Position and orientation of an anchor, by how much its clock lengthens distances (0 if known), how
+    high it stands above the agent, and whether that is unknown."""
+    unknown, rises = unknown_entry(places, head, anchor), rise_of(places, anchor) >= 0
+    late, height, open = ti.cast(0.0, ti.f64), places[anchor, HEIGHT], ti.cast(0.0, ti.f64)
+    if unknown >= 0:
+        if rises:
+            height, open = places[anchor, TOLD_HEIGHT] + mean[unknown], 1.0
+        else:
+            late = mean[unknown]
+    return ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2], late, height, open], dt=ti.f64)
+
+
+@ti.func
+def steepness_of(place, length):
+    """Slope of an anchor's distances by its rise; `place` is that of `anchor_of`."""
+    return place[4] / ti.max(length, 1e-9)

@@ -98,7 +98,7 @@ def settle(
 def cast(
     query: pack(Query),
     belief: pack(Belief),
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 4] anchors: see `blocks`
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 6] anchors: see `blocks`
     links: pack(Links),
     draft: pack(Draft),
     listed: pack(Listed),

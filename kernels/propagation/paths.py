@@ -19,7 +19,15 @@ from gridslam.kernels.primitives.functions import (
     wrapped,
 )
 from gridslam.kernels.primitives.launching import quick
-from gridslam.kernels.primitives.layout import HEADING, HEIGHT, clock_row, line_entry, lines_in
+from gridslam.kernels.primitives.layout import (
+    HEADING,
+    HEIGHT,
+    TOLD_HEIGHT,
+    line_entry,
+    lines_in,
+    rise_of,
+    unknown_row,
+)
 
 BLOCK = PATH_BLOCK
 FINE = 4096.0
@@ -105,10 +113,15 @@ def weigh_pairs(
     count = 0.0
     for i in range(BLOCK):
         far[i] = slant_of(tx[i] * tx[i] + ty[i] * ty[i], height)
-    clock = clock_row(head, anchor, state.shape[0])
-    if clock >= 0:
-        for i in range(BLOCK):
-            far[i] += state[clock, at + i]
+    unknown = unknown_row(places, head, anchor, state.shape[0])
+    if unknown >= 0:
+        if rise_of(places, anchor) >= 0:
+            told = ti.cast(places[anchor, TOLD_HEIGHT], ti.f32)
+            for i in range(BLOCK):
+                far[i] = slant_of(tx[i] * tx[i] + ty[i] * ty[i], told + state[unknown, at + i])
+        else:
+            for i in range(BLOCK):
+                far[i] += state[unknown, at + i]
     for i in range(BLOCK):
         fixed = ti.cast(far[i] * FINE, ti.i32)
         low, high = ti.min(low, fixed), ti.max(high, fixed)
@@ -201,7 +214,7 @@ def stand_at(mean: ti.template(), head, state: ti.template()):
 def polylines(
     state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S or more, R] see `layout`
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 4] anchors: see `blocks`
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 6] anchors: see `blocks`
     drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 13] out
 ):
     """Draw every path at every sampled state."""

@@ -20,9 +20,9 @@ from gridslam.kernels.primitives.blocks import (
     Query,
 )
 from gridslam.kernels.primitives.functions import wrapped
-from gridslam.kernels.primitives.gaussian import entry_of, path_of, predict_by, spread_by_clocks, spread_of
+from gridslam.kernels.primitives.gaussian import entry_of, path_of, predict_by, spread_by_unknown, spread_of
 from gridslam.kernels.primitives.launching import quick
-from gridslam.kernels.primitives.layout import anchor_of, clock_entry
+from gridslam.kernels.primitives.layout import anchor_of, unknown_entry
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.particles import ready
 from gridslam.kernels.primitives.radio import GIVEN, HERE, SCALE, SENDER, THERE, THRESHOLD, lean_of
@@ -89,7 +89,7 @@ def list_and_predict(
 def list_paths(
     query: pack(Query),
     belief: pack(Belief),
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 4] anchors: see `blocks`
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 6] anchors: see `blocks`
     links: pack(Links),
     draft: pack(Draft),
     out: pack(Listed),
@@ -128,7 +128,7 @@ def near(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]
     covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N]
     head: ti.i32,  # entry of the mean where the lines begin: see `layout`
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 4] anchors: see `blocks`
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 6] anchors: see `blocks`
     surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
     owner: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] the one anchor that a surface serves; -1 for all
     heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] of all anchors: see `AnchorScan.table`
@@ -148,10 +148,12 @@ def near(
                     there = surface[s] > STRONG and (owner[s] == -1 or owner[s] == anchor)
                 if there:
                     value, slope = path_of(mean, head, place, bounces, s, s)
-                    entry, clock = entry_of(head, bounces, s, s), clock_entry(head, anchor)
+                    entry, unknown = entry_of(head, bounces, s, s), unknown_entry(places, head, anchor)
                     spread = spread_of(slope, entry, covariance)
-                    if clock >= 0:
-                        spread += spread_by_clocks(slope, entry, clock, covariance)
+                    if unknown >= 0:
+                        spread += spread_by_unknown(
+                            slope, entry, unknown, place, value[0] - place[3], covariance
+                        )
                     lean = lean_of(value[0] - place[3], place[4])
                     for m in range(heard.shape[0]):
                         if heard[m, 7] > 0.5 and (

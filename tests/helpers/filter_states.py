@@ -16,12 +16,13 @@ from gridslam.world.scene_parts import GridSpec
 
 
 def model_of(scene="room", anchors=None, radio=None, **settings):
-    """What a filter may know of a bundled scene, with other anchors (J, 3 or 4), radio or settings."""
+    """What a filter may know of a bundled scene, with other anchors (J, 3 or more), radio or settings."""
     model = gs.Scene.load(scene).filter_model()
     model = replace(model, settings=model.settings.model_copy(update=settings))
     if anchors is not None:
         whole = np.zeros((len(anchors), 4))
-        whole[:, : np.shape(anchors)[1]] = anchors
+        some = np.asarray(anchors)[:, :4]
+        whole[:, : some.shape[1]] = some
         model = replace(
             model,
             anchors=whole[:, :3],

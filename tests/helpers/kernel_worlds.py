@@ -1,6 +1,9 @@
 """Random worlds for tests of kernels."""
 
 import numpy as np
+from hypothesis import strategies as st
+
+from gridslam.world.filter_model import FIXED
 
 BINS = 20
 
@@ -18,16 +21,23 @@ def random_world(draw, particles, kind, spread=0.05, surfaces=4):
     return state, np.array(path, np.int32), random_places(draw, 1)[0].astype(kind)
 
 
-def random_places(draw, anchors):
+UNKNOWN = st.sampled_from([(0, False), (2, False), (2, True)])
+"""How many entries stand between pose and lines, and whether they are rises instead of clocks."""
+
+
+def random_places(draw, anchors, rises=False):
     """Positions, orientations and heights of anchors; some stand as high as the agent."""
     heights = draw.choice([0.0, 1.0], anchors) * draw.uniform(-3, 3, anchors)
-    return np.column_stack([draw.uniform(-5, 5, (anchors, 2)), draw.uniform(-3, 3, anchors), heights])
+    known = heights, heights, np.full(anchors, -1.0)
+    if rises:
+        known = heights, heights + draw.uniform(-0.3, 0.3, anchors), draw.choice([FIXED, 0, 1], anchors)
+    return np.column_stack([draw.uniform(-5, 5, (anchors, 2)), draw.uniform(-3, 3, anchors), *known])
 
 
-def random_belief(draw, surfaces, clocks=0):
-    """Mean and correlated covariance of an agent, clocks and some surfaces, and all paths over them."""
+def random_belief(draw, surfaces, clocks=0, rises=False):
+    """Mean and correlated covariance of an agent, clocks (or rises) and surfaces, and all paths over them."""
     mean = np.concatenate([draw.uniform(-4, 4, 2), draw.normal(0, 0.1, 2), draw.uniform(-3, 3, 1)])
-    mean = np.append(mean, draw.uniform(-30, 30, clocks))
+    mean = np.append(mean, draw.uniform(-30, 30, clocks) * (0.02 if rises else 1.0))
     lines = np.stack([draw.uniform(-3, 3, surfaces), draw.uniform(1, 6, surfaces)], -1)
     mean = np.concatenate([mean, lines.ravel()])
     root = 0.03 * draw.normal(size=(len(mean), len(mean)))

@@ -5,7 +5,7 @@ import pytest
 from filter_states import model_of
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from kernel_worlds import random_belief, random_places, random_radio, random_table
+from kernel_worlds import UNKNOWN, random_belief, random_places, random_radio, random_table
 
 import gridslam as gs
 from gridslam import reference, runtime
@@ -88,21 +88,22 @@ def test_a_new_line_is_consistent_with_its_covariance(double):
     assert np.mean(gaps) < 2
 
 
-def worth_a_birth(draw, surfaces, clocks):
+def worth_a_birth(draw, surfaces, clocks, rises):
     """A belief, and a measurement of the path over a new line, maybe with one of its surfaces."""
-    mean, covariance, _ = random_belief(draw, surfaces, clocks)
+    mean, covariance, _ = random_belief(draw, surfaces, clocks, rises)
     covariance *= draw.choice([1e-4, 0.01, 1.0])
-    places = random_places(draw, 2)
+    places = random_places(draw, 2, rises)
     ends = [(-1, -1), *(pair for s in range(surfaces) for pair in ((s, -1), (-1, s)))]
     last, first = ends[draw.integers(len(ends))]
     line = np.array([draw.uniform(-np.pi, np.pi), draw.choice([-1, 1]) * draw.uniform(1, 6)])
     lines = np.concatenate([mean[5 + clocks :].reshape(-1, 2), line[None]])
     bounces = np.array([1 if last == first else 2])
-    path = trace(mean[None, :2], places[1:, :2], lines[[last]], lines[[first]], bounces, places[1:, 3])
+    height = reference.tall(mean, 5 + clocks, 1, places)
+    path = trace(mean[None, :2], places[1:, :2], lines[[last]], lines[[first]], bounces, height)
     value = np.array([path.distance[0], path.departure[0] - places[1, 2], path.arrival[0] - mean[4]])
     heard = random_table(draw, 3)
     heard[1, :3] = value + draw.normal(0, [0.02, 0.1, 0.2])
-    heard[1, 0] += mean[6] if clocks else 0.0
+    heard[1, 0] += reference.late(mean, 5 + clocks, 1, places)
     heard[1, 1:3] = wrap(heard[1, 1:3])
     heard[1, 3:6] = draw.choice([0.0, 0.05], 3)
     heard[1, 4] = draw.choice([-1.0, 0.0, 0.05])
@@ -119,14 +120,14 @@ def nudged(into):
 
 
 @pytest.mark.slow
-@given(st.integers(0, 2**32 - 1), st.integers(0, 3), st.sampled_from([0, 2]))
+@given(st.integers(0, 2**32 - 1), st.integers(0, 3), UNKNOWN)
 @settings(max_examples=200, deadline=None)
-def test_a_new_surface_joins_the_belief_as_in_its_twin(seed, surfaces, clocks):
+def test_a_new_surface_joins_the_belief_as_in_its_twin(seed, surfaces, unknown):
     runtime.start()
     from gridslam.kernels.management.initialisation import initialise_surface as launch
 
     draw = np.random.default_rng(seed)
-    into = worth_a_birth(draw, surfaces, clocks)
+    into = worth_a_birth(draw, surfaces, *unknown)
     size = len(into[0]) + 2
     mean, covariance, reflection = np.full(size, np.nan), np.full((size, size), np.nan), np.full(20, np.nan)
     names = "mean", "covariance", "head", "anchor", "places", "heard", "m", "last", "first", "radio"

@@ -74,23 +74,26 @@ def taken_in(state, model, scan, anchor=EVERY_ANCHOR):
     return after, ratios, births, exchange, born
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(0, 3))
+@given(st.integers(0, 2**32 - 1), st.integers(0, 3), st.booleans())
 @settings(max_examples=20, deadline=None)
-def test_slopes_are_differences_of_the_prediction_for_clocks_too(seed, surfaces):
+def test_slopes_are_differences_of_the_prediction_for_clocks_and_rises_too(seed, surfaces, rises):
     draw = np.random.default_rng(seed)
-    mean, covariance, path = random_belief(draw, surfaces, clocks=2)
+    mean, covariance, path = random_belief(draw, surfaces, 2, rises)
     path[:, 3] = draw.integers(0, 2, len(path))
-    value, slope, _ = reference.predict(mean, covariance, 7, path, ANCHORS)
-    far = value[:, 0] - mean[5:7][path[:, 3]] > 0.5
+    places = np.column_stack([ANCHORS, ANCHORS[:, 3], [0.0, 1.0] if rises else [-1.0, -1.0]])
+    value, slope, _ = reference.predict(mean, covariance, 7, path, places)
+    far = value[:, 0] - reference.late(mean, 7, path[:, 3], places) > 0.5
     for entry in range(len(mean)):
         step = 1e-6 * (np.arange(len(mean)) == entry)
-        more, less = (reference.predict(mean + s, covariance, 7, path, ANCHORS)[0] for s in (step, -step))
+        more, less = (reference.predict(mean + s, covariance, 7, path, places)[0] for s in (step, -step))
         change = more - less
         change[:, 1:] = wrap(change[:, 1:])
         np.testing.assert_allclose(slope[far, :, entry], change[far] / 2e-6, atol=1e-5)
     own = path[:, 3] == 0
-    np.testing.assert_array_equal(slope[own][:, :, 5], np.tile([1.0, 0.0, 0.0], (own.sum(), 1)))
     np.testing.assert_array_equal(slope[own][:, :, 6], 0.0)
+    if rises:
+        return
+    np.testing.assert_array_equal(slope[own][:, :, 5], np.tile([1.0, 0.0, 0.0], (own.sum(), 1)))
 
 
 ROWS = [(0,), (1,), (0, 0), (1, 1), (1, 2)]

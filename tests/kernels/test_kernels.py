@@ -115,7 +115,7 @@ def test_a_quick_launch_is_the_same_and_refuses_what_it_was_not_compiled_for():
     from gridslam.kernels.propagation.paths import polylines
 
     draw = np.random.default_rng(3)
-    state, places = draw.normal(size=(9, 5)), np.zeros((1, 4))
+    state, places = draw.normal(size=(9, 5)), np.zeros((1, 6))
     path = np.array([[0, -1, -1, 0], [1, 0, 0, 0], [2, 0, 1, 0]], np.int32)
     slow, fast = np.zeros((15, 13)), np.zeros((15, 13))
     polylines.__wrapped__(state, path, places, slow)
@@ -138,7 +138,7 @@ def test_a_launch_takes_what_it_is_given_whatever_it_was_given_before():
 
     from gridslam.kernels.propagation.paths import polylines
 
-    draw, places = np.random.default_rng(4), np.zeros((1, 4))
+    draw, places = np.random.default_rng(4), np.zeros((1, 6))
     path = np.array([[1, 0, 0, 0], [2, 0, 1, 0]], np.int32)
     mine, out = draw.normal(size=(9, 5)), np.zeros((10, 13))
     for _ in range(2):  # the first may have to compile
@@ -166,7 +166,7 @@ def test_launches_that_are_kept_side_by_side_are_not_mixed_up():
     from gridslam.kernels.primitives.launching import MOST_KEPT
     from gridslam.kernels.propagation.paths import polylines
 
-    draw, places = np.random.default_rng(6), np.zeros((1, 4))
+    draw, places = np.random.default_rng(6), np.zeros((1, 6))
     worlds = [
         (draw.normal(size=(9, 3 + n % 2)), np.array([[1, n % 2, n % 2, 0]] * (1 + n % 3), np.int32))
         for n in range(MOST_KEPT + 2)
@@ -222,7 +222,7 @@ def test_particles_equal_their_twin_however_far_they_turn(surfaces, clocks, spre
     evaluate.named(
         spreading=0.0, step=1.0, head=5 + clocks, kept=0.1, probability=np.zeros((0, 1)), nodes=np.zeros(1),
         chance=np.zeros(2), path=np.zeros((0, 4), np.int32), predicted=none, heard=none,
-        places=np.zeros((1, 4)), radio=np.zeros((1, 12)), root=root, base=base, points=points, state=state,
+        places=np.zeros((1, 6)), radio=np.zeros((1, 12)), root=root, base=base, points=points, state=state,
         density=np.zeros((2, 0, 1)), strength=np.zeros((2, 0, 0)), table=np.zeros((1, 11), np.float32),
         start=np.zeros(1, np.int32), index=np.zeros((1, 2), np.int32), pair=np.zeros((1, 8)),
         blocks=np.zeros((0, 3), np.float32), odds=np.zeros((12, 0)), message=np.zeros((5, 0, 0)),

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_stages import stages
 from kernel_worlds import (
+    UNKNOWN,
     detection_table,
     random_bank,
     random_belief,
@@ -27,7 +28,7 @@ seeds = st.integers(0, 2**32 - 1)
 def predicted_of(mean, covariance, head, path, places):
     """Values, spreads and lengths of paths, by the twin."""
     value, _, spread = reference.predict(mean, covariance, head, path, places)
-    late = mean[5:head][path[:, 3]] if head > 5 else 0.0
+    late = reference.late(mean, head, path[:, 3], places)
     return np.column_stack([value, spread.reshape(-1, 9), value[:, 0] - late])
 
 
@@ -123,15 +124,15 @@ def test_messages_into_the_association_equal_their_twin(seed):
         np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-12)
 
 
-@given(seeds, st.booleans(), st.sampled_from([0, 2]))
+@given(seeds, st.booleans(), UNKNOWN)
 @settings(max_examples=25, deadline=None)
-def test_evaluation_equals_its_twin(seed, spreading, clocks):
+def test_evaluation_equals_its_twin(seed, spreading, unknown):
     from gridslam.kernels.messages.evaluation import evaluate
 
-    draw = np.random.default_rng(seed)
+    draw, (clocks, rises) = np.random.default_rng(seed), unknown
     surfaces, count, nodes, blocks = int(draw.integers(0, 4)), int(draw.integers(0, 9)), 12, 3
-    mean, covariance, path = random_belief(draw, surfaces, clocks)
-    places = random_places(draw, 2)
+    mean, covariance, path = random_belief(draw, surfaces, clocks, rises)
+    places = random_places(draw, 2, rises)
     path[:, 3] = np.sort(draw.integers(0, 2, len(path)))
     predicted = predicted_of(mean, covariance, 5 + clocks, path, places)
     rows = predicted[:, 12] > 0.5  # next to its image, an agent has no direction to it
@@ -206,14 +207,14 @@ def test_association_messages_equal_their_twin(seed, paths, count):
         np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-9)
 
 
-@given(seeds, st.integers(0, 3), st.sampled_from([0, 100]), st.booleans(), st.sampled_from([0, 2]))
+@given(seeds, st.integers(0, 3), st.sampled_from([0, 100]), st.booleans(), UNKNOWN)
 @settings(max_examples=60, deadline=None)
-def test_updates_equal_their_twin(seed, surfaces, rounds, noted, clocks):
-    from gridslam.kernels.messages.updates import update, update_with_clocks
+def test_updates_equal_their_twin(seed, surfaces, rounds, noted, unknown):
+    from gridslam.kernels.messages.updates import update, update_with_clocks, update_with_rises
 
-    draw = np.random.default_rng(seed)
-    mean, covariance, path = random_belief(draw, surfaces, clocks)
-    places = random_places(draw, 2)
+    draw, (clocks, rises) = np.random.default_rng(seed), unknown
+    mean, covariance, path = random_belief(draw, surfaces, clocks, rises)
+    places = random_places(draw, 2, rises)
     path[:, 3] = np.sort(draw.integers(0, 2, len(path)))
     predicted = predicted_of(mean, covariance, 5 + clocks, path, places)
     far = predicted[:, 12] > 0.5  # next to its image, an agent has no direction to it
@@ -255,7 +256,7 @@ def test_updates_equal_their_twin(seed, surfaces, rounds, noted, clocks):
     out = {"share": np.full(len(chosen), np.nan), "sums": sums} | notes
     flat = into | messages | kept | out | {"scratch": np.empty((len(mean), 6))}
     expected = reference.update(**twin_arguments(reference.update, flat))
-    launch = update_with_clocks() if clocks else update
+    launch = update_with_rises() if rises else update_with_clocks() if clocks else update
     launch.named(**flat)
     found = into | messages | kept | out
     found["worth"], found["total"] = odds[8], odds[11]

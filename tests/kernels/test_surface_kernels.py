@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_worlds import (
     BINS,
+    UNKNOWN,
     detection_table,
     random_bank,
     random_belief,
@@ -42,13 +43,13 @@ seeds = st.integers(0, 2**32 - 1)
 clocks = st.sampled_from([0, 2])
 
 
-@given(seeds, st.integers(0, 4), st.integers(0, 2), st.sampled_from([-1, 0, 1]), clocks)
+@given(seeds, st.integers(0, 4), st.integers(0, 2), st.sampled_from([-1, 0, 1]), UNKNOWN)
 @settings(max_examples=60, deadline=None)
-def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, only, clocks):
+def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, only, unknown):
     from gridslam.kernels.propagation.rays import list_paths
 
-    draw, anchors = np.random.default_rng(seed), 2
-    mean, covariance, _ = random_belief(draw, surfaces, clocks)
+    (clocks, rises), draw, anchors = unknown, np.random.default_rng(seed), 2
+    mean, covariance, _ = random_belief(draw, surfaces, clocks, rises)
     surface, owner, _, sight, single, double = random_bank(draw, surfaces, anchors)
     change = (0.95, 0.005) if only >= 0 else (1.0, 0.0)
     senders = 2 if only == 1 else int(draw.integers(1, 3))  # the second anchor may be the first one's image
@@ -56,7 +57,7 @@ def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, onl
     query = Query(
         np.array([only, bounces, 5 + clocks, 0, TAKE_ROOT, senders], np.int32), np.array([*change, 0.9])
     )
-    into = query, Belief(mean, covariance), random_places(draw, anchors), Links(*bank)
+    into = query, Belief(mean, covariance), random_places(draw, anchors, rises), Links(*bank)
     room = anchors * (1 + surfaces**2)
     path, existence, together = np.zeros((room, 4), np.int32), np.zeros(room), np.zeros(room)
     predicted, found = np.zeros((room, 13)), np.zeros(1, np.int32)
@@ -84,15 +85,15 @@ def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, onl
     np.testing.assert_allclose(predicted[:, 3:], whole[far, 3:], rtol=1e-6, atol=1e-9)
 
 
-@given(seeds, st.integers(0, 3), st.booleans(), clocks)
+@given(seeds, st.integers(0, 3), st.booleans(), UNKNOWN)
 @settings(max_examples=60, deadline=None)
-def test_loud_measurements_near_a_path_equal_their_twin(seed, surfaces, given_std, clocks):
+def test_loud_measurements_near_a_path_equal_their_twin(seed, surfaces, given_std, unknown):
     from gridslam.kernels.propagation.rays import near
 
-    draw, anchors = np.random.default_rng(seed), 2
-    mean, covariance, _ = random_belief(draw, surfaces, clocks)
+    (clocks, rises), draw, anchors = unknown, np.random.default_rng(seed), 2
+    mean, covariance, _ = random_belief(draw, surfaces, clocks, rises)
     head, bank = 5 + clocks, random_bank(draw, surfaces, anchors)
-    places = random_places(draw, anchors)
+    places = random_places(draw, anchors, rises)
     links = Links(*bank[:2], *bank[3:])
     query = Query(np.array([-1, 1, head, 0, 0, 1], np.int32), np.array([1.0, 0.0, 1.0]))
     _, _, _, predicted = reference.list_paths(query, Belief(mean, covariance), places, links)
@@ -104,14 +105,15 @@ def test_loud_measurements_near_a_path_equal_their_twin(seed, surfaces, given_st
     np.testing.assert_array_equal(claimed, reference.near(*into))
 
 
-@given(seeds, st.booleans(), st.sampled_from([SAMPLES // 2, SAMPLES, 2 * SAMPLES]), clocks)
+@given(seeds, st.booleans(), st.sampled_from([SAMPLES // 2, SAMPLES, 2 * SAMPLES]), UNKNOWN)
 @settings(max_examples=25, deadline=None)
-def test_birth_proposals_equal_their_twin(seed, with_departure, particles, clocks):
+def test_birth_proposals_equal_their_twin(seed, with_departure, particles, unknown):
     from gridslam.kernels.management.births import propose
 
-    draw, count = np.random.default_rng(seed), 5
+    (clocks, rises), draw, count = unknown, np.random.default_rng(seed), 5
     state, _, place = random_world(draw, particles, np.float32, surfaces=2)
     places, radio = np.stack([random_places(draw, 1)[0], place.astype(np.float64)]), random_radio(draw)
+    places[:, 5] = draw.integers(0, 2, 2) if rises else -1
     mean = np.concatenate([state[:2, 0], [0.0, 0.0], state[2:3, 0], reference.lines_of(state)[:, 0].ravel()])
     late = draw.uniform(-3, 3, clocks)  # longer than some distances
     mean = np.insert(mean.astype(np.float64), 5, late)
@@ -368,17 +370,17 @@ def test_cells_that_nothing_is_told_keep_their_occupancy():
     np.testing.assert_array_equal(evidence, np.where(told, 12.0, 20.0))
 
 
-@given(seeds, st.integers(0, 5), clocks)
+@given(seeds, st.integers(0, 5), UNKNOWN)
 @settings(max_examples=60, deadline=None)
-def test_what_users_are_told_equals_its_twin(seed, surfaces, clocks):
+def test_what_users_are_told_equals_its_twin(seed, surfaces, unknown):
     from gridslam.kernels.management.readout import describe
 
-    draw, anchors = np.random.default_rng(seed), 2
-    mean, covariance, _ = random_belief(draw, surfaces, clocks)
+    (clocks, rises), draw, anchors = unknown, np.random.default_rng(seed), 2
+    mean, covariance, _ = random_belief(draw, surfaces, clocks, rises)
     mean[5 + clocks :: 2] += draw.choice([-7.0, 0.0, 9.0], surfaces)  # angles aren't kept wrapped
     mean[6 + clocks :: 2] *= draw.choice([-1, 1], surfaces)
     existence, owner, _, sight, single, double = random_bank(draw, surfaces, anchors)
-    places = random_places(draw, anchors)
+    places = random_places(draw, anchors, rises)
     extent = draw.choice([np.nan, 1.0], (surfaces, 1)) * np.sort(draw.normal(size=(surfaces, 2)))
     single[:, ::2], double[:, ::2] = 0.9, 0.95
     head, reflection = 5 + clocks, draw.dirichlet(np.ones(BINS), surfaces)
@@ -396,7 +398,7 @@ def test_what_users_are_told_equals_its_twin(seed, surfaces, clocks):
     count = found[0]
     np.testing.assert_array_equal(path[:count], paths)
     np.testing.assert_array_equal(number[:count], numbers)
-    late = mean[5:head][paths[:, 3]] if clocks else 0.0
+    late = reference.late(mean, head, paths[:, 3], places)
     far = values[:, 0] - late > 0.1  # next to its image, an agent has no direction to it
     np.testing.assert_allclose(told[:count, :3][far], values[far, :3], rtol=1e-6, atol=4e-6)
     np.testing.assert_allclose(told[:count, 3:5], values[:, 3:5], rtol=1e-6)

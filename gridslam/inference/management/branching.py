@@ -55,7 +55,7 @@ def conditioned(state: State, pose: Array, covariance: Array) -> State:
     gap[2] = wrap(gap[2])
     moved, narrow = mean + gain @ gap, joint - gain @ (own - covariance) @ gain.T
     moved[4] = wrap(moved[4])
-    return state.believing(Belief(moved, 0.5 * (narrow + narrow.T)))
+    return state.believing(replace(state.belief, mean=moved, covariance=0.5 * (narrow + narrow.T)))
 
 
 def branches_of(state: State, modes: Modes, velocity: float) -> list[State]:
@@ -140,5 +140,5 @@ def split_along(belief: Belief, axis: Array, width: float) -> list[tuple[Belief,
     for place, share in zip(places.tolist(), weight.tolist(), strict=True):
         mean = belief.mean + gain * place
         mean[4] = wrap(mean[4])
-        parts.append((Belief(mean, covariance), share))
+        parts.append((replace(belief, mean=mean, covariance=covariance), share))
     return parts

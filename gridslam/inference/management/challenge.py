@@ -19,7 +19,6 @@ from gridslam.inference.management.pose_recovery import Sources
 from gridslam.inference.management.pose_score import Snapshot
 from gridslam.inference.management.pose_search import POSE, find_modes, line_of_sight_poses
 from gridslam.inference.state.anchor_measurements import AnchorScan, split_by_anchor
-from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.health import SILENT
 from gridslam.inference.state.population import Population, Watch
 from gridslam.inference.state.state import State
@@ -116,7 +115,9 @@ def challenged(
     mean[:2], spread[[0, 1], [0, 1]] = model.middle, (0.5 * side) ** 2
     stream = [work.seed, state.step, PURPOSE]
     with runtime.one_blas_thread():
-        modes = find_modes(snapshot, Belief(mean, spread), model.grid, LISTED, stream, POSES)
+        modes = find_modes(
+            snapshot, replace(state.belief, mean=mean, covariance=spread), model.grid, LISTED, stream, POSES
+        )
         present = float(snapshot.score(population.poses).max())
     leading = np.flatnonzero(modes.score > present)[:CHALLENGERS]
     if not modes.complete or not len(leading):

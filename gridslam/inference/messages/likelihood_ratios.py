@@ -192,4 +192,4 @@ def evaluate(
         blocks.Drawing(recipe.root, recipe.base, recipe.points, state), scratch, found, ratios,
     )  # fmt: skip
     pairs = Pairs(int(found.start[-1]), found.start, found.index, found.pair)
-    return Cloud(state, recipe.kept, recipe.layout.clocks), LikelihoodRatios(pairs, found.blocks, *ratios)
+    return Cloud(state, recipe.kept, recipe.layout.unknowns), LikelihoodRatios(pairs, found.blocks, *ratios)

@@ -85,7 +85,7 @@ class PathQuery:
     ----------
     query : Query
     belief : Belief
-    places : (J, 4)
+    places : (J, 6)
         x, y (m), orientation (rad) and height above the agent (m) of the anchors.
     links : Links
     sampling : Sampling

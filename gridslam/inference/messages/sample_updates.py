@@ -92,7 +92,7 @@ def sample_logs(
         Of the surfaces, as predicted.
     ratios : LikelihoodRatios
         With the messages of the association.
-    places : (J, 4)
+    places : (J, 6)
         The anchors: x, y (m), orientation (rad) and height above the agent (m).
     """
     logs, surfaces = np.zeros(len(samples)), np.zeros(samples.lines.shape[:2])

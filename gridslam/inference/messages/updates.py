@@ -105,7 +105,7 @@ def update_surfaces_and_agent(
     """
     if runtime.start() == "gpu" and given is None:
         given = Association.alone(*associate(ratios.beta, ratios.missed, ratios.new), ratios.new)
-    from gridslam.kernels.messages.updates import update, update_with_clocks
+    from gridslam.kernels.messages.updates import update, update_with_clocks, update_with_rises
 
     rays, bank, anchor, messages = paths.rays, state.surfaces, heard.anchor, work.messages
     surfaces, anchors = len(bank), len(model.anchors)
@@ -121,7 +121,7 @@ def update_surfaces_and_agent(
         ratios.message[tables.NU], ratios.measured[tables.CLAIMED] = given.nu, given.claimed
         ratios.measured[tables.NEW], rounds = given.new, 0
     messages.reserve(len(rays), len(pairs), (surfaces, anchors))
-    launch = update_with_clocks() if belief.clocks else update
+    launch = update_with_rises() if belief.rises else update_with_clocks() if belief.clocks else update
     pairs = crowded_as_one(pairs, heard, work.once(neighbours, heard.table))
     launch(
         belief.layout.head, rounds, blocks.Belief(belief.mean, belief.covariance),

@@ -88,7 +88,7 @@ def anchor_scans(scan: Scan, anchors: Array, threshold: float = 0.0) -> list[Anc
 
     Parameters
     ----------
-    anchors : (J, 4)
+    anchors : (J, 6)
         As `FilterModel.places`.
     threshold : float
         Amplitude from which on the radio detects.
@@ -112,7 +112,7 @@ def anchor_scans(scan: Scan, anchors: Array, threshold: float = 0.0) -> list[Anc
             label[part],
             table[part],
         )
-        for anchor, (facing, height, part) in enumerate(zip(*anchors[:, 2:].T.tolist(), parts, strict=True))
+        for anchor, (facing, height, part) in enumerate(zip(*anchors[:, 2:4].T.tolist(), parts, strict=True))
     ]
 
 

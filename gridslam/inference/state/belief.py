@@ -6,7 +6,7 @@ correlated: the state is [x, y, vx, vy, heading, angle_1, offset_1, angle_2, ...
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -31,20 +31,23 @@ class Belief:
     Attributes
     ----------
     mean : (N,) float64
-        N = 5 + 2 S, or 5 + J + 2 S with clocks.
+        N = 5 + 2 S, or 5 + J + 2 S with clocks, or 5 + G + 2 S with rises.
     covariance : (N, N) float64
     clocks : int
         How many differences of clocks follow the agent's pose: J, or 0 if clocks are known.
+    rises : int
+        How many rises do so instead: G, or 0 if heights are known.
     """
 
     mean: Array
     covariance: Array
     clocks: int = 0
+    rises: int = field(default=0, kw_only=True, metadata={"later": True})
 
     @cached_property
     def layout(self) -> StateLayout:
         """Where things stand in it."""
-        return StateLayout.of_view(len(self.mean), self.clocks)
+        return StateLayout.of_view(len(self.mean), self.clocks, self.rises)
 
     def copy(self) -> Belief:
         """The same in arrays of its own."""
@@ -59,6 +62,11 @@ class Belief:
         """By how much clocks lengthen the distances of anchors (...,), m; 0 where they are known."""
         known = np.zeros(np.shape(anchors))
         return np.asarray(self.mean[self.layout.anchor_clocks][anchors]) if self.clocks else known
+
+    @property
+    def higher(self) -> Array:
+        """By how much anchors are higher above the agent than is told, by rises (G,) m."""
+        return np.asarray(self.mean[self.layout.heights])
 
     @property
     def root(self) -> Array:

@@ -1,8 +1,8 @@
-"""Where agents, clocks and lines stand in a joint belief."""
+"""Where agents, clocks, heights and lines stand in a joint belief."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -21,6 +21,7 @@ class StateLayout:
     The state is [pose of agent 1, its clock | ... | clocks of anchors | angle, offset of line 1 | ...]: poses
     of 5 entries, x, y (m), vx, vy (m/s), heading (rad); clocks as distances (m). Kernels take a view of one
     agent: no clock of its own, and instead of anchors' clocks their differences to it, if any are unknown.
+    Where heights are unknown, rises (m) stand in the clocks' place: docs/model.md, (M261).
 
     Attributes
     ----------
@@ -30,6 +31,8 @@ class StateLayout:
     surfaces : int
     own_clocks : bool
         Whether each agent's clock stands after its pose.
+    rises : int
+        Of anchors above the agent, or 0 where heights are known.
 
     Examples
     --------
@@ -42,9 +45,10 @@ class StateLayout:
     clocks: int = 0
     surfaces: int = 0
     own_clocks: bool = False
+    rises: int = field(default=0, kw_only=True)
 
     @classmethod
-    def of_view(cls, size: int, clocks: int = 0) -> StateLayout:
+    def of_view(cls, size: int, clocks: int = 0, rises: int = 0) -> StateLayout:
         """Layout of a view of one agent by its number of entries.
 
         Raises
@@ -52,10 +56,10 @@ class StateLayout:
         ValueError
             There is no such view.
         """
-        surfaces, rest = divmod(size - AGENT - clocks, PER_LINE)
+        surfaces, rest = divmod(size - AGENT - clocks - rises, PER_LINE)
         if surfaces < 0 or rest:
-            raise ValueError(f"no state of {size} entries with {clocks} clocks")
-        return cls(1, clocks, surfaces)
+            raise ValueError(f"no state of {size} entries with {clocks} clocks, {rises} rises")
+        return cls(1, clocks, surfaces, rises=rises)
 
     @property
     def per_agent(self) -> int:
@@ -65,7 +69,12 @@ class StateLayout:
     @cached_property
     def head(self) -> int:
         """First entry of the lines."""
-        return self.agents * self.per_agent + self.clocks
+        return self.agents * self.per_agent + self.unknowns
+
+    @property
+    def unknowns(self) -> int:
+        """Entries between agents and lines: clocks, or rises."""
+        return self.clocks + self.rises
 
     @property
     def size(self) -> int:
@@ -91,7 +100,12 @@ class StateLayout:
     @property
     def anchor_clocks(self) -> slice:
         """Clocks of the anchors; in a view, their differences to the agent's."""
-        return slice(self.agents * self.per_agent, self.head)
+        return slice(self.agents * self.per_agent, self.agents * self.per_agent + self.clocks)
+
+    @property
+    def heights(self) -> slice:
+        """Rises of the anchors above the agent."""
+        return slice(self.head - self.rises, self.head)
 
     @property
     def lines(self) -> slice:
@@ -114,6 +128,6 @@ class StateLayout:
 
     @property
     def owner(self) -> NDArray[np.intp]:
-        """What each entry belongs to, (N,): 0 for agents and clocks, then 1 and on for the surfaces."""
+        """What each entry belongs to, (N,): 0 for agents, clocks, rises, then 1 and on for surfaces."""
         lines = 1 + np.repeat(np.arange(self.surfaces), PER_LINE)
         return np.concatenate([np.zeros(self.head, np.intp), lines])

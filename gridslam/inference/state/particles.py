@@ -45,27 +45,27 @@ class Cloud:
     Attributes
     ----------
     state : (3 + 3 S + J, P) float32 or float64
-        x, y (m) and heading (rad); unit normal and offset (m) of every surface; differences of clocks (m) if
-        these are unknown. Particles stay on the device that computes.
+        x, y (m) and heading (rad); unit normal and offset (m) of every surface; differences of clocks, or
+        rises (m), if these are unknown. Particles stay on the device that computes.
     kept : float
         h^2: bandwidth, as a share of the covariance.
-    clocks : int
-        J, or 0 if clocks are known.
+    unknowns : int
+        J or G, 0 if clocks and heights are known.
     """
 
     state: runtime.Resident
     kept: float
-    clocks: int = 0
+    unknowns: int = 0
 
     @property
     def surfaces(self) -> int:
         """Number of surfaces S."""
-        return (self.state.shape[0] - self.clocks) // 3 - 1
+        return (self.state.shape[0] - self.unknowns) // 3 - 1
 
 
 def rows_of(layout: StateLayout) -> int:
-    """Rows of particles: the agent's pose, every line's normal and offset, and clocks."""
-    return 3 + 3 * layout.surfaces + layout.clocks
+    """Rows of particles: the agent's pose, every line's normal and offset, and clocks or rises."""
+    return 3 + 3 * layout.surfaces + layout.unknowns
 
 
 @dataclass(frozen=True)

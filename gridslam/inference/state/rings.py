@@ -173,7 +173,7 @@ def prune(rings: Rings, survival: float) -> Rings:
 def shrunk(rings: Rings, anchors: Array, signal: RadioModel) -> NDArray[np.intp]:
     """Rings that have shrunk to one place, the mirrored one gone, and surely exist.
 
-    `anchors` (J, 4) is `FilterModel.places`.
+    `anchors` (J, 6) is `FilterModel.places`.
     """
     if not len(rings):
         return np.zeros(0, np.intp)

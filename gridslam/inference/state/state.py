@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief
@@ -24,6 +25,13 @@ FRESH_SIGHT = 0.9
 """Existence of an anchor's line of sight before the first scan."""
 FRESH_OVER = 0.3
 """The same over floor or ceiling: less, so that an agent is placed by what is surer."""
+
+
+def prior_belief(model: FilterModel) -> Belief:
+    """The agent's prior, and that of heights which aren't known, as if they were as told."""
+    rises = len(model.rise_variance)
+    mean = np.append(model.start_mean, np.zeros(rises))
+    return Belief(mean, block_diag(np.diag(model.start_variance), model.rise_variance), rises=rises)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +91,7 @@ class State:
         """Before the first step: the agent's prior, and no surfaces."""
         anchors, by_samples = len(model.anchors), model.settings.representation == "particles"
         samples = StateSamples.start(model) if by_samples else None
-        gaussian = Belief(model.start_mean, np.diag(model.start_variance))
+        gaussian = prior_belief(model)
         return cls(
             gaussian if samples is None else samples.moments(), SurfaceBank.empty(anchors),
             np.where(np.arange(anchors) < model.senders, FRESH_SIGHT, FRESH_OVER),

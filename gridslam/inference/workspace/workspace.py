@@ -7,6 +7,8 @@ from collections.abc import Callable, Hashable
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
+import numpy as np
+
 from gridslam.arrays import Array
 from gridslam.inference.state.particles import Particles
 from gridslam.inference.state.path_messages import PathMessages
@@ -16,6 +18,7 @@ from gridslam.world.filter_model import FilterModel
 Made = TypeVar("Made")
 P = ParamSpec("P")
 R = TypeVar("R")
+NONE = np.zeros(0)
 OTHER = "bookkeeping"
 """Stage of whatever isn't timed by itself."""
 SHARED = 64
@@ -116,11 +119,12 @@ class Workspace:
             raise ValueError("this system has no grid")
         return self._cells
 
-    def calibrated(self, model: FilterModel, turns: Array) -> FilterModel:
-        """The model with its anchors turned by (J,) rad; the same object for as long as nothing turns."""
-        key = turns.tobytes()
+    def calibrated(self, model: FilterModel, turns: Array, higher: Array = NONE) -> FilterModel:
+        """The model with its anchors turned by (J,) rad and higher by rises of (G,) m; the same object while
+        nothing changes."""
+        key = turns.tobytes() + higher.tobytes()
         if self._turned is None or self._turned[0] is not model or self._turned[1] != key:
-            self._turned = model, key, model.turned(turns)
+            self._turned = model, key, model.calibrated(turns, higher)
         return self._turned[2]
 
     @property
