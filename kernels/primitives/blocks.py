@@ -93,6 +93,18 @@ class Listed(NamedTuple):
     found: Whole
 
 
+class Clues(NamedTuple):
+    """One scan, to score poses by: of anchors x, y (m), height above the agent, u at 1 m, number of samples
+    [A, 5], and where its measurements and known single bounces begin and end [A, 4]; measurements [M, 22] and
+    known single bounces [S, 9], columns as in `primitives.clues`; p_d from u = 0 on [T]."""
+
+    listener: Square
+    own: Wholes
+    heard: Square
+    known: Square
+    chance: Doubles
+
+
 class Cells(NamedTuple):
     """The grid: o of a traversed cell, and of a hit one in V [2, ny nx]; frame [8]: origin x, y, side, factor
     outside, clip, least share, how likely a wall is of another material where it is hit next, depth in which

@@ -1,4 +1,5 @@
-"""What one scan says of poses: lines of sight, new bounces, clutter; and known surfaces, if there is a map.
+"""What one scan says of poses: lines of sight, new bounces, clutter; and known surfaces, if there is a map;
+owner of the kernel that scores poses by it.
 
 A single bounce with distance and both angles has three numbers for the two unknowns of its line: the third
 tells of the pose. Three such paths fix a pose, four tell it from chance; a line of sight fixes it alone.
@@ -8,16 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
 
+from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.management.pose_recovery import Sources
 from gridslam.inference.messages.likelihood import DetectionTable, detection_table, deviations
 from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.kernels.primitives import clues as column
+from gridslam.kernels.primitives.blocks import Clues
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.geometry import level_of, slant, unit
+from gridslam.world.geometry import level_of, unit
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
 
 IN_SIGHT = 0.9
@@ -26,12 +31,10 @@ TWICE = 0.1
 """Chance that a new path has bounced more than once: its AoD says nothing of the pose then."""
 NEAREST_M = 0.1
 """From an anchor to its image, at least: nearer, a line would stand in the anchor."""
-PAIRS = 200_000
-"""Poses x measurements that are scored at a time."""
 MAP_VARIANCE = np.array([0.03, 0.02, 0.02]) ** 2
 """What a map's own errors add to a measurement's, m^2 and rad^2."""
-MOST = 60.0
-"""Log-likelihood ratio of one measurement, at most."""
+MISFIT = 7.5
+"""Deviations from which on an AoD fits no new bounce."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,79 +116,50 @@ class SnapshotTerms:
         widen : float
             By which deviations are multiplied.
         """
-        away = poses[:, :2] - self.position
-        distance = slant(np.hypot(away[:, 0], away[:, 1]), self.height)
-        strength = self.radio.amplitude(distance)
-        log = -IN_SIGHT * self.table(strength)
-        if not len(self):
-            return np.asarray(log)
-        variance, heading = widen**2 * self.variance, poses[:, 2, None]
-        measured = np.isfinite(variance)
-        weight = np.where(measured, 1 / variance, 0.0)
-        norm = np.where(measured, -0.5 * np.log(2 * np.pi * np.where(measured, variance, 1.0)), 0.0)
-        leaving = np.arctan2(away[:, 1], away[:, 0])[:, None]
-        world = heading + self.value[:, 2]
-        straight = weight[:, 0] * (self.value[:, 0] - distance[:, None]) ** 2
-        straight += weight[:, 1] * _wrapped(self.value[:, 1] - leaving) ** 2
-        straight += weight[:, 2] * _wrapped(world - leaving - np.pi) ** 2
-        straight = norm.sum(1) - 0.5 * straight + np.log(IN_SIGHT) + self._heard_at(strength)
-        level = level_of(self.value[:, :1], self.height)
-        image = away[:, None] + level * np.stack([np.cos(world), np.sin(world)], -1)
-        gap = np.hypot(image[..., 0], image[..., 1])
-        spread = widen**2 * (self.variance[:, 1] + self.variance[:, 2])
-        known = np.isfinite(spread)
-        bounced = 2 * np.arctan2(image[..., 1], image[..., 0]) - world
-        spread = np.where(known, spread, 1.0)
-        fits = np.exp(-0.5 * _wrapped(self.value[:, 1] - bounced) ** 2 / spread) / np.sqrt(2 * np.pi * spread)
-        other = TWICE / (2 * np.pi)  # a double bounce leaves in any direction
-        fits = np.where(known, (1 - TWICE) * fits + other, 1.0)
-        born = self.log_born + np.log(fits / np.maximum(gap, NEAREST_M))
-        shorter = distance[:, None] < self.value[:, 0]  # or the point of reflection isn't between
-        ratio = np.exp(np.minimum(straight - self.log_clutter, MOST))
-        ratio += shorter * np.exp(np.minimum(born - self.log_clutter, MOST))
-        if self.known is not None:
-            for source in np.flatnonzero((self.known.image != self.position).any(1)).tolist():
-                missed, more = self._over(source, poses, variance)
-                log -= missed
-                ratio += more
-        return np.asarray(log + np.log1p(ratio).sum(1))
+        return Snapshot((self,)).score(poses, widen)
 
-    def _over(self, source: int, poses: Array, variance: Array) -> tuple[Array, Array]:
-        """Chance of being detected (N,) over a known surface, and ratios to clutter (N, M)."""
-        assert self.known is not None
-        image, (angle, offset) = self.known.image[source], self.known.line[source]
-        normal = unit(angle)
-        toward = image - poses[:, :2]
-        distance = slant(np.hypot(toward[:, 0], toward[:, 1]), self.height)
-        side = (poses[:, :2] @ normal - offset) * float(normal @ self.position - offset)
-        there = self.known.chance[source] * (side > 0)
-        strength = self.radio.amplitude(distance, self.known.level[source])
-        back = np.arctan2(toward[:, 1], toward[:, 0])
-        predicted = distance, 2 * angle - back, back - poses[:, 2]
-        measured = np.isfinite(variance)
-        noise = np.where(measured, variance, 1.0) + MAP_VARIANCE
-        log = self._heard_at(strength) - self.log_clutter
-        log = log - 0.5 * np.where(measured, np.log(2 * np.pi * noise), 0.0).sum(1)
-        for axis, value in enumerate(predicted):
-            gap = self.value[:, axis] - value[:, None]
-            gap = gap if axis == 0 else _wrapped(gap)
-            log -= 0.5 * np.where(measured[:, axis], gap**2 / noise[:, axis], 0.0)
-        return there * self.table(strength), there[:, None] * np.exp(np.minimum(log, MOST))
+    def heard(self, widen: float) -> Array:
+        """What the kernel takes of the measurements, (M, HEARD): columns as in `kernels.primitives.clues`."""
+        rows, measured = np.zeros((len(self), column.HEARD)), np.isfinite(self.variance)
+        variance = np.where(measured, widen**2 * self.variance, 1.0)
+        loud = np.isfinite(self.amplitude)
+        rows[:, :3], rows[:, column.AMPLITUDE] = self.value, np.where(loud, self.amplitude, -1.0)
+        for first, noise, share in (
+            (column.STRAIGHT, variance, IN_SIGHT),
+            (column.OVER, variance + MAP_VARIANCE, 1.0),
+        ):
+            norm = np.where(measured, -0.5 * np.log(2 * np.pi * noise), 0.0).sum(1)
+            rows[:, first : first + 3] = measured / noise
+            rows[:, first + 3] = norm + np.log(share) - self.log_clutter
+        most = np.log(np.maximum(2 * rows[:, column.AMPLITUDE], 1.0))  # a density of so much at most
+        rows[:, column.PEAK] = np.where(loud, most, 0.0)
+        level = level_of(self.value[:, 0], self.height)
+        rows[:, column.BORN] = np.exp(self.log_born - self.log_clutter)
+        rows[:, column.TOWARD : column.TURNED] = level[:, None] * unit(self.value[:, 2])
+        rows[:, column.TURNED : column.FIT] = unit(self.value[:, 1] + self.value[:, 2])
+        both, spread = measured[:, 1:].all(1), variance[:, 1] + variance[:, 2]
+        rows[:, column.FIT] = both * (1 - TWICE) / np.sqrt(2 * np.pi * spread)
+        rows[:, column.SURE] = both / spread
+        rows[:, column.ANY] = np.where(both, TWICE / (2 * np.pi), 1.0)  # a double bounce leaves anywhere
+        widest = np.minimum(np.where(both, MISFIT * np.sqrt(spread), 0.0), np.pi)
+        rows[:, column.NEAR] = np.where(widest < np.pi, np.cos(widest), -2.0)
+        return rows
 
-    def _heard_at(self, strength: Array) -> Array:
-        """Log of p_d times the density of every measured amplitude, at expected ones (N,): (N, M)."""
-        known = np.isfinite(self.amplitude)
-        measured = np.where(known, self.amplitude, self.radio.threshold)
-        rice = self.radio.log_rician(measured, np.maximum(strength[:, None], 1e-6))
-        if known.all():
-            return np.asarray(rice)
-        missed = np.log(np.maximum(self.table(strength), 1e-12))[:, None]
-        return np.where(known, rice, missed)
-
-
-def _wrapped(angle: Array) -> Array:
-    """The angle in (-pi, pi], quickly."""
-    return np.asarray(angle - 2 * np.pi * np.rint(angle / (2 * np.pi)))
+    def over(self) -> Array:
+        """What the kernel takes of single bounces over known surfaces, (S, KNOWN)."""
+        if self.known is None:
+            return np.zeros((0, column.KNOWN))
+        rows = np.flatnonzero((self.known.image != self.position).any(1))
+        line, table = self.known.line[rows], np.zeros((len(rows), column.KNOWN))
+        normal = unit(line[:, 0])
+        table[:, column.IMAGE : column.NORMAL] = self.known.image[rows]
+        table[:, column.NORMAL : column.OFFSET], table[:, column.OFFSET] = normal, line[:, 1]
+        table[:, column.SIDE], table[:, column.TURN] = normal @ self.position - line[:, 1], 2 * line[:, 0]
+        table[:, column.CHANCE], table[:, column.COEFFICIENT] = (
+            self.known.chance[rows],
+            self.known.level[rows],
+        )
+        return table
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,10 +186,24 @@ class Snapshot:
 
     def score(self, poses: Array, widen: float = 1.0) -> Array:
         """Log-likelihood of the scan at poses (N, 3) in m, m, rad; in ratio to clutter alone, (N,)."""
-        block = max(PAIRS // max(1, *(len(own) for own in self.terms)), 1)
-        return np.concatenate(
-            [
-                sum((own.score(poses[at : at + block], widen) for own in self.terms), np.zeros(1))
-                for at in range(0, len(poses), block)
-            ]
-        )
+        score = np.zeros(len(poses))
+        if not self.terms or not len(poses):
+            return score
+        runtime.start()
+        from gridslam.kernels.management.pose_score import score_poses
+
+        step, whole = self.terms[0].table.step, np.ascontiguousarray(poses, np.float64)
+        score_poses(IN_SIGHT, NEAREST_M, step, whole, clues_of(self, widen), score)
+        return score
+
+
+@lru_cache(4)
+def clues_of(snapshot: Snapshot, widen: float) -> Clues:
+    """A scan as the kernel takes it, with deviations multiplied."""
+    terms = snapshot.terms
+    heard, over = [own.heard(widen) for own in terms], [own.over() for own in terms]
+    ends = [np.cumsum([0, *map(len, parts)]) for parts in (heard, over)]
+    whose = np.stack([end for last in ends for end in (last[:-1], last[1:])], 1).astype(np.int32)
+    listeners = [(*own.position, own.height, own.radio.amplitude_at_1m, own.radio.samples) for own in terms]
+    whole, known = np.concatenate(heard), np.concatenate(over)
+    return Clues(np.array(listeners), np.ascontiguousarray(whose), whole, known, terms[0].table.chance)
