@@ -1,8 +1,10 @@
-"""The one exception for input that a person can mend."""
+"""The one exception for input that a person can mend, and notes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 
 class InputError(ValueError):
@@ -43,6 +45,17 @@ class Unwritten(InputError):
     def __reduce__(self) -> tuple[type[Unwritten], tuple[tuple[InputError, ...]]]:  # type: ignore[override]
         """Travel whole from a worker process."""
         return type(self), (self.faults,)
+
+
+@contextmanager
+def located(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Name the file in any `InputError` that doesn't yet."""
+    try:
+        yield
+    except InputError as error:
+        if error.where.startswith(str(path)):
+            raise
+        raise InputError(f"{path}: {error.where}", error.found, error.allowed) from error
 
 
 def _line(text: str, longest: int = 500) -> str:

@@ -13,8 +13,8 @@ PACKAGE = Path(gridslam.__file__).parent
 FLOOR = {room: number for number, floor in enumerate(FLOORS) for room in floor.split()}
 FILE_FORMATS = (
     "h5py", "matplotlib", "tomli_w", "tomllib", "gridslam.io", "gridslam.importers",
-    "gridslam.maps.map_files", "gridslam.measurements.csv_hdf5", "gridslam.measurements.matlab",
-    "gridslam.systems.checkpoint",
+    "gridslam.maps.map_files", "gridslam.measurements.csv_table", "gridslam.measurements.hdf5_table",
+    "gridslam.measurements.matlab", "gridslam.measurements.network_files", "gridslam.systems.checkpoint",
 )  # fmt: skip
 MOST_FILES = 12
 UPWARDS: set[tuple[str, str]] = set()

@@ -19,7 +19,7 @@ from gridslam.errors import InputError
 from gridslam.importers import geojson
 from gridslam.importers.floorplans import plan_of
 from gridslam.io.hdf5_guard import seal
-from gridslam.measurements.csv_hdf5 import KIND
+from gridslam.measurements.hdf5_table import KIND
 from gridslam.measurements.table import Measurements
 from gridslam.world.scene import BUNDLED, Scene
 

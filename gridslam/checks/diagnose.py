@@ -18,8 +18,8 @@ from gridslam.checks import time_units
 from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
 from gridslam.checks.rivals import FITTING, range_cure, whole_cure
 from gridslam.checks.unit_hypotheses import ADVICE, ANGLES, Suspicion, absurd, finite, padding, readings
-from gridslam.errors import InputError
-from gridslam.measurements import csv_hdf5, matlab
+from gridslam.errors import InputError, located
+from gridslam.measurements import csv_table, hdf5_table, matlab
 from gridslam.measurements.table import Measurements
 from gridslam.world.columns import DEVIATIONS, VALUES, Columns
 from gridslam.world.geometry import wrap
@@ -45,13 +45,13 @@ def read_raw(path: str | os.PathLike[str], anchors: tuple[str, ...] | None = Non
     InputError
         Not a table of measurements.
     """
-    with csv_hdf5.located(path):
+    with located(path):
         kind = Path(path).suffix.lower()
         if kind == ".csv":
-            return csv_hdf5.read_csv(path, checked=False)[:2]
+            return csv_table.read_csv(path, checked=False)[:2]
         if kind == ".mat":
             return matlab.read_mat(path, None, checked=False)
-        whole = csv_hdf5.read_h5(path, checked=False)
+        whole = hdf5_table.read_h5(path, checked=False)
         names = ("step", "time_s", "anchor", *VALUES, *DEVIATIONS)
         return {name: whole[name] for name in names if name in whole}, tuple(whole["anchors"])
 

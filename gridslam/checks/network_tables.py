@@ -9,9 +9,9 @@ import h5py
 import numpy as np
 
 from gridslam.checks.network_labels import label_and_clock_lines
-from gridslam.errors import InputError
+from gridslam.errors import InputError, located
 from gridslam.io.files import reading_h5
-from gridslam.measurements import csv_hdf5, matlab
+from gridslam.measurements import csv_table, hdf5_table, matlab
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.runs.network_run import check_names
 from gridslam.world.scene import Scene
@@ -28,7 +28,7 @@ def is_network(path: str | os.PathLike[str]) -> bool:
     if Path(path).suffix.lower() == ".mat":
         return matlab.names_agents(path)
     if Path(path).suffix.lower() != ".csv":
-        with reading_h5(path, csv_hdf5.KIND, csv_hdf5.VERSIONS) as file:
+        with reading_h5(path, hdf5_table.KIND, hdf5_table.VERSIONS) as file:
             return "agents" in file or bool(_flag(file))
     try:
         with Path(path).open(encoding="utf-8-sig") as text:
@@ -93,14 +93,14 @@ def _read(path: str | os.PathLike[str], scene: Scene | None) -> NetworkMeasureme
     if scene is not None:
         agents = [agent.name for agent in scene.agents]
         heard = NetworkMeasurements.load(path, scene.anchor_names, agents, pseudo=True)
-        with csv_hdf5.located(path):
+        with located(path):
             check_names(scene, heard)
         return heard
     kind = Path(path).suffix.lower()
     if kind not in (".csv", ".mat"):
         return NetworkMeasurements.from_h5(path)
     if kind == ".csv":
-        anchors = csv_hdf5.read_csv(path, None, checked=False, pseudo=True, several=True)[1]
+        anchors = csv_table.read_csv(path, None, checked=False, pseudo=True, several=True)[1]
     else:
         anchors = matlab.read_network_mat(path, checked=False)[1]
     if not anchors:

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.errors import InputError
-from gridslam.measurements.csv_hdf5 import located
+from gridslam.errors import InputError, located
 from gridslam.measurements.matlab_signal import read_mat_signal
 from gridslam.measurements.signal_hdf5 import read_signal
 from gridslam.world.geometry import direction

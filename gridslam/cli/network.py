@@ -167,7 +167,7 @@ def recorded_network(world: Scene, file: Path, agents: list[str] | None) -> Netw
 
     import numpy as np
 
-    from gridslam.measurements.csv_hdf5 import located
+    from gridslam.errors import located
     from gridslam.measurements.network import NetworkMeasurements
     from gridslam.runs.network_run import check_network
 

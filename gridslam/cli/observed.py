@@ -71,8 +71,8 @@ def recorded(world: Scene, file: Path | None, truth: Path | None, takes: Kind) -
     InputError
         No such file, another kind of file, or one of other anchors than the scene's.
     """
+    from gridslam.errors import located
     from gridslam.evaluation.ground_truth import with_truth
-    from gridslam.measurements.csv_hdf5 import located
     from gridslam.measurements.recording import Recording
     from gridslam.measurements.table import Measurements
     from gridslam.runs.map_scene import check_anchors

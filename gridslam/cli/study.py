@@ -79,9 +79,10 @@ def study(
 ) -> None:
     """Run many seeds, methods and settings; write tables and figures. Started again, it goes on."""
     from gridslam.drawing.map_figure import FORMATS
+    from gridslam.studies.batches import batches
     from gridslam.studies.plots import WHOLE_IN, draw_study
     from gridslam.studies.study import Study
-    from gridslam.studies.tables import batches, summary_rows, write_tables
+    from gridslam.studies.tables import summary_rows, write_tables
     from gridslam.world.scene import Scene
 
     where = place.open()

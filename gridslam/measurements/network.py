@@ -7,13 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.errors import InputError
-from gridslam.io.files import get, put, reading_h5, subgroup, writing_h5
-from gridslam.measurements import csv_hdf5, matlab
+from gridslam.measurements import csv_table, network_files
+from gridslam.measurements.network_files import CLOCKS
 from gridslam.measurements.table import Measurements
 from gridslam.world.clocks import ClockTruth
 from gridslam.world.columns import DEVIATIONS, KEYS, VALUES, Columns
@@ -23,8 +22,6 @@ from gridslam.world.scan import Scan
 from gridslam.world.trajectory import Trajectory
 
 Whole = NDArray[np.intp]
-CLOCKS = "clocks"
-"""Group of the clocks beside those of the agents' tracks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,61 +204,7 @@ class NetworkMeasurements:
         InputError
             The file can't be written.
         """
-        csv_hdf5.write_csv(path, self._columns(), self.table.anchors, self.agents)
-
-    @classmethod
-    def from_csv(
-        cls, path: str | os.PathLike[str], anchors: Sequence[str], agents: Sequence[str] | None = None,
-        pseudo: bool = False,
-    ) -> NetworkMeasurements:  # fmt: skip
-        """Read a CSV file, whose ``anchor`` may be empty or left out.
-
-        Parameters
-        ----------
-        path : path
-        anchors : sequence of str
-            Names of the anchors, in the scene's order (``scene.anchor_names``).
-        agents : sequence of str, optional
-            Names that the file may hold; without it, any. Those that it does hold keep this order.
-        pseudo : bool
-            Whether distances hold offsets of clocks, and may be negative.
-
-        Raises
-        ------
-        InputError
-            The first fault, with its line.
-        """
-        with csv_hdf5.located(path):
-            columns, names, whose = csv_hdf5.read_csv(path, anchors, True, pseudo, agents, True)
-            table = {"anchors": names, "unlabelled": True, "pseudo": pseudo}
-            return _collected(cls, columns, table, whose)
-
-    @classmethod
-    def from_mat(
-        cls, path: str | os.PathLike[str], anchors: Sequence[str], agents: Sequence[str] | None = None,
-        pseudo: bool = False,
-    ) -> NetworkMeasurements:  # fmt: skip
-        """Read a MATLAB file with a variable ``agent``; ``anchor`` may be left out, 0, NaN or an empty name.
-
-        Parameters
-        ----------
-        path : path
-        anchors : sequence of str
-            Names of the anchors, in the scene's order; the file numbers them from 1 or names them.
-        agents : sequence of str, optional
-            Names of the agents, likewise; without it, those that the file names, or their numbers.
-        pseudo : bool
-            Whether distances hold offsets of clocks, and may be negative.
-
-        Raises
-        ------
-        InputError
-            Not such a file, cut short, or any fault in its content.
-        """
-        with csv_hdf5.located(path):
-            columns, names, whose = matlab.read_network_mat(path, anchors, agents, pseudo=pseudo)
-            table = {"anchors": names, "unlabelled": True, "pseudo": pseudo}
-            return _collected(cls, columns, table, whose)
+        csv_table.write_csv(path, self._columns(), self.table.anchors, self.agents)
 
     def to_h5(self, path: str | os.PathLike[str]) -> None:
         """Write everything, the truth included, as HDF5 (version 2).
@@ -271,46 +214,7 @@ class NetworkMeasurements:
         InputError
             The file can't be written.
         """
-        table = {f.name: getattr(self.table, f.name) for f in fields(Measurements)}
-        with writing_h5(path, csv_hdf5.KIND, 2) as file:
-            csv_hdf5.put_rows(file, self._columns(), table)
-            agents = file.create_group("agents")
-            put(agents, "name", np.array(self.agents, dtype=h5py.string_dtype()), "text")
-            put(agents, "present", np.asarray(self.present), "step")
-            for name, track in self.tracks.items():
-                csv_hdf5.put_track(file.create_group(f"truth/{name}"), track)
-            if self.clocks is not None:
-                clocks = file.create_group(f"truth/{CLOCKS}")
-                put(clocks, "device", np.array(self.clocks.device, dtype=h5py.string_dtype()), "text")
-                put(clocks, "time_s", self.clocks.time_s, "s")
-                put(clocks, "offset_s", self.clocks.offset_s, "s")
-
-    @classmethod
-    def from_h5(cls, path: str | os.PathLike[str]) -> NetworkMeasurements:
-        """Read an HDF5 file, version 2, or version 1 with one agent of the name "agent1".
-
-        Raises
-        ------
-        InputError
-            Not such a file, cut short, or any fault in its content.
-        """
-        with csv_hdf5.located(path), reading_h5(path, csv_hdf5.KIND, csv_hdf5.VERSIONS) as file:
-            columns, table = csv_hdf5.get_rows(file, str(path))
-            names, present = ("agent1",), None
-            tracks, clocks = dict[str, Trajectory](), None
-            if "agents" in file:
-                group = subgroup(file, "agents")
-                names = tuple(name.decode("utf-8") for name in get(group, "name", (None,), "O"))
-                if "present" in group:
-                    present = get(group, "present", (len(names), 2), "iu")
-                for name in names:
-                    if name in file.get("truth", ()):
-                        tracks[name] = csv_hdf5.get_track(subgroup(file, f"truth/{name}"))
-                clocks = _clocks(subgroup(file, f"truth/{CLOCKS}")) if f"truth/{CLOCKS}" in file else None
-            elif "truth" in file:
-                tracks["agent1"] = csv_hdf5.get_track(subgroup(file, "truth"))
-            columns.setdefault("agent", np.zeros(len(columns["step"]), np.intp))
-            return _collected(cls, columns, table, names, present, tracks, clocks)
+        network_files.write_h5(path, self._columns(), {f.name: getattr(self, f.name) for f in fields(self)})
 
     @classmethod
     def load(
@@ -319,15 +223,48 @@ class NetworkMeasurements:
     ) -> NetworkMeasurements:  # fmt: skip
         """Read a file of any known kind: ``.csv``, ``.mat``, and HDF5 under any other name.
 
+        Parameters
+        ----------
+        path : path
+        anchors : sequence of str
+            Names of the anchors, in the scene's order (``scene.anchor_names``); a MATLAB file names them or
+            numbers them from 1.
+        agents : sequence of str, optional
+            Names that the file may hold (MATLAB: or number); without it, any. Those that it does hold keep
+            this order.
+        pseudo : bool
+            Whether distances hold offsets of clocks, and may be negative.
+
         Raises
         ------
         InputError
-            As the reader of its kind.
+            Not such a file, cut short, or the first fault in its content; of CSV, with its line.
         """
         kind = os.path.splitext(os.fspath(path))[1].lower()
         if kind == ".csv":
             return cls.from_csv(path, anchors, agents, pseudo)
         return cls.from_mat(path, anchors, agents, pseudo) if kind == ".mat" else cls.from_h5(path)
+
+    @classmethod
+    def from_csv(
+        cls, path: str | os.PathLike[str], anchors: Sequence[str], agents: Sequence[str] | None = None,
+        pseudo: bool = False,
+    ) -> NetworkMeasurements:  # fmt: skip
+        """Read a CSV file, whose ``anchor`` may be empty or left out; see `load`."""
+        return cls(**network_files.read_csv(path, anchors, agents, pseudo))
+
+    @classmethod
+    def from_mat(
+        cls, path: str | os.PathLike[str], anchors: Sequence[str], agents: Sequence[str] | None = None,
+        pseudo: bool = False,
+    ) -> NetworkMeasurements:  # fmt: skip
+        """Read a MATLAB file; ``anchor`` may be left out, 0, NaN or an empty name; see `load`."""
+        return cls(**network_files.read_mat(path, anchors, agents, pseudo))
+
+    @classmethod
+    def from_h5(cls, path: str | os.PathLike[str]) -> NetworkMeasurements:
+        """Read an HDF5 file, version 2, or version 1 with one agent of the name "agent1"; see `load`."""
+        return cls(**network_files.read_h5(path))
 
     def _columns(self) -> Columns:
         """Columns of the file, in its order."""
@@ -340,28 +277,3 @@ def _rows_of(scan: Scan, mine: NDArray[np.bool_]) -> Scan:
     """Some rows of a scan."""
     columns: dict[str, Any] = {name: getattr(scan, name) for name in ("anchor", *VALUES, *DEVIATIONS)}
     return replace(scan, **{name: part[mine] for name, part in columns.items() if part is not None})
-
-
-def _collected(
-    kind: type[NetworkMeasurements],
-    columns: Columns,
-    table: dict[str, Any],
-    agents: tuple[str, ...],
-    present: Whole | None = None,
-    tracks: Mapping[str, Trajectory] | None = None,
-    clocks: ClockTruth | None = None,
-) -> NetworkMeasurements:
-    """Measurements of the agents of a file."""
-    agent = columns.pop("agent")
-    rows: dict[str, Any] = {**table, **csv_hdf5.fill_missing(columns)}
-    heard = sorted(set(agent.tolist())) if present is None else list(range(len(agents)))
-    place = np.full(max(len(agents), int(agent.max(initial=0)) + 1), -1)
-    place[heard] = np.arange(len(heard))
-    names = tuple(agents[i] for i in heard if i < len(agents))
-    return kind(names, Measurements(**rows), place[agent], present, tracks or {}, clocks)
-
-
-def _clocks(group: h5py.Group) -> ClockTruth:
-    names = tuple(name.decode("utf-8") for name in get(group, "device", (None,), "O"))
-    time = get(group, "time_s", (None,))
-    return ClockTruth(names, time, get(group, "offset_s", (len(time), len(names))))

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gridslam.arrays import Array
-from gridslam.errors import InputError
-from gridslam.measurements.csv_hdf5 import located
+from gridslam.errors import InputError, located
 from gridslam.measurements.matlab_signal import read_mat_signal
 from gridslam.measurements.signal_hdf5 import read_signal, write_signal
 from gridslam.world.columns import MOST_STEPS

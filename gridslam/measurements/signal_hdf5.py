@@ -10,7 +10,7 @@ import numpy as np
 
 from gridslam.errors import InputError
 from gridslam.io.files import get, put, reading_h5, subgroup, writing_h5
-from gridslam.measurements.csv_hdf5 import get_track, put_track
+from gridslam.measurements.hdf5_table import get_track, put_track
 
 KIND = "gridslam-signal"
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gridslam.arrays import Array
-from gridslam.errors import InputError
-from gridslam.measurements import csv_hdf5, matlab, per_step_arrays
-from gridslam.world.columns import DEVIATIONS, KEYS, MOST_STEPS, VALUES, Columns, check_columns
+from gridslam.errors import InputError, located
+from gridslam.measurements import csv_table, hdf5_table, matlab, per_step_arrays
+from gridslam.world.columns import DEVIATIONS, KEYS, MOST_STEPS, VALUES, Columns, check_columns, fill_missing
 from gridslam.world.geometry import wrap
 from gridslam.world.names import label_fault
 from gridslam.world.scan import Scan
@@ -178,7 +178,7 @@ class Measurements:
         InputError
             The file can't be written.
         """
-        csv_hdf5.write_csv(path, self.columns, self.anchors)
+        csv_table.write_csv(path, self.columns, self.anchors)
 
     @classmethod
     def from_csv(
@@ -200,9 +200,9 @@ class Measurements:
         InputError
             The first fault, with its line.
         """
-        with csv_hdf5.located(path):
-            columns, names, _ = csv_hdf5.read_csv(path, anchors, pseudo=pseudo)
-            table: dict[str, Any] = csv_hdf5.fill_missing(columns)
+        with located(path):
+            columns, names, _ = csv_table.read_csv(path, anchors, pseudo=pseudo)
+            table: dict[str, Any] = fill_missing(columns)
             return cls(anchors=names, **table, pseudo=pseudo)
 
     def to_h5(self, path: str | os.PathLike[str]) -> None:
@@ -213,7 +213,7 @@ class Measurements:
         InputError
             The file can't be written.
         """
-        csv_hdf5.write_h5(path, self.columns, {f.name: getattr(self, f.name) for f in fields(self)})
+        hdf5_table.write_h5(path, self.columns, {f.name: getattr(self, f.name) for f in fields(self)})
 
     @classmethod
     def from_h5(cls, path: str | os.PathLike[str]) -> Measurements:
@@ -224,8 +224,8 @@ class Measurements:
         InputError
             Not such a file, cut short, or any fault in its content.
         """
-        with csv_hdf5.located(path):
-            table: dict[str, Any] = csv_hdf5.fill_missing(csv_hdf5.read_h5(path))
+        with located(path):
+            table: dict[str, Any] = fill_missing(hdf5_table.read_h5(path))
             return cls(**table)
 
     @classmethod
@@ -237,9 +237,9 @@ class Measurements:
         InputError
             Not such a file, cut short, or any fault in its content.
         """
-        with csv_hdf5.located(path):
+        with located(path):
             columns, names = matlab.read_mat(path, anchors)
-            table: dict[str, Any] = csv_hdf5.fill_missing(columns)
+            table: dict[str, Any] = fill_missing(columns)
             return cls(anchors=names, **table)
 
     @classmethod

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gridslam.drawing.map_figure import encoded, fonts
 from gridslam.evaluation.consistency import nees_band
 from gridslam.io.files import write_bytes
-from gridslam.studies.tables import Batch
+from gridslam.studies.batches import Batch
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)))

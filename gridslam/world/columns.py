@@ -14,8 +14,24 @@ KEYS = ("step", "time_s", "anchor")
 VALUES = ("distance_m", "aod_rad", "aoa_rad", "amplitude")
 DEVIATIONS = ("distance_std_m", "aod_std_rad", "aoa_std_rad")
 MOST_STEPS = 10_000_000
+UNITS = {
+    "step": "1",
+    "time_s": "s",
+    "anchor": "index",
+    "agent": "index",
+    "amplitude": "1",
+    "distance_m": "m",
+    "distance_std_m": "m",
+}
+UNITS |= dict.fromkeys(("aod_rad", "aoa_rad", "aod_std_rad", "aoa_std_rad"), "rad")
 
 Columns = dict[str, NDArray[Any]]
+
+
+def fill_missing(columns: Columns) -> Columns:
+    """Return the table with the columns of `VALUES` that it lacks, all NaN: not measured."""
+    count = len(columns["step"])
+    return columns | {name: np.full(count, np.nan) for name in VALUES if name not in columns}
 
 
 def check_columns(

@@ -15,7 +15,7 @@ import gridslam as gs
 from gridslam.estimates import Health
 from gridslam.evaluation.bounds import known_map_bound
 from gridslam.evaluation.consistency import complaints
-from gridslam.inference.management import pose_recovery
+from gridslam.inference.management import pose_fix, pose_recovery
 from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.messages.likelihood import DetectionTable
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios, Pairs
@@ -217,19 +217,19 @@ def test_the_agent_is_found_wherever_it_was_believed(room, signal, off):
     belief = mapped(room, truth + off, (2.0, 1.5))
     lines = belief.lines
     sources = [
-        pose_recovery.Sources(
+        pose_fix.Sources(
             np.concatenate([heard.position[None], geometry.mirror(lines, heard.position)]),
             np.concatenate([np.zeros((1, 2)), lines]), np.array([1, 0.7, 0.7, 0.7, 0.7]), np.full(5, 0.9),
         )
         for heard in scan_of(room, step)
     ]  # fmt: skip
-    fix = pose_recovery.find_pose(
+    fix = pose_fix.find_pose(
         belief, belief, sources, scan_of(room, step), DetectionTable(signal), signal, [1, 2]
     )
     assert np.linalg.norm(fix.pose[:2] - truth[:2]) < 0.15
     assert abs(wrap(fix.pose[2] - truth[2])) < 0.1
-    assert fix.lead > pose_recovery.CLEAR
-    assert fix.gain > pose_recovery.WORTH
+    assert fix.lead > pose_fix.CLEAR
+    assert fix.gain > pose_fix.WORTH
     after = pose_recovery.moved(pose_recovery.freed(belief, 1.0, 0.03), fix, 0.01)
     assert np.linalg.norm(after.mean[:2] - truth[:2]) < 0.3
     assert np.linalg.eigvalsh(after.covariance).min() > -1e-12
@@ -237,12 +237,12 @@ def test_the_agent_is_found_wherever_it_was_believed(room, signal, off):
 
 def test_no_measurement_gives_no_fix(room, signal):
     belief = mapped(room, (0.0, 0.0, 0.0), (1.0, 1.0))
-    assert pose_recovery.find_pose(belief, belief, [], [], DetectionTable(signal), signal, [1]) is None
+    assert pose_fix.find_pose(belief, belief, [], [], DetectionTable(signal), signal, [1]) is None
 
 
 def test_a_jump_cuts_the_agent_from_the_map_and_keeps_the_map(room):
     belief = mapped(room, (0.0, 0.0, 0.0), (0.01, 0.01))
-    fix = pose_recovery.Fix(np.array([2.0, 1.0, 1.0]), np.diag([1e-3, 1e-3, 1e-3]), 50.0, 50.0)
+    fix = pose_fix.Fix(np.array([2.0, 1.0, 1.0]), np.diag([1e-3, 1e-3, 1e-3]), 50.0, 50.0)
     after = pose_recovery.moved(belief, fix, 0.04)
     np.testing.assert_allclose(after.mean[[0, 1, 4]], fix.pose)
     np.testing.assert_array_equal(after.mean[5:], belief.mean[5:])

@@ -9,11 +9,10 @@ from scipy.stats import norm
 import gridslam as gs
 from gridslam.inference.messages.image_particles import path_values
 from gridslam.inference.messages.network_particle_births import add_network_births, propose_network
+from gridslam.inference.messages.network_particle_ratios import blurred, evaluate_network
 from gridslam.inference.messages.network_particles import (
     associate_network,
-    blurred,
     clock_messages,
-    evaluate_network,
     move_network,
     regularised,
     update_network,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 import gridslam as gs
-from gridslam.inference.management.pose_recovery import Sources
+from gridslam.inference.management.pose_fix import Sources
 from gridslam.inference.management.pose_score import IN_SIGHT, NEAREST_M, TWICE, Snapshot
 from gridslam.inference.management.pose_search import find_modes, line_of_sight_poses, reflected_poses
 from gridslam.inference.state.anchor_measurements import split_by_anchor

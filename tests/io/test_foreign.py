@@ -11,7 +11,7 @@ from tables import same, table
 
 from gridslam.errors import InputError
 from gridslam.io import hdf5_guard
-from gridslam.measurements.csv_hdf5 import KIND
+from gridslam.measurements.hdf5_table import KIND
 from gridslam.measurements.table import Measurements
 
 HERE = Measurements(**table(8))

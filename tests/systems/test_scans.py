@@ -8,7 +8,7 @@ import pytest
 
 import gridslam as gs
 from gridslam.estimates import SurfaceEstimate
-from gridslam.inference.management import pose_recovery
+from gridslam.inference.management import pose_fix
 from gridslam.systems.registry import METHODS, method_class
 
 SCENE = gs.Scene.load("room").with_filter(particles=128)
@@ -124,6 +124,6 @@ def test_poses_score_alike_in_blocks_of_any_size(monkeypatch):
     data["agents"] = [data["agents"][0] | {"prior": {"position_m": 3.0, "heading_deg": 90.0}}]
     vague, found = gs.Scene.checked(data, "room"), []
     for block in (50, 10**9):
-        monkeypatch.setattr(pose_recovery, "BLOCK", block)
+        monkeypatch.setattr(pose_fix, "BLOCK", block)
         found.append(gs.GridSlam(vague, seed=1).step(HEARD[0]).position_m)
     np.testing.assert_allclose(*found, atol=1e-9)

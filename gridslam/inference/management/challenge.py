@@ -15,7 +15,7 @@ from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.mixture import together
-from gridslam.inference.management.pose_recovery import Sources
+from gridslam.inference.management.pose_fix import Sources
 from gridslam.inference.management.pose_score import Snapshot
 from gridslam.inference.management.pose_search import POSE, find_modes, line_of_sight_poses
 from gridslam.inference.state.anchor_measurements import AnchorScan, split_by_anchor

@@ -15,7 +15,8 @@ from gridslam.estimates import Health
 from gridslam.inference.management.branching import branches_of, conditioned, linear_width, split, widest
 from gridslam.inference.management.challenge import HANDICAP, challenged, is_low, snapshot_of, watched
 from gridslam.inference.management.mixture import CAP, places, reduce
-from gridslam.inference.management.pose_recovery import crowd, is_vague, known_sources
+from gridslam.inference.management.pose_fix import known_sources
+from gridslam.inference.management.pose_recovery import crowd, is_vague
 from gridslam.inference.management.pose_search import Modes, find_modes
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.motion import predict

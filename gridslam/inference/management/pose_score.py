@@ -16,7 +16,7 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array
-from gridslam.inference.management.pose_recovery import Sources
+from gridslam.inference.management.pose_fix import Sources
 from gridslam.inference.messages.likelihood import DetectionTable, detection_table, deviations
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.kernels.primitives import clues as column

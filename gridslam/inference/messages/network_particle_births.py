@@ -13,12 +13,8 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.inference.messages.direct_particles import resampled
 from gridslam.inference.messages.image_particles import SPREAD, path_values
-from gridslam.inference.messages.network_particles import (
-    FEW,
-    NetworkMarginals,
-    log_clutter,
-    measured_deviations,
-)
+from gridslam.inference.messages.network_particle_ratios import log_clutter, measured_deviations
+from gridslam.inference.messages.network_particles import FEW, NetworkMarginals
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.feature_particles import Features
 from gridslam.inference.state.network_particles import CLOCK, NetworkParticleState

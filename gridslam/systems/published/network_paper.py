@@ -18,12 +18,8 @@ from gridslam.estimates import Estimate
 from gridslam.inference.management.network_readout import NetworkEstimate
 from gridslam.inference.management.particle_readout import agent_moments, feature_paths, feature_surfaces
 from gridslam.inference.messages.network_particle_births import add_network_births, propose_network
-from gridslam.inference.messages.network_particles import (
-    associate_network,
-    evaluate_network,
-    move_network,
-    update_network,
-)
+from gridslam.inference.messages.network_particle_ratios import evaluate_network
+from gridslam.inference.messages.network_particles import associate_network, move_network, update_network
 from gridslam.inference.state.anchor_measurements import of_all_anchors
 from gridslam.inference.state.network_particles import CLOCK, NetworkParticleState
 from gridslam.maps.map import Map

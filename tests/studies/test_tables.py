@@ -1,0 +1,117 @@
+"""Tables and figures of studies, against hand-made runs."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up_runs import AGENTS, Here, made_up, plan
+from tiny import TINY
+
+from gridslam.errors import InputError
+from gridslam.evaluation.bounds import Bound, MapBound
+from gridslam.studies.batches import Benchmark, batches
+from gridslam.studies.plots import draw_cdf, draw_consistency, draw_errors, draw_study
+from gridslam.studies.study import Outcome, run_study
+from gridslam.studies.tables import step_rows, summary_rows, write_tables
+from gridslam.world.scene import Scene
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return Scene.from_toml(TINY, "tiny")
+
+
+def test_tables_add_up(scene, tmp_path):
+    outcome = run_study(plan(scene), tmp_path / "s", Here())
+    found = batches(outcome)
+    assert [(batch.agent, batch.runs, batch.diverged) for batch in found] == [(name, 4, 1) for name in AGENTS]
+    first = found[0]
+    np.testing.assert_allclose(first.rmse("position_error_m"), 0.02 * np.sqrt((1 + 4 + 9 + 16) / 4))
+    np.testing.assert_allclose(first.quantiles("position_error_m"), [[0.026] * 3, [0.074] * 3])
+    np.testing.assert_allclose(first.rmse("surface_error_m"), 0.1)  # of the runs that have it
+    inherited = found[1].benchmark
+    assert (inherited.surface_since == 0).all()
+    assert inherited.unknown.surface_m.shape[1] == len(inherited.surface_since) == 4
+    assert (inherited.mospa_m < 5).all()
+    (row, _) = summary_rows(found)
+    assert row["nees_in_band"] == 1
+    assert row["ray_excess"] == 1
+    assert row["image_ospa_m"] == 0.25
+    assert row["likely_ray_excess"] >= 1
+    assert row["position_rmse_m"] == pytest.approx(0.02 * np.sqrt(7.5))
+    assert row["position_to_bound"] < row["position_to_known_map_bound"]
+    assert len(step_rows(found)) == 3 + 2
+    assert step_rows(found)[0]["heading_p90_deg"] == pytest.approx(np.degrees(0.01))
+    for path in write_tables(tmp_path, found):
+        with path.open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        assert {row["agent"] for row in rows} == set(AGENTS)
+        assert all(len(row) == len(rows[0]) and None not in row for row in rows)
+    with (tmp_path / "runs.csv").open(newline="") as file:
+        first, *_ = csv.DictReader(file)
+    assert (first["seed"], first["map_auc"], first["reflection_mae"]) == ("0", "", "0.25")
+
+
+def test_heading_that_nothing_tells_of_is_left_out_as_in_runs(scene, tmp_path):
+    whole = scene.model_dump(exclude_none=True)
+    blind = Scene.checked(whole | {"radio": whole["radio"] | {"measures": ["distance", "aod"]}}, "blind")
+    found = batches(run_study(plan(blind, 2, agents=("agent1",)), tmp_path / "s", Here()))
+    (row,) = summary_rows(found)
+    assert np.isnan([value for name, value in row.items() if name.startswith("heading")]).all()
+    assert np.isnan([value for name, value in step_rows(found)[0].items() if "heading" in name]).all()
+    assert row["position_rmse_m"] > 0
+    labels = [axes.get_ylabel() for draw in (draw_errors, draw_consistency) for axes in draw(found).axes]
+    assert labels == ["position RMSE (cm)", "mean NEES of position"]
+    assert len(draw_cdf(found).axes) == 1
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda run: run["agents"].pop("agent2"),
+        lambda run: run["agents"]["agent1"]["steps"].pop("rays"),
+        lambda run: run["agents"]["agent1"]["steps"]["surfaces"].append(3),
+        lambda run: run["agents"]["agent1"]["steps"]["surfaces"].__setitem__(0, "many"),
+        lambda run: run["agents"]["agent1"].update(cost=None),
+        lambda run: run["agents"]["agent1"]["scores"].pop("map"),
+    ],
+)
+def test_run_that_was_tampered_with_is_named(scene, spoil):
+    study = plan(scene, 2)
+    records = [made_up(job) for job in study.jobs()]
+    spoil(records[1])
+    with pytest.raises(InputError, match=r"damaged run \(seed 1 of agent[12]\)"):
+        batches(Outcome(study, records))
+
+
+def test_bound_of_the_map_counts_surfaces_there_and_unknowable_ones_as_the_cutoff():
+    blank = np.zeros(3)
+    surface_m = np.array([[1.0, np.inf, np.inf], [0.5, 9.0, np.inf], [0.3, 0.6, 0.9]])
+    unknown = MapBound(blank, blank, np.arange(3), np.zeros((3, 2)), surface_m, np.zeros((6, 6)))
+    rays = np.zeros((2, 3), int)
+    mark = Benchmark(
+        Bound(blank, blank), unknown, rays, rays, np.array([0, 0, 2]), np.full(3, -1), ("A", "B")
+    )
+    assert mark.surfaces.tolist() == [2, 2, 3]
+    np.testing.assert_allclose(mark.mospa_m, [3.0, 2.75, 0.6])
+    bent = replace(mark, curve=np.array([-1, 7, 7]))  # two facets of one wall
+    assert bent.surfaces.tolist() == [2, 2, 2]
+    np.testing.assert_allclose(bent.mospa_m, [3.0, 2.75, 0.45])
+
+
+@pytest.mark.slow
+def test_figures_of_several_settings_are_drawn_side_by_side(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr("gridslam.studies.plots.MOST_SURFACES", 2)  # every panel costs
+    study = plan(scene, 2, settings=(("radio.snr_at_1m_db", (20.0, 30.0)),), agents=("agent1",))
+    outcome = run_study(study, tmp_path / "s", Here())
+    written = draw_study(tmp_path / "s", batches(outcome))
+    assert len(written) == 6
+    assert all(path.stat().st_size > 10_000 for path in written)
+    narrow = draw_study(tmp_path / "s", batches(outcome), "pdf", 3.5)
+    assert [path.suffix for path in narrow] == 6 * [".pdf"]
+    assert all(path.read_bytes().startswith(b"%PDF") for path in narrow)
+    axes = draw_errors(batches(outcome)).axes[0]
+    assert axes.get_yscale() == "linear"
+    styles = {(line.get_color(), line.get_linestyle()) for line in axes.lines if "runs" in line.get_label()}
+    assert len({color for color, _ in styles}) == len({style for _, style in styles}) == 2
