@@ -19,6 +19,7 @@ from gridslam.inference.management.image_readout import (
     motion_heading,
     note_hits,
 )
+from gridslam.inference.management.image_starts import ImagePopulation, advance, begun
 from gridslam.inference.messages.image_births import Found, add_tentative, find_births
 from gridslam.inference.messages.image_prediction import (
     AnchorPaths,
@@ -44,6 +45,7 @@ from gridslam.inference.state.rings import MOVING
 from gridslam.maps.frames import stamped
 from gridslam.maps.map import Map
 from gridslam.systems.signal_front import SignalFilter
+from gridslam.systems.soundness import require_sound_weights
 from gridslam.world.radio import REFLECTION_BINS
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
@@ -120,7 +122,7 @@ def require_single_antennas(waveform: Waveform) -> None:
         )  # fmt: skip
 
 
-class DirectSlam(SignalFilter[DirectState]):
+class DirectSlam(SignalFilter[ImagePopulation]):
     """Direct SLAM, one step at a time: samples of single antennas in, agent and images out.
 
     An image serves its own anchor, by single bounces; every path's amplitude may fade anew at each step.
@@ -157,6 +159,25 @@ class DirectSlam(SignalFilter[DirectState]):
         super().__init__(scene, *args, **more)
         require_single_antennas(self.waveform)
 
+    @property
+    def state(self) -> DirectState:
+        """What is believed after the latest step; of several hypotheses, the likeliest."""
+        return self.population.best
+
+    @property
+    def population(self) -> ImagePopulation:
+        """All hypotheses after the latest step."""
+        population: ImagePopulation = self.now.believed
+        return population
+
+    def _begun(self, state: DirectState) -> ImagePopulation:
+        return begun(state, Band.of(self.waveform.offset_hz, self.waveform.pulse))
+
+    def _advanced(self, scan: SignalScan) -> tuple[ImagePopulation, DirectInfo]:
+        population, info, amiss = advance(self.population, scan, self.model, self.advance)
+        why = "; ".join(reason for reason in (amiss, info.health.why) if reason)
+        return population, replace(info, health=replace(info.health, ok=not why, why=why))
+
     @staticmethod
     def moved(state: DirectState, position_m: Array, heading_rad: float) -> DirectState:
         """The state before the first step, with its prior about another start (m)."""
@@ -165,21 +186,29 @@ class DirectSlam(SignalFilter[DirectState]):
         return replace(state, belief=replace(state.belief, mean=mean))
 
     @staticmethod
-    def require_sound(state: DirectState, model: SignalModel, where: str) -> None:
-        """Refuse a state from a file whose numbers can't be."""
-        for part, holds, allowed in state.claims(len(model.anchors)):
-            if not holds:
-                raise InputError(f"{where}: /state/{part}", "numbers that can't be", allowed)
+    def require_sound(population: ImagePopulation, model: SignalModel, where: str) -> None:
+        """Refuse hypotheses from a file whose numbers can't be."""
+        require_sound_weights(population, where)
+        for number, state in enumerate(population.states):
+            for part, holds, allowed in state.claims(len(model.anchors)):
+                if not holds:
+                    raise InputError(f"{where}/states/{number}/{part}", "numbers that can't be", allowed)
 
-    def estimate(self, state: DirectState, scan: SignalScan, info: DirectInfo, began: float) -> Estimate:
-        """Mean agent and images, and the paths over them; the heading is that of the motion."""
-        heading, covariance = motion_heading(state)
+    def estimate(
+        self, population: ImagePopulation, scan: SignalScan, info: DirectInfo, began: float
+    ) -> Estimate:
+        """Mean agent; images of the likeliest hypothesis, and the paths over them; all hypotheses.
+
+        The heading is that of the motion.
+        """
+        state = population.best
+        mean, moving = population.agent()
+        heading, covariance = motion_heading(mean, moving)
         table = image_surfaces(state, self.model)
-        mean = state.belief.mean
         return Estimate(
             scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), heading, covariance, table,
             image_paths(state, self.model, heading), table.existence > self.model.settings.detect_above,
-            np.nan, time.perf_counter() - began, info.health,
+            np.nan, time.perf_counter() - began, info.health, population.described(),
         )  # fmt: skip
 
     def map(self) -> Map:

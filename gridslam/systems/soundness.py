@@ -31,6 +31,13 @@ SLACK = 1e-6
 
 def require_sound_population(population: Population, model: FilterModel, where: str) -> None:
     """Refuse hypotheses whose numbers can't be, or one of whose states can't; see `require_sound`."""
+    require_sound_weights(population, where)
+    for number, state in enumerate(population.states):
+        require_sound(state, model, f"{where}/states/{number}")
+
+
+def require_sound_weights(population: Population, where: str) -> None:
+    """Refuse hypotheses whose weights can't be."""
     count, log = len(population.states), np.array(population.log_weight)
     claims = [
         ("log_weight", 0 < count == len(log) <= MOST_HYPOTHESES, "one for each state"),
@@ -41,8 +48,6 @@ def require_sound_population(population: Population, model: FilterModel, where: 
     for part, holds, allowed in claims:
         if not holds:
             raise InputError(f"{where}/{part}", "numbers that can't be", allowed)
-    for number, state in enumerate(population.states):
-        require_sound(state, model, f"{where}/states/{number}")
 
 
 def require_sound(state: State, model: FilterModel, where: str) -> None:

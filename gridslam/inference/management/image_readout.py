@@ -80,18 +80,22 @@ def image_paths(state: DirectState, model: FilterModel, heading_rad: float) -> P
     return PathEstimate(*(np.concatenate(column) for column in zip(*rows, strict=True)))
 
 
-def motion_heading(state: DirectState) -> tuple[float, Array]:
+def motion_heading(mean: Array, own: Array) -> tuple[float, Array]:
     """Direction of motion, which is all that distances tell of a heading, and covariance (5, 5) with it.
 
     An agent that may turn on the spot has another heading: this one is of the velocity. Its variance is at
     most that of any direction.
+
+    Parameters
+    ----------
+    mean, own : (4,) and (4, 4)
+        Of position and velocity.
     """
-    velocity = state.belief.mean[2:4]
+    velocity = mean[2:4]
     speed = float(np.hypot(*velocity))
     slope = np.zeros((5, 4))
     slope[:4] = np.eye(4)
     heading = float(np.arctan2(velocity[1], velocity[0])) if speed > 0 else 0.0
-    own = state.belief.covariance[:4, :4]
     if speed > 0:
         slope[4, 2:] = np.array([-velocity[1], velocity[0]]) / speed**2
     covariance = slope @ own @ slope.T

@@ -78,6 +78,8 @@ class Found:
         C^-1 at the mode.
     table : Sweep
         What one more path would be worth.
+    known : int
+        How many of the prior's rows are known paths.
     """
 
     prior: PathPrior
@@ -85,6 +87,7 @@ class Found:
     new: list[NewPath]
     inverse: Inverse
     table: Sweep
+    known: int
 
 
 def find_births(band: Band, samples: Complex, prior: PathPrior, noise: float, step: int) -> Found:
@@ -96,10 +99,10 @@ def find_births(band: Band, samples: Complex, prior: PathPrior, noise: float, st
         Steps taken before this one.
     """
     rate = max(BIRTHS, FIRST_BIRTHS * float(np.exp(-step / FIRST_STEPS)))
-    births = _Births(band, samples, prior, noise, rate)
+    births, known = _Births(band, samples, prior, noise, rate), len(prior.mean)
     prior, mode = take_in(births, prior)
     inverse, table = births.explained(prior, mode)
-    return Found(prior, mode, births.taken + births.weak, inverse, table)
+    return Found(prior, mode, births.taken + births.weak, inverse, table, known)
 
 
 class _Births:
