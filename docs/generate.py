@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 
 import gridslam as gs
-from gridslam.estimates import FeatureEstimate
+from gridslam.estimate_tables import FeatureEstimate
 from gridslam.runs.run_files import write_run
 from gridslam.systems.registry import METHODS
 from gridslam.world.scene_reference import keys

@@ -1,7 +1,8 @@
 """gridslam: radio multipath in, a map out."""
 
 from gridslam.errors import InputError
-from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
+from gridslam.estimate_tables import PathEstimate, SurfaceEstimate
+from gridslam.estimates import Estimate
 from gridslam.extraction.front_end import extract
 from gridslam.importers.deepmimo import measurements_from_deepmimo as from_deepmimo
 from gridslam.importers.deepmimo import network_from_deepmimo

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gridslam as gs
-from gridslam.estimates import SurfaceEstimate
+from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.inference.state.particles import Particles
 from gridslam.kernels.primitives import tables
 from gridslam.simulation.image_source import true_paths

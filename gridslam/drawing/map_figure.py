@@ -23,7 +23,8 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from gridslam.estimates import Estimate, HypothesisEstimate
+from gridslam.estimate_tables import HypothesisEstimate
+from gridslam.estimates import Estimate
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 

@@ -25,11 +25,11 @@ from gridslam.evaluation.bounds import (
     surface_lines,
 )
 from gridslam.inference.messages.array_likelihood import ArrayBand, superpose_arrays
+from gridslam.inference.state.layout import AGENT, HEADING
 from gridslam.simulation.image_source import TruePaths, true_paths
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
-AGENT, HEADING = 5, 4
 DRAWS = 3
 """Of fading amplitudes, over which a bound is averaged."""
 SURE_RAD = 1e-4

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri
 
 from gridslam.arrays import Array
-from gridslam.estimates import Estimate, PathEstimate
+from gridslam.estimate_tables import PathEstimate
+from gridslam.estimates import Estimate
 from gridslam.evaluation.metrics import OSPA_CUTOFF_M, ospa
 from gridslam.evaluation.surface_truth import HeardSurfaces, assigned_error
 from gridslam.simulation.image_source import TruePaths, Truth

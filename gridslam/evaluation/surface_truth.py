@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.estimates import SurfaceEstimate
+from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.evaluation.metrics import OSPA_CUTOFF_M, ospa
 from gridslam.simulation.image_source import Truth
 from gridslam.world.geometry import line_through, sfv

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from gridslam.errors import InputError
-from gridslam.estimates import FREE, MIRROR, SCATTERER, FeatureEstimate, SurfaceEstimate
+from gridslam.estimate_tables import FREE, MIRROR, SCATTERER, FeatureEstimate, SurfaceEstimate
 from gridslam.importers.floorplans import LARGEST_BYTES, MOST_PIECES, Line
 from gridslam.io.files import write_bytes
 from gridslam.maps.walls import WallSegments

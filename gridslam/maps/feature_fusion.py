@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gridslam.estimates import FeatureEstimate
+from gridslam.estimate_tables import FeatureEstimate
 
 if TYPE_CHECKING:
     from gridslam.maps.map_cells import MapCells

@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 from scipy.special import softmax
 
 from gridslam.errors import InputError
-from gridslam.estimates import SurfaceEstimate
+from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.maps.feature_fusion import merge_features
 from gridslam.maps.frames import require_one_frame
 from gridslam.maps.line_fusion import JointLines

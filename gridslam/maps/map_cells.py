@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.special import expit, logit
 
 from gridslam.errors import InputError
-from gridslam.estimates import FeatureEstimate, SurfaceEstimate
+from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate
 from gridslam.io.covariances import require_covariance
 from gridslam.world.radio import REFLECTION_BINS
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import logit
 
 from gridslam.errors import InputError
-from gridslam.estimates import FeatureEstimate, SurfaceEstimate
+from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate
 from gridslam.io.files import (
     cannot_write,
     get,

@@ -14,9 +14,9 @@ from gridslam.reference.gaussian import RISE, clocked, late, tall
 from gridslam.reference.messages import clutter, deviations, log_rician
 from gridslam.reference.paths import lines_of
 from gridslam.world.geometry import course, lean, level_of, line_between, mirror, trace, unit, wrap
+from gridslam.world.radio import REFLECTION_BINS as BINS
 
 Whole = NDArray[np.int32]
-BINS: Array = (np.arange(20) + 0.5) / 20
 REACH, TRIALS = 4.0, 41
 FAINT, EXPLAINED, USUAL, DOUBLE_SHARE, WIDEST = 1e-3, 1e-3, 0.7, 0.5, 2.5
 

@@ -13,9 +13,9 @@ from gridslam.kernels.primitives import blocks
 from gridslam.reference.paths import polylines
 from gridslam.reference.rays import asked, list_paths
 from gridslam.world.geometry import canonical, sfv, sfv_covariance
+from gridslam.world.radio import REFLECTION_BINS as BINS
 
 Whole = NDArray[np.int32]
-BINS: Array = (np.arange(20) + 0.5) / 20
 
 
 def describe(

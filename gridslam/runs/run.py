@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gridslam.estimates import Estimate, SurfaceEstimate
+from gridslam.estimate_tables import SurfaceEstimate
+from gridslam.estimates import Estimate
 from gridslam.maps.map import Map
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory

@@ -10,7 +10,8 @@ import h5py
 import numpy as np
 
 from gridslam.errors import InputError
-from gridslam.estimates import Estimate, HypothesisEstimate, PathEstimate, SurfaceEstimate
+from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, SurfaceEstimate
+from gridslam.estimates import Estimate
 from gridslam.io.files import get, put, reading_h5, subgroup, writing_h5
 from gridslam.maps.map_files import SURFACE_UNITS, read_owner
 

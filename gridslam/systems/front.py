@@ -11,7 +11,8 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
-from gridslam.estimates import Estimate, SurfaceEstimate
+from gridslam.estimate_tables import SurfaceEstimate
+from gridslam.estimates import Estimate
 from gridslam.inference.management.hypotheses import advance, begun
 from gridslam.inference.management.readout import described, estimates, surface_estimate
 from gridslam.inference.management.step_info import StepInfo

@@ -14,7 +14,8 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array
-from gridslam.estimates import Estimate, PathEstimate
+from gridslam.estimate_tables import PathEstimate
+from gridslam.estimates import Estimate
 from gridslam.inference.management.feature_tables import feature_estimate, with_features
 from gridslam.inference.management.hybrid_info import HybridInfo, conclude
 from gridslam.inference.management.surface_features import image_features

@@ -11,7 +11,8 @@ from matplotlib.patches import Ellipse
 
 from gridslam.arrays import Array
 from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PAGE_IN, PURPLE, blank, scatterers
-from gridslam.estimates import FREE, MIRROR, SCATTERER, Estimate, FeatureEstimate
+from gridslam.estimate_tables import FREE, MIRROR, SCATTERER, FeatureEstimate
+from gridslam.estimates import Estimate
 from gridslam.simulation.image_source import Truth
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory

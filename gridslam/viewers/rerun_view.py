@@ -11,7 +11,8 @@ from matplotlib import colormaps
 from numpy.typing import ArrayLike, NDArray
 
 from gridslam.arrays import Array
-from gridslam.estimates import Estimate, Health, SurfaceEstimate
+from gridslam.estimate_tables import SurfaceEstimate
+from gridslam.estimates import Estimate, Health
 from gridslam.inference.management.network_readout import NetworkEstimate
 from gridslam.maps.map import Map
 from gridslam.runs.run_files import RunFiles

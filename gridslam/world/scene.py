@@ -19,12 +19,11 @@ from gridslam.world.filter_model import FilterModel, fixed
 from gridslam.world.geometry import Segments, surfaces_of, wrap
 from gridslam.world.levels import Level, Verticals, check_heights, verticals_of
 from gridslam.world.names import Label, label_fault
-from gridslam.world.radio import SPEED_OF_LIGHT, RadioModel
+from gridslam.world.radio import RadioModel
 from gridslam.world.scene_checks import Room, check_clocks, check_names, check_places, walked
 from gridslam.world.scene_parts import (
     Agent,
     Anchor,
-    ArraySpec,
     FilterSettings,
     GridSpec,
     Name,
@@ -33,13 +32,12 @@ from gridslam.world.scene_parts import (
     Share,
     Wall,
 )
+from gridslam.world.scene_radio import check_samples, link_of, waveform_of
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.validation import Strict, fault, nearest
 from gridslam.world.waveform import Waveform
 
 BUNDLED = Path(__file__).parents[1] / "scenes"
-PATH_SAMPLES = 2500
-"""Samples over all antenna pairs, where a scene gives neither them nor frequencies."""
 LEAST_PRIOR = 1e-4
 """Half width of a start prior that a filter is told at least (m, m/s, rad)."""
 
@@ -294,28 +292,8 @@ class Scene(Strict):
         InputError
             There is no agent of this name.
         """
-        radio = self.radio
-        carried = (self.agent(agent).array if agent is not None else None) or radio.array
-        return RadioModel(
-            amplitude_at_1m=10 ** (radio.snr_at_1m_db / 20),
-            threshold=10 ** (radio.detection_threshold_db / 20),
-            bandwidth_hz=radio.bandwidth_hz,
-            samples=float(radio.samples or self._samples(carried)),
-            false_alarms=radio.false_alarms,
-            max_distance_m=radio.max_distance_m,
-            anchor_aperture=np.stack([(anchor.array or radio.array).aperture for anchor in self.anchors]),
-            agent_aperture=carried.aperture,
-            measures=radio.measures,
-            given_detection=radio.detection_probability,
-            given_distance_std=radio.distance_std_m,
-            window_m=radio.window_m,
-        )
-
-    def _samples(self, carried: ArraySpec) -> int:
-        """Samples over all antenna pairs, by the frequencies and the first anchor's array."""
-        if self.radio.frequencies is None:
-            return PATH_SAMPLES
-        return self.radio.frequencies * _size(self.anchors[0].array or self.radio.array) * _size(carried)
+        carried = self.agent(agent).array if agent is not None else None
+        return link_of(self.radio, self.anchors, carried or self.radio.array)
 
     def waveform(self, agent: str | None = None) -> Waveform:
         """Frequencies, pulse and elements of the signals that an agent (default: the first) would sample.
@@ -326,24 +304,11 @@ class Scene(Strict):
             ``radio.frequencies`` isn't given, the anchors' arrays differ in size or have heights, or there is
             no such agent.
         """
-        radio = self.radio
         self.require_planar()
-        if radio.frequencies is None:
+        if self.radio.frequencies is None:
             raise InputError(f"{self.name}: radio.frequencies", "none", "frequencies and frequency_step_hz")
         body = self.agent(agent) if agent is not None else self.agents[0]
-        arrays = [(anchor.array or radio.array) for anchor in self.anchors]
-        for index, array in enumerate(arrays):
-            if _size(array) != _size(arrays[0]):
-                found, allowed = f"{_size(array)} elements", f"{_size(arrays[0])}, as of the first anchor"
-                raise InputError(f"{self.name}: anchors[{index}].array", found, allowed)
-        offset, scale = radio.offset_hz, SPEED_OF_LIGHT / radio.carrier_hz
-        pulse = np.ones(len(offset)) if radio.pulse is None else radio.pulse.spectrum(offset)
-        return Waveform(
-            radio.carrier_hz, offset, pulse.astype(np.complex128),
-            scale * np.stack([array.elements for array in arrays]),
-            scale * (body.array or radio.array).elements,
-            None, float(np.radians(body.heading_sensor_deg or 0.0)),
-        )  # fmt: skip
+        return waveform_of(self.radio, self.anchors, body, self.name)
 
     def filter_model(self, agent: str | None = None) -> FilterModel:
         """What a filter may know: neither walls nor waypoints.
@@ -414,24 +379,9 @@ class Scene(Strict):
             if wall.material is not None and wall.material not in self.materials:
                 field = f"walls[{index}].material"
                 raise fault(field, repr(wall.material), nearest(wall.material, self.materials))
-        self._check_samples()
+        check_samples(self.radio, self.anchors, self.agents)
         check_places(self.anchors, self.agents, Room(self.grid, self.segments(), self.scatterer_positions))
         return self
-
-    def _check_samples(self) -> None:
-        """A number of samples that is given must be that of the frequencies and of some agent's antennas."""
-        radio = self.radio
-        if radio.frequencies is None or radio.samples is None:
-            return
-        arrays = [agent.array or radio.array for agent in self.agents] or [radio.array]
-        allowed = sorted({self._samples(array) for array in arrays})
-        if radio.samples not in allowed:
-            follows = " or ".join(map(str, allowed))
-            raise fault("radio.samples", str(radio.samples), f"{follows}, as frequencies and arrays say")
-
-
-def _size(array: ArraySpec) -> int:
-    return array.rows * array.columns
 
 
 def bundled_scenes() -> list[str]:

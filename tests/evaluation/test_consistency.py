@@ -7,7 +7,8 @@ import pytest
 from scipy.stats import binom, kstest
 
 import gridslam as gs
-from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
+from gridslam.estimate_tables import PathEstimate, SurfaceEstimate
+from gridslam.estimates import Estimate
 from gridslam.evaluation.consistency import follow, nees, nees_band, true_rays, virtual_anchors
 from gridslam.evaluation.surface_truth import HeardSurfaces, surface_scores
 from gridslam.world.geometry import line_of_sfv, mirror
@@ -131,6 +132,7 @@ def test_virtual_anchors_of_true_paths_are_mirror_images_of_the_anchors(alcove):
         np.testing.assert_allclose(image, expected, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_virtual_anchors_are_judged_anchor_by_anchor(alcove):
     scene, truth = alcove
     step = 200

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import gridslam as gs
-from gridslam.estimates import Estimate, PathEstimate, SurfaceEstimate
+from gridslam.estimate_tables import PathEstimate, SurfaceEstimate
+from gridslam.estimates import Estimate
 from gridslam.evaluation.image_truth import image_gospa
 from gridslam.world.scan import Scan
 

@@ -10,7 +10,7 @@ from tiny import TINY
 from wall_samples import paths, walls
 
 import gridslam as gs
-from gridslam.estimates import SurfaceEstimate
+from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.evaluation.metrics import ospa
 from gridslam.evaluation.surface_truth import HeardSurfaces, assigned_error, surface_scores
 from gridslam.simulation.image_source import Truth

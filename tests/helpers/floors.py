@@ -10,7 +10,7 @@ FLOORS = (
     "inference/workspace",
     "inference/state simulation",
     "maps measurements",
-    "estimates drawing",
+    "estimates estimate_tables drawing",
     "world",
     "io",
     "kernels/management kernels/messages",

@@ -4,7 +4,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from gridslam.estimates import SurfaceEstimate
+from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.maps.map import Map
 from gridslam.world.radio import REFLECTION_BINS
 

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from gridslam.estimates import Estimate, HypothesisEstimate, PathEstimate, SurfaceEstimate
+from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, SurfaceEstimate
+from gridslam.estimates import Estimate
 from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements
 from gridslam.runs.run import Run

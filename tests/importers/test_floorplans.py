@@ -8,7 +8,7 @@ from PIL import Image
 
 from gridslam.cli.main import main
 from gridslam.errors import InputError
-from gridslam.estimates import SurfaceEstimate
+from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.importers import geojson
 from gridslam.importers.floorplans import Line, plan_of, write_plan
 from gridslam.world.geometry import line_through
@@ -162,6 +162,7 @@ def test_plans_far_away_or_without_end_are_refused(tmp_path):
         plan_of([Line(((1, 1), (1, 1)))], "x", name="x")
 
 
+@pytest.mark.slow
 def test_import_command(say, tmp_path):
     save(tmp_path / "plan.geojson", feature("Polygon", [ROOM], material="wall"))
     words = ("scene", "import", "plan.geojson", "-o", "hall.toml", "--anchor=-0.5,1,0", "--anchor", "7,5")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from signal_worlds import signal_model
 
-from gridslam.estimates import MIRROR, SCATTERER, FeatureEstimate, SurfaceEstimate
+from gridslam.estimate_tables import MIRROR, SCATTERER, FeatureEstimate, SurfaceEstimate
 from gridslam.inference.management.surface_features import between, image_features, mirror_surfaces, mirrored
 from gridslam.maps.map import Map
 from gridslam.systems.front import inherit_surfaces

@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from map_samples import assert_same, random_map, surfaces
 
 from gridslam.errors import InputError
-from gridslam.estimates import SurfaceEstimate
+from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.maps.fusion import fuse
 from gridslam.maps.map import Map
 

@@ -8,7 +8,7 @@ import pytest
 from map_samples import random_map
 
 from gridslam.errors import InputError
-from gridslam.estimates import FREE, MIRROR, SCATTERER, FeatureEstimate
+from gridslam.estimate_tables import FREE, MIRROR, SCATTERER, FeatureEstimate
 from gridslam.inference.management.feature_tables import classify, feature_estimate, with_features
 from gridslam.inference.state.features import FeatureBank, entries, places
 from gridslam.inference.state.hybrid_state import JointBelief

@@ -11,7 +11,7 @@ import taichi as ti
 from scene_samples import shortened
 
 import gridslam as gs
-from gridslam.estimates import SurfaceEstimate
+from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.evaluation.bounds import known_map_bound
 from gridslam.inference.state.anchor_measurements import anchor_scans
 from gridslam.io import files

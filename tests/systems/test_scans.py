@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import gridslam as gs
-from gridslam.estimates import SurfaceEstimate
+from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.inference.management import pose_fix
 from gridslam.systems.registry import METHODS, method_class
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import gridslam as gs
-from gridslam.estimates import FeatureEstimate, PathEstimate
+from gridslam.estimate_tables import FeatureEstimate, PathEstimate
 from gridslam.viewers.feature_plots import draw_features, draw_sights, true_sight
 
 STEPS = 190

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from gridslam.arrays import Array
-from gridslam.estimates import FREE, MIRROR, SCATTERER, FeatureEstimate
+from gridslam.estimate_tables import FREE, MIRROR, SCATTERER, FeatureEstimate
 from gridslam.inference.messages.joint_update import FORGETS
 from gridslam.inference.state.features import ENTRIES, MOVING, FeatureBank, place_jacobian, places
 from gridslam.inference.state.hybrid_state import JointBelief

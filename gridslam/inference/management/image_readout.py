@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.estimates import PathEstimate, SurfaceEstimate
+from gridslam.estimate_tables import PathEstimate, SurfaceEstimate
 from gridslam.inference.messages.image_prediction import image_distances
 from gridslam.inference.state.images import DirectState
 from gridslam.world.filter_model import FilterModel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.estimates import PathEstimate, SurfaceEstimate
+from gridslam.estimate_tables import PathEstimate, SurfaceEstimate
 from gridslam.inference.management.image_readout import UNKNOWN_REFLECTION
 from gridslam.inference.state.feature_particles import Features
 from gridslam.world.geometry import course, line_between, mirror_derivative, wrap

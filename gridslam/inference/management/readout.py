@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array
-from gridslam.estimates import HypothesisEstimate, PathEstimate, SurfaceEstimate
+from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, SurfaceEstimate
 from gridslam.inference.messages.prediction import links_of
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.population import Population

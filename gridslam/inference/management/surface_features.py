@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.estimates import MIRROR, FeatureEstimate, SurfaceEstimate
+from gridslam.estimate_tables import MIRROR, FeatureEstimate, SurfaceEstimate
 from gridslam.inference.management.feature_tables import POWER_STD
 from gridslam.world.geometry import mirror, mirror_derivative, sfv_covariance, unit
 from gridslam.world.signal_model import SignalModel

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.estimates import Estimate, PathEstimate
+from gridslam.estimate_tables import PathEstimate
+from gridslam.estimates import Estimate
 from gridslam.inference.management.particle_readout import feature_surfaces
 from gridslam.inference.messages.direct_particles import (
     LEAST_EXISTENCE,
