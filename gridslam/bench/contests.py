@@ -179,6 +179,13 @@ CONTESTS = {
         ("count",),
         changes=("surface", "where", "held", "used", "foot", "extent", "times"),
     ),
+    "learn_ratios": Contest(
+        "path",
+        reference.learn_ratios,
+        _noted,
+        ("count",),
+        changes=("surface", "where", "held", "used", "foot", "extent", "times"),
+    ),
     "listen": Contest(
         "node",
         reference.listen,
@@ -215,5 +222,6 @@ CONTESTS = {
     ),
 }
 
-UNRACED = ("learn_ratios",)
-"""Kernels that no race times: it is `learn` but for who evaluates, in a method that no course runs."""
+PARTS = {"associate": "update", "learn_ratios": "learn"}
+"""Kernels that no course launches, and those whose arguments they can be given: one is part of the other, or
+is it but for who evaluates, in a method on samples."""

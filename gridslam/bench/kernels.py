@@ -11,19 +11,17 @@ from dataclasses import dataclass
 from typing import Any, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.bench.contests import CONTESTS, Case
+from gridslam.bench.contests import CONTESTS, PARTS, Array, Case
 from gridslam.bench.stages import Function, Kernel, kernels, modules, replaced
 from gridslam.measurements.table import Scan
 from gridslam.simulation.image_source import simulate
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.front import SurfaceFilter
 from gridslam.systems.grid import GridSlam
+from gridslam.world.radio import BINS
 from gridslam.world.scene import Scene
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -64,8 +62,8 @@ class KernelSpeed:
 def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Case]:
     """Run grid SLAM for some steps, then keep each kernel's largest launch of the next few.
 
-    Of a kernel that grid SLAM doesn't launch, that of adaptive SLAM is kept. Association is part of updates
-    in both, of which it is taken out.
+    Of a kernel that grid SLAM doesn't launch, that of adaptive SLAM is kept; of those that neither does, a
+    case is made of another kernel's: see `contests.PARTS`.
 
     Parameters
     ----------
@@ -78,8 +76,17 @@ def largest_launches(scene: Scene, steps: int, watched: int = 5) -> dict[str, Ca
     runtime.start()
     scans = list(simulate(scene, scene.agents[0].name, seed=1))[: steps + watched]
     found = _launches(AdaptiveSlam, scene, scans, steps) | _launches(GridSlam, scene, scans, steps)
-    names = kernels()["associate"].names
-    return found | {"associate": Case((name, _copy(found["update"][name])) for name in names)}
+    parts = {name: _part(name, found[whole]) for name, whole in PARTS.items()}
+    return found | parts
+
+
+def _part(name: str, whole: Case) -> Case:
+    """A case of a kernel by the arguments of another; likelihood ratios of coefficients favour the middle."""
+    known = {key: _copy(value) for key, value in whole.items()}
+    if name == "learn_ratios":
+        middle = -0.1 * np.square(np.arange(BINS) - BINS // 2)
+        known["ratio"] = np.tile(middle, (len(runtime.on_host(whole["noted"])), 2, 1))
+    return Case((key, known[key]) for key in kernels()[name].names)
 
 
 def _launches(
