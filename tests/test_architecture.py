@@ -37,10 +37,15 @@ def modules() -> dict[str, Path]:
 
 
 @cache
+def syntax(module: str) -> ast.Module:
+    return ast.parse(modules()[module].read_text(encoding="utf-8"))
+
+
+@cache
 def imports(module: str) -> frozenset[str]:
     """What a file imports, within functions and for type checkers alone, too."""
     found = set()
-    for node in ast.walk(ast.parse(modules()[module].read_text(encoding="utf-8"))):
+    for node in ast.walk(syntax(module)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -158,9 +163,9 @@ LONG = {"gridslam.measurements.recording.from_arrays": "a column of a user's rec
 """Functions that may take more, and why."""
 
 
-def argument_counts(source):
+def argument_counts(module):
     """Functions of a file and how many arguments each takes."""
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(syntax(module)):
         if isinstance(node, ast.FunctionDef):
             known = node.args
             yield node.name, len(known.posonlyargs) + len(known.args) + len(known.kwonlyargs)
@@ -168,8 +173,8 @@ def argument_counts(source):
 
 def test_no_function_takes_more_than_a_dozen_arguments():
     counts = {}
-    for module, file in modules().items():
-        for name, count in argument_counts(file.read_text(encoding="utf-8")):
+    for module in modules():
+        for name, count in argument_counts(module):
             where = f"{module}.{name}"
             counts[where] = max(count, counts.get(where, 0))
     assert len(counts) > 2000

@@ -80,6 +80,7 @@ def test_rows_with_another_anchors_label_are_counted(scene, heard):
     assert lines[0].endswith("of the line of sight to D are labelled A")
 
 
+@pytest.mark.slow
 def test_offsets_without_clocks_or_beyond_their_priors_are_named(scene, heard):
     for unlabelled in (False, True):
         told = heard.without_labels() if unlabelled else heard

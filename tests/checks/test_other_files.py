@@ -68,6 +68,7 @@ def test_every_file_that_a_run_leaves_can_be_checked(say, made):
             assert say("check", path).code == 0, path
 
 
+@pytest.mark.slow
 def test_tables_pictures_and_plans_of_an_export_can_be_checked(say, made):
     assert say("export", made / "out" / "map.h5", "-o", "there").code == 0
     told = {path.name: say("check", path) for path in Path("there").iterdir() if path.suffix != ".png"}

@@ -117,6 +117,7 @@ def stop_at(monkeypatch, step):
 NETWORK = ("run", "short.toml", "--method", "network", "--seed", "1")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_figures", "ctrl_c", "short_exchange")
 def test_interrupted_run_shows_its_table_and_keeps_what_is_done(say, monkeypatch, tmp_path):
     stop_at(monkeypatch, 2)
@@ -128,8 +129,9 @@ def test_interrupted_run_shows_its_table_and_keeps_what_is_done(say, monkeypatch
     assert json.loads((tmp_path / "out" / "run.json").read_text())["agents"]["agent1"]["interrupted"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_figures", "ctrl_c", "short_exchange")
-@pytest.mark.parametrize("grid", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("grid", [False, True])
 def test_interrupted_run_that_is_resumed_is_as_if_it_never_was(say, monkeypatch, grid):
     words = (*NETWORK, "--method", "network_grid") if grid else NETWORK
     assert say(*words, "-o", "whole").code == 0
@@ -157,6 +159,7 @@ def test_killed_run_loses_no_more_than_the_steps_since_its_checkpoint(say):
     same_runs("whole", "out")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_figures", "short_exchange")
 def test_recorded_measurements_are_scored_by_the_tracks_that_are_given(say, tmp_path, monkeypatch):
     scene = gs.Scene.load("short.toml")

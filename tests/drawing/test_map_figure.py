@@ -43,6 +43,7 @@ def test_unwell_filter_says_so_in_its_line(run):
     assert repr(replace(run.estimates[0], health=sick)).endswith("nothing fits>")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shown", ["run", "map"])
 def test_notebooks_get_a_picture_that_loads_nothing(run, shown, tmp_path):
     page = (run if shown == "run" else run.map)._repr_html_()

@@ -57,6 +57,7 @@ def tichavsky(forward, push, variance, looks, information):
     return information
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1), steps=st.integers(1, 12), landmarks=st.integers(1, 4))
 @settings(max_examples=40, deadline=None)
 def test_recursion_is_the_kalman_filter_in_a_linear_gaussian_world(seed, steps, landmarks):

@@ -149,6 +149,7 @@ def test_slopes_are_those_of_the_energy_by_finite_differences():
             assert -2 * gradient[factor, path] == pytest.approx(numeric, rel=1e-4, abs=1e-4)
 
 
+@pytest.mark.slow
 @given(
     length=st.floats(1, 28),
     leaving=st.floats(-3, 3),

@@ -103,6 +103,7 @@ def nothing_known(table=NO_TABLE, weight=()):
     return PathsPrior(belief, np.array([3.0, 0, 0]), table, np.array(weight), np.zeros((0, 3)))
 
 
+@pytest.mark.slow
 def test_noise_passes_for_a_path_about_as_often_as_it_may():
     """The level counts peaks by Rice's formula, as if all parameters were free of each other."""
     band, none = band_of(2, 2, 9), np.zeros(0)

@@ -235,6 +235,7 @@ def draw_scans(draw, places, detected, scans):
         yield np.concatenate([draw.normal(seen, 0.05), draw.uniform(0, 20, draw.poisson(1.0))])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("truth", "rival"),
     [((4.0,), (4.0, 4.0)), ((4.0, 7.0), (4.0, 7.0, 9.0)), ((4.0, 7.0, 9.0), (4.0, 7.0))],

@@ -64,6 +64,7 @@ def numbers(health):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_health_is_good_and_finite_where_nothing_is_amiss(followed):
     assert all(e.health.ok and not e.health.why for e in followed[:20])
     assert all(np.isfinite(numbers(e.health)).all() for e in followed)

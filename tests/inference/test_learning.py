@@ -122,6 +122,7 @@ def test_gains_that_are_older_than_the_latest_feature_lead_to_the_same_best_plac
     assert gains.fresh.sum() < 0.2 * len(total), "most places needn't be looked at again"
 
 
+@pytest.mark.slow
 def test_what_is_proposed_is_nearer_than_the_grid():
     stretch, gains = stretch_and_gains([MIRROR], [1500.0])
     table, kind = propose(stretch, np.zeros((0, 4)), gains, PRICES[0])

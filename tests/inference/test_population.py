@@ -46,6 +46,7 @@ def mixture(parts):
     return mean, spread
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.floats(0.05, 0.6))
 @settings(max_examples=40, deadline=None)
 def test_a_split_keeps_mean_and_covariance_and_its_parts_are_narrow(seed, width):

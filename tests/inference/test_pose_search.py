@@ -65,6 +65,7 @@ def slowly(pose, heard, model):
     return float(log)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=20, deadline=None)
 def test_scores_equal_those_worked_out_path_by_path(scene, heard, seed):

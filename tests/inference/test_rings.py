@@ -207,6 +207,7 @@ def test_a_ring_that_joins_leaves_the_belief_with_its_agent_and_its_image():
     assert np.linalg.eigvalsh(joined.covariance).min() > -1e-12
 
 
+@pytest.mark.slow
 def test_silence_begins_no_ring_and_clutter_joins_none(scene):
     scene = shortened(scene, 40).with_filter(particles=256)
     silent = gs.Measurements.from_arrays({"A": [[]] * 3, "B": [[]] * 3})

@@ -35,6 +35,7 @@ def turned(state, angle):
     return replace(state, belief=replace(belief, mean=mean, covariance=turn @ belief.covariance @ turn.T))
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.floats(-3.1, 3.1))
 @settings(max_examples=40, deadline=None)
 def test_samples_of_several_hypotheses_turn_with_the_agent(seed, angle):

@@ -88,6 +88,7 @@ def test_the_best_power_of_a_feature_is_what_its_output_has_beyond_the_noise():
     assert abs(there.slopes()[0][0, 0, 3]) < 1e-3 / best
 
 
+@pytest.mark.slow
 @given(seeds)
 @settings(max_examples=10, deadline=None)
 def test_turned_shifted_permuted_and_rescaled_worlds_give_the_same_numbers(seed):

@@ -31,6 +31,7 @@ def maps(scene, heard):
     return [mapped(scene, heard[seed]) for seed in (1, 2)]
 
 
+@pytest.mark.slow
 def test_identity_follows_from_what_was_heard(scene, heard, maps):
     (one,), (other,) = (grid.provenance["runs"] for grid in maps)
     assert mapped(scene, heard[1]).provenance["runs"] == [one]
@@ -80,6 +81,7 @@ def test_map_of_an_earlier_version_can_be_handed_over(scene, heard, maps):
     assert runs == ["", *maps[1].provenance["runs"]]
 
 
+@pytest.mark.slow
 def test_fuse_on_the_command_line(say, maps, tmp_path):
     for name, grid in zip(("a.h5", "b.h5"), maps, strict=True):
         grid.save(tmp_path / name)

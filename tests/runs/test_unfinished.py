@@ -83,6 +83,7 @@ def test_interrupted_run_that_is_resumed_is_as_if_it_never_was(
     same_runs(whole(*options), "out")
 
 
+@pytest.mark.slow
 def test_checkpoints_alone_change_nothing(tiny, whole):
     assert tiny(*RUN, "-o", "out", "--checkpoint", "1").code == 0
     same_runs(whole(), "out")

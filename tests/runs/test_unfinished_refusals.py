@@ -37,6 +37,7 @@ def test_option_that_contradicts_is_refused(tiny, monkeypatch):
     assert tiny(*same, "--checkpoint", "2", "--threads", "1", "--resume", "out").code == 0
 
 
+@pytest.mark.slow
 def test_unfinished_run_is_neither_replaced_unasked_nor_swept(tiny, monkeypatch):
     interrupted(tiny, monkeypatch)
     reason = refused(tiny, *RUN, "-o", "out")

@@ -35,6 +35,7 @@ def test_folding_and_bandwidth_by_hand():
     assert abs(np.vdot(here, there)) == pytest.approx(1), "what lies beyond folds back"
 
 
+@pytest.mark.slow
 def test_snr_of_the_line_of_sight_is_that_of_the_radio_over_all_samples():
     """30 dB at 1 m and 5 m away: u^2 = 1000 / 25 = 40, whatever antennas and frequencies share it."""
     for array in (ARRAY, {"rows": 1, "columns": 1}):

@@ -30,6 +30,7 @@ def ran(scene, recording):
     return slam, [slam.step(scan) for scan in recording]
 
 
+@pytest.mark.slow
 def test_estimates_hold_agent_surfaces_and_paths(scene, recording, ran):
     last = ran[1][-1]
     assert np.linalg.norm(last.position_m - recording.truth.position_m[-1]) < 0.1

@@ -59,6 +59,7 @@ def test_it_follows_the_agent_and_finds_walls(scene, recording, ran):
     assert (np.minimum(np.abs(sides - 2.5), np.abs(sides - 3.5)) < 0.1).sum() >= 3
 
 
+@pytest.mark.slow
 def test_coefficients_and_cells_are_learned(scene, ran):
     slam, _ = ran
     reflection = slam.state.surfaces.reflection @ gs.world.radio.REFLECTION_BINS

@@ -264,7 +264,10 @@ def test_every_text_about_methods_is_that_of_the_registry():
 
 def test_no_other_list_of_methods_is_kept():
     for file in (ROOT / "gridslam").rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        text = file.read_text(encoding="utf-8")
+        if sum(f'"{name}"' in text for name in METHODS) < 2:
+            continue  # most files: parsing all of them takes a second
+        for node in ast.walk(ast.parse(text)):
             items = node.keys if isinstance(node, ast.Dict) else getattr(node, "elts", [])
             held = {item.value for item in items if isinstance(item, ast.Constant)} & set(METHODS)
             assert len(held) < 2, f"{file.name}: {held}"

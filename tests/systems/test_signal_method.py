@@ -78,6 +78,7 @@ def test_run_takes_a_file_and_names_it_with_its_checksum(say, files, no_figures)
     assert summary["agents"]["me"]["position_rmse_m"] < 0.15
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_goes_on_from_its_samples(say, files, no_figures, monkeypatch):
     assert say("run", "scene.toml", "--method", NAME, "--signal", "z.h5", "-o", "whole").code == 0
     step, taken = EchoFilter.step, []

@@ -27,6 +27,7 @@ def curves(axes):
     return {line.get_label(): np.array(line.get_xydata()) for line in axes.lines}
 
 
+@pytest.mark.slow
 def test_received_and_modelled_profiles_peak_at_the_line_of_sight(ran):
     scene, recording, _, estimates = ran
     figure = draw_signal(recording, estimates, 20, gs.ground_truth(scene, "agent1"))

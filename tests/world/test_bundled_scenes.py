@@ -218,6 +218,7 @@ def test_ceiling_leads_right_under_an_anchor_and_stays_below_them():
     assert (steep > 0).all()
 
 
+@pytest.mark.slow
 def test_facade_sends_a_crowd_of_paths_of_one_anchor_where_the_others_are_hidden():
     _, paths, entry, loud = heard("facade", "agent1", 2.5)
     rows = loud & (paths.anchor == 1) & (paths.bounces == 1) & (entry[:, 0] == 1)
