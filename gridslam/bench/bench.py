@@ -16,6 +16,7 @@ from gridslam.bench.features import feature_speeds
 from gridslam.bench.growth import Growth, fitted, growth, with_hypotheses
 from gridslam.bench.kernels import IdleLaunches, KernelSpeed, compete, largest_launches
 from gridslam.bench.plan import Plan
+from gridslam.bench.poses import pose_speed
 from gridslam.bench.stages import KERNEL, Stopwatch
 from gridslam.bench.start import Machine, StartUp, machine, start_up
 from gridslam.estimates import Estimate
@@ -144,6 +145,7 @@ def measure(
     canyon = Scene.load("canyon").with_filter(particles=plan.kernel_particles)
     large = largest_launches(canyon, plan.kernel_before)["cast"]
     kernels.append(compete("cast", "canyon", large, plan.kernel_s))
+    kernels.append(pose_speed(plan.kernel_particles, plan.kernel_s))
     kernels += feature_speeds(plan.features, plan.feature_particles, plan.kernel_s)
     steps = []
     for kind in kinds:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from gridslam import reference
-from gridslam.bench.kernels import KernelSpeed, repeated
+from gridslam.bench.kernels import KernelSpeed, race
 from gridslam.inference.messages.feature_likelihood import Front
 from gridslam.inference.messages.seeding import POWERS
 from gridslam.world.radio import SPEED_OF_LIGHT
@@ -45,13 +45,13 @@ def _speeds(count: int, particles: int, seconds: float, scene: str) -> Iterator[
     known = few, features, anchor, front.element, wave.pulse, rate, samples
     where = f"{scene}, {count} features"
     share = particles / len(few)
-    yield _compete(
+    yield race(
         "evaluate_features", where, "particle", particles, seconds, share,
         lambda: front.ratios(points, features, anchor, tables),
         lambda: front.ratios(points[:1], features, anchor, tables),
         lambda: reference.evaluate_features(*known),
     )  # fmt: skip
-    yield _compete(
+    yield race(
         "differentiate_features", where, "particle", particles, seconds, share,
         lambda: front.slopes(points, step, features, anchor, tables),
         lambda: front.slopes(points[:1], step[:1], features, anchor, tables),
@@ -59,7 +59,7 @@ def _speeds(count: int, particles: int, seconds: float, scene: str) -> Iterator[
     )  # fmt: skip
     places = np.tile(features[:, :3], (particles // count + 1, 1))[:particles]
     one, powers = points[:1], 100.0 * POWERS
-    yield _compete(
+    yield race(
         "back_project", where, "place", particles, seconds, share,
         lambda: front.gains(places, one, coarse, powers),
         lambda: front.gains(places[:1], one, coarse, powers),
@@ -67,18 +67,3 @@ def _speeds(count: int, particles: int, seconds: float, scene: str) -> Iterator[
             places[:TWIN_POINTS], one, front.element, wave.pulse, rate, samples, powers
         ),
     )  # fmt: skip
-
-
-def _compete(
-    name: str, where: str, unit: str, units: int, seconds: float, share: float,
-    launch: Callable[[], object], idle: Callable[[], object], twin: Callable[[], object],
-) -> KernelSpeed:  # fmt: skip
-    """Time a kernel, its launch with one point, and its twin on a share of the points."""
-    launch()  # compiled
-    took = repeated(launch, seconds)
-    nothing = float(np.median(repeated(idle, 0.1 * seconds)))
-    slow = share * float(np.median(repeated(twin, 0.0, 1)))
-    median = float(np.median(took))
-    return KernelSpeed(
-        name, where, unit, units, median, min(took), slow, slow / median, 1e9 * median / units, 1e6 * nothing
-    )

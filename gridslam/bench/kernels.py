@@ -249,6 +249,21 @@ def repeated(
     return took
 
 
+def race(
+    name: str, where: str, unit: str, units: int, seconds: float, share: float,
+    launch: Callable[[], object], idle: Callable[[], object], twin: Callable[[], object],
+) -> KernelSpeed:  # fmt: skip
+    """Time a kernel, its launch with one row, and its twin, whose time counts `share` times."""
+    launch()  # compiled
+    took = repeated(launch, seconds)
+    nothing = float(np.median(repeated(idle, 0.1 * seconds)))
+    slow = share * float(np.median(repeated(twin, 0.0, 1)))
+    median = float(np.median(took))
+    return KernelSpeed(
+        name, where, unit, units, median, min(took), slow, slow / median, 1e9 * median / units, 1e6 * nothing
+    )
+
+
 def _none(name: str, array: Array) -> Array:
     """No rows of an array; of those that have paths or measurements in columns, none of these either."""
     if name in ("born", "found"):
