@@ -14,6 +14,7 @@ from gridslam import runtime
 from gridslam.estimates import Health
 from gridslam.inference.management.branching import branches_of, conditioned, linear_width, split, widest
 from gridslam.inference.management.challenge import HANDICAP, challenged, is_low, snapshot_of, watched
+from gridslam.inference.management.crossings import crossing_of
 from gridslam.inference.management.mixture import CAP, places, reduce
 from gridslam.inference.management.pose_fix import known_sources
 from gridslam.inference.management.pose_recovery import crowd, is_vague
@@ -23,6 +24,7 @@ from gridslam.inference.messages.motion import predict
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.population import NONE, Population
+from gridslam.inference.state.range_watch import RangeWatch
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
@@ -38,6 +40,8 @@ POSES_BY_MAP = 8_000
 """Uniform poses scored where a map helps: measurements over its surfaces propose others."""
 PATIENCE = 10
 """Scans heard after which the best of an incomplete list must do."""
+LOOK_EVERY = 3
+"""Steps from one look at whether lines of sight cross to the next: what they tell is the same at all."""
 NOT_FOUND = "start not found yet"
 
 
@@ -67,6 +71,26 @@ def advance(
     (population, info)
         info: of the likeliest hypothesis, with the health of all.
     """
+    ranges = _ranges(population, scan, model, work)
+    population, info = _advanced(population, scan, model, work, start, step)
+    if ranges.told:
+        info = info.doubted(ranges.told)
+    return replace(population, ranges=ranges), info
+
+
+def _ranges(population: Population, scan: Scan, model: FilterModel, work: Workspace) -> RangeWatch:
+    """What lines of sight that cross say of the distances, whoever follows them."""
+    before = RangeWatch.start(model.senders) if population.ranges is None else population.ranges
+    if population.best.step % LOOK_EVERY:
+        return before
+    crossing = crossing_of(work.once(split_by_anchor, scan, model), model)
+    return before if crossing is None else before.crossed(crossing, model)
+
+
+def _advanced(
+    population: Population, scan: Scan, model: FilterModel, work: Workspace, start: Start, step: Step
+) -> tuple[Population, StepInfo]:
+    """The same without a look at the distances."""
     if population.searching:
         modes, prior = _search(population, scan, model, work)
         waited = population.waited + (len(scan) > 0)

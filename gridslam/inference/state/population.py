@@ -9,6 +9,7 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.inference.state.layout import AGENT
+from gridslam.inference.state.range_watch import RangeWatch
 from gridslam.inference.state.state import State
 from gridslam.world.geometry import wrap
 
@@ -51,6 +52,8 @@ class Population:
     since : int
         Steps since the latest branching.
     watch : Watch
+    ranges : RangeWatch or None
+        What lines of sight that cross say of the distances; None before the first step.
     """
 
     states: tuple[State, ...]
@@ -60,6 +63,7 @@ class Population:
     guard: int = NONE
     since: int = 1_000_000
     watch: Watch = field(default_factory=Watch)
+    ranges: RangeWatch | None = None
 
     def __len__(self) -> int:
         return len(self.states)

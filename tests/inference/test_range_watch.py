@@ -1,0 +1,110 @@
+"""Offsets of distances, by lines of sight that cross: named with size, sign and anchor, and never falsely."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scene_samples import raised
+
+import gridslam as gs
+from gridslam.inference.management.crossings import crossing_of
+from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.state.range_watch import RangeWatch
+
+ROOM = gs.Scene.load("room")
+
+
+def late(heard, metres, anchor=None):
+    """Measurements of all anchors or one, so many metres too long."""
+    rows = np.ones(len(heard.anchor), bool) if anchor is None else heard.anchor == anchor
+    return replace(heard, distance_m=np.abs(heard.distance_m + metres * rows))
+
+
+def watched(scene, heard):
+    """What is told after every look, each third step."""
+    return [watch.told for watch in looked(scene, heard)]
+
+
+def looked(scene, heard):
+    """What is known after every look."""
+    model = scene.filter_model("agent1")
+    watch, found = RangeWatch.start(model.senders), []
+    for step in range(0, len(heard), 3):
+        crossing = crossing_of(split_by_anchor(heard.scan(step), model), model)
+        if crossing is not None:
+            watch = watch.crossed(crossing, model)
+            found.append(watch)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "metres", "anchor", "words"),
+    [
+        ("room", 1.5, None, r"all anchors seem 1\.[45]\d m \(5\.\d ns\) too long"),
+        ("alcove", -0.8, 1, r"anchor B seem 0\.[78]\d m \(2\.\d ns\) too short"),
+        ("canyon", 0.5, None, r"all anchors seem 0\.[45]\d m \(1\.\d ns\) too long"),
+    ],
+)
+def test_an_offset_is_named_with_anchor_size_and_sign(name, metres, anchor, words):
+    scene = gs.Scene.load(name)
+    told = watched(scene, late(gs.simulate(scene, "agent1", 21), metres, anchor))
+    assert re.search(words, told[-1])
+    assert all(not one or re.search("seem .* too " + words.split()[-1], one) for one in told)
+
+
+@pytest.mark.parametrize("name", ["room", "alcove", "hall", "facade", "ceiling", "pillars"])
+def test_nothing_is_said_of_right_distances(name):
+    scene = gs.Scene.load(name)
+    assert not any(watched(scene, gs.simulate(scene, "agent1", 22)))
+
+
+def test_heights_that_a_scene_lacks_are_no_offset():
+    tall = raised(ROOM, 1.9)
+    told = watched(ROOM, gs.simulate(tall, "agent1", 23))
+    assert not any("too long" in one for one in told)
+    assert not any(watched(tall, gs.simulate(tall, "agent1", 23)))
+
+
+def test_places_cross_at_the_agent_and_move_as_the_slopes_say():
+    """Exact lines of sight of both anchors; then one distance is longer, and the other anchor is turned."""
+    scene, pose = ROOM, np.array([0.4, -1.1, 0.7])
+    model = scene.filter_model("agent1")
+
+    def crossing(longer=0.0, turn=0.0):
+        away = pose[:2] - model.anchor_positions
+        heading = np.arctan2(away[:, 1], away[:, 0])
+        aod = heading - model.anchor_orientations - np.array([0.0, turn])
+        scan = gs.Scan(
+            0, 0.0, np.array([0, 1]), np.hypot(*away.T) + np.array([longer, 0.0]), aod,
+            heading + np.pi - pose[2], np.full(2, 30.0),
+        )  # fmt: skip
+        return crossing_of(split_by_anchor(scan, model), model)
+
+    exact = crossing()
+    np.testing.assert_allclose(exact.place, [pose[:2]] * 2, atol=1e-9)
+    np.testing.assert_allclose(
+        crossing(longer=1e-4).place - exact.place, 1e-4 * exact.slope[..., 0], atol=1e-8
+    )
+    np.testing.assert_allclose(
+        crossing(turn=-1e-4).place - exact.place, 1e-4 * exact.slope[..., 3], atol=1e-7
+    )
+    watch = RangeWatch.start(2).crossed(exact, model)
+    assert (watch.count, watch.steps) == (2, 1)
+    assert watch.total < 1e-12
+    assert RangeWatch.start(2).crossed(crossing(longer=1.0), model).total > 100
+
+
+def test_health_says_so_at_every_step_and_after_a_run_was_resumed(tmp_path):
+    heard, slam = late(gs.simulate(ROOM, "agent1", 24), 1.5, 0), gs.AdaptiveSlam(ROOM, seed=1)
+    assert "distances" not in slam.step(heard.scan(0)).health.why
+    assert slam.population.ranges.steps == 1
+    before = looked(ROOM, heard)[-1]
+    slam.now = slam.now._replace(believed=replace(slam.population, ranges=before))
+    told = slam.step(heard.scan(1)).health
+    assert "distances of anchor A seem 1.5" in told.why
+    assert not told.ok
+    slam.save(tmp_path / "at.h5")
+    again = gs.AdaptiveSlam.resume(tmp_path / "at.h5")
+    assert again.step(heard.scan(2)).health.why == slam.step(heard.scan(2)).health.why
+    np.testing.assert_array_equal(again.population.ranges.information, before.information)
