@@ -17,6 +17,7 @@ from gridslam.errors import InputError
 from gridslam.inference.management.clock_rivals import advance
 from gridslam.inference.management.network_merging import merge_and_prune_shared
 from gridslam.inference.management.network_readout import CONFIRMED, network_estimate
+from gridslam.inference.management.network_recovery import recover_agents
 from gridslam.inference.management.pose_recovery import recover_pose
 from gridslam.inference.management.readout import surface_estimate
 from gridslam.inference.management.step_info import StepInfo, conclude
@@ -83,6 +84,7 @@ def step(
         own.begin()
     earlier_s = state.time_s
     state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
+    state = recover_agents(state, scan.scans, earlier_s, model, work)
     state = set_clocks(state, scan.scans, model, works=work)  # (M103)
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
     state, told = merge_and_prune_shared(state, model, infos)

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam.inference.management.network_merging import merge_and_prune_shared
+from gridslam.inference.management.network_recovery import recover_agents
 from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.births import add_births
@@ -51,6 +52,7 @@ def step(
         own.begin()
     earlier_s = state.time_s
     state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
+    state = recover_agents(state, scan.scans, earlier_s, model, work)
     state = set_clocks(state, scan.scans, model, works=work)  # (M103)
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
     used = [

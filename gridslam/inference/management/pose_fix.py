@@ -7,7 +7,7 @@ came. All such poses are tried; the likelihood of a scan is that of a Poisson pr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -137,14 +137,36 @@ def find_pose(
     asked = _proposals(images, scan, signal, draw)
     if region is not None:
         asked = asked[region.holds(asked[:, :2])]
+    largest = max(len(own.image) * max(len(heard), 1) for own, heard in zip(images, scan, strict=True))
+
+    def likelihood(poses: Array) -> Array:
+        parts = zip(images, scan, strict=True)
+        return np.asarray(sum(_log_likelihood(poses, own, heard, table, signal) for own, heard in parts))
+
+    return best_pose(belief, expected, asked, likelihood, largest, draw)
+
+
+def best_pose(
+    belief: Belief, expected: Belief, asked: Array, likelihood: Callable[[Array], Array], largest: int,
+    draw: np.random.Generator,
+) -> Fix | None:  # fmt: skip
+    """The pose of greatest likelihood, of those proposed (N, 3) and those that are believed in.
+
+    Parameters
+    ----------
+    belief, expected : Belief
+        As of `find_pose`.
+    likelihood : callable
+        Log-likelihoods (n,) of a scan at poses (n, 3).
+    largest : int
+        Numbers that it works out for one pose.
+    """
     if not len(asked):
         return None
     mean, wide = belief.mean[POSE], belief.covariance[np.ix_(POSE, POSE)]
     narrow = expected.covariance[np.ix_(POSE, POSE)]
     known = draw.multivariate_normal(mean, narrow, KEPT, method="eigh")
     bound = np.linalg.inv(wide + np.diag([0.1, 0.1, 0.1]))
-
-    largest = max(len(own.image) * max(len(heard), 1) for own, heard in zip(images, scan, strict=True))
     block = max(BLOCK // max(largest, 1), 1)
 
     def score(every: Array) -> Array:
@@ -154,10 +176,8 @@ def find_pose(
         gap = poses - mean
         gap[:, 2] = wrap(gap[:, 2])
         far = np.einsum("ni,ij,nj->n", gap, bound, gap)
-        log = -3.0 * np.log1p(far / 6)  # heavy tails: what was believed may be wrong altogether
-        for own, heard in zip(images, scan, strict=True):
-            log += _log_likelihood(poses, own, heard, table, signal)
-        return np.asarray(log)
+        # heavy tails: what was believed may be wrong altogether
+        return np.asarray(likelihood(poses) - 3.0 * np.log1p(far / 6))
 
     before, log = score(known), score(asked)
     poses, log = np.concatenate([known, asked]), np.concatenate([before, log])

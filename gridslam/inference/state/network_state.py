@@ -103,6 +103,12 @@ class NetworkState:
             self.time_s, self.grid, record.amplitudes,
         )  # fmt: skip
 
+    def recorded(self, agent: int, monitor: HealthMonitor) -> Self:
+        """The whole with an agent's health as it was found to be."""
+        records = list(self.records)
+        records[agent] = replace(records[agent], monitor=monitor)
+        return replace(self, records=tuple(records))
+
     def having(self, agent: int, part: State) -> Self:
         """The whole after an agent's messages; new surfaces have fresh rays to all others."""
         own, bank, count = self.links(agent), part.surfaces, len(part.surfaces)
