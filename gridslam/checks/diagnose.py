@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.checks import time_units
 from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
-from gridslam.checks.rivals import FITTING, range_cure, whole_cure
+from gridslam.checks.rivals import FITTING, offset_beside, range_cure, whole_cure
 from gridslam.checks.unit_hypotheses import ADVICE, ANGLES, Suspicion, absurd, finite, padding, readings
 from gridslam.errors import InputError, located
 from gridslam.measurements import csv_table, hdf5_table, matlab
@@ -209,7 +209,8 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
             advice = (
                 kind if kind in ADVICE else f"{kind} of {'departure' if name == 'aod_rad' else 'arrival'}"
             )
-            found.append(Suspicion(name, kind, ADVICE[advice], gain > CERTAIN, reason))
+            sure = gain > CERTAIN and best.explained >= plain.explained + GAINED
+            found.append(Suspicion(name, kind, ADVICE[advice], sure, reason))
             if kind == "swapped":
                 table["aoa_rad"] = table["aod_rad"]
         if kind != "world frame" or name != "aoa_rad":
@@ -231,6 +232,7 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
             if cure is not None:
                 found.append(cure.suspicion)
                 sight = cure.sight
+        found = offset_beside(found, asis, scene, agent, sight)
         found += time_units.slow_times(asis, sight)
     heard = len(finite(table, "distance_m")) and len(finite(table, "amplitude"))
     if sight is not None and "amplitude" not in known and heard:

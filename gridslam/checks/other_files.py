@@ -13,8 +13,31 @@ from gridslam.runs.step_files import read_steps
 from gridslam.world.trajectory import Trajectory
 
 TRACKS, NAV2 = (".tum",), (".yaml", ".yml", ".pgm")
+PICTURES: dict[str, tuple[bytes, ...]] = {
+    ".png": (b"\x89png",), ".svg": (b"<svg", b"<?xml"), ".pdf": (b"%pdf",), ".gif": (b"gif8",),
+    ".html": (b"<!doctype html", b"<html"), ".mp4": (b"ftyp",),
+}  # fmt: skip
+"""Endings of pictures and pages, and how they begin."""
 LARGEST_BYTES = 2**28
 """Of a picture of cells, or a text beside it."""
+
+
+def picture_line(path: Path) -> str:
+    """A picture or a page, of which there is nothing to check.
+
+    Raises
+    ------
+    InputError
+        It is none.
+    """
+    try:
+        with path.open("rb") as file:
+            start = file.read(512).lstrip().lower()
+    except OSError as error:
+        raise InputError(str(path), error.strerror or "an unreadable file", "a picture or a page") from error
+    if not any(start.startswith(mark) or mark in start[:300] for mark in PICTURES[path.suffix.lower()]):
+        raise InputError(str(path), "another content than its name says", f"a {path.suffix[1:]} file")
+    return "a page or picture, as runs and studies make them: nothing in it to check"
 
 
 def steps_line(path: Path) -> str:

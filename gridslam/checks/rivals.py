@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, permutations
 
 import numpy as np
@@ -21,6 +21,8 @@ FITTING = 0.8
 """Share of scans that a line of sight must explain for a table, or a cure of it, to be called fitting."""
 CERTAIN, CLEAR = 30.0, 5.0
 """Log likelihood ratios in nats, over the table as it stands and over a rival, that a cure must reach."""
+MOST_BEHIND = 60.0
+"""Log likelihood ratio in nats up to which an offset is told of behind another reading."""
 MOST_MISFIT = 4.0
 """Misfit per degree of freedom above which even the best error in the distances explains nothing."""
 MOST_PERMUTED = 4
@@ -117,6 +119,40 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
     )
     told = Suspicion("distance_m", error.kind, _words(error, best.size_m, scene), True, reason)
     return Cure(told, whole, after)
+
+
+def offset_beside(
+    found: list[Suspicion], table: Columns, scene: Scene, agent: str | None, sight: Sight
+) -> list[Suspicion]:
+    """Suspicions of angles or units, with an offset of all distances beside them if it explains as much.
+
+    Where one anchor at a time is in sight, another reading of a column and an offset can't be told apart: the
+    one that explains more comes first, and neither is certain.
+
+    Parameters
+    ----------
+    sight : Sight
+        What is explained with the columns read as the suspicions say.
+    """
+    kinds = {item.kind for item in found}
+    if not found or kinds & {"offset", "slant", "names"} or not both_measured(table):
+        return found
+    error = RangeError("offset", tuple(range(len(scene.anchors))))
+    rival = explain(table, scene, agent, error=error)
+    if rival.explained < FITTING or rival.evidence < sight.evidence - MOST_BEHIND:
+        return found
+    if abs(rival.size_m) < error.least_m:
+        return found
+    gain = rival.evidence - sight.evidence
+    more = "more" if gain > CLEAR else "as much" if gain > -CLEAR else "less"
+    reason = (
+        f"line of sight in {rival.explained:.0%} of {rival.scans} scans: {more} than what else is suspected "
+        f"(log likelihood ratio {gain:.0f}); one anchor at a time can't tell them apart"
+    )
+    reason = reason.replace("much than", "much as")
+    own = Suspicion("distance_m", "offset", _words(error, rival.size_m, scene), False, reason)
+    others = [replace(item, certain=False) for item in found]
+    return [own, *others] if gain > 0 else [*others, own]
 
 
 def both_measured(table: Columns) -> bool:

@@ -14,7 +14,10 @@ from gridslam.cli.options import flag
 from gridslam.errors import InputError
 
 out = Console()
-OTHERS = ".toml", ".tum", ".yaml", ".yml", ".pgm", ".json", ".geojson", ".jsonl"
+OTHERS = (
+    ".toml", ".tum", ".yaml", ".yml", ".pgm", ".json", ".geojson", ".jsonl",
+    ".png", ".svg", ".pdf", ".gif", ".html", ".mp4",
+)  # fmt: skip
 """Endings of files that are neither measurements nor signals."""
 KINDS = (
     "a scene (.toml or a bundled name), measurements (.csv, .mat, .h5), signals (.mat, .h5), "
@@ -182,6 +185,8 @@ def _describe(file: Path) -> str:
         return other_files.track_line(file)
     if kind in other_files.NAV2:
         return other_files.nav2_line(file)
+    if kind in other_files.PICTURES:
+        return other_files.picture_line(file)
     if file.name == "run.json":
         return other_files.run_line(file.parent)
     if file.name == "study.jsonl":

@@ -157,6 +157,11 @@ def _beside(error: float, unit: str, ratio: float) -> str:
     return f"{error:.2f} {unit}" + ("" if math.isnan(ratio) else f", {ratio:.2f}x")
 
 
+def _metres(value: float) -> str:
+    """A length in m; a dash for none, as of surfaces where a method maps none."""
+    return "-" if math.isnan(value) else f"{value:.3f} m"
+
+
 def _table(rows: list[dict[str, Any]]) -> None:
     table = Table(box=None)
     table.add_column("")
@@ -170,8 +175,8 @@ def _table(rows: list[dict[str, Any]]) -> None:
             str(row["diverged"]),
             _beside(100 * row["position_rmse_m"], "cm", row["position_to_bound"]),
             _beside(row["heading_rmse_deg"], "deg", row["heading_to_bound"]),
-            f"{row['surface_ospa_m']:.3f} m",
-            f"{row['image_ospa_m']:.3f} m",
+            _metres(row["surface_ospa_m"]),
+            _metres(row["image_ospa_m"]),
             f"{row['nees_in_band']:.0%}",
             f"{row['ray_excess']:+.2f}",
         )

@@ -58,7 +58,8 @@ def read_csv(
 
     Cells may be set apart by tabs, or by semicolons, then with decimal commas, as spreadsheets of some
     countries write them; ``nan`` is an empty cell; angles may be in columns that end in ``_deg``. Lines that
-    begin with ``#`` before the header are passed over; so are columns of other names, with a `Note`, unless
+    begin with ``#`` before the header are passed over. Without a column ``step`` every time is a step, with a
+    `Note`. Passed over, too, are columns of other names, with a `Note`, unless
     they look like one of these misspelt.
 
     Parameters
@@ -112,6 +113,7 @@ def read_csv(
     if not table:
         raise InputError(str(path), "no rows", "at least one measurement")
     header = [name for name in header if name not in extra]
+    timed = "step" not in header
     columns = dict(zip(header, np.array(table).reshape(-1, len(header)).T, strict=True))
     if several:
         columns.setdefault("anchor", np.full(len(lines), -1.0))
@@ -121,6 +123,10 @@ def read_csv(
                     f"{path}: line 1", "no column 'agent'", "one, where there are several agents"
                 )
             columns["agent"] = np.zeros(len(lines))
+    if timed:
+        times, columns["step"] = np.unique(columns["time_s"], return_inverse=True)
+        note = f"{path}: no column step: {len(times)} steps, one for each time; a silent one isn't there"
+        warnings.warn(Note(note), stacklevel=2)
     columns |= {
         name: columns[name].astype(np.intp) for name in ("step", "anchor", "agent") if name in columns
     }
@@ -202,7 +208,7 @@ def _check_header(header: list[str], path: str, line: int, several: bool) -> lis
             raise InputError(where, f"column {name!r} twice", "each column once")
     needed = KEYS[:2] if several else KEYS
     for name in needed:
-        if name not in header:
+        if name not in header and name != "step":  # steps follow from times
             raise InputError(where, f"no column {name!r}", f"all of {','.join(needed)}")
     if not set(header) & set(VALUES):
         raise InputError(where, "no measured column", f"at least one of {','.join(VALUES)}")

@@ -120,6 +120,12 @@ class Batch:
         """How many runs were more than 0.5 m off at some step after step 10."""
         return sum(bool(record["agents"][self.agent]["scores"]["diverged"]) for record in self.records)
 
+    def mapped(self, values: Array) -> Array:
+        """Scores of surfaces (..., N): as they are, or NaN of a method that maps none."""
+        scores = [record["agents"][self.agent]["scores"] for record in self.records]
+        maps = any(own.get("surfaces_detected", 0) is not None for own in scores)
+        return values if maps else np.full_like(values, np.nan)
+
     @property
     def band(self) -> tuple[float, float]:
         """95 % band of the mean position NEES of consistent runs."""

@@ -139,6 +139,8 @@ def draw_mospa(own: Sequence[Batch]) -> Figure:
     for number, batch in enumerate(own):
         color, style = _look(number)
         for axes, name in ((distance, "surface_ospa_m"), (image, "image_ospa_m")):
+            if np.isnan(batch.mapped(batch.mean(name))).all():  # it maps no surfaces
+                continue
             low, high = np.maximum(batch.quantiles(name), LEAST_M)
             axes.fill_between(np.arange(len(low)), low, high, color=color, alpha=0.18, lw=0)
             axes.plot(batch.mean(name), color=color, ls=style, lw=1.3, label=_label(batch, own))

@@ -55,9 +55,9 @@ def step_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
             "position_nees_low": np.full(mark.rays.shape[1], low),
             "position_nees_high": np.full(mark.rays.shape[1], high),
             "heading_nees": batch.mean("heading_nees"),
-            "mospa_m": batch.mean("surface_ospa_m"),
+            "mospa_m": batch.mapped(batch.mean("surface_ospa_m")),
             "mospa_bound_m": mark.mospa_m,
-            "image_mospa_m": batch.mean("image_ospa_m"),
+            "image_mospa_m": batch.mapped(batch.mean("image_ospa_m")),
             "surfaces": batch.mean("surfaces"),
             "surfaces_true": mark.surfaces,
             "rays": batch.mean("rays").sum(0),
@@ -77,6 +77,7 @@ def summary_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
 
     ``nees_in_band``: share of all steps whose mean position NEES lies in the 95 % band;
     ``surface_ospa_m``: mean at the end; ``image_ospa_m``: that of the virtual anchors, mean once settled;
+    both are NaN for methods that map no surfaces;
     ``ray_excess``: detected minus visible paths per anchor and step; ``likely_ray_excess``: minus those that
     are likelier detected than missed.
     """
@@ -99,8 +100,8 @@ def summary_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
                 "heading_to_known_map_bound": _level(heading) / _level(mark.known.heading_rad[late]),
                 "heading_to_bound": _level(heading) / _level(mark.unknown.heading_rad[late]),
                 "nees_in_band": float(((low <= nees) & (nees <= high)).mean()),
-                "surface_ospa_m": float(batch.mean("surface_ospa_m")[-1]),
-                "image_ospa_m": float(batch.mean("image_ospa_m")[late].mean()),
+                "surface_ospa_m": float(batch.mapped(batch.mean("surface_ospa_m"))[-1]),
+                "image_ospa_m": float(batch.mapped(batch.mean("image_ospa_m"))[late].mean()),
                 "ray_excess": float((batch.mean("rays") - mark.rays[:, :size])[:, late].mean()),
                 "likely_ray_excess": float((batch.mean("rays") - mark.likely_rays[:, :size])[:, late].mean()),
                 "seconds_per_step": float(

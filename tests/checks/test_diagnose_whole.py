@@ -183,3 +183,15 @@ def test_times_that_are_no_numbers_are_looked_at_without_a_warning(times):
     columns["time_s"] = np.resize(np.array(times), len(columns["step"]))[columns["step"]]
     assert intervals(columns) == [] or intervals(columns)[0].startswith("  time_s: median")
     assert named(columns, "room") is not None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("metres", [1.5, 2.0])
+def test_where_one_anchor_is_in_sight_an_offset_stands_beside_other_cures_and_none_is_certain(metres):
+    """Hall: such distances are also those of twice the way, or of angles in the world."""
+    scene = SCENES["hall"]
+    columns = heard("hall", 2)
+    columns["distance_m"] = columns["distance_m"] + metres
+    found = suspicions(columns, scene.anchor_names, scene, "agent1")
+    assert "offset" in {item.kind for item in found}
+    assert not any(item.certain for item in found)

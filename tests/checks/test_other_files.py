@@ -64,14 +64,13 @@ def test_scene_tells_where_no_anchor_is_in_sight(say):
 @pytest.mark.slow
 def test_every_file_that_a_run_leaves_can_be_checked(say, made):
     for path in (made / "out").rglob("*.*"):
-        if path.suffix not in (".png",):
-            assert say("check", path).code == 0, path
+        assert say("check", path).code == 0, path
 
 
 @pytest.mark.slow
 def test_tables_pictures_and_plans_of_an_export_can_be_checked(say, made):
     assert say("export", made / "out" / "map.h5", "-o", "there").code == 0
-    told = {path.name: say("check", path) for path in Path("there").iterdir() if path.suffix != ".png"}
+    told = {path.name: say("check", path) for path in Path("there").iterdir()}
     assert {said.code for said in told.values()} == {0}, told
     assert "table of observed cells of a map: " in told["cells.csv"].out
     assert "table of surfaces of a map: " in told["surfaces.csv"].out
@@ -142,3 +141,19 @@ def test_damaged_file_is_refused_in_one_line(say, made, name, spoil):
     Path(name).write_bytes(spoilt)
     said = say("check", name)
     assert (said.code, len(said.complaints)) == (2, 1), said
+
+
+@pytest.mark.parametrize(
+    ("name", "start"), [("a.png", b"\x89PNG\r\n"), ("report.html", b"<!doctype html>\n<html>")]
+)
+def test_pictures_and_pages_are_nothing_to_check_and_others_of_that_name_are_refused(
+    say, tmp_path, name, start
+):
+    (tmp_path / name).write_bytes(start + bytes(20))
+    said = say("check", tmp_path / name)
+    assert said.code == 0
+    assert "nothing in it to check" in said.out
+    (tmp_path / name).write_bytes(b"step,time_s")
+    said = say("check", tmp_path / name)
+    assert (said.code, len(said.complaints)) == (2, 1)
+    assert "another content than its name says" in said.err

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tables import COLUMNS, same, table
 
-from gridslam.errors import InputError
+from gridslam.errors import InputError, Note
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.image_source import simulate
 from gridslam.world.columns import DEVIATIONS, VALUES
@@ -334,3 +334,12 @@ def test_simulated_measurements_survive_both_files(tmp_path):
     np.testing.assert_array_equal(from_h5.anchor_position_m, scene.anchor_positions)
     np.testing.assert_allclose(from_h5.anchor_orientation_rad, scene.anchor_orientations)
     assert len(from_h5) == len(heard) == 150
+
+
+def test_without_steps_every_time_is_one(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("time_s,anchor,distance_m\n0.5,A,1\n0.5,B,2\n1.75,A,3\n4,B,4\n")
+    with pytest.warns(Note, match="no column step: 3 steps, one for each time"):
+        heard = Measurements.load(path)
+    np.testing.assert_array_equal(heard.step, [0, 0, 1, 2])
+    np.testing.assert_array_equal(heard.time_s, [0.5, 0.5, 1.75, 4.0])

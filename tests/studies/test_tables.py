@@ -38,6 +38,11 @@ def test_tables_add_up(scene, tmp_path):
     assert row["nees_in_band"] == 1
     assert row["ray_excess"] == 1
     assert row["image_ospa_m"] == 0.25
+    for record in found[0].records:  # as of a method that maps no surfaces
+        record["agents"][found[0].agent]["scores"]["surfaces_detected"] = None
+    bare = summary_rows(found)[0]
+    assert np.isnan([bare["image_ospa_m"], bare["surface_ospa_m"]]).all()
+    assert bare["ray_excess"] == 1
     assert row["likely_ray_excess"] >= 1
     assert row["position_rmse_m"] == pytest.approx(0.02 * np.sqrt(7.5))
     assert row["position_to_bound"] < row["position_to_known_map_bound"]
