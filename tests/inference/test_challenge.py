@@ -10,11 +10,13 @@ import gridslam as gs
 from gridslam.inference.management.branching import placed
 from gridslam.inference.management.challenge import (
     DOUBT_STEPS,
+    ELSEWHERE,
     EVERY,
     LOW_LEAD,
+    ONE_ALONE,
     best_snapshot,
     challenged,
-    is_low,
+    doubts,
     snapshot_of,
     watched,
 )
@@ -57,11 +59,13 @@ def test_the_best_snapshot_is_about_what_the_true_pose_scores(scene, scans):
         true = np.array([*track.position_m[step], track.heading_rad[step]])
         far = np.array([3.0, 2.5, 2.0])
         score = snapshot.score(np.stack([true, far]))
-        best = best_snapshot(snapshot, far, np.random.default_rng(1))
+        best, there = best_snapshot(snapshot, far, np.random.default_rng(1))
+        assert best - there > 30
         assert score[1] < score[0] - 30
         assert score[0] - 4 < best < score[0] + 20
-        here = best_snapshot(snapshot, true, np.random.default_rng(1))
+        best, here = best_snapshot(snapshot, true, np.random.default_rng(1))
         assert here >= score[0]
+        assert best - here < 1
 
 
 def test_a_right_world_leads_a_fresh_start_and_is_well(mapped):
@@ -85,9 +89,9 @@ def test_a_world_that_a_fresh_start_explains_as_well_is_doubted_and_said_so(mapp
         watched(population, lambda worth=worth: float(worth * loud), scan, model, slam.work).watch
         for worth in (40.0, 18.5)
     )
-    assert not is_low(good)
+    assert not doubts(good)
     assert good.doubtful == 0
-    assert is_low(bad)
+    assert "a fresh start" in doubts(bad)[0]
     assert bad.doubtful == DOUBT_STEPS
     later = replace(slam.state, step=now + 1)
     kept = watched(Population((later,), watch=bad), lambda: np.nan, scan, model, slam.work).watch
@@ -98,6 +102,27 @@ def test_a_world_that_a_fresh_start_explains_as_well_is_doubted_and_said_so(mapp
     )
     silent = replace(silent, amplitude=scan.amplitude[:0])
     assert watched(population, lambda: np.nan, silent, model, slam.work).watch == before
+
+
+def test_a_place_that_few_loud_measurements_contradict_is_doubted(mapped, scans):
+    """However well the map fits itself there; and not the right place."""
+    slam, _ = mapped
+    scan, leading = scans[19], 100.0 * LOW_LEAD
+    wrong = moved(slam.state, (2.0, 1.0), 1.0)
+    right, lost = (
+        watched(Population((state,)), lambda: leading, scan, slam.model, slam.work).watch
+        for state in (slam.state, wrong)
+    )
+    assert right.elsewhere == 0.0
+    assert not doubts(right)
+    assert "fits another place better" in doubts(lost)[0]
+    assert lost.doubtful == DOUBT_STEPS
+    only = np.flatnonzero(scan.amplitude == scan.amplitude.max())
+    names = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
+    single = replace(scan, **{name: getattr(scan, name)[only] for name in names})
+    one = watched(Population((wrong,)), lambda: leading, single, slam.model, slam.work).watch
+    assert one.elsewhere < lost.elsewhere - ONE_ALONE, "one measurement says less than all"
+    assert not doubts(Watch(elsewhere=ELSEWHERE))
 
 
 @pytest.mark.slow

@@ -26,10 +26,13 @@ from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.scan import Scan
 
-EVERY, KEEP, ENOUGH_LOUD = 10, 0.5, 6.0
-"""Steps from one comparison to the next, forgetting from one to the next, loud measurements needed."""
-LOW_LEAD = 5.0
-"""Lead per loud measurement, nats, below which a fresh start explains what is heard nearly as well."""
+EVERY, KEEP, FADING = 10, 0.5, 0.25
+"""Steps from one comparison to the next; forgetting of leads, and of what fits elsewhere."""
+ENOUGH_LOUD, LOW_LEAD = 6.0, 4.0
+"""Loud measurements needed to call a map worth nothing, and the lead of each, nats, below which it is."""
+ONE_ALONE, ELSEWHERE = 15.0, 5.0
+"""Nats by which a scan is explained better elsewhere if one measurement is the line of sight there; and
+beyond those, with forgetting, from which on a place is called wrong."""
 DOUBT_STEPS, SPREAD_M = 50, 0.3
 """For how long a doubt keeps the search for challengers going; spread of the position that is one."""
 HANDICAP, CHALLENGERS, POSES, LISTED = 7.0, 3, 60_000, 20
@@ -48,16 +51,24 @@ def snapshot_of(
     return Snapshot.of(scans, radios, model, known)
 
 
-def best_snapshot(snapshot: Snapshot, believed: Array, draw: np.random.Generator) -> float:
-    """Score of about the best pose by one scan alone: at lines of sight, and where it is believed to be."""
+def best_snapshot(snapshot: Snapshot, believed: Array, draw: np.random.Generator) -> tuple[float, float]:
+    """Scores by one scan alone of about the best pose, and of the best about where it is believed to be.
+
+    Tried are lines of sight, and that place.
+    """
     asked = [believed[None], *(line_of_sight_poses(terms, draw, COPIES, 24) for terms in snapshot.terms)]
     poses = np.concatenate(asked)
     log = snapshot.score(poses, 2.0)
-    pose, std = poses[int(log.argmax())], np.array([0.08, 0.08, 0.04])
-    best = -np.inf
+    here = _refined(snapshot, believed, draw)
+    return max(here, _refined(snapshot, poses[int(log.argmax())], draw)), here
+
+
+def _refined(snapshot: Snapshot, pose: Array, draw: np.random.Generator) -> float:
+    """Score of about the best pose near one."""
+    best, std = -np.inf, np.array([0.08, 0.08, 0.04])
     for _ in range(2):
         near = pose + std * draw.standard_normal((DRAWN, 3))
-        near[:2] = pose, believed
+        near[0] = pose
         score = snapshot.score(near)
         pose, std = near[int(score.argmax())], 0.4 * std
         best = max(best, float(score.max()))
@@ -80,15 +91,28 @@ def watched(
         loud = sum(int(np.count_nonzero(heard.loud)) for heard in scans)
         if loud:
             draw = np.random.default_rng([work.seed, state.step, PURPOSE_OF_LEAD])
-            score = best_snapshot(snapshot_of(scans, state, model), state.belief.mean[POSE], draw)
-            watch = replace(watch, lead=KEEP * watch.lead + evidence() - score, loud=KEEP * watch.loud + loud)
-            watch = replace(watch, doubtful=DOUBT_STEPS) if is_low(watch) else watch
+            best, here = best_snapshot(snapshot_of(scans, state, model), state.belief.mean[POSE], draw)
+            watch = replace(
+                watch, lead=KEEP * watch.lead + evidence() - best, loud=KEEP * watch.loud + loud,
+                elsewhere=FADING * watch.elsewhere + max(best - here - ONE_ALONE, 0.0),
+            )  # fmt: skip
+            watch = replace(watch, doubtful=DOUBT_STEPS) if doubts(watch) else watch
     return population if watch is population.watch else replace(population, watch=watch)
 
 
-def is_low(watch: Watch) -> bool:
-    """Whether a fresh start would explain what is heard nearly as well."""
-    return watch.loud >= ENOUGH_LOUD and watch.lead < LOW_LEAD * watch.loud
+def doubts(watch: Watch) -> list[str]:
+    """What speaks against all hypotheses, in words.
+
+    Any one measurement may be the line of sight of another pose, and one line of sight tells a fresh start as
+    much as a right map: what several say together counts.
+    """
+    found = []
+    if watch.loud >= ENOUGH_LOUD and watch.lead < LOW_LEAD * watch.loud:
+        lead = watch.lead / watch.loud
+        found.append(f"a fresh start explains what is heard nearly as well (lead {lead:.1f} nats)")
+    if watch.elsewhere > ELSEWHERE:
+        found.append(f"what is heard fits another place better, by {watch.elsewhere:.0f} nats")
+    return found
 
 
 def challenged(

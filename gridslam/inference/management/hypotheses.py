@@ -13,7 +13,7 @@ import numpy as np
 from gridslam import runtime
 from gridslam.estimates import Health
 from gridslam.inference.management.branching import branches_of, conditioned, linear_width, split, widest
-from gridslam.inference.management.challenge import HANDICAP, challenged, is_low, snapshot_of, watched
+from gridslam.inference.management.challenge import HANDICAP, challenged, doubts, snapshot_of, watched
 from gridslam.inference.management.crossings import crossing_of
 from gridslam.inference.management.mixture import CAP, places, reduce
 from gridslam.inference.management.pose_fix import known_sources
@@ -275,9 +275,7 @@ def _judged(population: Population, info: StepInfo, model: FilterModel) -> StepI
     several = places(population)
     if several > 1:
         reasons.append(f"{several} places remain")
-    if is_low(population.watch):
-        lead = population.watch.lead / population.watch.loud
-        reasons.append(f"a fresh start explains what is heard nearly as well (lead {lead:.1f} nats)")
+    reasons += doubts(population.watch)
     if not model.grid.holds(population.best.belief.mean[:2]):
         reasons.append("the agent has left the grid")
     why = "; ".join(reasons)

@@ -25,7 +25,7 @@ SURPRISE, DOUBTED = 4.0, 3.0
 """Standard deviations by which clutter breaks with its past, and with the scene's level."""
 GAIN_STD, LEAST_GAIN, MOST_GAIN = 0.3, 0.5, 2.0
 """Prior of the ratio of true to stated amplitude, and its bounds."""
-TURN_STD, KEEP_TURN, BEYOND_DOUBT = 0.02, 0.995, 3.5
+TURN_STD, KEEP_TURN, BEYOND_DOUBT = 0.02, 0.995, 4.5
 """Prior of an anchor's orientation (rad), forgetting per step, deviations from which on it is believed."""
 
 

@@ -19,6 +19,8 @@ SLOW = 0.03
 SILENT, LOST, MISFIT, LOUD_CLUTTER, FEW, VAGUE_M = 5, 0.5, 1.7, 3.0, 3.0, 1.0
 """When something is amiss: steps of silence; share of the usual explained; ratio of innovations to what is
 expected; of clutter; effective particles; position's standard deviation."""
+LISTENED = 2.0
+"""Steps of listening to an anchor, with forgetting, from which on its clutter is judged."""
 MOST_LOUD = 30
 """The loudest of an anchor, which propose poses where the agent is looked for."""
 AFRESH, ENOUGH = 5, 4
@@ -132,7 +134,8 @@ class HealthMonitor:
             reasons.append(f"{share:.0%} of the loud measurements explained, usually {self.usual:.0%}")
         if ratio > max(high, MISFIT):
             reasons.append(f"innovations {ratio:.1f} times as large as they should be")
-        clutter = max(heard) / stated
+        known = calibration.listened >= LISTENED  # at first, walls that are still to be born pass for clutter
+        clutter = max((level for level, told in zip(heard, known, strict=True) if told), default=0.0) / stated
         if clutter > LOUD_CLUTTER:
             reasons.append(f"clutter {clutter:.1f} times what the scene says")
         if turned.any():

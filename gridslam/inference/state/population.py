@@ -26,11 +26,15 @@ class Watch:
         Log evidence above that of the best pose without any map, and loud measurements, with forgetting.
     doubtful : int
         Steps for which another search by one scan alone is worth while.
+    elsewhere : float
+        By how much a scan and no map favour another pose than the believed one, nats beyond what one
+        measurement can say, with forgetting.
     """
 
     lead: float = 0.0
     loud: float = 0.0
     doubtful: int = 0
+    elsewhere: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
