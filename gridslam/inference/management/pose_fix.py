@@ -137,13 +137,13 @@ def find_pose(
     asked = _proposals(images, scan, signal, draw)
     if region is not None:
         asked = asked[region.holds(asked[:, :2])]
-    largest = max(len(own.image) * max(len(heard), 1) for own, heard in zip(images, scan, strict=True))
+    sizes = (len(own.image) * max(len(heard), 1) for own, heard in zip(images, scan, strict=True))
 
     def likelihood(poses: Array) -> Array:
         parts = zip(images, scan, strict=True)
         return np.asarray(sum(_log_likelihood(poses, own, heard, table, signal) for own, heard in parts))
 
-    return best_pose(belief, expected, asked, likelihood, largest, draw)
+    return best_pose(belief, expected, asked, likelihood, max(sizes, default=1), draw)
 
 
 def best_pose(
