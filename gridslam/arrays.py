@@ -1,6 +1,43 @@
-"""The array that most functions take and return."""
+"""The array that most functions take and return, and copies of the values that hold arrays."""
+
+import dataclasses
+from functools import cache
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Value = TypeVar("Value")
+
+
+def replace(value: Value, /, **changes: Any) -> Value:
+    """As `dataclasses.replace`, of frozen dataclasses of plain fields: a step makes some forty such copies.
+
+    The standard one calls ``__init__``, which sets field by field past the class's own guard: it takes two to
+    three times as long. What was cached of the value isn't copied.
+
+    Raises
+    ------
+    TypeError
+        No such field.
+    """
+    kind: Any = type(value)
+    names, known = _fields(kind), value.__dict__
+    fresh = object.__new__(kind)
+    own = fresh.__dict__
+    for name in names:
+        own[name] = known[name]
+    own.update(changes)
+    if len(own) != len(names):
+        raise TypeError(f"{kind.__name__} has no field {', '.join(changes.keys() - set(names))}")
+    made: Value = fresh
+    return made
+
+
+@cache
+def _fields(kind: type) -> tuple[str, ...]:
+    """Names of a dataclass's fields, if nothing else has to be done to make one."""
+    if hasattr(kind, "__post_init__") or not all(field.init for field in dataclasses.fields(kind)):
+        raise TypeError(f"{kind.__name__} is more than its fields: use dataclasses.replace")
+    return tuple(field.name for field in dataclasses.fields(kind))

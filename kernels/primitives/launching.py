@@ -264,9 +264,14 @@ def _hand_over(context: Any, handed: list[Any], place: Place, value: Any, kind: 
     number = place[0]
     handed[number] = NOTHING  # if an interrupt comes between, nothing is taken for handed over
     if type(value) is ndarray and type(kind) is tuple:
-        if value.dtype != kind[0] or value.ndim != kind[1] or not value.flags.c_contiguous:
+        if value.dtype != kind[0] or value.ndim != kind[1]:
             return False
-        address = addressof(START_OF(value)) if value.flags.writeable else value.ctypes.data
+        try:
+            address = addressof(START_OF(value))
+        except TypeError:  # not to be written to, or not in one piece
+            if not value.flags.c_contiguous:
+                return False
+            address = value.ctypes.data
         context.set_arg_external_array_with_shape(place, address, value.nbytes, value.shape, 0)
         handed[number] = value  # which keeps it where it is
     elif kind is float or kind is int:

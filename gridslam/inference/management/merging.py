@@ -3,11 +3,10 @@ that finds duplicates."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from gridslam import runtime
+from gridslam.arrays import replace
 from gridslam.inference.management.ghosts import drop_ghosts
 from gridslam.inference.state.belief import Belief, keep, update
 from gridslam.inference.state.state import State

@@ -7,11 +7,11 @@ that the motion model doesn't know, it can't; then `pose_fix` looks for a pose t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from gridslam import runtime
+from gridslam.arrays import replace
 from gridslam.inference.management.pose_fix import MAP_M, POSE, Fix, find_pose, known_sources
 from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.state.anchor_measurements import AnchorScan

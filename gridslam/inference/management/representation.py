@@ -5,9 +5,7 @@ A step asks for the `representation_of` its state and calls these of it; docs/mo
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.management import parking
 from gridslam.inference.messages import births as new_surfaces
 from gridslam.inference.messages import cells, motion, prediction, updates

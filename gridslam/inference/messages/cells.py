@@ -6,12 +6,12 @@ Equations without a key are those of [Li2026grid]; docs/model.md, (M35)-(M40).
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from gridslam import runtime
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.messages.prediction import (
     AS_THEY_ARE,
     ListArguments,

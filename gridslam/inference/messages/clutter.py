@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
+from gridslam.arrays import replace
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.messages.likelihood_ratios import Pairs
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.kernels.primitives.tables import LABEL

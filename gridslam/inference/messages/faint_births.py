@@ -6,12 +6,11 @@ docs/model.md, (M251), (M252). Ours.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.likelihood import detection_table, deviations
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios

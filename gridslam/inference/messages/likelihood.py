@@ -88,8 +88,9 @@ def deviations(
     fisher = np.empty((len(value), 3))
     fisher[:, 0] = signal.distance_std(amplitude)
     aperture = signal.anchor_aperture.mean(0) if heard.anchor < 0 else signal.anchor_aperture[heard.anchor]
+    height = heard.height if heard.anchor >= 0 else 0.0
     if steep is None:
-        steep = lean(np.nan_to_num(value[:, 0], nan=np.inf), heard.height if heard.anchor >= 0 else 0.0)
+        steep = lean(np.nan_to_num(value[:, 0], nan=np.inf), height) if height else 1.0
     fisher[:, 1] = signal.angle_std(amplitude, angles[:, 0], aperture, steep)
     fisher[:, 2] = signal.angle_std(amplitude, angles[:, 1], signal.agent_aperture, steep)
     std = np.where(np.isnan(own_std), fisher, own_std)

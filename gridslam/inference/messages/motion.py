@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.state import belief, surface_bank
 from gridslam.inference.state.state import State

@@ -9,13 +9,13 @@ both told. Nodes stand densely enough for the amplitude's noise at any strength.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from gridslam import runtime
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.messages.likelihood_ratios import PORTION, LikelihoodRatios
 from gridslam.inference.messages.prediction import PredictedPaths

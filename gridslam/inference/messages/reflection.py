@@ -3,13 +3,13 @@ of that kernel."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from gridslam import runtime
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.messages.cells import RAYS
 from gridslam.inference.messages.detections import latest_hits
 from gridslam.inference.messages.likelihood import detection_table

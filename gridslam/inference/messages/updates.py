@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from gridslam import runtime
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.messages.association import ROUNDS, Association, associate, log_normaliser
 from gridslam.inference.messages.crowds import crowded_as_one, neighbours
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios

@@ -6,7 +6,7 @@ correlated: the state is [x, y, vx, vy, heading, angle_1, offset_1, angle_2, ...
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeVar
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.linalg.lapack import dpotrf
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.state.layout import HEADING, StateLayout
 from gridslam.world.geometry import wrap
 

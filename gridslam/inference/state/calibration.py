@@ -6,13 +6,13 @@ Sums with forgetting over some ten steps stand for a window. Nothing here needs 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
 
 import numpy as np
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.world.radio import RadioModel
 
 KEEP, KEEP_GAIN = 0.9, 0.99
