@@ -41,6 +41,8 @@ ACCEPTED = np.log(8.0) - 2.0
 less what fitting a distance and an intensity gains in noise."""
 SOLVED_AGAIN = 1.0
 """What solving everything again may gain on top of what the others' present fit shows; 0.5 is usual."""
+WIDEST_M = 0.3
+"""Deviation of a predicted distance beyond which it isn't broadened any more."""
 OWN_PLACE_M = 0.6
 """An image so near to its anchor is the anchor itself."""
 
@@ -132,8 +134,13 @@ class _Births:
         self.open = self.grid < self.nearest + band.folding_m - band.resolution_m
         self.intensities = noise * 10 ** (INTENSITIES_DB / 10)
         self._latest: tuple[Mode, Inverse, Sweep] | None = None
+        self._solved: list[tuple[PathPrior, Mode]] = []
+        self._predicted: tuple[PathPrior, Sweep] | None = None
 
     def solve(self, prior: PathPrior) -> Mode:
+        for known, mode in self._solved:
+            if known is prior:
+                return mode
         return joint_mode(self.band, self.samples, prior, self.noise)
 
     def explained(self, prior: PathPrior, mode: Mode) -> tuple[Inverse, Sweep]:
@@ -149,7 +156,31 @@ class _Births:
         return self._latest[1:]
 
     def strongest(self, prior: PathPrior, mode: Mode) -> tuple[float, float] | None:
+        """Of two peaks the one with which all is likelier: beside the mode, or beside the prediction.
+
+        Where two paths lie within the resolution, the one that is known may stand in for both at the mode,
+        and nothing is left over.
+        """
         _, table = self.explained(prior, mode)
+        peaks = [peak for peak in map(self._peak, (table, self._before(prior))) if peak is not None]
+        wider = [prior.with_path(*peak) for peak in peaks]
+        self._solved = [(each, self.solve(each)) for each in wider]
+        if not peaks:
+            return None
+        best = int(np.argmax([trial.log_posterior for _, trial in self._solved]))
+        self._solved = [self._solved[best]]
+        return peaks[best]
+
+    def _before(self, prior: PathPrior) -> Sweep:
+        """What one more path would be worth, with the others as broad as they were predicted."""
+        if self._predicted is None or self._predicted[0] is not prior:
+            spread = np.minimum(np.linalg.inv(prior.precision).diagonal(), WIDEST_M**2)
+            inverse = Inverse.of(self.band, self.samples, prior.weight, prior.mean, spread, self.noise)
+            self._predicted = prior, inverse.sweep(POINTS)
+        return self._predicted[1]
+
+    def _peak(self, table: Sweep) -> tuple[float, float] | None:
+        """The likeliest distance of one more path, and its intensity; None where it isn't worth a look."""
         logs = table.log_ratio(self.intensities[:, None])
         best = logs.max(0)
         score = np.where(self.open, best + np.log(np.exp(logs - best).mean(0)), -np.inf)
@@ -160,7 +191,7 @@ class _Births:
         return float(self.grid[peak]), float(share @ self.intensities / share.sum())
 
     def widened(self, prior: PathPrior, mode: Mode, peak: tuple[float, float]) -> PathPrior:
-        return prior.with_path(*peak)
+        return self._solved[0][0]
 
     def takes(self, prior: PathPrior, mode: Mode, trial: Mode, peak: tuple[float, float]) -> bool:
         log_odds = trial.log_posterior - mode.log_posterior + np.log(self.rate) + ACCEPTED
