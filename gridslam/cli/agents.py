@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gridslam.errors import InputError
 
 if TYPE_CHECKING:
+    from gridslam.world.observation import Kind
     from gridslam.world.scene import Scene
 
 
@@ -17,23 +19,51 @@ def named_file(item: str) -> tuple[str | None, Path]:
     return (name, Path(rest)) if sign and not Path(item).exists() else (None, Path(item))
 
 
-def agents_of(world: Scene, chosen: list[str] | None, measurements: Path | None) -> list[str]:
-    """Names of the agents to run, all of which can be."""
-    names = chosen or [agent.name for agent in world.agents[: 1 if measurements else None]]
+def require_kind(measurements: Path | None, signal: Path | None, takes: Kind, method: str) -> None:
+    """Refuse a file of what was heard that isn't of the kind that the method takes.
+
+    Raises
+    ------
+    InputError
+        It is of the other kind, or there are two.
+    """
+    if measurements is not None and signal is not None:
+        raise InputError("--signal", f"{signal} together with --measurements", "one of them")
+    if signal is not None and takes == "paths":
+        way = f"--measurements FILE: gridslam extract {signal} -o FILE.csv makes it"
+        raise InputError("--signal", f"{signal}, with method {method!r}, which takes path measurements", way)
+    if measurements is not None and takes == "signal":
+        found = f"{measurements}, with method {method!r}, which takes sampled signals"
+        raise InputError("--measurements", found, "--signal FILE, or a method that takes path measurements")
+
+
+def agents_of(world: Scene, chosen: list[str] | None, files: Mapping[str | None, Path]) -> list[str]:
+    """Names of the agents to run, all of which can be.
+
+    Parameters
+    ----------
+    files : mapping
+        Of what agents heard, if it isn't simulated, by their names; None: of the one agent.
+    """
+    measurements, named = bool(files), [name for name in files if name is not None]
+    if named and chosen and set(named) != set(chosen):
+        raise InputError("--signal", f"of {', '.join(named)}", f"of {', '.join(chosen)}, as --agent says")
+    names = chosen or named or [agent.name for agent in world.agents[: 1 if measurements else None]]
     if not names:
         raise InputError(f"{world.name}: agents", "none", "at least one")
-    if measurements and len(names) > 1:
-        raise InputError("--agent", ", ".join(names), "one agent with --measurements")
+    if measurements and not named and len(names) > 1:
+        allowed = "one agent with --measurements (or --signal NAME=FILE of each)"
+        raise InputError("--agent", ", ".join(names), allowed)
     if len(set(names)) < len(names):
         raise InputError("--agent", ", ".join(names), "each agent once")
     for name in names:
         world.agent(name)
-        if measurements is None and not world.walls:
+        if not measurements and not world.walls:
             raise InputError(
                 f"{world.name}: walls",
                 "none",
                 "walls to simulate from, or --measurements FILE (--signal FILE)",
             )
-        if measurements is None:
+        if not measurements:
             world.track(name)
     return names

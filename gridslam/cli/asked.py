@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 import typer
 
-from gridslam.cli.agents import named_file
+from gridslam.cli.agents import named_file, require_kind
 from gridslam.cli.help import SCENE_HELP, method_names, scene_names
 from gridslam.cli.options import flag
 from gridslam.cli.resume import as_saved
@@ -17,6 +17,7 @@ from gridslam.errors import InputError
 from gridslam.systems.registry import DEFAULT, method_help
 
 if TYPE_CHECKING:
+    from gridslam.world.observation import Kind
     from gridslam.world.scene import Scene
 
 MAIN_SCENE = "hall"
@@ -35,7 +36,8 @@ class RunOptions:
         None
     )
     signal: Annotated[
-        Path | None, typer.Option(help="sampled signals of the one agent, for methods that take them")
+        list[str] | None,
+        typer.Option(help="FILE of samples, for methods that take them; of several agents in turn NAME=FILE"),
     ] = None
     truth: Annotated[
         list[str] | None,
@@ -88,6 +90,28 @@ class Asked(RunOptions):
     def shown(self) -> bool:
         """Whether the run is shown in a viewer."""
         return self.rerun or self.rerun_to is not None
+
+    def files(self, takes: Kind) -> dict[str | None, Path]:
+        """Files of what was heard, of the kind that the method takes, by agent; None: of the one agent.
+
+        Raises
+        ------
+        InputError
+            One of the other kind, both kinds, or several that don't say whose they are.
+        """
+        signals = [named_file(item) for item in self.signal or ()]
+        first = signals[0][1] if signals else None
+        require_kind(self.measurements, first, takes, self.method)
+        if self.measurements is not None:
+            return {None: self.measurements}
+        found = dict[str | None, Path]()
+        for name, path in signals:
+            if name is None and len(signals) > 1:
+                raise InputError("--signal", str(path), "NAME=FILE, where there are several files")
+            if name in found:
+                raise InputError("--signal", f"{name}={path}", f"one file of agent {name}")
+            found[name] = path
+        return found
 
     def told_start(self, file: Path | None) -> str:
         """What agents are told of their start: of what was recorded, the scene's own is all that is known.

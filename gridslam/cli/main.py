@@ -51,7 +51,7 @@ def simulate(
     if output.suffix not in (".csv", ".h5"):
         raise InputError("-o", repr(output.name), "a name that ends in .csv or .h5")
     world = Scene.load(scene)
-    names = agents_of(world, agent or [a.name for a in world.agents[:1]], None)
+    names = agents_of(world, agent or [a.name for a in world.agents[:1]], {})
     refuse_taken([output], overwrite)
     if signal:
         if len(names) > 1 or unlabelled:

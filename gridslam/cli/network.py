@@ -38,8 +38,8 @@ def run_network(asked: Asked) -> None:
     from gridslam.world.start import told_start
 
     world, file = asked.world, asked.measurements
-    if asked.signal is not None:
-        found = f"{asked.signal}, with method {asked.method!r}, which takes path measurements"
+    if asked.signal:
+        found = f"{asked.signal[0]}, with method {asked.method!r}, which takes path measurements"
         raise InputError("--signal", found, "--measurements FILE")
     how = asked.told_start(file)
     if file is None and not world.walls:
@@ -86,8 +86,9 @@ def run_network(asked: Asked) -> None:
                     go_on_later(folder, kept, termination)
                 scores, whole, stopped = [run.score() for run in done.runs.values()], done.score(), True
             runs = list(done.runs.values())
+            given = source([] if file is None else [file])
             end = Done(
-                runs, [heard[run.agent] for run in runs], scores, source(file) | {"network": whole},
+                runs, [heard[run.agent] for run in runs], scores, given | {"network": whole},
                 f"{len(done.clocks.step)} of {len(heard)} steps", clock_files(done.clocks, heard.clocks),
                 _lines(whole),
             )  # fmt: skip

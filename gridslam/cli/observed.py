@@ -19,25 +19,6 @@ if TYPE_CHECKING:
     from gridslam.world.scene import Scene
 
 
-def given_file(measurements: Path | None, signal: Path | None, takes: Kind, method: str) -> Path | None:
-    """The file that holds what was heard, if one was given: of the kind that the method takes.
-
-    Raises
-    ------
-    InputError
-        It is of the other kind, or there are two.
-    """
-    if measurements is not None and signal is not None:
-        raise InputError("--signal", f"{signal} together with --measurements", "one of them")
-    if signal is not None and takes == "paths":
-        way = f"--measurements FILE: gridslam extract {signal} -o FILE.csv makes it"
-        raise InputError("--signal", f"{signal}, with method {method!r}, which takes path measurements", way)
-    if measurements is not None and takes == "signal":
-        found = f"{measurements}, with method {method!r}, which takes sampled signals"
-        raise InputError("--measurements", found, "--signal FILE, or a method that takes path measurements")
-    return measurements or signal
-
-
 def suited_method(method: str, world: Scene, names: list[str], file: Path | None) -> str:
     """The method that stands for this one on signals of a file, or of the scene: `registry.suited`."""
     from gridslam.measurements.recording import Recording
@@ -107,12 +88,16 @@ def view_of(asked: Asked, agents: Sequence[str]) -> Iterator[RunView | None]:
         yield view
 
 
-def source(file: Path | None) -> dict[str, Any]:
-    """What ``run.json`` says of a file that was given: its name and checksum."""
-    if file is None:
+def source(files: Sequence[Path]) -> dict[str, Any]:
+    """What ``run.json`` says of files that were given: name and checksum, of several in the agents' order."""
+    if not files:
         return {}
-    with file.open("rb") as content:
-        return {"source": {"file": file.name, "sha256": hashlib.file_digest(content, "sha256").hexdigest()}}
+    known = []
+    for file in files:
+        with file.open("rb") as content:
+            digest = hashlib.file_digest(content, "sha256").hexdigest()
+        known.append({"file": file.name, "sha256": digest})
+    return {"source": known[0] if len(known) == 1 else known}
 
 
 def angles_hint(world: Scene, method: str, heard: Heard | None) -> str | None:

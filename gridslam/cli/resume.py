@@ -24,7 +24,10 @@ SETTLED = {
 """Options on which the result depends, by the names of their parameters: as they were, or left out."""
 FREE = ("threads", "checkpoint", "overwrite")
 """Options that may be given anew."""
-SOURCES = ("measurements", "signal", "map_file")
+SOURCES = ("measurements", "map_file")
+
+NAMED = ("truth", "signal")
+"""Those that may say whose a file is."""
 
 
 def as_saved(context: typer.Context, folder: Path | None) -> Path | None:
@@ -96,7 +99,7 @@ def unfinished(
         return kept
     settings = {name: _plain(name, options[name]) for name in (*SETTLED, *FREE)}
     sources = [options[name] for name in SOURCES if options[name] is not None]
-    sources += [named_file(item)[1] for item in options["truth"] or ()]
+    sources += [named_file(item)[1] for name in NAMED for item in options[name] or ()]
     return Unfinished.begin(place, settings | dict(resolved), scene, sources)
 
 
@@ -118,7 +121,7 @@ def _plain(name: str, value: Any) -> Any:
     """An option as it is saved: wherever a run is gone on with, paths are whole."""
     if name == "scene" and Path(value).suffix != ".toml" and Path(value).name == value:
         return value
-    if name == "truth" and value is not None:
+    if name in NAMED and value is not None:
         tracks = ((agent, path.resolve()) for agent, path in map(named_file, value))
         return [str(path) if agent is None else f"{agent}={path}" for agent, path in tracks]
     return str(Path(value).resolve()) if name == "scene" or isinstance(value, Path) else value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,6 @@ from gridslam.cli.asked import Asked, RunOptions
 from gridslam.cli.network import run_network
 from gridslam.cli.observed import (
     angles_hint,
-    given_file,
     recorded,
     require_map_used,
     source,
@@ -60,8 +60,10 @@ def _run_in_turn(asked: Asked) -> None:
 
     world, method = asked.world, asked.method
     takes = taken_by(method_class(method, "--method"))
-    file = given_file(asked.measurements, asked.signal, takes, method)
-    names = agents_of(world, asked.agent, file)
+    files = asked.files(takes)
+    names = agents_of(world, asked.agent, files)
+    by_name = {name or names[0]: path for name, path in files.items()}
+    file = by_name.get(names[0])
     method = suited_method(method, world, names, file)
     system = method_class(method, "--method")
     require_map_used(asked.map_file, system, method)
@@ -72,19 +74,21 @@ def _run_in_turn(asked: Asked) -> None:
         interruptible() as termination,
         reserved(asked.output, world.name, asked.overwrite, asked.resume is not None) as (folder, place),
     ):
-        heard = recorded(world, file, asked.tracks(names).get(names[0]), takes)
+        tracks = asked.tracks(names)
+        every = {name: recorded(world, by_name.get(name), tracks.get(name), takes) for name in names}
+        known = {name: heard for name, heard in every.items() if heard is not None}
         prior = Map.load(asked.map_file) if asked.map_file else None
         given, note = (
             fitted(prior, world, str(asked.map_file), asked.same_frame) if prior is not None else (None, None)
         )
         with view_of(asked, names) as view:
             runtime.start(asked.device, asked.threads)
-            for line in (*place.notes, note, angles_hint(world, method, heard)):
+            for line in (*place.notes, note, angles_hint(world, method, every[names[0]])):
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
             resolved = {"agent": names, "particles": world.filter.particles, "start": how}
             kept = unfinished(asked.context, place, world, system, resolved)
-            turns = Turns(world, method, asked.seed, how, heard, given, view, kept)
+            turns = Turns(world, method, asked.seed, how, known, given, view, kept)
             runs, heards = _explore(turns, names)
             stopped = len(runs) < len(names) or runs[-1].interrupted
             scores = []
@@ -98,7 +102,8 @@ def _run_in_turn(asked: Asked) -> None:
                 go_on_later(folder, kept, termination)
             progress = f"{len(runs[-1].estimates)} of {len(heards[-1])} steps of {runs[-1].agent}"
             told = _range_notes(world, runs, heards) if file is not None else []
-            done = Done(runs, heards, scores, source(file), progress, lines=told)
+            given_files = source([by_name[one.agent] for one in runs if by_name])
+            done = Done(runs, heards, scores, given_files, progress, lines=told)
             finish(folder, place, world, done, stopped, termination)
 
 
@@ -113,8 +118,8 @@ class Turns:
     seed : int
     how : str
         What they are told of their start.
-    recorded : Measurements or Recording or None
-        What the one agent heard, if it isn't simulated.
+    recorded : mapping of Measurements or Recording
+        What agents heard, by their names, if it isn't simulated.
     given : Map or None
         What the first of them starts from.
     view : RunView or None
@@ -127,7 +132,7 @@ class Turns:
     method: str
     seed: int
     how: str
-    recorded: Heard | None
+    recorded: Mapping[str, Heard]
     given: Map | None
     view: RunView | None
     kept: Unfinished | None
@@ -150,8 +155,8 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Heard]]:
     try:
         for number, name in enumerate(names):
             with busy(f"simulating {name}"):
-                heard = kept.measurements(number) if kept else turns.recorded
-                heard = turns.recorded if heard is None else heard
+                heard = kept.measurements(number) if kept else None
+                heard = turns.recorded.get(name) if heard is None else heard
                 heard = heard_by(world, name, seed, takes) if heard is None else heard
             own = kept.agent(number, name, heard) if kept else None
             watch = view.follow(name, heard.truth) if view else None

@@ -83,6 +83,44 @@ def test_what_cannot_be_extracted_is_told_in_one_line(say, tmp_path, words, says
     assert not (tmp_path / "a.csv").exists()
 
 
+@pytest.fixture
+def pair(tmp_path, say):
+    """The first steps of `overlap` with two agents, and what each receives."""
+    data = shortened(gs.Scene.load("overlap"), 4).model_dump(exclude_none=True)
+    data["agents"] = [data["agents"][0] | {"name": name} for name in ("one", "two")]
+    (tmp_path / "pair.toml").write_text(gs.Scene.checked(data, "pair").to_toml())
+    for seed, name in enumerate(("one", "two")):
+        words = ("simulate", "pair.toml", "--signal", "--agent", name, "--seed", seed, "-o", f"{name}.h5")
+        assert say(*words).code == 0
+    return "run", "pair.toml", "--method", "direct", "-o", "out"
+
+
+@pytest.mark.slow
+def test_several_agents_run_in_turn_by_a_file_each(say, pair, tmp_path, no_figures):
+    said = say(*pair, "--signal", "two=two.h5", "--signal", "one=one.h5", "--checkpoint", 2)
+    assert said.code == 0, said
+    summary = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert list(summary["agents"]) == ["two", "one"]
+    assert [known["file"] for known in summary["source"]] == ["two.h5", "one.h5"]
+    for name in ("one", "two"):
+        assert summary["agents"][name]["position_rmse_m"] < 0.3
+
+
+@pytest.mark.slow
+def test_files_that_do_not_say_whose_they_are_are_refused(say, pair):
+    for words, says in (
+        (("--signal", "one.h5", "--signal", "two.h5"), "NAME=FILE"),
+        (("--signal", "one=one.h5", "--signal", "one=two.h5"), "one file of agent one"),
+        (("--signal", "one=one.h5", "--agent", "two"), "as --agent says"),
+        (("--signal", "three=one.h5"), "three"),
+        (("--signal", "one=one.h5", "--measurements", "two.h5"), "--measurements"),
+        (("--signal", "one.h5", "--agent", "one", "--agent", "two"), "NAME=FILE"),
+    ):
+        said = say(*pair, *words)
+        assert (said.code, len(said.complaints)) == (2, 1), said
+        assert says in said.err
+
+
 @pytest.mark.parametrize(("scene", "method"), [("overlap", "direct"), ("screen", "los"), ("room", "va")])
 def test_a_map_that_the_method_would_leave_aside_is_refused(say, tmp_path, scene, method):
     said = say("run", scene, "--method", method, "--map", "map.h5", "-o", "out")
