@@ -19,6 +19,7 @@ from gridslam.bench.plan import Plan
 from gridslam.bench.poses import pose_speed
 from gridslam.bench.stages import KERNEL, Stopwatch
 from gridslam.bench.start import Machine, StartUp, machine, start_up
+from gridslam.bench.state_paths import state_path_speed
 from gridslam.estimates import Estimate
 from gridslam.inference.workspace.workspace import OTHER
 from gridslam.systems.front import SurfaceFilter
@@ -146,6 +147,7 @@ def measure(
     large = largest_launches(canyon, plan.kernel_before)["cast"]
     kernels.append(compete("cast", "canyon", large, plan.kernel_s))
     kernels.append(pose_speed(plan.kernel_particles, plan.kernel_s))
+    kernels.append(state_path_speed(plan.kernel_s))
     kernels += feature_speeds(plan.features, plan.feature_particles, plan.kernel_s)
     steps = []
     for kind in kinds:

@@ -15,7 +15,7 @@ from gridslam.reference.gaussian import correct, late, predict, tall
 from gridslam.reference.histograms import listen, walk
 from gridslam.reference.merging import find_duplicates, find_ghosts
 from gridslam.reference.messages import associate, enter, evaluate, gate, log_rician, weigh
-from gridslam.reference.paths import densities, draw, lines_of, polylines, prepare
+from gridslam.reference.paths import densities, draw, lines_of, polylines, prepare, trace_paths
 from gridslam.reference.rays import list_paths, near
 from gridslam.reference.readout import describe
 from gridslam.reference.updates import effective_sample_size, exist, fit, update
@@ -61,6 +61,7 @@ __all__ = [
     "recall",
     "tall",
     "trace",
+    "trace_paths",
     "update",
     "walk",
     "weigh",

@@ -88,3 +88,22 @@ def polylines(state: Array, path: Whole, places: Array) -> tuple[Array, Array]:
         corners[row] = np.where(drawn.valid[:, None, None], corners[row], anchor[:, None])
         valid[row] = drawn.valid
     return corners, valid
+
+
+def trace_paths(head: int, mean: Array, root: Array, spot: Array, path: Whole) -> tuple[Array, Array]:
+    """Twin of `state_paths.trace_paths`: values (L, 3), and derivatives (L, 3, N) through a root."""
+    count, rows = len(path), np.arange(len(path))
+    lines = mean[head:].reshape(-1, 2)
+    lines = lines if len(lines) else np.zeros((1, 2))
+    bounces, last, first = path[:, 0].astype(np.intp), np.maximum(path[:, 1], 0), np.maximum(path[:, 2], 0)
+    agent, anchor = np.broadcast_to(mean[:2], (count, 2)), np.broadcast_to(spot[:2], (count, 2))
+    drawn = trace(agent, anchor, lines[last], lines[first], bounces, spot[4])
+    departure, arrival = wrap(drawn.departure - spot[2]), wrap(drawn.arrival - mean[HEADING])
+    value = np.column_stack([drawn.distance + spot[3], departure, arrival])
+    slope = np.zeros((count, 3, len(mean)))
+    slope[:, :, :2], slope[:, :, HEADING] = drawn.jacobian[:, :, :2], drawn.jacobian[:, :, 2]
+    for column, surface, hit in ((3, last, bounces > 0), (5, first, bounces > 1)):
+        for side in range(2):
+            own = rows[hit]
+            slope[own, :, head + 2 * surface[hit] + side] += drawn.jacobian[own, :, column + side]
+    return value, slope @ root

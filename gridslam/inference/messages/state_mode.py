@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.messages.array_likelihood import (
     ArrayBand,
@@ -22,7 +23,7 @@ from gridslam.inference.messages.array_likelihood import (
 from gridslam.inference.messages.path_search import climb
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.layout import HEADING
-from gridslam.world.geometry import trace, wrap
+from gridslam.world.geometry import wrap
 
 FARTHEST = 0.36
 """Longest step of a path that matters, as a root mean square turn of phase, rad: 0.2 of c/B in length."""
@@ -128,21 +129,24 @@ def _blocks(whole: Complex) -> Array:
     return np.asarray(whole[rows, :, rows, :].real)
 
 
-def paths_at(mean: Array, place: Array, table: Whole, head: int) -> tuple[Array, Array]:
-    """Lengths, departures, arrivals (N, 3) of paths at a state (n,), and derivatives by it (N, 3, n)."""
-    count, size = len(table), len(mean)
-    lines = mean[head:].reshape(-1, 2)
-    lines = lines if len(lines) else np.zeros((1, 2))
-    bounces, last, first = table[:, 0].astype(np.intp), np.maximum(table[:, 1], 0), np.maximum(table[:, 2], 0)
-    agent, anchor = np.broadcast_to(mean[:2], (count, 2)), np.broadcast_to(place[:2], (count, 2))
-    course = trace(agent, anchor, lines[last], lines[first], bounces)
-    path = np.column_stack([course.distance, course.departure - place[2], course.arrival - mean[HEADING]])
-    slope, rows = np.zeros((count, 3, size)), np.arange(count)
-    slope[:, :, :2], slope[:, :, HEADING] = course.jacobian[:, :, :2], course.jacobian[:, :, 2]
-    for column, surface, hit in ((3, last, bounces > 0), (5, first, bounces > 1)):
-        for side in range(2):
-            own = rows[hit]
-            slope[own, :, head + 2 * surface[hit] + side] += course.jacobian[own, :, column + side]
+def paths_at(
+    mean: Array, place: Array, table: Whole, head: int, root: Array | None = None
+) -> tuple[Array, Array]:
+    """Lengths, departures, arrivals (N, 3) of paths at a state (n,), and derivatives by it (N, 3, n).
+
+    Parameters
+    ----------
+    root : (n, n), optional
+        Derivatives of the state by numbers that it is a function of: then those are by these.
+    """
+    runtime.start()
+    from gridslam.kernels.propagation.state_paths import trace_paths
+
+    size = len(mean)
+    path, slope = np.empty((len(table), 3)), np.empty((len(table), 3, size))
+    spot = np.array([place[0], place[1], place[2], 0.0, 0.0])
+    by = np.eye(size) if root is None else root
+    trace_paths(head, np.ascontiguousarray(mean), by, spot, np.ascontiguousarray(table), path, slope)
     return path, slope
 
 
@@ -178,7 +182,7 @@ class _States:
 
     def __init__(self, band: ArrayBand, samples: Complex, prior: PathsPrior, noise: float) -> None:
         self.band, self.samples, self.prior, self.noise = band, samples, prior, noise
-        self.root, self.head = prior.belief.root, prior.belief.layout.head
+        self.root, self.head = np.ascontiguousarray(prior.belief.root), prior.belief.layout.head
         self.size = len(self.root)
         self.matters = prior.weight > noise
         self.precision = np.concatenate([np.ones(self.size), np.tile(FREE**2, len(prior.free))])
@@ -186,13 +190,13 @@ class _States:
     def at(self, numbers: Array) -> _Place:
         prior, size = self.prior, self.size
         mean = prior.belief.mean + self.root @ numbers[:size]
-        known, by_state = paths_at(mean, prior.place, prior.table, self.head)
+        known, by_numbers = paths_at(mean, prior.place, prior.table, self.head, self.root)
         off = numbers[size:].reshape(-1, 3)
         path = np.concatenate([known, prior.free + off])
         paths = superpose_arrays(self.band, self.samples, path, prior.weight, self.noise)
         value = paths.log_density - 0.5 * float(numbers[:size] @ numbers[:size] + ((FREE * off) ** 2).sum())
         slope = np.zeros((len(path), 3, len(numbers)))
-        slope[: len(known), :, :size] = by_state @ self.root
+        slope[: len(known), :, :size] = by_numbers
         free = np.arange(len(off))
         for side in range(3):
             slope[len(known) + free, side, size + 3 * free + side] = 1.0
