@@ -153,7 +153,7 @@ def evaluate(
     )
     blocks = np.concatenate([valid, weight])
     odds, message, measured = enter(blocks, start, index, pair, odds, message, measured)
-    measured[1] = np.where(np.isin(np.arange(len(heard)), index[:, 1]), 0.0, heard[:, 8])
+    measured[1] = heard[:, 8]
     whole: dict[str, Array | Whole] = {"start": start, "index": index}
     return whole | {
         "pair": pair, "state": state, "blocks": blocks, "odds": odds, "message": message, "measured": measured

@@ -6,7 +6,7 @@ from gridslam.kernels import FAINTEST, UNMEASURED
 from gridslam.kernels.primitives.functions import wrapped
 from gridslam.kernels.primitives.layout import HEIGHT
 from gridslam.kernels.primitives.radio import SENDER, SPAN, deviations_of, lean_of
-from gridslam.kernels.primitives.tables import ANCHOR, LABEL, LENGTH, UNEXPLAINED
+from gridslam.kernels.primitives.tables import ANCHOR, LABEL, LENGTH, QUIET
 from gridslam.kernels.propagation.amplitudes import NEGLIGIBLE, worth_of
 
 ROOT_TURN = 2.5066282746310002
@@ -29,7 +29,7 @@ def gate(
     """
     known = 0
     for m in range(heard.shape[0]):
-        ratios.measured[UNEXPLAINED, m] = heard[m, 8]
+        ratios.measured[QUIET, m] = heard[m, 8]
     pairs.start[0] = 0
     for row in range(rows.predicted.shape[0]):
         anchor = rows.path[row, ANCHOR]
@@ -76,7 +76,6 @@ def gate(
                     determinant = a * i00 + d * i01 + e * i02
                     reach = ti.min(GATE * ti.sqrt(a), 1e5)
                     pairs.index[known, 0], pairs.index[known, 1] = row, m
-                    ratios.measured[UNEXPLAINED, m] = 0.0
                     for q in ti.static(range(3)):
                         pairs.pair[known, q], pairs.pair[known, 3 + q] = heard[m, q], variance[q]
                         scratch.table[known, q] = ti.cast(heard[m, q], ti.f32)

@@ -30,9 +30,9 @@ RATIO, BETA, CLAIM, NU, RESPONSIBLE = range(5)
 the path into the association, for "caused measurement m"; between path and measurement, there and back; and
 the probability that one caused the other."""
 
-EXPLAINED, UNEXPLAINED, NEW, CLAIMED, TAKEN = range(5)
+EXPLAINED, QUIET, NEW, CLAIMED, TAKEN = range(5)
 """By measurement, `measured`: sum of the paths' beta, each times its share of all that the path might have
-caused; amount of quiet clutter it stands for, if no path can have caused it; message into the association for
+caused; amount of clutter it stands for, if it is quiet and clutter; message into the association for
 "caused by no legacy path"; sum of what paths claim; probability with which paths were corrected by it."""
 MEASURED_ROWS = 5
 """Rows of `measured`."""

@@ -106,8 +106,8 @@ class LikelihoodRatios:
 
     @property
     def clutter(self) -> float:
-        """Amount of quiet clutter: measurements that no path can have caused."""
-        return float(self.measured[tables.UNEXPLAINED].sum())
+        """Expected amount of quiet clutter: measurements that known paths didn't cause, (M46)."""
+        return float((self.measured[tables.QUIET] / (1 + self.explained)).sum())
 
     @property
     def responsible(self) -> Array:
