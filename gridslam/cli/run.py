@@ -101,7 +101,7 @@ def _run_in_turn(asked: Asked) -> None:
             if stopped and kept:
                 go_on_later(folder, kept, termination)
             progress = f"{len(runs[-1].estimates)} of {len(heards[-1])} steps of {runs[-1].agent}"
-            told = _range_notes(world, runs, heards) if file is not None else []
+            told = [*_height_notes(runs), *(_range_notes(world, runs, heards) if file is not None else [])]
             given_files = source([by_name[one.agent] for one in runs if by_name])
             done = Done(runs, heards, scores, given_files, progress, lines=told)
             finish(folder, place, world, done, stopped, termination)
@@ -176,6 +176,16 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Heard]]:
         if not (runs or kept):
             raise
     return runs, heards[: len(runs)]
+
+
+def _height_notes(runs: list[Run]) -> list[str]:
+    """Heights that were estimated, as believed at the end."""
+    return [
+        f"note: {done.agent}: height of {'the agent' if name == 'agent' else f'the {name}'} "
+        f"{height:.3f} m +-{std:.3f}"
+        for done in runs
+        for name, (height, std) in (done.estimates[-1].heights if done.estimates else {}).items()
+    ]
 
 
 def _range_notes(world: Scene, runs: list[Run], heards: list[Heard]) -> list[str]:
