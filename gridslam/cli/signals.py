@@ -16,8 +16,9 @@ out = Console()
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command."""
+    """Add the commands."""
     app.command(rich_help_panel=MAP)(extract)
+    app.command(rich_help_panel=MAP)(calibrate)
 
 
 def extract(
@@ -51,3 +52,41 @@ def extract(
     each = f"{len(heard.step) / snapshots:.1f} per anchor and step"
     line = f"wrote {output}: {len(heard)} steps, {len(heard.step)} paths, {each}"
     out.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def calibrate(
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, autocompletion=scene_names)],
+    file: Annotated[
+        Path, typer.Argument(help="sampled signals along a known way: with the true track (HDF5, MATLAB)")
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="FILE.h5: the samples with the array found")],
+    prior: Annotated[
+        Path | None, typer.Option("--map", help="map.h5 whose paths are heard beside the lines of sight")
+    ] = None,
+    agent: Annotated[str | None, typer.Option(help="default: the first")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace a file of this name")] = False,
+) -> None:
+    """Find where an agent's antenna elements really stand, and how its pulse is bent."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from gridslam.io.files import refuse_taken
+    from gridslam.maps.map import Map
+    from gridslam.measurements.recording import Recording
+    from gridslam.runs.calibrate import calibrate as errors_of
+    from gridslam.world.scene import Scene
+
+    if output.suffix != ".h5":
+        raise InputError("-o", repr(output.name), "a name that ends in .h5")
+    refuse_taken([output], overwrite)
+    world, recording = Scene.load(scene), Recording.load(file)
+    found = errors_of(world, recording, None if prior is None else Map.load(prior), agent)
+    replace(recording, waveform=found.waveform).to_h5(output)
+    lines = [f"wrote {output}: {len(recording)} steps, array and pulse as found"]
+    for n, (error, spread) in enumerate(zip(found.element_error_m, found.element_std_m, strict=True)):
+        x, y = (f"{1e3 * e:+.2f} +- {1e3 * s:.2f}" for e, s in zip(error, spread, strict=True))
+        lines.append(f"element {n}: x {x} mm, y {y} mm beside its place")
+    largest = 100 * float(np.abs(found.pulse_error).max())
+    lines.append(f"pulse: {largest:.1f} % at most, +- {100 * float(found.pulse_std.mean()):.1f} %")
+    out.print("\n".join(lines), highlight=False, markup=False, soft_wrap=True)

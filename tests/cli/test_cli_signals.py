@@ -1,7 +1,9 @@
 """From samples to a map by the command line: simulate --signal, extract, run."""
 
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from scene_samples import shortened
 
@@ -138,3 +140,35 @@ def test_measured_paths_given_as_signals_are_called_what_they_are(say, tmp_path,
         "error: heard.csv: found a CSV file, which holds measured paths; "
         "allowed: sampled signals (.h5, .mat); a method on paths takes it as --measurements"
     ]
+
+
+@pytest.mark.slow
+def test_calibrate_writes_the_samples_with_the_element_where_it_is(say, tmp_path):
+    scene = shortened(gs.Scene.load("screen"), 60)
+    (tmp_path / "screen.toml").write_text(scene.to_toml())
+    recording = gs.simulate(scene, "agent1", 3, what="signal")
+    wave, off = recording.waveform, np.array([[0.05, -0.02], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    off = (off - off.mean(0)) * wave.wavelength_m
+    told = replace(recording, waveform=replace(wave, agent_element_m=wave.agent_element_m - off))
+    told.to_h5(tmp_path / "z.h5")
+    said = say("calibrate", "screen.toml", "z.h5", "-o", "better.h5")
+    assert (said.code, said.err) == (0, ""), said
+    lines = said.out.splitlines()
+    assert lines[0].startswith("wrote better.h5: 60 steps")
+    assert [line.split(":")[0] for line in lines[1:]] == [*(f"element {n}" for n in range(4)), "pulse"]
+    found = gs.Recording.from_h5(tmp_path / "better.h5")
+    np.testing.assert_array_equal(found.samples, recording.samples)
+    place = found.waveform.agent_element_m - found.waveform.agent_element_m.mean(0)
+    assert np.abs(place - wave.agent_element_m).max() < 0.015 * wave.wavelength_m
+    replace(told, truth=None).to_h5(tmp_path / "blind.h5")
+    for words, says in (
+        (("blind.h5", "-o", "a.h5"), "no true track"),
+        (("z.h5", "-o", "a.csv"), ".h5"),
+        (("z.h5", "-o", "better.h5"), "--overwrite"),
+        (("z.h5", "--agent", "nobody", "-o", "a.h5"), "nobody"),
+        (("z.h5", "--map", "none.h5", "-o", "a.h5"), "none.h5"),
+    ):
+        refused = say("calibrate", "screen.toml", *words)
+        assert (refused.code, len(refused.complaints)) == (2, 1), refused
+        assert says in refused.err
+        assert not (tmp_path / "a.h5").exists()

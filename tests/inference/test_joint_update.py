@@ -172,3 +172,14 @@ def test_places_and_their_slopes_follow_from_the_entries():
         more, less = (places(one.mean + s * way, one.features.origin_m) for s in (1, -1))
         slope = ((more - less) / (2 * step))[entry // 3]
         np.testing.assert_allclose(jacobian[entry // 3, :, entry % 3], slope, atol=1e-8)
+
+
+def test_features_that_wander_do_so_in_length_and_across_and_agents_do_not():
+    one = belief()
+    stays, wanders = predict(one, 0.5, 2.0), predict(replace(one, wander=0.1), 0.5, 2.0)
+    more = wanders.covariance - stays.covariance
+    far = np.array([np.hypot(*(point[:2] - [0.3, -0.2])) for point in POINTS[1:]])
+    expected = np.zeros(10)
+    expected[[4, 7]], expected[[5, 8]] = 0.1**2 * 0.5, 0.1**2 * 0.5 / far**2
+    np.testing.assert_allclose(more, np.diag(expected), atol=1e-15)
+    assert predict(replace(one, wander=0.1), 0.0, 2.0).covariance == pytest.approx(one.covariance)

@@ -9,9 +9,11 @@ from signal_worlds import received, signal_model
 from gridslam import runtime
 from gridslam.inference.messages.feature_likelihood import Front
 from gridslam.inference.messages.joint_update import predict, update
-from gridslam.inference.messages.learning import JUDGED, PRICES, extra_slopes, learn, usual_prices
+from gridslam.inference.messages.learning import JUDGED, learn
+from gridslam.inference.messages.rivals import PRICES, Lesson, extra_slopes, usual_prices
 from gridslam.inference.messages.seeding import (
     IMAGE,
+    LEAST_GAIN,
     POWERS,
     SCATTERED,
     candidates,
@@ -28,9 +30,9 @@ MIRROR, SCATTERER = np.array([-6.0, 2.0, 0.0]), np.array([2.0, -4.0, 8.06])
 STEPS = 20
 
 
-def state_after(points, powers, seed, elsewhere_from=STEPS):
+def state_after(points, powers, seed, elsewhere_from=STEPS, spread=(0.1, 0.1, 0.1, 0.1)):
     """A state whose segment is a way past the points; from `elsewhere_from` on, they are 5 m off."""
-    model, draw = signal_model(spread=(0.1, 0.1, 0.1, 0.1)), np.random.default_rng(seed)
+    model, draw = signal_model(spread=spread), np.random.default_rng(seed)
     belief = JointBelief(
         model.start_mean[:4], np.diag(model.start_variance[:4]), FeatureBank.empty(), np.array([0.9]),
         np.array([LOS_POWER]), np.ones(1),
@@ -76,6 +78,68 @@ def test_features_that_do_not_foretell_the_last_steps_are_refused():
     assert learned.proposed >= 1
     assert learned.taken == 0
     assert found.joint is state.joint
+
+
+def lesson_of(state, model):
+    return Lesson(state.before, None, 0, 0, JUDGED, Front(model.waveform), model)
+
+
+@pytest.mark.slow
+def test_a_line_of_sight_that_was_taken_for_a_feature_pulls_all_back_where_it_belongs():
+    """Seen from a way 0.7 m off, a feature beside the anchor explains what the line of sight does."""
+    state, model = state_after([MIRROR], [1500.0], 4, spread=(0.5, 0.5, 0.1, 0.1))
+    off = np.array([0.5, -0.5])
+    beside = replace(state.segment, agent=state.segment.agent + np.append(off, [0.0, 0.0]))
+    lesson, price = lesson_of(state, model), usual_prices(state.before, model)
+    astray = state.before
+    for n, point in enumerate([LOS, MIRROR]):
+        place = point + np.append(off, 0.0)
+        spread = np.diag(np.square([0.05, 0.02, 1e-3]))
+        astray = astray.with_feature(0, entries(place, off), spread, off, LOS_POWER / (n + 1), n, 0)
+    believed = replace(astray, mean=np.append(astray.mean[:2] + off, astray.mean[2:]))
+    wrong = lesson.judge(replace(believed, existence=np.array([0.01])), beside)
+    np.testing.assert_array_equal(lesson.sights(wrong.joint), [True, False])
+    np.testing.assert_allclose(lesson.shift(wrong), -off, atol=0.15)
+    right = lesson.best([wrong], [beside], price[0])
+    assert np.hypot(*(right.track - state.segment.agent)[-1, :2]) < 0.2
+    assert right.joint.existence[0] > 0.9
+    assert not lesson.sights(right.joint).any()
+    assert lesson.shift(right) is None
+
+
+def test_a_feature_that_explains_nothing_costs_its_price():
+    state, model = state_after([], [], 5)
+    lesson = lesson_of(state, model)
+    spread, origin = np.diag(np.square([0.3, 0.2, 1e-3])), np.zeros(2)
+    more = state.before.with_feature(0, entries(MIRROR, origin), spread, origin, 1e-6, 0, 0)
+    scores = [lesson.judge(belief, state.segment).score for belief in (state.before, more)]
+    assert scores[0] - scores[1] == pytest.approx(LEAST_GAIN, abs=1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("drift_mps", "wanders"), [(0.0, False), (0.5, True)])
+def test_features_wander_where_that_explains_the_segment(drift_mps, wanders):
+    """A path whose point moves is explained by one that may; an image stays."""
+    model, draw = signal_model(spread=(0.1, 0.1, 0.1, 0.1)), np.random.default_rng(6)
+    state, _ = state_after([MIRROR], [1500.0], 6)
+    samples, segment = state.segment.samples.copy(), state.segment
+    for k in range(STEPS):
+        way = np.array([0.1 * k * drift_mps, 0.0, 0.0])
+        place, heading = segment.agent[k, :2], segment.heading_rad[k]
+        samples[k] = received(model, place, heading, [LOS, MIRROR + way], [LOS_POWER, 1500.0], draw)
+    spread, origin = np.diag(np.square([0.05, 0.02, 1e-3])), np.zeros(2)
+    start = state.before.with_feature(0, entries(MIRROR, origin), spread, origin, 1500.0, 0, 0)
+    lesson, heard = lesson_of(state, model), replace(segment, samples=samples)
+    found = lesson.settled(lesson.judge(start, heard), heard)
+    assert (found.joint.wander > 0) == wanders
+    assert found.start.wander == found.joint.wander
+
+
+def test_the_noise_is_what_features_leave():
+    state, model = state_after([MIRROR], [1500.0], 2)
+    stretch = stretch_of(state.joint, state.segment, 0, JUDGED, Front(model.waveform), model)
+    assert stretch.points[0, 3] > 1.5, "nothing explains the mirror's path yet"
+    assert stretch.quieter(np.array([[*MIRROR, 1500.0]])).points[:, 3] == pytest.approx(1.0, abs=0.05)
 
 
 def test_a_segment_that_is_too_short_is_kept_for_later():

@@ -28,6 +28,8 @@ SURE = 9.0
 ROUNDS, SETTLED_M = 8, 1e-4
 LEAST_M = 0.1
 """Shorter paths are taken to be as long as this."""
+NEAR_M = 1.0
+"""Features turn as if they were no nearer."""
 FAINTEST = 1e-4
 """Least power of a feature, in that of the line of sight."""
 
@@ -100,7 +102,7 @@ def products(found: Columns, samples: Complex) -> Products:
 
 
 def predict(belief: JointBelief, seconds: float, acceleration_mps2: float) -> JointBelief:
-    """The belief after a time of constant velocity with white acceleration; features stay."""
+    """The belief after a time of constant velocity with white acceleration; features wander, if at all."""
     size = len(belief.mean)
     move = np.eye(size)
     move[0, 2] = move[1, 3] = seconds
@@ -109,6 +111,14 @@ def predict(belief: JointBelief, seconds: float, acceleration_mps2: float) -> Jo
         jolt = np.zeros(size)
         jolt[[axis, axis + 2]] = 0.5 * seconds**2, seconds
         covariance += acceleration_mps2**2 * np.outer(jolt, jolt)
+    if belief.wander > 0:
+        length, _, extra = belief.mean[MOVING:].reshape(-1, ENTRIES).T
+        far = np.maximum(length - extra, NEAR_M)
+        square = (
+            belief.wander**2 * abs(seconds) * np.stack([np.ones_like(far), far**-2, np.zeros_like(far)], 1)
+        )
+        each = np.arange(MOVING, size)
+        covariance[each, each] += square.ravel()
     return replace(belief, mean=move @ belief.mean, covariance=covariance)
 
 

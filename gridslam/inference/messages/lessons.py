@@ -13,7 +13,8 @@ from dataclasses import replace
 from gridslam import runtime
 from gridslam.inference.messages.feature_likelihood import Front
 from gridslam.inference.messages.following import START_STEPS
-from gridslam.inference.messages.learning import Learned, begun, learn, replay
+from gridslam.inference.messages.learning import Learned, begun, learn
+from gridslam.inference.messages.rivals import replay
 from gridslam.inference.messages.settling import settle
 from gridslam.inference.state.hybrid_state import HybridState
 from gridslam.world.signal_model import SignalModel

@@ -6,7 +6,7 @@ that are older than the latest feature serve as bounds, and only the best of the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.messages.feature_likelihood import Front, Tables
+from gridslam.inference.messages.sight import feature_table
 from gridslam.inference.state.hybrid_state import JointBelief, Segment
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.signal_model import SignalModel
@@ -60,6 +61,8 @@ class Stretch:
     unit : float
         Power of the line of sight.
     front : Front
+    tables : (K, N, T, 4) float32
+        Matched outputs of the samples.
     """
 
     points: Array
@@ -67,16 +70,12 @@ class Stretch:
     anchor_m: Array
     unit: float
     front: Front
+    tables: Tables
 
     @cached_property
     def steps(self) -> NDArray[np.int32]:
         """Which table each point takes, (K,)."""
         return np.arange(len(self.points), dtype=np.int32)
-
-    @cached_property
-    def tables(self) -> Tables:
-        """Matched outputs, (K, N, T, 4)."""
-        return self.front.tables(self.samples)
 
     @property
     def centre(self) -> Array:
@@ -89,8 +88,8 @@ class Stretch:
         """Scale of places, extra lengths (m) and powers, (4,)."""
         return np.array([1.0, 1.0, 1.0, self.unit])
 
-    def unexplained(self, table: Array) -> Tables:
-        """Matched outputs of ``C^-1 P z`` under features (D, 4), (K, T, N, 2)."""
+    def rest(self, table: Array) -> Complex:
+        """What line of sight and features (D, 4) leave of the samples, (K, N, M)."""
         wave, points = self.front.waveform, self.points
         place = np.concatenate([[[*self.anchor_m, 0.0, SURE_SIGHT * self.unit]], table])
         way = place[:, :2] - points[:, None, :2]
@@ -107,19 +106,33 @@ class Stretch:
         small[:, np.arange(len(place)), np.arange(len(place))] += noise[:, None]
         matched = ((across @ self.samples.swapaxes(1, 2)) * upright).sum(-1)
         amplitude = np.linalg.solve(small, matched[..., None])[..., 0]
-        explained = (antennas * amplitude[:, None]) @ spectrum.swapaxes(1, 2)
-        return self.front.coarse((self.samples - explained) / noise[:, None, None])
+        return self.samples - (antennas * amplitude[:, None]) @ spectrum.swapaxes(1, 2)
+
+    def unexplained(self, table: Array) -> Tables:
+        """Matched outputs of ``C^-1 P z`` under features (D, 4), (K, T, N, 2)."""
+        return self.front.coarse(self.rest(table) / self.points[:, 3, None, None])
+
+    def quieter(self, table: Array) -> Stretch:
+        """The same with the noise's power that features (D, 4) leave."""
+        rest = self.rest(table)
+        free = rest[0].size - 1 - len(table)
+        noise = float((np.abs(rest) ** 2).sum() / (len(rest) * free))
+        points = self.points.copy()
+        points[:, 3] = noise
+        return replace(self, points=points)
 
 
 def stretch_of(
     belief: JointBelief, segment: Segment, anchor: int, judged: int, front: Front, model: SignalModel
 ) -> Stretch:
-    """A segment of an anchor but for its last steps, with the noise and power that a belief has."""
+    """A segment of an anchor but for its last steps, with the noise that what a belief holds leaves."""
     used = np.flatnonzero(segment.heard[: len(segment) - judged, anchor])
     noise = np.full(len(used), belief.noise[anchor])
     points = np.column_stack([segment.agent[used, :2], segment.heading_rad[used], noise])
     power = float(belief.los_power[anchor])
-    return Stretch(points, segment.samples[used, anchor], model.anchors[anchor, :2].copy(), power, front)
+    samples, anchor_m = segment.samples[used, anchor], model.anchors[anchor, :2].copy()
+    raw = Stretch(points, samples, anchor_m, power, front, front.tables(samples))
+    return raw.quieter(feature_table(belief, anchor))
 
 
 @dataclass(eq=False)
@@ -147,9 +160,10 @@ class Gains:
         """Others of the same values, to go on from."""
         return Gains(self.places, self.kinds, self.gain.copy(), self.power.copy(), self.fresh.copy())
 
-    def age(self) -> None:
-        """There is one more feature."""
+    def age(self, louder: float = 1.0) -> None:
+        """There is one more feature, and so much less noise."""
         self.fresh[:] = False
+        self.gain *= max(louder, 1.0)
 
     def best(self, price: Array, kind: int | None, stretch: Stretch, left: Tables) -> int:
         """The place, of this kind or any, that gains most beyond its kind's price; -1: none does enough."""
@@ -271,7 +285,9 @@ def propose(stretch: Stretch, known: Array, gains: Gains, price: Array) -> tuple
             risen.append((value - price[what], table, what))
         _, table, what = max(risen, key=lambda end: end[0])
         new, kind = table[fixed:], np.append(kind, what)
-        gains.age()
+        quieter = stretch.quieter(table)
+        gains.age(stretch.points[0, 3] / quieter.points[0, 3])
+        stretch = quieter
     if len(new):
         table, _ = ascend(stretch, np.concatenate([known, new]), kind, LAST_ITERATIONS)
         new = table[fixed:]

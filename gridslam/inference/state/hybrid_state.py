@@ -46,6 +46,8 @@ class JointBelief:
     features : FeatureBank
     existence, los_power, noise : (J,) float64
         Of the lines of sight: probability, power at 1 m; noise power of the samples.
+    wander : float
+        Deviation by which features move across each other in a second, m.
     """
 
     mean: Array
@@ -54,6 +56,7 @@ class JointBelief:
     existence: Array
     los_power: Array
     noise: Array
+    wander: float = 0.0
 
     @property
     def agent_covariance(self) -> Array:
