@@ -75,6 +75,24 @@ def test_scale_and_phase_of_samples_mean_nothing(overlap, states, turn):
     np.testing.assert_allclose(changed.links.noise, np.abs(turn) ** 2 * states[24].links.noise, rtol=1e-6)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("level", [(1.0, 1.0), (1e3, 0.02)], ids=["turned", "of another noise, too"])
+def test_each_anchor_may_have_a_scale_and_at_every_step_a_phase_of_its_own(overlap, states, level):
+    rng, level = np.random.default_rng(5), np.array(level)
+
+    def change(samples):
+        return samples * (level * np.exp(2j * np.pi * rng.uniform(size=2)))[:, None, None, None]
+
+    changed, plain = run(*overlap, 12, change)[-1], states[11]
+    np.testing.assert_allclose(changed.belief.mean, plain.belief.mean, atol=1e-6)
+    np.testing.assert_allclose(changed.belief.covariance, plain.belief.covariance, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(changed.links.noise, level**2 * plain.links.noise, rtol=1e-6)
+    rings, own = changed.tentative, plain.tentative
+    np.testing.assert_array_equal(rings.rings.anchor, own.rings.anchor)
+    np.testing.assert_allclose(rings.rings.existence, own.rings.existence, atol=1e-5)
+    np.testing.assert_allclose(rings.intensity, level[own.rings.anchor] ** 2 * own.intensity, rtol=1e-5)
+
+
 def test_a_step_changes_nothing_of_the_state_before(overlap, states):
     before = states[-2]
     kept = [np.copy(getattr(part, f.name)) for part in (before.belief, before.images, before.links)

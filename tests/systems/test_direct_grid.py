@@ -72,16 +72,18 @@ def test_coefficients_and_cells_are_learned(scene, ran):
 
 
 @pytest.mark.slow
-def test_noise_is_estimated_and_scale_and_phase_mean_nothing(scene, recording, ran):
+@pytest.mark.parametrize("level", [(1.0, 1.0), (1000.0, 0.02)], ids=["turned", "of another noise, too"])
+def test_noise_is_estimated_and_scale_and_phase_of_each_anchor_mean_nothing(scene, recording, ran, level):
+    """Phases are drawn anew for each anchor and step."""
     np.testing.assert_allclose(ran[0].state.noise, 1, atol=0.06)
-    rng = np.random.default_rng(1)
-    factor = np.array([1000.0, 0.02]) * np.exp(2j * np.pi * rng.uniform(size=2))
-    slam = gs.DirectGridSlam(scene, waveform=recording.waveform)
+    rng, slam = np.random.default_rng(1), gs.DirectGridSlam(scene, waveform=recording.waveform)
     for number in range(8):
         scan = recording.scan(number)
-        last = slam.step(replace(scan, samples=scan.samples * factor[:, None, None, None]))
+        turn = np.array(level) * np.exp(2j * np.pi * rng.uniform(size=2))
+        last = slam.step(replace(scan, samples=scan.samples * turn[:, None, None, None]))
     np.testing.assert_allclose(last.position_m, ran[1][7].position_m, atol=1e-5)
     np.testing.assert_allclose(last.covariance, ran[1][7].covariance, rtol=1e-3, atol=1e-9)
+    np.testing.assert_allclose(slam.state.noise, np.square(level), rtol=0.2)
 
 
 @pytest.mark.slow
