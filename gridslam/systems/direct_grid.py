@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gridslam.errors import InputError
+from gridslam.inference.management.array_starts import advance, begun
 from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.array_births import add_new_surfaces
@@ -31,6 +32,7 @@ from gridslam.inference.messages.array_updates import (
 from gridslam.inference.messages.cells import cast_messages, cast_paths, update_cells
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.messages.reflection import Reflected
+from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.map import Map
@@ -121,6 +123,12 @@ class DirectGridSlam(SurfaceFront[SignalScan], SignalFilter[Any]):
         super().__init__(scene, *args, **more)
         require_known_clocks(scene, self.agent)
         require_arrays(self.waveform)
+
+    def _begun(self, state: State) -> Population:
+        return begun(state)
+
+    def _advanced(self, scan: SignalScan) -> tuple[Population, StepInfo]:
+        return advance(self.population, scan, self.model, self.work, self.advance)
 
     def map(self) -> Map:
         """The map as it stands: evidence, coefficients, detected surfaces."""

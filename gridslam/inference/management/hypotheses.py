@@ -96,7 +96,7 @@ def _advanced(
         waited = population.waited + (len(scan) > 0)
         if modes is None or not (modes.complete or waited >= PATIENCE):
             waiting = replace(population, states=(replace(prior, step=prior.step + 1),), waited=waited)
-            return waiting, _nothing(population.best, model, work)
+            return waiting, nothing_mapped(population.best, model, work)
         population = _started(replace(population.best, belief=prior.belief), modes, model)
     if population.watch.doubtful:
         population = challenged(population, scan, start(model), model, work)
@@ -163,7 +163,7 @@ def _listed(population: Population, scan: Scan, model: FilterModel, work: Worksp
     return whole.weighed(log)
 
 
-def _nothing(state: State, model: FilterModel, work: Workspace) -> StepInfo:
+def nothing_mapped(state: State, model: FilterModel, work: Workspace) -> StepInfo:
     """What is to be said of a step at which nothing was mapped."""
     calibration = state.calibration
     clutter = [calibration.estimate(j, model.radio.false_alarms) for j in range(model.senders)]

@@ -8,8 +8,9 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array
+from gridslam.inference.messages.array_likelihood import ArrayBand
 from gridslam.inference.messages.array_paths import Snapshot, SnapshotLikelihood
-from gridslam.inference.messages.array_search import FALSE_PEAKS, level_of
+from gridslam.inference.messages.array_search import FALSE_PEAKS, NewPaths, level_of
 from gridslam.inference.messages.birth_proposals import SAMPLES, propose_births
 from gridslam.inference.messages.births import add_chosen
 from gridslam.inference.state.anchor_measurements import AnchorScan
@@ -18,6 +19,7 @@ from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.particles import Cloud
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
+from gridslam.world.radio import RadioModel
 from gridslam.world.signal_model import SignalModel
 
 PURPOSE = 0xB1
@@ -43,19 +45,28 @@ def add_new_surfaces(
     new, anchor = likelihood.found.new, snapshot.anchor
     if not len(new):
         return state, np.zeros((0, 2))
-    value, std = new.path.copy(), new.std.copy()
-    if len(snapshot.band.anchor) == 1:
-        value[:, 1] = std[:, 1] = np.nan
-    radio = replace(
-        snapshot.radio, threshold=float(np.sqrt(level_of(snapshot.band))), false_alarms=FALSE_PEAKS
-    )  # that noise makes such peaks is what they are judged against
-    x, y, orientation = model.anchors[anchor].tolist()
-    peaks = AnchorScan.of(anchor, np.array([x, y]), orientation, value, std, new.amplitude, radio.threshold)
+    peaks, radio = peaks_of(new, anchor, snapshot.band, snapshot.radio, model)
     draw = np.random.default_rng([work.seed, PURPOSE, state.step, anchor])
     cloud = _cloud(state.belief, draw.standard_normal((len(state.belief.mean), SAMPLES)))
     births = propose_births(state, peaks, cloud, _Peaks(np.zeros((4, len(new)))), radio, model, work=work)
     state, born, _ = add_chosen(state, births, peaks, np.zeros(len(new)), radio, model)
     return state, born
+
+
+def peaks_of(
+    new: NewPaths, anchor: int, band: ArrayBand, radio: RadioModel, model: SignalModel
+) -> tuple[AnchorScan, RadioModel]:
+    """New paths as measurements with the deviations that they have, and a radio that detects such peaks.
+
+    That noise makes such peaks is what they are judged against.
+    """
+    value, std = new.path.copy(), new.std.copy()
+    if len(band.anchor) == 1:
+        value[:, 1] = std[:, 1] = np.nan
+    radio = replace(radio, threshold=float(np.sqrt(level_of(band))), false_alarms=FALSE_PEAKS)
+    x, y, orientation = model.anchors[anchor].tolist()
+    peaks = AnchorScan.of(anchor, np.array([x, y]), orientation, value, std, new.amplitude, radio.threshold)
+    return peaks, radio
 
 
 def _cloud(belief: Belief, points: Array) -> Cloud:
