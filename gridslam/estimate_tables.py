@@ -1,4 +1,4 @@
-"""Tables of what a filter believes at one step: surfaces, features, paths, hypotheses, as plain arrays."""
+"""Tables of what a filter believes at one step: surfaces, features, paths, hypotheses, rings."""
 
 from __future__ import annotations
 
@@ -237,3 +237,33 @@ class HypothesisEstimate(_Rows):
         """Return a table without hypotheses."""
         none = np.zeros(0)
         return cls(none, np.zeros((0, 2)), none, np.zeros((0, 2, 2)), np.zeros(0, np.int64))
+
+
+@dataclass(frozen=True, eq=False)
+class RingEstimate(_Rows):
+    """Places where images of anchors may be that aren't known yet (direct SLAM): a row per hypothesis.
+
+    Attributes
+    ----------
+    ring : (H,) int64
+        Which ring of this step a row is of.
+    anchor : (H,) int64
+        Index of the anchor.
+    existence : (H,) float64
+        Probability that there is such an image, the same in all rows of a ring.
+    weight : (H,) float64
+        Probability of the place, if there is one; those below 0.001 are left out.
+    position_m : (H, 2) float64, m
+    """
+
+    ring: np.ndarray
+    anchor: np.ndarray
+    existence: np.ndarray
+    weight: np.ndarray
+    position_m: np.ndarray
+
+    @classmethod
+    def empty(cls) -> Self:
+        """Return a table without rings."""
+        none, whole = np.zeros(0), np.zeros(0, np.int64)
+        return cls(whole, whole, none, none, np.zeros((0, 2)))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gridslam.errors import InputError
-from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, SurfaceEstimate
+from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, RingEstimate, SurfaceEstimate
 from gridslam.world.geometry import wrap
 from gridslam.world.observation import Observation
 
@@ -91,6 +91,8 @@ class Estimate:
         those of the first.
     heights : dict
         Height and its deviation, m, of "agent", "floor" and "ceiling", where the scene gives deviations.
+    rings : RingEstimate
+        Images whose place isn't known yet, of the first hypothesis (direct SLAM; else no rows).
     """
 
     step: int
@@ -107,6 +109,7 @@ class Estimate:
     health: Health = field(default_factory=Health)
     hypotheses: HypothesisEstimate = field(default_factory=HypothesisEstimate.empty)
     heights: dict[str, tuple[float, float]] = field(default_factory=dict)
+    rings: RingEstimate = field(default_factory=RingEstimate.empty)
 
     def __repr__(self) -> str:
         """One line."""

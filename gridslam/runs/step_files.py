@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from gridslam.errors import InputError
-from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, SurfaceEstimate
+from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, RingEstimate, SurfaceEstimate
 from gridslam.estimates import Estimate
 from gridslam.io.files import get, put, reading_h5, subgroup, writing_h5
 from gridslam.maps.map_files import SURFACE_UNITS, read_owner
@@ -42,6 +42,7 @@ HYPOTHESIS_UNITS = {
     "position_cov_m2": "m^2",
     "surface_count": "1",
 }
+RING_UNITS = {"ring": "1", "anchor": "1", "existence": "1", "weight": "1", "position_m": "m"}
 HEIGHTS = ("agent", "floor", "ceiling")
 TAILS = {
     "position_m": (2,),
@@ -63,8 +64,9 @@ def write_steps(path: str | os.PathLike[str], estimates: Sequence[Estimate]) -> 
 
     ``/steps/<name>`` has one row per step; ``/surfaces/<name>``, ``/paths/<name>`` and ``/hypotheses/<name>``
     hold the rows of all steps below one another, those of step ``n`` from ``offset[n]`` up to
-    ``offset[n + 1]``. ``/heights/<name>`` has heights and their deviations, where they were unknown. How long
-    a step took is left out, so that a run repeated gives the same file.
+    ``offset[n + 1]``; so does ``/rings/<name>``, where there are any. ``/heights/<name>`` has heights and
+    their deviations, where they were unknown. How long a step took is left out, so that a run repeated gives
+    the same file.
 
     Raises
     ------
@@ -90,6 +92,12 @@ def write_steps(path: str | os.PathLike[str], estimates: Sequence[Estimate]) -> 
         put(group, "offset", np.cumsum([0, *map(len, rivals)]), "1")
         for name, unit in HYPOTHESIS_UNITS.items():
             put(group, name, getattr(HypothesisEstimate.stack(rivals), name), unit)
+        unknown = [e.rings for e in estimates]
+        if any(map(len, unknown)):
+            group = file.create_group("rings")
+            put(group, "offset", np.cumsum([0, *map(len, unknown)]), "1")
+            for name, unit in RING_UNITS.items():
+                put(group, name, getattr(RingEstimate.stack(unknown), name), unit)
         tall = [e.heights for e in estimates]
         if any(tall):
             heights = file.create_group("heights")
@@ -121,6 +129,7 @@ def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
         route = {name: get(paths, name, (lines, *TAILS.get(name, ()))) for name in PATH_UNITS}
         detected = get(surfaces, "detected", (total,), "b")
         rivals = _read_hypotheses(file, count)
+        unknown = _read_rings(file, count)
         tall = _read_heights(file, count)
     all_surfaces, all_paths = SurfaceEstimate(**table), PathEstimate(**route)
     return [
@@ -138,6 +147,7 @@ def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
             math.nan,
             hypotheses=rivals[n],
             heights=tall[n],
+            rings=unknown[n],
         )
         for n in range(count)
     ]
@@ -157,10 +167,28 @@ def _read_hypotheses(file: h5py.File, count: int) -> list[HypothesisEstimate]:
     if "hypotheses" not in file:
         return [HypothesisEstimate.empty()] * count
     group = subgroup(file, "hypotheses")
-    offset = get(group, "offset", (count + 1,), "iu")
-    if offset[0] != 0 or (np.diff(offset) < 0).any():
-        raise InputError(f"{file.filename}: offset", "offsets that fall", "offsets from 0 that never fall")
+    offset = _offsets(group, count)
     total = int(offset[-1])
     rows = {name: get(group, name, (total, *TAILS.get(name, ()))) for name in HYPOTHESIS_UNITS}
     table = HypothesisEstimate(**rows)
     return [table.take(slice(offset[n], offset[n + 1])) for n in range(count)]
+
+
+def _read_rings(file: h5py.File, count: int) -> list[RingEstimate]:
+    """Rings of every step; none where a file holds none."""
+    if "rings" not in file:
+        return [RingEstimate.empty()] * count
+    group = subgroup(file, "rings")
+    offset = _offsets(group, count)
+    total = int(offset[-1])
+    rows = {name: get(group, name, (total, *TAILS.get(name, ()))) for name in RING_UNITS}
+    table = RingEstimate(**rows)
+    return [table.take(slice(offset[n], offset[n + 1])) for n in range(count)]
+
+
+def _offsets(group: h5py.Group, count: int) -> np.ndarray:
+    offset = get(group, "offset", (count + 1,), "iu")
+    if offset[0] != 0 or (np.diff(offset) < 0).any():
+        found = f"{group.file.filename}: offset"
+        raise InputError(found, "offsets that fall", "offsets from 0 that never fall")
+    return offset

@@ -15,6 +15,7 @@ from gridslam.estimates import Estimate, Health
 from gridslam.inference.management.image_merging import merge_images
 from gridslam.inference.management.image_readout import (
     image_paths,
+    image_rings,
     image_surfaces,
     motion_heading,
     note_hits,
@@ -209,6 +210,7 @@ class DirectSlam(SignalFilter[ImagePopulation]):
             scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), heading, covariance, table,
             image_paths(state, self.model, heading), table.existence > self.model.settings.detect_above,
             np.nan, time.perf_counter() - began, info.health, population.described(),
+            rings=image_rings(state),
         )  # fmt: skip
 
     def map(self) -> Map:

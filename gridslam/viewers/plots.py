@@ -46,7 +46,7 @@ from gridslam.simulation.image_source import Truth
 from gridslam.systems.registry import kind_of
 from gridslam.viewers import network_plots
 from gridslam.viewers.feature_plots import draw_features, draw_sights
-from gridslam.viewers.signal_plots import BELIEVED, draw_gospa, draw_signal
+from gridslam.viewers.signal_plots import BELIEVED, draw_gospa, draw_images, draw_signal, has_images
 from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
 
@@ -216,6 +216,8 @@ def draw_all(
                 drawn["signal"] = draw_signal(found.measurements, found.estimates, None, truth, width)
                 if truth is not None and found.map.features is None:  # features are no images of walls
                     drawn["gospa"] = draw_gospa(run.scene, found.estimates, truth, width)
+                if has_images(found.estimates):
+                    drawn["images"] = draw_images(run.scene, found.estimates, width)
             if found.map.features is not None:
                 drawn["sights"] = draw_sights(run.scene, found.estimates, truth, width)
                 tracks = found.trajectory, found.truth

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -9,14 +12,13 @@ from matplotlib.patches import Ellipse
 from scipy.special import gammaincinv
 
 from gridslam.arrays import Array
-from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PAGE_IN, PURPLE, blank, scatterers
+from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PAGE_IN, PURPLE, blank, frame, true_walls
 from gridslam.estimates import Estimate
 from gridslam.evaluation.image_truth import image_gospa
 from gridslam.inference.messages.signal_likelihood import Band
-from gridslam.inference.state.images import DirectState
-from gridslam.inference.state.rings import MOVING
 from gridslam.measurements.recording import Recording
 from gridslam.simulation.image_source import Truth
+from gridslam.world.geometry import mirror, mirror_derivative
 from gridslam.world.scene import Scene
 
 BELIEVED = 0.5
@@ -85,36 +87,61 @@ def draw_gospa(scene: Scene, estimates: list[Estimate], truth: Truth, width: flo
     return figure
 
 
-def draw_images(scene: Scene, state: DirectState, anchor: int = 0, width: float = PAGE_IN) -> Figure:
-    """Images of one anchor in a state of direct SLAM: settled ones (three deviations), rings, true walls."""
-    figure = blank(width, width)
-    axes = figure.subplots()
-    axes.set_aspect("equal")
-    for piece in np.stack([scene.segments().start, scene.segments().end], 1):
-        axes.plot(*piece.T, color="k", lw=1.2)
-    scatterers(axes, scene, "k")
-    rings = state.tentative.rings
-    for row in np.flatnonzero(rings.anchor == anchor):
-        image, weight = rings.mean[row, :, MOVING:], rings.weight[row]
-        axes.scatter(
-            image[:, 0],
-            image[:, 1],
-            s=4 + 60 * weight,
-            color=PURPLE,
-            alpha=float(0.2 + 0.8 * rings.existence[row]),
-        )
-    for row in np.flatnonzero(state.images.anchor == anchor):
-        _ellipse(axes, state.places[row], state.place_covariances[row], BLUE)
-    _ellipse(axes, state.belief.mean[:2], state.belief.covariance[:2, :2], GREEN)
-    axes.plot(
-        *scene.anchor_positions[anchor], "^", color=ORANGE, label=f"anchor {scene.anchor_names[anchor]}"
+def has_images(estimates: Sequence[Estimate]) -> bool:
+    """Whether a method believed in images of anchors: surfaces that serve one anchor alone, or rings."""
+    return any(len(e.rings) > 0 or bool((e.surfaces.owner >= 0).any()) for e in estimates)
+
+
+def draw_images(scene: Scene, estimates: Sequence[Estimate], width: float = PAGE_IN) -> Figure:
+    """Images of every anchor (a row each) over the floor plan, at the step with most rings and at the last.
+
+    Detected images with three deviations; the places of rings believed in, the larger the likelier; true
+    walls and the virtual anchors at them.
+    """
+    rings = [e.rings.take(e.rings.existence > BELIEVED) for e in estimates]
+    most = int(np.argmax([len(np.unique(own.ring)) for own in rings]))
+    moments = sorted({most, len(estimates) - 1})
+    walls, anchors = scene.segments(), scene.anchor_positions
+    _, first = np.unique(walls.surface, return_index=True)
+    virtual = mirror(walls.line[first][None], anchors[:, None])  # (J, W, 2)
+    places = [_places(scene, estimates[moment]) for moment in moments]
+    agent = [estimates[moment].position_m[None] for moment in moments]
+    shown = np.concatenate(
+        [walls.start, walls.end, anchors, virtual.reshape(-1, 2), *agent, *(mean for _, mean, _ in places)]
     )
-    axes.plot(*state.belief.mean[:2], "o", color=GREEN, ms=4, label="agent")
-    axes.plot([], [], "x", color=BLUE, label="settled images")
-    axes.plot([], [], "o", color=PURPLE, label="hypotheses of rings")
-    axes.legend(fontsize="small", frameon=False)
-    axes.set(xlabel="x (m)", ylabel="y (m)")
+    margin = 0.06 * float(np.ptp(shown, axis=0).max())
+    window = np.stack([shown.min(0) - margin, shown.max(0) + margin])
+    across, up = window[1] - window[0]
+    size = (width - 0.8) / len(moments) * float(np.clip(up / across, 0.3, 1.3))
+    figure = blank(width, 0.7 + len(anchors) * (size + 0.3))
+    panels = figure.subplots(len(anchors), len(moments), sharex=True, sharey=True, squeeze=False)
+    for anchor, row in enumerate(panels):
+        for axes, moment, (serves, place, spread) in zip(row, moments, places, strict=True):
+            own, ring = estimates[moment], rings[moment].take(rings[moment].anchor == anchor)
+            true_walls(axes, scene, "k", 1.0)
+            hollow: dict[str, Any] = {"color": "0.35", "mfc": "none", "ms": 9}
+            axes.plot(*virtual[anchor].T, "s", **hollow, label="true virtual anchors")
+            axes.scatter(*ring.position_m.T, s=4 + 40 * ring.weight, color=PURPLE, label="places of rings")
+            mine = serves == anchor
+            axes.plot(*place[mine].T, "x", color=BLUE, ms=5, label="images found")
+            for middle, covariance in zip(place[mine], spread[mine], strict=True):
+                _ellipse(axes, middle, covariance, BLUE)
+            axes.plot(*own.position_m, "o", color=GREEN, ms=5, label="agent")
+            axes.plot(*anchors[anchor], "^", color=ORANGE, ms=7, label="anchor")
+            frame(axes, window)
+            axes.label_outer()
+            axes.set_title(f"anchor {scene.anchor_names[anchor]} at step {own.step}", fontsize="small")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize="small", frameon=False)
     return figure
+
+
+def _places(scene: Scene, estimate: Estimate) -> tuple[Array, Array, Array]:
+    """Anchors (I,), places (I, 2) and covariances (I, 2, 2) of the images that an estimate has found."""
+    found = estimate.surfaces.take(estimate.detected & (estimate.surfaces.owner >= 0))
+    anchor = scene.anchor_positions[found.owner]
+    slope = mirror_derivative(found.line, anchor)
+    return found.owner, mirror(found.line, anchor), slope @ found.line_cov @ np.swapaxes(slope, 1, 2)
 
 
 def _ellipse(axes: Axes, place: Array, covariance: Array, color: str) -> None:
@@ -122,7 +149,6 @@ def _ellipse(axes: Axes, place: Array, covariance: Array, color: str) -> None:
     long, short = 6 * np.sqrt(np.maximum(value[::-1], 0))
     turn = float(np.degrees(np.arctan2(vector[1, 1], vector[0, 1])))
     axes.add_patch(Ellipse((place[0], place[1]), long, short, angle=turn, fill=False, color=color))
-    axes.plot(*place, "x", color=color, ms=4)
 
 
 def _db(power: Array) -> Array:

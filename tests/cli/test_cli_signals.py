@@ -98,7 +98,8 @@ def pair(tmp_path, say):
 
 
 @pytest.mark.slow
-def test_several_agents_run_in_turn_by_a_file_each(say, pair, tmp_path, no_figures):
+def test_several_agents_run_in_turn_by_a_file_each_and_figures_are_of_each(say, pair, tmp_path, monkeypatch):
+    monkeypatch.setattr("gridslam.viewers.plots.encoded", lambda figure, form: b"drawn, not rendered")
     said = say(*pair, "--signal", "two=two.h5", "--signal", "one=one.h5", "--checkpoint", 2)
     assert said.code == 0, said
     summary = json.loads((tmp_path / "out" / "run.json").read_text())
@@ -106,6 +107,9 @@ def test_several_agents_run_in_turn_by_a_file_each(say, pair, tmp_path, no_figur
     assert [known["file"] for known in summary["source"]] == ["two.h5", "one.h5"]
     for name in ("one", "two"):
         assert summary["agents"][name]["position_rmse_m"] < 0.3
+    drawn = {path.name for path in (tmp_path / "out" / "figures").iterdir()}
+    titles = ("map", "rays", "errors", "signal", "gospa", "images")
+    assert drawn == {f"{name}-{title}.png" for name in ("one", "two") for title in titles}
 
 
 @pytest.mark.slow

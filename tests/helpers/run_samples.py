@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, SurfaceEstimate
+from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, RingEstimate, SurfaceEstimate
 from gridslam.estimates import Estimate
 from gridslam.maps.map import Map
 from gridslam.measurements.table import Measurements
@@ -69,9 +69,13 @@ def some_estimate(step, surfaces, paths):
         draw.random(step), draw.random((step, 2)), draw.random(step), draw.random((step, 2, 2)),
         draw.integers(0, 9, step),
     )  # fmt: skip
+    rings = RingEstimate(
+        draw.integers(0, 2, paths), draw.integers(0, 3, paths), *draw.random((2, paths)),
+        draw.random((paths, 2)),
+    )  # fmt: skip
     return Estimate(
         step, 0.1 * step, draw.random(2), draw.random(2), 0.3, covariance, table, rows, detected, 9.5, 0.02,
-        hypotheses=several,
+        hypotheses=several, rings=rings,
     )  # fmt: skip
 
 

@@ -59,7 +59,7 @@ def test_steps_read_back_equal_with_and_without_rows(tmp_path):
         assert np.isnan(b.seconds)
         for name in ("step", "time_s", "position_m", "velocity_mps", "heading_rad", "covariance", "detected"):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
-        for table in ("surfaces", "paths", "hypotheses"):
+        for table in ("surfaces", "paths", "hypotheses", "rings"):
             for field in fields(getattr(a, table)):
                 np.testing.assert_array_equal(
                     getattr(getattr(a, table), field.name), getattr(getattr(b, table), field.name)
@@ -95,6 +95,7 @@ def test_steps_of_a_file_without_owners_serve_all_anchors(tmp_path):
         ("surfaces/offset", [0, 3, 0, 3, 5]),
         ("paths/offset", [0, 0, 2, 7, 99]),
         ("hypotheses/offset", [0, 0, 9, 9, 9]),
+        ("rings/offset", [0, 2, 1, 7, 7]),
         ("steps/time_s", [0.0, 1.0]),
     ],
 )

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import gridslam as gs
+from gridslam.estimate_tables import RingEstimate, SurfaceEstimate
 from gridslam.runs.run_files import AgentFiles
 from gridslam.viewers.plots import draw_errors, draw_rays
-from gridslam.viewers.signal_plots import BELIEVED, draw_gospa, draw_images, draw_signal
+from gridslam.viewers.signal_plots import BELIEVED, draw_gospa, draw_images, draw_signal, has_images
 
 STEPS = 30
 
@@ -41,14 +42,54 @@ def test_received_and_modelled_profiles_peak_at_the_line_of_sight(ran):
         assert np.abs(own["true paths"][:, 0] - far).min() < 0.01
 
 
-def test_gospa_and_images_have_a_curve_and_a_mark_for_each(ran):
-    scene, _, slam, estimates = ran
+def test_gospa_has_a_curve_for_each_anchor(ran):
+    scene, _, _, estimates = ran
     own = curves(draw_gospa(scene, estimates, gs.ground_truth(scene, "agent1")).axes[0])
     assert set(own) == {"A", "B"}
     assert (own["A"][:, 1] >= 0).all()
-    axes = draw_images(scene, slam.state, 1).axes[0]
+
+
+def test_images_are_drawn_where_the_state_has_them(ran):
+    """Both moments, both anchors: all likely places of rings, true virtual anchors, images found."""
+    scene, _, slam, estimates = ran
+    figure = draw_images(scene, estimates)
+    figure.draw_without_rendering()
+    assert len(figure.axes) == 4
     rings = slam.state.tentative.rings
-    assert len(axes.collections) == (rings.anchor == 1).sum() > 0
+    for anchor, axes in enumerate(figure.axes[1::2]):
+        assert axes.get_title() == f"anchor {scene.anchor_names[anchor]} at step {STEPS - 1}"
+        own = curves(axes)
+        mine = (rings.anchor == anchor) & (rings.existence > BELIEVED)
+        (marks,) = [c for c in axes.collections if c.get_label() == "places of rings"]
+        places = rings.mean[mine][rings.weight[mine] >= 1e-3][:, -2:]
+        np.testing.assert_allclose(np.array(marks.get_offsets()), places)
+        assert len(places) > 20
+        x, y = scene.anchor_positions[anchor]
+        low, high = scene.segments().start.min(0), scene.segments().start.max(0)
+        true = [[2 * low[0] - x, y], [2 * high[0] - x, y], [x, 2 * low[1] - y], [x, 2 * high[1] - y]]
+        for corner in true:  # the outer walls' images, by hand
+            assert np.linalg.norm(own["true virtual anchors"] - corner, axis=1).min() < 1e-9
+
+
+def test_found_images_lie_at_the_mirror_images_of_their_surfaces(ran):
+    scene, _, _, estimates = ran
+    wall = SurfaceEstimate.from_lines(
+        np.array([[0.0, 3.0]]), np.diag([1e-4, 1e-2])[None], *np.ones((3, 1)), owner=np.array([1])
+    )
+    last = replace(estimates[-1], surfaces=wall, detected=np.ones(1, bool))
+    figure = draw_images(scene, [*estimates[:-1], last])
+    first, second = figure.axes[1], figure.axes[3]
+    x, y = scene.anchor_positions[1]
+    np.testing.assert_allclose(curves(second)["images found"], [[6 - x, y]])
+    assert len(second.patches) == 1 > len(first.patches)
+    assert not len(curves(first)["images found"])
+
+
+def test_images_are_of_methods_that_have_them_alone(ran):
+    _, _, _, estimates = ran
+    assert has_images(estimates)
+    bare = [replace(e, rings=RingEstimate.empty(), surfaces=SurfaceEstimate.empty()) for e in estimates]
+    assert not has_images(bare)
 
 
 @pytest.fixture(scope="module")

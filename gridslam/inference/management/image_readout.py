@@ -7,14 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.estimate_tables import PathEstimate, SurfaceEstimate
+from gridslam.estimate_tables import PathEstimate, RingEstimate, SurfaceEstimate
 from gridslam.inference.messages.image_prediction import image_distances
 from gridslam.inference.state.images import DirectState
+from gridslam.inference.state.rings import MOVING
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import crossing, direction, line_between, mirror_derivative, unit, wrap
 
 KNOWN_M = 0.3
 """Deviation of an image's place below which the points of its surface that are hit count."""
+LEAST_WEIGHT = 1e-3
+"""Of a ring's hypothesis that is reported."""
 UNKNOWN_REFLECTION = 0.5, 1 / 12
 """Mean and variance of a coefficient of which nothing is known."""
 
@@ -35,6 +38,16 @@ def image_surfaces(state: DirectState, model: FilterModel) -> SurfaceEstimate:
     return SurfaceEstimate.from_lines(
         line, covariance, np.full(size, mean), np.full(size, variance), images.existence.copy(),
         images.extent.copy(), images.identity.copy(), images.anchor.copy(),
+    )  # fmt: skip
+
+
+def image_rings(state: DirectState) -> RingEstimate:
+    """Table of the tentative images' likely places, ring by ring."""
+    rings = state.tentative.rings
+    ring, place = np.nonzero(rings.weight >= LEAST_WEIGHT)
+    return RingEstimate(
+        ring, rings.anchor[ring].astype(np.int64), rings.existence[ring], rings.weight[ring, place],
+        rings.mean[ring, place, MOVING:],
     )  # fmt: skip
 
 
