@@ -6,8 +6,9 @@ same objects as at the launch before. Before that, Taichi reads the kernel: it n
 where it stands, which takes half the time and serves its complaints alone, and looks for a function's source
 at every call of it.
 
-All of this is private to Taichi 1.7, and nothing else in the package is. So it is tried on a small kernel
-first, see `agrees`; should anything differ, all launches go Taichi's own way, and steps take twice as long.
+All of this is private to Taichi 1.7, and nothing else in the package is, but that `runtime` and `device` ask
+for its settings in force. So it is tried on a small kernel first, see `agrees`; should anything differ, all
+launches go Taichi's own way, and steps take twice as long.
 """
 
 import gc
