@@ -209,8 +209,8 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
             advice = (
                 kind if kind in ADVICE else f"{kind} of {'departure' if name == 'aod_rad' else 'arrival'}"
             )
-            sure = gain > CERTAIN and best.explained >= plain.explained + GAINED
-            found.append(Suspicion(name, kind, ADVICE[advice], sure, reason))
+            more = best.explained >= min(plain.explained + GAINED, EXPLAINED)
+            found.append(Suspicion(name, kind, ADVICE[advice], more and gain > CERTAIN, reason))
             if kind == "swapped":
                 table["aoa_rad"] = table["aod_rad"]
         if kind != "world frame" or name != "aoa_rad":
