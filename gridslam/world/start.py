@@ -6,15 +6,19 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
+from pydantic_core import PydanticCustomError
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.world.geometry import wrap
+from gridslam.world.levels import check_heights
 from gridslam.world.scene import Scene
 
 How = Literal["drawn", "exact"]
 HOWS: tuple[How, ...] = get_args(How)
 STREAM = 0x57
+MOST_DRAWS = 100
+"""Draws of heights before the scene's own are taken, which stand in order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +82,19 @@ def told_start(scene: Scene, agent: str, seed: int, how: str = "drawn") -> Start
     low, high = np.transpose([scene.grid.x_m, scene.grid.y_m])
     off = body.prior.position_m * draw.uniform(-1, 1, 2)
     turn = np.radians(body.prior.heading_deg) * draw.uniform(-1, 1)
-    heights = {
-        name: known + std * float(draw.standard_normal())
-        for name, (known, std) in scene.told_heights(agent).items()
-    }
+    heights = _drawn_heights(scene, agent, draw)
     return Start(np.clip(place + off, low, high), float(wrap(heading + turn)), "drawn", heights)
+
+
+def _drawn_heights(scene: Scene, agent: str, draw: np.random.Generator) -> dict[str, float]:
+    """Heights (m) from their priors, such that anchors and agents stay between floor and ceiling."""
+    told = scene.told_heights(agent)
+    for _ in range(MOST_DRAWS):
+        heights = {name: known + std * float(draw.standard_normal()) for name, (known, std) in told.items()}
+        other = scene.at_heights(agent, heights)
+        try:
+            check_heights(other.anchors, other.agents, other.floor, other.ceiling)
+        except PydanticCustomError:
+            continue
+        return heights
+    return {name: known for name, (known, _) in told.items()}

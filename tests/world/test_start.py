@@ -36,6 +36,19 @@ def file(tmp_path):
     return path
 
 
+def test_heights_that_are_drawn_stay_between_floor_and_ceiling():
+    data = gs.Scene.load("ceiling").model_dump(exclude_none=True)
+    data["ceiling"] = {"height_m": 2.9, "height_std_m": 0.2, "coefficient": 0.4}
+    low = gs.Scene.checked(data, "low")
+    agent, found = low.agents[0].name, []
+    for seed in range(60):
+        heights = told_start(low, agent, seed).heights_m
+        gs.Scene.from_toml(low.at_heights(agent, heights).to_toml(), "told")  # as a checkpoint holds it
+        found.append(heights["ceiling"])
+    assert 2.7 < min(found) < 2.8
+    assert max(found) > 3.1
+
+
 def test_starts_are_drawn_uniformly_about_the_true_one_within_the_prior(scene):
     drawn = [told_start(scene, "agent1", seed) for seed in range(2000)]
     track, prior = scene.track("agent1"), scene.agent("agent1").prior
