@@ -1,13 +1,20 @@
 """Rival modes of clocks where departures aren't measured: hypotheses that share a histogram's mass."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 
 import gridslam as gs
 from gridslam.evaluation.network_scores import without_common
-from gridslam.inference.management.clock_rivals import HOPELESS, branches, reduced, rival_modes
+from gridslam.inference.management.clock_rivals import (
+    HOPELESS,
+    branches,
+    likeliest_choices,
+    reduced,
+    rival_modes,
+)
 from gridslam.inference.messages.clock_setting import tells_no_departure
 from gridslam.inference.state.clock_search import CELL_M, NEVER
 from gridslam.inference.state.network_population import NetworkPopulation
@@ -68,6 +75,18 @@ def test_branches_share_out_the_mass_that_there_was(fresh):
     cells = everything.sum()
     assert share == pytest.approx(np.log(len(left[0]) / cells) + np.log(len(left[1]) / cells))
     assert likeliest[0][0].belief is fresh.belief
+
+
+def test_the_likeliest_combinations_of_many_clocks_are_those_of_a_full_list():
+    draw = np.random.default_rng(1)
+    likely = [list(np.log(draw.dirichlet(np.ones(count)))) for count in (3, 1, 4, 2, 5)]
+    picks = product(*(range(len(own)) for own in likely))
+    whole = [(sum(own[k] for own, k in zip(likely, pick, strict=True)), pick) for pick in picks]
+    expected = sorted(whole, key=lambda choice: -choice[0])[:20]
+    found = likeliest_choices(likely, 20)
+    assert [pick for _, pick in found] == [pick for _, pick in expected]
+    np.testing.assert_allclose([log for log, _ in found], [log for log, _ in expected])
+    assert len(likeliest_choices([[-1.0] * 6] * 12, 48)) == 48  # 6^12 of them are never listed
 
 
 def test_hypotheses_far_behind_go_and_so_do_those_that_have_become_the_same(fresh):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -110,16 +109,11 @@ def branches(
     """
     mass = after.clocks.mass
     likely = [[np.log(mass[anchor, own].sum()) for own in cells] for anchor, cells in modes.items()]
-    numbers = [range(len(cells)) for cells in modes.values()]
-
-    def unlikely(pick: tuple[int, ...]) -> float:
-        return -float(sum(own[k] for own, k in zip(likely, pick, strict=True)))
-
-    ranked = sorted(product(*numbers), key=unlikely)
+    ranked = likeliest_choices(likely, most)
     made, earlier = [], before.clocks.log
     whole = np.logaddexp.reduce(earlier, axis=1)
-    for pick in ranked[:most]:
-        if unlikely(pick) > unlikely(ranked[0]) + HOPELESS:
+    for sum_of_logs, pick in ranked:
+        if sum_of_logs < ranked[0][0] - HOPELESS:
             break
         log, share = earlier.copy(), 0.0
         for (anchor, cells), k in zip(modes.items(), pick, strict=True):
@@ -127,6 +121,18 @@ def branches(
             log[anchor] = np.where(cells[k], log[anchor] - log[anchor, cells[k]].max(), NEVER)
         made.append((replace(before, clocks=replace(before.clocks, log=log)), share))
     return made
+
+
+def likeliest_choices(likely: list[list[float]], most: int) -> list[tuple[float, tuple[int, ...]]]:
+    """The `most` combinations of one choice each with the largest sums of logs, largest first.
+
+    Choice by choice, since what isn't among the best of some is not among the best of all.
+    """
+    best = [(0.0, tuple[int, ...]())]
+    for own in likely:
+        longer = [(log + float(one), (*pick, k)) for log, pick in best for k, one in enumerate(own)]
+        best = sorted(longer, key=lambda choice: -choice[0])[:most]
+    return best
 
 
 def evidence(state: NetworkState, info: Any, model: NetworkModel) -> float:
