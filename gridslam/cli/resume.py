@@ -43,6 +43,7 @@ def as_saved(context: typer.Context, folder: Path | None) -> Path | None:
     if folder is not None:
         settings = read_unfinished(folder).settings
         known = {name: settings.get(name) for name in (*SETTLED, *FREE)}
+        known |= {name: [known[name]] for name in NAMED if isinstance(known[name], str)}  # saved as one
         context.default_map = {name: value for name, value in known.items() if value is not None}
     return folder
 

@@ -44,6 +44,7 @@ from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.map import Map
 from gridslam.systems.filter_front import FilterFront
 from gridslam.systems.front import bare_map, inherit_surfaces
+from gridslam.systems.soundness import require_sound_networks
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.network_model import NetworkModel
 from gridslam.world.network_scan import NetworkScan
@@ -187,6 +188,11 @@ class NetworkSlam(FilterFront[NetworkScan, NetworkPopulation]):
     advance = staticmethod(step)
     keeps_grid = False
     model: NetworkModel
+
+    @staticmethod
+    def require_sound(believed: Any, model: Any, where: str) -> None:
+        """Refuse hypotheses whose numbers can't be."""
+        require_sound_networks(believed, where)
 
     def __init__(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -15,7 +15,9 @@ from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
 from gridslam.inference.state.anchor_measurements import LEAST_STD
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.layout import AGENT, StateLayout
+from gridslam.inference.state.network_population import NetworkPopulation
 from gridslam.inference.state.population import Population
+from gridslam.inference.state.range_watch import RangeWatch
 from gridslam.inference.state.rings import BEARINGS, MOVING
 from gridslam.inference.state.state import State
 from gridslam.inference.state.state_samples import StateSamples
@@ -32,19 +34,60 @@ SLACK = 1e-6
 def require_sound_population(population: Population, model: FilterModel, where: str) -> None:
     """Refuse hypotheses whose numbers can't be, or one of whose states can't; see `require_sound`."""
     require_sound_weights(population, where)
+    if population.ranges is not None:
+        _require_sound_ranges(population.ranges, 2 * model.senders + 1, f"{where}/ranges")
     for number, state in enumerate(population.states):
         require_sound(state, model, f"{where}/states/{number}")
 
 
+def _require_sound_ranges(ranges: RangeWatch, errors: int, where: str) -> None:
+    """Refuse sums of what lines of sight say, of so many errors, that can't be."""
+    claims = [
+        ("information", ranges.information.shape == (errors, errors), "a row and a column for each error"),
+        ("vector", ranges.vector.shape == (errors,), "a number for each error"),
+        ("information", bool(np.isfinite(ranges.information).all()), "finite"),
+        ("vector", bool(np.isfinite(ranges.vector).all()), "finite"),
+    ]
+    _require(claims, where)
+
+
 def require_sound_weights(population: Population, where: str) -> None:
     """Refuse hypotheses whose weights can't be."""
-    count, log = len(population.states), np.array(population.log_weight)
+    count = len(population.states)
     claims = [
-        ("log_weight", 0 < count == len(log) <= MOST_HYPOTHESES, "one for each state"),
-        ("log_weight", abs(np.exp(log).sum() - 1) <= SLACK, "logs of probabilities"),
+        *_weights(population.log_weight, count),
         ("guard", -1 <= population.guard < count, "one of the hypotheses, or -1"),
         ("searching", not population.searching or count == 1, "true of one state alone"),
     ]
+    _require(claims, where)
+
+
+def require_sound_networks(believed: NetworkPopulation, where: str) -> None:
+    """Refuse hypotheses about a network whose weights or beliefs can't be."""
+    log = np.array(believed.log_weight)
+    ordered = bool((np.diff(log) <= 0).all())
+    _require([*_weights(log, len(believed)), ("log_weight", ordered, "the likeliest first")], where)
+    for number, state in enumerate(believed.states):
+        mean, covariance = state.belief.mean, state.belief.covariance
+        symmetric = bool(np.isfinite(covariance).all() and np.allclose(covariance, covariance.T))
+        sound = symmetric and bool((np.diagonal(covariance) >= 0).all())
+        claims = [
+            ("mean", bool(np.isfinite(mean).all()), "finite"),
+            ("covariance", sound, "symmetric, with variances that aren't negative"),
+        ]
+        _require(claims, f"{where}/states/{number}/belief")
+
+
+def _weights(log_weight: Sequence[float] | Array, count: int) -> list[tuple[str, bool, str]]:
+    log = np.array(log_weight)
+    return [
+        ("log_weight", 0 < count == len(log) <= MOST_HYPOTHESES, "one for each state"),
+        ("log_weight", bool(abs(np.exp(log).sum() - 1) <= SLACK), "logs of probabilities"),
+    ]
+
+
+def _require(claims: list[tuple[str, bool, str]], where: str) -> None:
+    """Refuse the first part of which a claim (part, whether it holds, what is allowed) doesn't hold."""
     for part, holds, allowed in claims:
         if not holds:
             raise InputError(f"{where}/{part}", "numbers that can't be", allowed)

@@ -119,6 +119,11 @@ def test_a_checkpoint_goes_on_bit_for_bit(exchange, heard, tmp_path):
     for name in AGENTS:
         np.testing.assert_array_equal(one.agents[name].covariance, other.agents[name].covariance)
     assert slam.now.identity == again.now.identity
+    population, (state,) = slam.now.believed, slam.now.believed.states
+    wrong = replace(state, belief=replace(state.belief, mean=np.full_like(state.belief.mean, np.nan)))
+    for spoilt in (replace(population, log_weight=(-1.0,)), replace(population, states=(wrong,))):
+        with pytest.raises(gs.InputError, match=r"log_weight|mean"):
+            slam.require_sound(spoilt, slam.model, "here.h5")
 
 
 def test_an_agent_that_isn_t_there_has_no_misses_and_joins_later():

@@ -170,6 +170,8 @@ def test_every_system_goes_on_from_its_checkpoint_bit_for_bit(system, scene, sca
         ("surfaces/owner", lambda data: data + 99),
         ("calibration/turn_weight", lambda data: -data),
         ("grid/evidence", lambda data: np.full(data.shape, np.nan)),
+        ("ranges/information", lambda data: data[:2, :2]),
+        ("ranges/vector", lambda data: np.full(data.shape, np.nan)),
     ],
 )
 def test_a_checkpoint_whose_numbers_cannot_be_is_refused(name, spoil, scene, scans, tmp_path, monkeypatch):
