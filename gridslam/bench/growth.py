@@ -127,7 +127,7 @@ def with_hypotheses(scene: Scene, plan: Plan) -> Growth:
     return fitted("hypotheses", plan.hypotheses, seconds, cpu, peaks)
 
 
-def drawn(state: State, count: int) -> Population:
+def drawn(state: State, count: int) -> Population[State]:
     """A state, and others that differ from it by what its belief leaves open."""
     draw, belief = np.random.default_rng(1), state.belief
     gaps = draw.standard_normal((count, len(belief.mean))) @ belief.root.T

@@ -13,6 +13,7 @@ import re
 from typing import Any
 
 from gridslam.errors import InputError
+from gridslam.inference.state.population import Population
 from gridslam.io.covariances import require_covariance
 from gridslam.io.files import get_attributes, put_attributes, reading_h5, subgroup, writing_h5
 from gridslam.maps.run_identity import Identity
@@ -66,8 +67,10 @@ def read_checkpoint(path: str | os.PathLike[str], system: Any) -> Any:
         waveform = get_value(file, "waveform", Waveform | None)
         more = {} if waveform is None else {"waveform": waveform}
         slam = system(scene, agent=agent, seed=int(str(known["seed"])), **more)
-        believed = get_value(file, "believed", type(slam.now.believed))
-        _require_alike(believed, slam.now.believed, str(path))
+        fresh = slam.now.believed
+        kind = fresh.kind if isinstance(fresh, Population) else type(fresh)
+        believed = get_value(file, "believed", kind)
+        _require_alike(believed, fresh, str(path))
         slam.require_sound(believed, slam.model, f"{path}: /believed")
         slam.provenance, identity = _read_origin(known, str(path))
         slam.now = slam.now._replace(believed=believed, identity=identity)

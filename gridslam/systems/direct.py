@@ -14,13 +14,15 @@ from gridslam.errors import InputError
 from gridslam.estimates import Estimate, Health
 from gridslam.inference.management.image_merging import merge_images
 from gridslam.inference.management.image_readout import (
+    image_hypotheses,
     image_paths,
     image_rings,
     image_surfaces,
     motion_heading,
+    moving_moments,
     note_hits,
 )
-from gridslam.inference.management.image_starts import ImagePopulation, advance, begun
+from gridslam.inference.management.image_starts import advance, begun
 from gridslam.inference.messages.image_births import Found, add_tentative, find_births
 from gridslam.inference.messages.image_prediction import (
     AnchorPaths,
@@ -42,6 +44,7 @@ from gridslam.inference.messages.path_levels import (
 )
 from gridslam.inference.messages.signal_likelihood import Band
 from gridslam.inference.state.images import DirectState
+from gridslam.inference.state.population import Population
 from gridslam.inference.state.rings import MOVING
 from gridslam.maps.frames import stamped
 from gridslam.maps.map import Map
@@ -123,7 +126,7 @@ def require_single_antennas(waveform: Waveform) -> None:
         )  # fmt: skip
 
 
-class DirectSlam(SignalFilter[ImagePopulation]):
+class DirectSlam(SignalFilter[Population[DirectState]]):
     """Direct SLAM, one step at a time: samples of single antennas in, agent and images out.
 
     An image serves its own anchor, by single bounces; every path's amplitude may fade anew at each step.
@@ -166,15 +169,15 @@ class DirectSlam(SignalFilter[ImagePopulation]):
         return self.population.best
 
     @property
-    def population(self) -> ImagePopulation:
+    def population(self) -> Population[DirectState]:
         """All hypotheses after the latest step."""
-        population: ImagePopulation = self.now.believed
+        population: Population[DirectState] = self.now.believed
         return population
 
-    def _begun(self, state: DirectState) -> ImagePopulation:
+    def _begun(self, state: DirectState) -> Population[DirectState]:
         return begun(state, Band.of(self.waveform.offset_hz, self.waveform.pulse))
 
-    def _advanced(self, scan: SignalScan) -> tuple[ImagePopulation, DirectInfo]:
+    def _advanced(self, scan: SignalScan) -> tuple[Population[DirectState], DirectInfo]:
         population, info, amiss = advance(self.population, scan, self.model, self.advance)
         why = "; ".join(reason for reason in (amiss, info.health.why) if reason)
         return population, replace(info, health=replace(info.health, ok=not why, why=why))
@@ -187,7 +190,7 @@ class DirectSlam(SignalFilter[ImagePopulation]):
         return replace(state, belief=replace(state.belief, mean=mean))
 
     @staticmethod
-    def require_sound(population: ImagePopulation, model: SignalModel, where: str) -> None:
+    def require_sound(population: Population[DirectState], model: SignalModel, where: str) -> None:
         """Refuse hypotheses from a file whose numbers can't be."""
         require_sound_weights(population, where)
         for number, state in enumerate(population.states):
@@ -196,20 +199,20 @@ class DirectSlam(SignalFilter[ImagePopulation]):
                     raise InputError(f"{where}/states/{number}/{part}", "numbers that can't be", allowed)
 
     def estimate(
-        self, population: ImagePopulation, scan: SignalScan, info: DirectInfo, began: float
+        self, population: Population[DirectState], scan: SignalScan, info: DirectInfo, began: float
     ) -> Estimate:
         """Mean agent; images of the likeliest hypothesis, and the paths over them; all hypotheses.
 
         The heading is that of the motion.
         """
         state = population.best
-        mean, moving = population.agent()
+        mean, moving = moving_moments(population)
         heading, covariance = motion_heading(mean, moving)
         table = image_surfaces(state, self.model)
         return Estimate(
             scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), heading, covariance, table,
             image_paths(state, self.model, heading), table.existence > self.model.settings.detect_above,
-            np.nan, time.perf_counter() - began, info.health, population.described(),
+            np.nan, time.perf_counter() - began, info.health, image_hypotheses(population),
             rings=image_rings(state),
         )  # fmt: skip
 

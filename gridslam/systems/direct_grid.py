@@ -124,10 +124,10 @@ class DirectGridSlam(SurfaceFront[SignalScan], SignalFilter[Any]):
         require_known_clocks(scene, self.agent)
         require_arrays(self.waveform)
 
-    def _begun(self, state: State) -> Population:
+    def _begun(self, state: State) -> Population[State]:
         return begun(state)
 
-    def _advanced(self, scan: SignalScan) -> tuple[Population, StepInfo]:
+    def _advanced(self, scan: SignalScan) -> tuple[Population[State], StepInfo]:
         return advance(self.population, scan, self.model, self.work, self.advance)
 
     def map(self) -> Map:

@@ -14,6 +14,7 @@ from gridslam.errors import InputError
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.estimates import Estimate
 from gridslam.inference.management.hypotheses import advance, begun
+from gridslam.inference.management.mixture import agent_moments
 from gridslam.inference.management.readout import described, estimates, surface_estimate
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.management.surface_features import mirror_surfaces
@@ -44,7 +45,7 @@ Mapped = TypeVar("Mapped", State, NetworkState)
 Heard = TypeVar("Heard", bound=Observation)
 
 
-class SurfaceFront(FilterFront[Heard, Population]):
+class SurfaceFront(FilterFront[Heard, Population[State]]):
     """The front of systems whose state is `State`, on measurements of any kind.
 
     A system adds its `start` and `advance`, of one state.
@@ -63,9 +64,9 @@ class SurfaceFront(FilterFront[Heard, Population]):
         return self.population.best
 
     @property
-    def population(self) -> Population:
+    def population(self) -> Population[State]:
         """All hypotheses after the latest step."""
-        population: Population = self.now.believed
+        population: Population[State] = self.now.believed
         return population
 
     def believing(self, state: State) -> Moment:
@@ -75,7 +76,7 @@ class SurfaceFront(FilterFront[Heard, Population]):
     def _workspace(self) -> Workspace:
         return Workspace(self.model, self.seed, self.keeps_grid, spared_cells=self.spared_cells)
 
-    def _begun(self, state: State) -> Population:
+    def _begun(self, state: State) -> Population[State]:
         return begun(state, self.model) if self._branches(state) else Population.of(state)
 
     def _branches(self, state: State) -> bool:
@@ -93,11 +94,11 @@ class SurfaceFront(FilterFront[Heard, Population]):
         return replace(state, belief=replace(state.belief, mean=mean))
 
     @staticmethod
-    def require_sound(believed: Population, model: FilterModel, where: str) -> None:
+    def require_sound(believed: Population[State], model: FilterModel, where: str) -> None:
         """Refuse hypotheses from a file whose numbers can't be."""
         require_sound_population(believed, model, where)
 
-    def _advanced(self, scan: Heard) -> tuple[Population, StepInfo]:
+    def _advanced(self, scan: Heard) -> tuple[Population[State], StepInfo]:
         state, info = self.advance(self.state, scan, self.model, self.work)
         return Population.of(state), info
 
@@ -116,11 +117,11 @@ class SurfaceFront(FilterFront[Heard, Population]):
         radio, work = self.model.radio, self.work
         return lambda rays, distance: mean_amplitudes(state, rays, distance, radio, work=work)
 
-    def estimate(self, believed: Population, scan: Heard, info: StepInfo, began: float) -> Estimate:
+    def estimate(self, believed: Population[State], scan: Heard, info: StepInfo, began: float) -> Estimate:
         """MMSE estimates of the agent; surfaces and paths of the likeliest hypothesis; all hypotheses."""
         state, population = believed.best, believed
         model = self.work.calibrated(self.model, info.turned, state.belief.higher)
-        mean, covariance = population.agent()
+        mean, covariance = agent_moments(population)
         at_1m = model.radio.amplitude_at_1m * info.gain
         table, paths = estimates(state, model, at_1m, self._strength(state), work=self.work)
         return Estimate(
@@ -160,7 +161,7 @@ class SurfaceFilter(SurfaceFront[Scan]):
             raise InputError(f"{type(self).__name__}.step", "sampled signals", allowed)
         return scan.checked(len(self.scene.anchors), after)
 
-    def _advanced(self, scan: Scan) -> tuple[Population, StepInfo]:
+    def _advanced(self, scan: Scan) -> tuple[Population[State], StepInfo]:
         if self._branches(self.state):
             return advance(self.population, scan, self.model, self.work, self.start, self.advance)
         return super()._advanced(scan)

@@ -37,8 +37,8 @@ from gridslam.inference.messages.ray_amplitudes import (
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
 from gridslam.inference.state.anchor_measurements import AnchorScan, of_all_anchors, split_by_anchor
 from gridslam.inference.state.belief import lines_covariance
-from gridslam.inference.state.network_population import NetworkPopulation
 from gridslam.inference.state.network_state import NetworkState
+from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.map import Map
@@ -155,7 +155,7 @@ def by_anchor(
     return state, scans
 
 
-class NetworkSlam(FilterFront[NetworkScan, NetworkPopulation]):
+class NetworkSlam(FilterFront[NetworkScan, Population[NetworkState]]):
     """Network SLAM, one step of all agents at a time.
 
     Parameters
@@ -217,7 +217,7 @@ class NetworkSlam(FilterFront[NetworkScan, NetworkPopulation]):
         return self.now.believed.best
 
     def _begun(self, state: Any) -> Any:
-        return NetworkPopulation((state,))
+        return Population.of(state)
 
     def _advanced(self, scan: NetworkScan) -> tuple[Any, Any]:
         return advance(self.now.believed, scan, self.model, self.work, self.advance)
@@ -266,7 +266,7 @@ class NetworkSlam(FilterFront[NetworkScan, NetworkPopulation]):
         self.now = self.now._replace(believed=self._begun(state))
 
     def estimate(
-        self, believed: NetworkPopulation, scan: NetworkScan, info: NetworkInfo, began: float
+        self, believed: Population[NetworkState], scan: NetworkScan, info: NetworkInfo, began: float
     ) -> Any:
         """Estimates of agents, surfaces and clocks."""
         whole = network_estimate(believed, scan, info.agents, self.model, began, works=self.work)

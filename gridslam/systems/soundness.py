@@ -15,7 +15,7 @@ from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
 from gridslam.inference.state.anchor_measurements import LEAST_STD
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.layout import AGENT, StateLayout
-from gridslam.inference.state.network_population import NetworkPopulation
+from gridslam.inference.state.network_state import NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.range_watch import RangeWatch
 from gridslam.inference.state.rings import BEARINGS, MOVING
@@ -31,7 +31,7 @@ SLACK = 1e-6
 """By which sums of probabilities may be off."""
 
 
-def require_sound_population(population: Population, model: FilterModel, where: str) -> None:
+def require_sound_population(population: Population[State], model: FilterModel, where: str) -> None:
     """Refuse hypotheses whose numbers can't be, or one of whose states can't; see `require_sound`."""
     require_sound_weights(population, where)
     if population.ranges is not None:
@@ -51,7 +51,7 @@ def _require_sound_ranges(ranges: RangeWatch, errors: int, where: str) -> None:
     _require(claims, where)
 
 
-def require_sound_weights(population: Population, where: str) -> None:
+def require_sound_weights(population: Population[Any], where: str) -> None:
     """Refuse hypotheses whose weights can't be."""
     count = len(population.states)
     claims = [
@@ -62,7 +62,7 @@ def require_sound_weights(population: Population, where: str) -> None:
     _require(claims, where)
 
 
-def require_sound_networks(believed: NetworkPopulation, where: str) -> None:
+def require_sound_networks(believed: Population[NetworkState], where: str) -> None:
     """Refuse hypotheses about a network whose weights or beliefs can't be."""
     log = np.array(believed.log_weight)
     ordered = bool((np.diff(log) <= 0).all())

@@ -2,7 +2,8 @@
 
 What a file holds never says what is made of it: the classes are those that the annotations name. A field that
 may be None is absent then. Field metadata ``{"blank": True}`` lets an array hold NaN; all others are finite.
-``{"later": True}`` marks a number that older files lack, which then is the field's default.
+``{"later": True}`` marks a field that older files lack, which then is its default; ``FORMER_NAMES`` of a
+class are those that it has in older files. Annotations name parts of generic classes: ``Population[State]``.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import types
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
+from types import MappingProxyType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import h5py
@@ -87,6 +89,11 @@ def get_value(group: h5py.Group, name: str, hint: Any, blank: bool = False) -> A
         return _mapping(subgroup(group, name), inner, where)
     if is_dataclass(hint) and isinstance(hint, type):
         return _dataclass(subgroup(group, name), hint, where)
+    if is_dataclass(origin) and isinstance(origin, type):
+        own: Any = origin
+        return _dataclass(
+            subgroup(group, name), origin, where, dict(zip(own.__parameters__, inner, strict=True))
+        )
     if hint in PLAIN:
         return _plain(group, name, hint, where, blank)
     raise TypeError(f"{where}: nothing is read as {hint}")
@@ -112,17 +119,21 @@ def _hints(kind: type) -> dict[str, Any]:
     return get_type_hints(kind)
 
 
-def _dataclass(group: h5py.Group, kind: type, where: str) -> Any:
+def _dataclass(
+    group: h5py.Group, kind: type, where: str, parts: Mapping[Any, Any] = MappingProxyType({})
+) -> Any:
+    """A value of a class; `parts` says what its type variables stand for."""
     found = group.attrs.get(KIND)
-    if found != kind.__name__:
+    if found not in (kind.__name__, *getattr(kind, "FORMER_NAMES", ())):
         raise InputError(where, f"a {found}", f"a {kind.__name__}")
     hints, values = _hints(kind), {}
     for field in fields(kind):
-        if field.metadata.get("later", False) and field.name not in group.attrs:
+        if field.metadata.get("later", False) and not (field.name in group.attrs or field.name in group):
             continue
-        values[field.name] = get_value(
-            group, field.name, hints[field.name], bool(field.metadata.get("blank", False))
-        )
+        hint = hints[field.name]
+        open_ = getattr(hint, "__parameters__", ())
+        hint = hint[tuple(parts[one] for one in open_)] if open_ else hint
+        values[field.name] = get_value(group, field.name, hint, bool(field.metadata.get("blank", False)))
     try:
         return kind(**values)
     except InputError:

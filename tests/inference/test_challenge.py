@@ -20,6 +20,7 @@ from gridslam.inference.management.challenge import (
     snapshot_of,
     watched,
 )
+from gridslam.inference.management.mixture import poses
 from gridslam.inference.management.pose_search import POSE
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.population import Population, Watch
@@ -137,11 +138,11 @@ def test_an_agent_that_is_surely_elsewhere_is_challenged_and_found(mapped, scene
     )
     several = challenged(lost, scans[20], start(model), model, slam.work)
     assert several.states[0] is wrong, "challengers begin with a handicap"
-    here = np.linalg.norm(several.poses[1:, :2] - track.position_m[20], axis=1)
+    here = np.linalg.norm(poses(several)[1:, :2] - track.position_m[20], axis=1)
     sizes = [len(state.surfaces) for state, off in zip(several.states[1:], here, strict=True) if off < 0.3]
     assert sorted(sizes) == [0, len(wrong.surfaces)]
     right = challenged(replace(lost, states=(slam.state,)), scans[20], start(model), model, slam.work)
-    near = np.linalg.norm(right.poses[:, :2] - track.position_m[20], axis=1)
+    near = np.linalg.norm(poses(right)[:, :2] - track.position_m[20], axis=1)
     assert np.count_nonzero(near < 0.3) == 1, "what is believed already is no challenge"
     slam.now = slam.now._replace(believed=several)
     for scan in scans[20:]:

@@ -14,11 +14,12 @@ from gridslam.inference.management.clock_rivals import (
     likeliest_choices,
     reduced,
     rival_modes,
+    unset_clocks,
 )
 from gridslam.inference.messages.clock_setting import tells_no_departure
 from gridslam.inference.state.clock_search import CELL_M, NEVER
-from gridslam.inference.state.network_population import NetworkPopulation
 from gridslam.inference.state.network_state import NetworkState
+from gridslam.inference.state.population import Population
 from gridslam.runs.network_run import map_network
 from gridslam.simulation.network import simulate_network
 from gridslam.world.network_scene import network_model
@@ -98,16 +99,14 @@ def test_hypotheses_far_behind_go_and_so_do_those_that_have_become_the_same(fres
         return replace(fresh, belief=belief, clocks=replace(fresh.clocks, unset=unset))
 
     states = [with_clock(3.0), with_clock(3.2), with_clock(8.0), with_clock(30.0), with_clock(3.1, True)]
-    population = NetworkPopulation.weighed(states, np.array([0.0, -1.0, -2.0, -HOPELESS - 1, -3.0]))
+    population = Population.of(fresh).having(states, [0.0, -1.0, -2.0, -HOPELESS - 1, -3.0])
     left = reduced(population)
     assert left.states == (states[0], states[2], states[4])
     assert np.exp(left.log_weight).sum() == pytest.approx(1)
-    np.testing.assert_array_equal(left.unset, [False, False, False, True])
+    np.testing.assert_array_equal(unset_clocks(left), [False, False, False, True])
     elsewhere = replace(states[1], belief=moved(states[1].belief))
-    both = NetworkPopulation.weighed([states[0], elsewhere], np.array([0.0, -1.0]))
+    both = Population.of(fresh).having([states[0], elsewhere], [0.0, -1.0])
     assert reduced(both) is both
-    with pytest.raises(ValueError, match="0 states"):
-        NetworkPopulation((), ())
 
 
 def moved(belief):

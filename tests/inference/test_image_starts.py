@@ -8,7 +8,6 @@ import pytest
 import gridslam as gs
 from gridslam.errors import InputError
 from gridslam.inference.management.image_starts import (
-    ImagePopulation,
     begun,
     find_peaks,
     find_places,
@@ -16,6 +15,7 @@ from gridslam.inference.management.image_starts import (
 )
 from gridslam.inference.messages.signal_likelihood import Band
 from gridslam.inference.state.images import DirectState
+from gridslam.inference.state.population import Population
 from gridslam.world.signal_scan import SignalScan
 
 BAND = Band.of(1e7 * (np.arange(41) - 20))
@@ -129,6 +129,6 @@ def test_hypotheses_are_one_where_agent_and_images_are():
 
 def test_weights_of_a_file_that_cannot_be_are_refused():
     slam = gs.DirectSlam(scene_of(0.1, 3))
-    broken = replace(ImagePopulation.of(slam.state), log_weight=(-1.0,))
+    broken = replace(Population.of(slam.state), log_weight=(-1.0,))
     with pytest.raises(InputError, match="log_weight"):
         slam.require_sound(broken, slam.model, "file")

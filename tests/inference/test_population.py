@@ -14,16 +14,16 @@ from gridslam.bench.growth import drawn
 from gridslam.inference.management.branching import NARROW, conditioned, placed, split, split_along, widest
 from gridslam.inference.management.hypotheses import NOT_FOUND, PARTICLES, begun, each_stepped
 from gridslam.inference.management.mixture import (
-    GUARDED,
+    CAP,
     HOPELESS,
+    agent_moments,
     merged,
     moment_matched,
     places,
-    pruned,
     same_world,
 )
 from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.population import NONE, Population
+from gridslam.inference.state.population import GUARDED, NONE, Population, moments
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
 from gridslam.world.start import told_start
@@ -106,7 +106,7 @@ def test_copies_of_one_hypothesis_are_one():
     assert once.log_weight == (0.0,)
     np.testing.assert_allclose(once.best.belief.mean, state.belief.mean)
     np.testing.assert_allclose(once.best.belief.covariance, state.belief.covariance)
-    mean, covariance = twice.agent()
+    mean, covariance = agent_moments(twice)
     np.testing.assert_allclose(mean, state.belief.mean[:5])
     np.testing.assert_allclose(covariance, state.belief.covariance[:5, :5])
 
@@ -133,12 +133,11 @@ def test_the_order_of_hypotheses_changes_nothing(order):
     draw = np.random.default_rng(5)
     states = [random_state(draw, spread=0.05) for _ in range(4)]
     log = np.log([0.5, 0.3, 0.15, 0.05])
-    plain = Population(tuple(states), tuple(log)).weighed(log)
-    mixed = Population(tuple(states[k] for k in order), tuple(log[list(order)]), guard=order.index(2))
-    mixed = mixed.weighed(log[list(order)])
+    plain = Population.of(states[0]).having(states, log)
+    mixed = Population.of(states[0]).having([states[k] for k in order], log[list(order)], order.index(2))
     assert [id(state) for state in mixed.states] == [id(state) for state in plain.states]
     assert mixed.states[mixed.guard] is states[2]
-    for here, there in zip(plain.agent(), mixed.agent(), strict=True):
+    for here, there in zip(agent_moments(plain), agent_moments(mixed), strict=True):
         np.testing.assert_allclose(here, there)
 
 
@@ -146,7 +145,7 @@ def test_the_mixture_spans_all_places_across_the_turn_of_an_angle():
     here, there = (state_of(Belief(m, 0.01 * np.eye(5))) for m in np.zeros((2, 5)))
     here.belief.mean[[0, 4]], there.belief.mean[[0, 4]] = [1.0, 3.1], [-1.0, -3.1]
     whole = Population((here, there), (np.log(0.5),) * 2)
-    mean, covariance = whole.agent()
+    mean, covariance = agent_moments(whole)
     assert mean[0] == pytest.approx(0)
     assert abs(np.cos(mean[4]) + 1) < 1e-9, "the headings' middle is pi, not 0"
     assert covariance[0, 0] == pytest.approx(1.01)
@@ -162,13 +161,43 @@ def test_the_mixture_spans_all_places_across_the_turn_of_an_angle():
 def test_unlikely_hypotheses_go_and_the_parent_of_a_branching_stays_for_a_while():
     state = random_state(np.random.default_rng(6))
     log = np.array([0.0, -HOPELESS + 1, -HOPELESS - 1, -HOPELESS - 2])
-    whole = Population((state,) * 4, (0.0,) * 4, guard=3, since=1).weighed(log)
-    assert len(pruned(whole)) == 3
-    assert pruned(whole).guard == 2
-    late = pruned(replace(whole, since=GUARDED + 1))
+    whole = Population.of(state).having((state,) * 4, log, guard=3, since=1)
+    early = whole.pruned(HOPELESS, CAP)
+    assert len(early) == 3
+    assert early.guard == 2
+    late = replace(whole, since=GUARDED + 1).pruned(HOPELESS, CAP)
     assert len(late) == 2
     assert late.guard == NONE
     assert np.exp(late.log_weight).sum() == pytest.approx(1)
+
+
+def test_a_population_of_any_states_is_ordered_pruned_and_merged_by_what_is_the_same():
+    few = Population.of("z").having("dabc", np.log([1.0, 4.0, 3.0, 2.0]), guard=3)
+    assert few.states == ("a", "b", "c", "d")
+    assert few.states[few.guard] == "c"
+    np.testing.assert_allclose(few.weights, [0.4, 0.3, 0.2, 0.1])
+    assert few.likely(np.log(3.0), 2) == [0, 1]
+    assert replace(few, since=GUARDED).likely(np.log(3.0), 1) == [0, 2]
+    vowels = few.merged(lambda one, other: (one in "ae") == (other in "ae"))
+    assert vowels.states == ("b", "a")
+    np.testing.assert_allclose(vowels.weights, [0.6, 0.4])
+    assert vowels.states[vowels.guard] == "b"
+    joined = few.merged(lambda one, other: True, join=lambda one, other, *logs: one + other)
+    assert joined.states == ("abcd",)
+    assert joined.log_weight == (0.0,)
+    guarded = replace(few, since=0)
+    assert guarded.merged(lambda one, other: True).states == ("a", "c")
+    near = np.eye(4, dtype=bool)
+    assert few.merged(lambda one, other: True, near) is few
+    assert few.merged(lambda one, other: False, among=[0, 3]).states == ("a", "d")
+    with pytest.raises(ValueError, match="0 states"):
+        Population(())
+
+
+def test_moments_are_those_of_a_mixture_worked_out_by_hand():
+    mean, covariance = moments(np.array([0.25, 0.75]), np.array([[0.0], [4.0]]), np.array([[[1.0]], [[3.0]]]))
+    assert mean == pytest.approx([3.0])
+    assert covariance == pytest.approx(np.array([[0.25 * 10 + 0.75 * 4]]))
 
 
 @pytest.fixture(scope="module")

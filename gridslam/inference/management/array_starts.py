@@ -39,14 +39,14 @@ PATIENCE, EVERY = 10, 5
 """Scans heard that are all searched; then it is each so many, as the search takes its time."""
 
 
-def begun(state: State) -> Population:
+def begun(state: State) -> Population[State]:
     """The belief before the first step; where its pose is vague, it is searched for at first."""
     return Population.of(state, searching=is_vague(state.belief))
 
 
 def advance(
-    population: Population, scan: SignalScan, model: SignalModel, work: Workspace, step: Step
-) -> tuple[Population, StepInfo]:
+    population: Population[State], scan: SignalScan, model: SignalModel, work: Workspace, step: Step
+) -> tuple[Population[State], StepInfo]:
     """One step: of the state, once the start is found; until then the prior moves on and maps nothing."""
     if not population.searching:
         state, info = step(population.best, scan, model, work)

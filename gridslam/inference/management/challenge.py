@@ -14,7 +14,7 @@ import numpy as np
 from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.management.branching import branches_of
-from gridslam.inference.management.mixture import together
+from gridslam.inference.management.mixture import poses, together
 from gridslam.inference.management.pose_fix import Sources
 from gridslam.inference.management.pose_score import Snapshot
 from gridslam.inference.management.pose_search import POSE, find_modes, line_of_sight_poses
@@ -76,8 +76,12 @@ def _refined(snapshot: Snapshot, pose: Array, draw: np.random.Generator) -> floa
 
 
 def watched(
-    population: Population, evidence: Callable[[], float], scan: Scan, model: FilterModel, work: Workspace
-) -> Population:
+    population: Population[State],
+    evidence: Callable[[], float],
+    scan: Scan,
+    model: FilterModel,
+    work: Workspace,
+) -> Population[State]:
     """Take in a step's log evidence: every so often it is set against that of a fresh start."""
     state, watch = population.best, population.watch
     x, y = float(state.belief.covariance[0, 0]), float(state.belief.covariance[1, 1])
@@ -116,8 +120,8 @@ def doubts(watch: Watch) -> list[str]:
 
 
 def challenged(
-    population: Population, scan: Scan, fresh: State, model: FilterModel, work: Workspace
-) -> Population:
+    population: Population[State], scan: Scan, fresh: State, model: FilterModel, work: Workspace
+) -> Population[State]:
     """While anything is doubtful, the population with poses that one scan alone lists elsewhere.
 
     They are looked for every so often, and at the first scan after a silence. Each comes twice: as a restart,
@@ -142,7 +146,7 @@ def challenged(
         modes = find_modes(
             snapshot, replace(state.belief, mean=mean, covariance=spread), model.grid, LISTED, stream, POSES
         )
-        present = float(snapshot.score(population.poses).max())
+        present = float(snapshot.score(poses(population)).max())
     leading = np.flatnonzero(modes.score > present)[:CHALLENGERS]
     if not modes.complete or not len(leading):
         return population
@@ -157,6 +161,5 @@ def challenged(
         if not together([*population.states, moved[mode]])[-1, :-1].any():
             states += [restarts[mode], moved[mode]] if len(state.surfaces) else [restarts[mode]]
     added = len(states) - len(population)
-    log = np.array([*population.log_weight, *[population.log_weight[0] - HANDICAP] * added])
-    whole = replace(population, states=tuple(states), log_weight=tuple(log.tolist()))
-    return whole.weighed(log)
+    log = [*population.log_weight, *[population.log_weight[0] - HANDICAP] * added]
+    return population.having(states, log, population.guard)

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.inference.management.hypotheses import comparable
 from gridslam.inference.messages.clock_setting import tells_no_departure
 from gridslam.inference.state.clock_search import MODE_COUNTS, NEVER, ClockSearch
-from gridslam.inference.state.network_population import ALIKE_M, NetworkPopulation
 from gridslam.inference.state.network_state import NetworkState
+from gridslam.inference.state.population import Population
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.network_model import NetworkModel
 from gridslam.world.network_scan import NetworkScan
@@ -31,12 +32,15 @@ HOPELESS, CAP = 30.0, 48
 """Log weight behind the best at which a hypothesis is pruned; hypotheses at most."""
 PARTICLES = 512
 """Drawn for each agent in each of several hypotheses, at most."""
+COUNTS, ALIKE_M = 0.01, 1.0
+"""Weight from which on a hypothesis leaves a clock in doubt; offsets of a clock nearer than this are one,
+and so are places of an agent."""
 
 
 def advance(
-    population: NetworkPopulation, scan: NetworkScan, model: NetworkModel, works: Sequence[Workspace],
+    population: Population[NetworkState], scan: NetworkScan, model: NetworkModel, works: Sequence[Workspace],
     step: Step,
-) -> tuple[NetworkPopulation, Any]:  # fmt: skip
+) -> tuple[Population[NetworkState], Any]:  # fmt: skip
     """One step of all hypotheses; of one whose clocks have rival modes by then, instead of a branch for each.
 
     Parameters
@@ -67,8 +71,7 @@ def advance(
             states.append(after)
             infos.append(info)
             logs.append(log + share + evidence(after, info, model))
-    weight = np.array(logs)
-    return reduced(NetworkPopulation.weighed(states, weight)), infos[int(weight.argmax())]
+    return reduced(population.having(states, logs)), infos[int(np.argmax(logs))]
 
 
 def _limit(works: Sequence[Workspace], several: bool) -> None:
@@ -141,17 +144,36 @@ def evidence(state: NetworkState, info: Any, model: NetworkModel) -> float:
     return sum(comparable(own, state.part(agent), one) for agent, own, one in told if own is not None)
 
 
-def reduced(population: NetworkPopulation) -> NetworkPopulation:
+def reduced(population: Population[NetworkState]) -> Population[NetworkState]:
     """Without hypotheses far behind the best, and those that have become the same as a likelier one."""
-    offset, place, kept = population.offsets, population.places, list[int]()
-    for one, (state, log) in enumerate(zip(population.states, population.log_weight, strict=True)):
-        if log <= population.log_weight[0] - HOPELESS:
-            continue
+    offset, place, kept = offsets(population), places(population), list[int]()
+    for one in population.likely(HOPELESS):
         same = (np.abs(offset[kept] - offset[one]) < ALIKE_M).all(1)
         same &= (np.abs(place[kept] - place[one]) < ALIKE_M).all((1, 2))
-        if state.clocks.unset.any() or not same.any():
+        if population.states[one].clocks.unset.any() or not same.any():
             kept.append(one)
-    if len(kept) == len(population):
-        return population
-    logs = np.array(population.log_weight)[kept]
-    return NetworkPopulation.weighed([population.states[k] for k in kept], logs)
+    return population if len(kept) == len(population) else population.take(kept)
+
+
+def offsets(population: Population[NetworkState]) -> Array:
+    """Means of the anchors' clocks in every hypothesis, (K, J) m; (K, 0) if they are known."""
+    belief = population.best.belief
+    clocks = belief.layout.devices[: belief.clocks]
+    return np.array([state.belief.mean[clocks] for state in population.states])
+
+
+def places(population: Population[NetworkState]) -> Array:
+    """Where the agents are in every hypothesis, (K, I, 2) m."""
+    layout = population.best.belief.layout
+    first = np.array([layout.pose(agent).start for agent in range(layout.agents)])
+    rows = first[:, None] + np.arange(2)
+    return np.array([state.belief.mean[rows] for state in population.states])
+
+
+def unset_clocks(population: Population[NetworkState]) -> NDArray[np.bool_]:
+    """Anchors (J,) whose clocks the likeliest searches for, or another that counts has set elsewhere."""
+    offset = offsets(population)[np.array(population.log_weight) >= np.log(COUNTS)]
+    searched = population.best.clocks.unset
+    if len(offset) < 2 or not offset.shape[1]:
+        return searched.copy()
+    return np.asarray(searched | (np.abs(offset - offset[0]) > ALIKE_M).any(0))

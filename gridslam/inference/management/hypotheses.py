@@ -45,7 +45,7 @@ LOOK_EVERY = 3
 NOT_FOUND = "start not found yet"
 
 
-def begun(state: State, model: FilterModel) -> Population:
+def begun(state: State, model: FilterModel) -> Population[State]:
     """The hypotheses before the first step: one; where its pose is vague, it is searched for at first."""
     searching = tells_poses(model) and not len(state.surfaces) and is_vague(state.belief)
     return Population.of(state, searching=searching)
@@ -57,8 +57,8 @@ def tells_poses(model: FilterModel) -> bool:
 
 
 def advance(
-    population: Population, scan: Scan, model: FilterModel, work: Workspace, start: Start, step: Step
-) -> tuple[Population, StepInfo]:
+    population: Population[State], scan: Scan, model: FilterModel, work: Workspace, start: Start, step: Step
+) -> tuple[Population[State], StepInfo]:
     """One step of all hypotheses.
 
     Parameters
@@ -78,7 +78,7 @@ def advance(
     return replace(population, ranges=ranges), info
 
 
-def _ranges(population: Population, scan: Scan, model: FilterModel, work: Workspace) -> RangeWatch:
+def _ranges(population: Population[State], scan: Scan, model: FilterModel, work: Workspace) -> RangeWatch:
     """What lines of sight that cross say of the distances, whoever follows them."""
     before = RangeWatch.start(model.senders) if population.ranges is None else population.ranges
     if population.best.step % LOOK_EVERY:
@@ -88,8 +88,8 @@ def _ranges(population: Population, scan: Scan, model: FilterModel, work: Worksp
 
 
 def _advanced(
-    population: Population, scan: Scan, model: FilterModel, work: Workspace, start: Start, step: Step
-) -> tuple[Population, StepInfo]:
+    population: Population[State], scan: Scan, model: FilterModel, work: Workspace, start: Start, step: Step
+) -> tuple[Population[State], StepInfo]:
     """The same without a look at the distances."""
     if population.searching:
         modes, prior = _search(population, scan, model, work)
@@ -107,7 +107,7 @@ def _advanced(
 
 
 def _search(
-    population: Population, scan: Scan, model: FilterModel, work: Workspace
+    population: Population[State], scan: Scan, model: FilterModel, work: Workspace
 ) -> tuple[Modes | None, State]:
     """All poses that explain a scan, if anything was heard, and the prior at its time."""
     work.begin()
@@ -120,15 +120,15 @@ def _search(
         return find_modes(snapshot_of(scans, prior, model), prior.belief, model.grid, CAP, stream), prior
 
 
-def _started(state: State, modes: Modes, model: FilterModel) -> Population:
+def _started(state: State, modes: Modes, model: FilterModel) -> Population[State]:
     """A population of the modes that were listed."""
     states = branches_of(state, modes, float(model.start_variance[2]))
-    if len(states) == 1:
-        return replace(Population.of(states[0]), since=0)
-    return Population(tuple(states), tuple(modes.log_prior.tolist()), since=0).weighed(modes.log_prior)
+    return Population.of(state).having(states, modes.log_prior, since=0)
 
 
-def _listed(population: Population, scan: Scan, model: FilterModel, work: Workspace) -> Population:
+def _listed(
+    population: Population[State], scan: Scan, model: FilterModel, work: Workspace
+) -> Population[State]:
     """The population with poses listed by scan and map, if there is one hypothesis and its pose is vague.
 
     The vague belief stays beside them, at even odds, and is followed as it is.
@@ -157,10 +157,7 @@ def _listed(population: Population, scan: Scan, model: FilterModel, work: Worksp
     ]  # fmt: skip
     half = -float(np.log(2))
     log = np.append(modes.log_prior - np.logaddexp.reduce(modes.log_prior) + half, half)
-    whole = replace(
-        population, states=(*states, state), log_weight=tuple(log.tolist()), guard=len(states), since=0
-    )
-    return whole.weighed(log)
+    return population.having((*states, state), log, guard=len(states), since=0)
 
 
 def nothing_mapped(state: State, model: FilterModel, work: Workspace) -> StepInfo:
@@ -174,7 +171,7 @@ def nothing_mapped(state: State, model: FilterModel, work: Workspace) -> StepInf
     return StepInfo((), health, work.times(), False, calibration.turned, calibration.gain)
 
 
-def _split(population: Population, scan: Scan, model: FilterModel) -> Population:
+def _split(population: Population[State], scan: Scan, model: FilterModel) -> Population[State]:
     """The population with hypotheses split whose position is too wide to linearise what is heard about it."""
     from gridslam.inference.management.branching import LEAST_WIDTH_M, TOO_WIDE, WIDEST_M
 
@@ -201,13 +198,12 @@ def _split(population: Population, scan: Scan, model: FilterModel) -> Population
     if len(population) == 1 and len(states) > 1:  # the parent stays beside its parts, at even odds
         logs = [log - float(np.log(2)) for log in logs]
         states, logs, guard = [*states, population.best], [*logs, -float(np.log(2))], len(states)
-    fresh = replace(population, states=tuple(states), log_weight=tuple(logs), guard=guard, since=0)
-    return fresh.weighed(np.array(logs))
+    return population.having(states, logs, guard, since=0)
 
 
 def _stepped(
-    population: Population, scan: Scan, model: FilterModel, work: Workspace, step: Step
-) -> tuple[Population, StepInfo]:
+    population: Population[State], scan: Scan, model: FilterModel, work: Workspace, step: Step
+) -> tuple[Population[State], StepInfo]:
     """All hypotheses a step on, weighed by their evidence, the same ones merged and unlikely ones pruned."""
     since = population.since + 1
     after, infos = each_stepped(population, scan, model, work, step)
@@ -221,13 +217,13 @@ def _stepped(
     evidence = [comparable(i, s, model) for i, s in zip(infos, after, strict=True)]
     log = np.array(population.log_weight) + evidence
     likeliest = int(np.argmax(log))
-    population = replace(population, states=tuple(after), since=since).weighed(log)
+    population = population.having(after, log, population.guard, since=since)
     population = watched(reduce(population, model), lambda: evidence[likeliest], scan, model, work)
     return population, _judged(population, infos[likeliest], model)
 
 
 def each_stepped(
-    population: Population, scan: Scan, model: FilterModel, work: Workspace, step: Step
+    population: Population[State], scan: Scan, model: FilterModel, work: Workspace, step: Step
 ) -> tuple[list[State], list[StepInfo]]:
     """Each hypothesis a step on, by itself: what comes of one doesn't depend on the others.
 
@@ -248,15 +244,14 @@ def each_stepped(
 
 
 def _doubted(
-    population: Population, info: StepInfo, before: State, scan: Scan, model: FilterModel, work: Workspace,
-    step: Step,
-) -> Population:  # fmt: skip
+    population: Population[State], info: StepInfo, before: State, scan: Scan, model: FilterModel,
+    work: Workspace, step: Step,
+) -> Population[State]:  # fmt: skip
     """One hypothesis that has jumped to where the map says it is, and beside it one that has not."""
     work.recovers = False
     there, (here, other) = population.best, step(before, scan, model, work)
-    log = np.array([comparable(info, there, model) - HANDICAP, comparable(other, here, model)])
-    both = replace(population, states=(there, here), log_weight=tuple(log.tolist()), guard=1, since=0)
-    return reduce(both.weighed(log), model)
+    log = [comparable(info, there, model) - HANDICAP, comparable(other, here, model)]
+    return reduce(population.having((there, here), log, guard=1, since=0), model)
 
 
 def comparable(info: StepInfo, state: State, model: FilterModel) -> float:
@@ -269,7 +264,7 @@ def comparable(info: StepInfo, state: State, model: FilterModel) -> float:
     return log
 
 
-def _judged(population: Population, info: StepInfo, model: FilterModel) -> StepInfo:
+def _judged(population: Population[State], info: StepInfo, model: FilterModel) -> StepInfo:
     """What happened at a step, with what there is to say of all hypotheses."""
     reasons = [info.health.why] if info.health.why else []
     several = places(population)

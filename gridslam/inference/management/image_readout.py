@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.estimate_tables import PathEstimate, RingEstimate, SurfaceEstimate
+from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, RingEstimate, SurfaceEstimate
 from gridslam.inference.messages.image_prediction import image_distances
 from gridslam.inference.state.images import DirectState
+from gridslam.inference.state.population import Population, moments
 from gridslam.inference.state.rings import MOVING
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import crossing, direction, line_between, mirror_derivative, unit, wrap
@@ -38,6 +39,23 @@ def image_surfaces(state: DirectState, model: FilterModel) -> SurfaceEstimate:
     return SurfaceEstimate.from_lines(
         line, covariance, np.full(size, mean), np.full(size, variance), images.existence.copy(),
         images.extent.copy(), images.identity.copy(), images.anchor.copy(),
+    )  # fmt: skip
+
+
+def moving_moments(population: Population[DirectState]) -> tuple[Array, Array]:
+    """Mean (4,) and covariance (4, 4) of position and velocity in the mixture of all hypotheses."""
+    means = np.array([state.belief.mean[:MOVING] for state in population.states])
+    own = np.array([state.belief.covariance[:MOVING, :MOVING] for state in population.states])
+    return moments(population.weights, means, own)
+
+
+def image_hypotheses(population: Population[DirectState]) -> HypothesisEstimate:
+    """Table of all hypotheses; headings are those of the motion."""
+    means = np.array([state.belief.mean[:MOVING] for state in population.states])
+    return HypothesisEstimate(
+        population.weights, means[:, :2], np.arctan2(means[:, 3], means[:, 2]),
+        np.array([state.belief.covariance[:2, :2] for state in population.states]),
+        np.array([len(state.images) for state in population.states], np.int64),
     )  # fmt: skip
 
 

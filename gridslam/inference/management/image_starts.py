@@ -6,14 +6,13 @@ Such a place is a hypothesis, stepped by itself and weighed by its evidence; doc
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Self
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array
-from gridslam.estimates import HypothesisEstimate
 from gridslam.inference.management.hypotheses import NOT_FOUND
 from gridslam.inference.management.mixture import SLACK, TOGETHER
 from gridslam.inference.messages.distance_mode import FREE_M
@@ -26,7 +25,6 @@ from gridslam.inference.messages.image_prediction import predict_state
 from gridslam.inference.messages.signal_likelihood import Band, Complex, Inverse
 from gridslam.inference.state.images import DirectState
 from gridslam.inference.state.population import Population
-from gridslam.inference.state.rings import MOVING
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
@@ -49,49 +47,14 @@ UNSEEN = 4.0
 """The same of a line of sight that makes no peak, in ratio to peaks at most."""
 
 
-@dataclass(frozen=True, eq=False)
-class ImagePopulation(Population):
-    """Hypotheses of direct SLAM; see `Population`."""
-
-    states: tuple[DirectState, ...]  # type: ignore[assignment]
-
-    @classmethod
-    def of(cls, state: DirectState, searching: bool = False) -> Self:  # type: ignore[override]
-        """One hypothesis."""
-        return cls((state,), searching=searching)
-
-    @property
-    def best(self) -> DirectState:  # type: ignore[override]
-        """The likeliest hypothesis."""
-        return self.states[0]
-
-    def agent(self) -> tuple[Array, Array]:
-        """Mean (4,) and covariance (4, 4) of position and velocity in the mixture of all hypotheses."""
-        weight = self.weights
-        each = np.array([state.belief.mean[:MOVING] for state in self.states])
-        own = np.array([state.belief.covariance[:MOVING, :MOVING] for state in self.states])
-        mean = weight @ each
-        gap = each - mean
-        return mean, np.einsum("k,kij->ij", weight, own) + (weight[:, None] * gap).T @ gap
-
-    def described(self) -> HypothesisEstimate:
-        """Table of all hypotheses; headings are those of the motion."""
-        means = np.array([state.belief.mean[:MOVING] for state in self.states])
-        return HypothesisEstimate(
-            self.weights, means[:, :2], np.arctan2(means[:, 3], means[:, 2]),
-            np.array([state.belief.covariance[:2, :2] for state in self.states]),
-            np.array([len(state.images) for state in self.states], np.int64),
-        )  # fmt: skip
-
-
-def begun(state: DirectState, band: Band) -> ImagePopulation:
+def begun(state: DirectState, band: Band) -> Population[DirectState]:
     """The hypotheses before the first step: one; where its place is vague, it is searched for at first."""
-    return ImagePopulation.of(state, searching=state.spread_m > band.resolution_m)
+    return Population.of(state, searching=state.spread_m > band.resolution_m)
 
 
 def advance(
-    population: ImagePopulation, scan: SignalScan, model: SignalModel, step: Step
-) -> tuple[ImagePopulation, Any, str]:
+    population: Population[DirectState], scan: SignalScan, model: SignalModel, step: Step
+) -> tuple[Population[DirectState], Any, str]:
     """One step of all hypotheses: these, what happened in the likeliest, and what is amiss with the start."""
     band = Band.of(model.waveform.offset_hz, model.waveform.pulse)
     if population.searching and scan.heard.any():
@@ -105,7 +68,8 @@ def advance(
         return replace(population, states=states), infos[0], ""
     log = np.array(population.log_weight) + [log_evidence(info.found, band) for info in infos]
     likeliest = int(np.argmax(log))
-    population = _reduced(replace(population, states=states).weighed(log))
+    population = population.having(states, log)
+    population = population.merged(is_one, among=population.likely(HOPELESS))
     several = len(population)
     return population, infos[likeliest], f"{several} places remain" if several > 1 else ""
 
@@ -126,21 +90,6 @@ def log_evidence(found: Sequence[Found], band: Band) -> float:
     return total
 
 
-def _reduced(population: ImagePopulation) -> ImagePopulation:
-    """Without hypotheses that have become another one, or unlikely."""
-    states, logs = population.states, list(population.log_weight)
-    kept = list[int]()
-    for row in range(len(population)):
-        if logs[row] < logs[0] - HOPELESS:
-            continue
-        same = next((other for other in kept if is_one(states[other], states[row])), None)
-        if same is None:
-            kept.append(row)
-        else:
-            logs[same] = float(np.logaddexp(logs[same], logs[row]))
-    return replace(population, log_weight=tuple(logs)).take(kept)
-
-
 def is_one(one: DirectState, other: DirectState) -> bool:
     """Whether two hypotheses have the agent at one place, and every image that either believes in."""
     gap = one.belief.mean[:2] - other.belief.mean[:2]
@@ -156,7 +105,7 @@ def is_one(one: DirectState, other: DirectState) -> bool:
     return True
 
 
-def _started(state: DirectState, scan: SignalScan, model: SignalModel, band: Band) -> ImagePopulation:
+def _started(state: DirectState, scan: SignalScan, model: SignalModel, band: Band) -> Population[DirectState]:
     """A hypothesis at each place where the lines of sight of a scan may be."""
     prior = predict_state(state, scan.time_s, 1, model)
     places = find_places(prior, scan, model, band)
@@ -168,8 +117,7 @@ def _started(state: DirectState, scan: SignalScan, model: SignalModel, band: Ban
         mean = prior.belief.mean.copy()
         mean[:2] = place
         states.append(replace(state, belief=replace(state.belief, mean=mean, covariance=covariance)))
-    log = np.full(len(states), -np.log(len(states)))
-    return ImagePopulation(tuple(states), tuple(log.tolist()), since=0)
+    return Population(tuple(states), (-float(np.log(len(states))),) * len(states), since=0)
 
 
 def find_places(prior: DirectState, scan: SignalScan, model: SignalModel, band: Band) -> Array:

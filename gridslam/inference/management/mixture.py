@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +10,8 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.state.arrangement import arranged, unparked
-from gridslam.inference.state.layout import HEADING
-from gridslam.inference.state.population import NONE, Population
+from gridslam.inference.state.layout import AGENT, HEADING
+from gridslam.inference.state.population import Population, moments
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import unit, wrap
@@ -22,59 +23,53 @@ TOGETHER = 3.0
 """Squared pooled deviations within which two agents are one."""
 TURN_RAD, SHIFT_M, FOUND = 0.1, 0.3, 0.5
 """Within which two surfaces are one; existence from which on a surface needs its twin."""
-HOPELESS, CAP, GUARDED = 14.0, 60, 10
-"""Log weight behind the best at which a hypothesis is pruned, hypotheses at most, steps for which the parent
-of a branching is kept whatever its weight."""
+HOPELESS, CAP = 14.0, 60
+"""Log weight behind the best at which a hypothesis is pruned, hypotheses at most."""
 PLACE_COUNTS, PLACE_COUNTS_AT_FIRST, AT_FIRST = 0.01, 1e-4, 30
 """Weight from which on a place is one that remains; the same for so many steps after a branching, whose
 evidence is that of vague beliefs."""
 
 
-def reduce(population: Population, model: FilterModel) -> Population:
+def reduce(population: Population[State], model: FilterModel) -> Population[State]:
     """Merge what has become the same, prune what has become unlikely."""
-    return population if len(population) == 1 else pruned(merged(population, model))
+    return population if len(population) == 1 else merged(population, model).pruned(HOPELESS, CAP)
 
 
-def pruned(population: Population) -> Population:
-    """The population without those too far behind the best, and without the last beyond the cap."""
-    best = population.log_weight[0]
-    guarded = population.guard if population.since <= GUARDED else NONE
-    rows = [
-        k for k, log in enumerate(population.log_weight)
-        if k == guarded or (log > best - HOPELESS and k < CAP)
-    ]  # fmt: skip
-    return population if len(rows) == len(population) else population.take(rows)
-
-
-def merged(population: Population, model: FilterModel) -> Population:
+def merged(population: Population[State], model: FilterModel) -> Population[State]:
     """The population with hypotheses of one world merged into the likeliest of them, weights added.
 
     Where both hold the same surfaces, as siblings of a split do, their beliefs are moment-matched.
     """
-    states, logs = list(population.states), list(population.log_weight)
-    near = together(states)
-    left = list(range(len(states)))
-    guard, kept = population.guard, list[int]()
-    while left:
-        one = left.pop(0)
-        for other in list(left):
-            if guard in (one, other) and population.since <= GUARDED:
-                continue
-            if not near[one, other] or not same_world(states[one], states[other], model):
-                continue
-            if same_identities(states[one], states[other], model):
-                states[one] = moment_matched(states[one], states[other], logs[one], logs[other])
-            logs[one] = float(np.logaddexp(logs[one], logs[other]))
-            left.remove(other)
-            guard = one if guard == other else guard
-        kept.append(one)
-    if len(kept) == len(states):
-        return population
-    whole = replace(population, states=tuple(states), log_weight=tuple(logs), guard=guard)
-    return whole.take(kept)
+
+    def same(one: State, other: State) -> bool:
+        return same_world(one, other, model)
+
+    def join(one: State, other: State, log_one: float, log_other: float) -> State:
+        if not same_identities(one, other, model):
+            return one
+        return moment_matched(one, other, log_one, log_other)
+
+    return population.merged(same, together(population.states), join)
 
 
-def together(states: list[State]) -> NDArray[np.bool_]:
+def poses(population: Population[State]) -> Array:
+    """Means of the agent's pose in every hypothesis, (K, 3) m, m, rad."""
+    return np.array([state.belief.mean[POSE] for state in population.states])
+
+
+def agent_moments(population: Population[State]) -> tuple[Array, Array]:
+    """Mean (5,) and covariance (5, 5) of the agent in the mixture of all hypotheses."""
+    if len(population) == 1:
+        belief = population.best.belief
+        return belief.mean[:AGENT].copy(), belief.covariance[:AGENT, :AGENT].copy()
+    first = population.best.belief.mean[HEADING]
+    means = np.array([state.belief.mean[:AGENT] for state in population.states])
+    means[:, HEADING] = first + wrap(means[:, HEADING] - first)
+    own = np.array([state.belief.covariance[:AGENT, :AGENT] for state in population.states])
+    return moments(population.weights, means, own)
+
+
+def together(states: Sequence[State]) -> NDArray[np.bool_]:
     """Which agents (K, K) are within `TOGETHER` squared pooled deviations of each other."""
     pose = np.array([state.belief.mean[POSE] for state in states])
     spread = np.array([state.belief.covariance[np.ix_(POSE, POSE)] for state in states])
@@ -134,7 +129,7 @@ def moment_matched(one: State, other: State, log_one: float, log_other: float) -
     return replace(arranged(matched, active), surfaces=one.surfaces)
 
 
-def places(population: Population) -> int:
+def places(population: Population[State]) -> int:
     """How many places the agent may be at: hypotheses that count, merged by pose alone."""
     least = PLACE_COUNTS_AT_FIRST if population.since <= AT_FIRST else PLACE_COUNTS
     rows = [k for k, log in enumerate(population.log_weight) if log > np.log(least)]

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.estimates import Estimate
+from gridslam.inference.management.clock_rivals import unset_clocks
 from gridslam.inference.management.readout import estimates
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
-from gridslam.inference.state.network_population import NetworkPopulation
 from gridslam.inference.state.network_state import NetworkState
+from gridslam.inference.state.population import Population
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.geometry import wrap
 from gridslam.world.network_model import NetworkModel
@@ -61,8 +62,8 @@ class NetworkEstimate:
 
 
 def network_estimate(
-    population: NetworkPopulation, scan: NetworkScan, infos: Sequence[StepInfo | None], model: NetworkModel,
-    began: float, *, works: Sequence[Workspace],
+    population: Population[NetworkState], scan: NetworkScan, infos: Sequence[StepInfo | None],
+    model: NetworkModel, began: float, *, works: Sequence[Workspace],
 ) -> NetworkEstimate:  # fmt: skip
     """MMSE estimates of agents, surfaces and clocks; the step began at `began`, `time.perf_counter`."""
     state, found = population.best, dict[str, Estimate | None]()
@@ -78,7 +79,7 @@ def network_estimate(
         offset, covariance = state.belief.clock_offsets()
     return NetworkEstimate(
         scan.step, scan.time_s, found, (*model.anchor_names, *model.names), offset / SPEED_OF_LIGHT,
-        covariance / SPEED_OF_LIGHT**2, population.unset, labels,
+        covariance / SPEED_OF_LIGHT**2, unset_clocks(population), labels,
     )  # fmt: skip
 
 

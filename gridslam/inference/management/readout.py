@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, SurfaceEstimate
+from gridslam.inference.management.mixture import poses
 from gridslam.inference.messages.prediction import links_of
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.population import Population
@@ -58,12 +59,11 @@ def estimates(
     return table, replace(paths, anchor=paths.anchor % model.senders, amplitude=amplitude)
 
 
-def described(population: Population) -> HypothesisEstimate:
+def described(population: Population[State]) -> HypothesisEstimate:
     """Table of all hypotheses."""
-    beliefs = [state.belief for state in population.states]
-    poses = population.poses
+    beliefs, pose = [state.belief for state in population.states], poses(population)
     return HypothesisEstimate(
-        population.weights, poses[:, :2], wrap(poses[:, 2]),
+        population.weights, pose[:, :2], wrap(pose[:, 2]),
         np.array([belief.covariance[:2, :2] for belief in beliefs]),
         np.array([len(state.every_existence) for state in population.states], np.int64),
     )  # fmt: skip

@@ -1,19 +1,28 @@
-"""Several hypotheses: whole states, each with a weight. Mostly there is one."""
+"""Several hypotheses: whole states, each with a weight, whatever kind of state it is. Mostly there is one."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.state.layout import AGENT
 from gridslam.inference.state.range_watch import RangeWatch
-from gridslam.inference.state.state import State
-from gridslam.world.geometry import wrap
 
+S = TypeVar("S")
+"""The kind of state."""
+Same = Callable[[S, S], bool]
+"""Whether two states are one world."""
+Join = Callable[[S, S, float, float], S]
+"""One state in place of two of one world, of their log weights."""
 NONE = -1
+GUARDED = 10
+"""Steps for which the parent of a branching is kept whatever its weight."""
+LATER = {"later": True}
+"""Of fields that files of earlier versions may lack."""
 
 
 @dataclass(frozen=True)
@@ -38,14 +47,14 @@ class Watch:
 
 
 @dataclass(frozen=True, eq=False)
-class Population:
-    """Hypotheses about all that a filter believes. A value, as each state is.
+class Population(Generic[S]):
+    """K hypotheses about all that a filter believes. A value, as each state is.
 
     Attributes
     ----------
-    states : tuple of State
+    states : tuple of S, K
         The likeliest first.
-    log_weight : tuple of float
+    log_weight : tuple of float, K
         Their exponentials sum to 1.
     searching : bool
         Whether the start isn't found yet: the one state is the prior, moved on.
@@ -58,27 +67,45 @@ class Population:
     watch : Watch
     ranges : RangeWatch or None
         What lines of sight that cross say of the distances; None before the first step.
+
+    Raises
+    ------
+    ValueError
+        No states, or not a weight for each.
     """
 
-    states: tuple[State, ...]
+    states: tuple[S, ...]
     log_weight: tuple[float, ...] = (0.0,)
-    searching: bool = False
-    waited: int = 0
-    guard: int = NONE
-    since: int = 1_000_000
-    watch: Watch = field(default_factory=Watch)
+    searching: bool = field(default=False, metadata=LATER)
+    waited: int = field(default=0, metadata=LATER)
+    guard: int = field(default=NONE, metadata=LATER)
+    since: int = field(default=1_000_000, metadata=LATER)
+    watch: Watch = field(default_factory=Watch, metadata=LATER)
     ranges: RangeWatch | None = None
+
+    FORMER_NAMES: ClassVar = ("ImagePopulation", "NetworkPopulation")
+    """By which files of earlier versions call it."""
+
+    def __post_init__(self) -> None:
+        if not 0 < len(self.states) == len(self.log_weight):
+            raise ValueError(f"{len(self.states)} states with {len(self.log_weight)} weights")
 
     def __len__(self) -> int:
         return len(self.states)
 
     @classmethod
-    def of(cls, state: State, searching: bool = False) -> Self:
+    def of(cls, state: S, searching: bool = False) -> Self:
         """One hypothesis."""
         return cls((state,), searching=searching)
 
     @property
-    def best(self) -> State:
+    def kind(self) -> Any:
+        """Its type with that of its states, by which files are read."""
+        whole: Any = type(self)
+        return whole[type(self.best)]
+
+    @property
+    def best(self) -> S:
         """The likeliest hypothesis."""
         return self.states[0]
 
@@ -87,45 +114,105 @@ class Population:
         """Probability of every hypothesis, (K,)."""
         return np.exp(self.log_weight)
 
-    @property
-    def poses(self) -> Array:
-        """Means of the agent's pose, (K, 3) m, m, rad."""
-        return np.array([state.belief.mean[[0, 1, 4]] for state in self.states])
+    def having(
+        self, states: Sequence[S], log_weight: Array | Sequence[float], guard: int = NONE, **changes: Any
+    ) -> Self:
+        """The same with other states of any log weights, which are normalised, the likeliest first.
 
-    def weighed(self, log_weight: Array) -> Self:
-        """The same with other weights, which are normalised, the likeliest first."""
-        if len(self) == 1:
-            return self
-        total = np.logaddexp.reduce(log_weight)
-        order = np.argsort(-log_weight, kind="stable").tolist()
-        guard = NONE if self.guard == NONE else order.index(self.guard)
+        Parameters
+        ----------
+        guard : int
+            Which of these states is not pruned for a while.
+        **changes
+            Of other fields.
+        """
+        log = np.asarray(log_weight, dtype=float)
+        total = np.logaddexp.reduce(log)
+        order = np.argsort(-log, kind="stable").tolist()
         return replace(
             self,
-            states=tuple(self.states[k] for k in order),
-            log_weight=tuple(float(log_weight[k] - total) for k in order),
-            guard=guard,
+            states=tuple(states[k] for k in order),
+            log_weight=tuple(float(log[k] - total) for k in order) if len(order) > 1 else (0.0,),
+            guard=NONE if guard == NONE else order.index(guard),
+            **changes,
         )
 
-    def take(self, rows: list[int]) -> Self:
-        """Some of the hypotheses, in their order; weights are normalised."""
+    def take(self, rows: Sequence[int]) -> Self:
+        """Some of the hypotheses; weights are normalised."""
         guard = rows.index(self.guard) if self.guard in rows else NONE
-        kept = replace(
-            self,
-            states=tuple(self.states[k] for k in rows),
-            log_weight=tuple(self.log_weight[k] for k in rows) if len(rows) > 1 else (0.0,),
-            guard=guard,
-        )
-        return kept.weighed(np.array(kept.log_weight))
+        log = [self.log_weight[k] for k in rows]
+        return self.having([self.states[k] for k in rows], log, guard)
 
-    def agent(self) -> tuple[Array, Array]:
-        """Mean (5,) and covariance (5, 5) of the agent in the mixture of all hypotheses."""
-        if len(self) == 1:
-            belief = self.best.belief
-            return belief.mean[:AGENT].copy(), belief.covariance[:AGENT, :AGENT].copy()
-        weights, first = self.weights, self.best.belief.mean[4]
-        each = np.array([state.belief.mean[:AGENT] for state in self.states])
-        each[:, 4] = first + wrap(each[:, 4] - first)
-        mean = weights @ each
-        gap = each - mean
-        own = np.array([state.belief.covariance[:AGENT, :AGENT] for state in self.states])
-        return mean, np.einsum("k,kij->ij", weights, own) + (weights[:, None] * gap).T @ gap
+    def likely(self, hopeless: float, most: int | None = None) -> list[int]:
+        """The first rows, whose log weight is less than `hopeless` behind the best; the guard for a while."""
+        guarded, best = self._guarded, self.log_weight[0]
+        most = len(self) if most is None else most
+        return [
+            k for k, log in enumerate(self.log_weight)
+            if k == guarded or (log > best - hopeless and k < most)
+        ]  # fmt: skip
+
+    def pruned(self, hopeless: float, most: int | None = None) -> Self:
+        """Without those that aren't `likely`."""
+        rows = self.likely(hopeless, most)
+        return self if len(rows) == len(self) else self.take(rows)
+
+    def merged(
+        self,
+        same: Same[S],
+        near: NDArray[np.bool_] | None = None,
+        join: Join[S] | None = None,
+        among: Sequence[int] | None = None,
+    ) -> Self:
+        """Hypotheses of one world merged into the likeliest of them, weights added; the guard only later.
+
+        Parameters
+        ----------
+        same : callable
+            Whether two states are one world.
+        near : (K, K) bool, optional
+            Which of them need to be asked for; default: all.
+        join : callable, optional
+            The state that stands for two; default: the likelier one as it is.
+        among : sequence of int, optional
+            Rows that are merged, the others dropped; default: all.
+        """
+        states, logs = list(self.states), list(self.log_weight)
+        left, guarded = list(range(len(states)) if among is None else among), self._guarded
+        guard, kept = self.guard, list[int]()
+        while left:
+            one = left.pop(0)
+            for other in list(left):
+                if guarded != NONE and guarded in (one, other):
+                    continue
+                if (near is not None and not near[one, other]) or not same(states[one], states[other]):
+                    continue
+                if join is not None:
+                    states[one] = join(states[one], states[other], logs[one], logs[other])
+                logs[one] = float(np.logaddexp(logs[one], logs[other]))
+                left.remove(other)
+                guard = one if guard == other else guard
+            kept.append(one)
+        if among is None and len(kept) == len(states):
+            return self
+        return replace(self, states=tuple(states), log_weight=tuple(logs), guard=guard).take(kept)
+
+    @property
+    def _guarded(self) -> int:
+        """The row that is neither pruned nor merged as yet."""
+        return self.guard if self.since <= GUARDED else NONE
+
+
+def moments(weights: Array, means: Array, covariances: Array) -> tuple[Array, Array]:
+    """Mean (n,) and covariance (n, n) of a mixture of K Gaussians.
+
+    Parameters
+    ----------
+    weights : (K,)
+    means : (K, n)
+        Angles unwrapped.
+    covariances : (K, n, n)
+    """
+    mean = weights @ means
+    gap = means - mean
+    return mean, np.einsum("k,kij->ij", weights, covariances) + (weights[:, None] * gap).T @ gap
