@@ -19,20 +19,20 @@ def rescaled(belief: Array, factor: Array, nodes: Array, fine: float, ratio: flo
     return total
 
 
-def walk(kept: Array, length: Array, existence: Array, table: Array, number: Array) -> tuple[Array, Array]:
-    """Twin of `histograms.walk`: histograms ahead (L, K), and mean amplitudes before (L,)."""
+def walk(kept: Array, length: Array, existence: Array, table: Array, number: Array) -> Array:
+    """Twin of `histograms.walk`: histograms ahead (L, K)."""
     nodes, gap, stay, rise, fall = table[:5]
     fine, ratio, at_1m, p_stay, p_appear = number[:5]
     step = np.diag(stay) + np.diag(rise[:-1], 1) + np.diag(fall[1:], -1)
     free = at_1m / np.maximum(length[1], 1e-3)
     fresh = gap * (nodes <= np.maximum(np.minimum(free, nodes[-1]), 2 * nodes[0])[:, None])
     fresh = fresh / fresh.sum(1, keepdims=True)
-    rows, stayed, mean = length[0] >= 0, fresh.copy(), 0.5 * free
+    rows, stayed = length[0] >= 0, fresh.copy()
     now = rescaled(kept[rows], length[0, rows] / np.maximum(length[1, rows], 1e-3), nodes, fine, ratio)
-    stayed[rows], mean[rows] = now @ step, now @ nodes
+    stayed[rows] = now @ step
     before = np.clip((existence - p_appear) / (p_stay - p_appear), 0.0, 1.0)
     share = (p_appear * (1 - before) / np.maximum(existence, 1e-12))[:, None]
-    return (1 - share) * stayed + share * fresh, mean
+    return np.asarray((1 - share) * stayed + share * fresh)
 
 
 def listen(

@@ -114,8 +114,8 @@ class SurfaceFront(FilterFront[Heard, Population[State]]):
         """Amplitudes (L,) of rays of given distances (L,); None where they follow from coefficients."""
         if state.amplitudes is None:
             return None
-        radio, work = self.model.radio, self.work
-        return lambda rays, distance: mean_amplitudes(state, rays, distance, radio, work=work)
+        radio = self.model.radio
+        return lambda rays, distance: mean_amplitudes(state, rays, distance, radio)
 
     def estimate(self, believed: Population[State], scan: Heard, info: StepInfo, began: float) -> Estimate:
         """MMSE estimates of the agent; surfaces and paths of the likeliest hypothesis; all hypotheses."""

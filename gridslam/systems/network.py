@@ -7,12 +7,12 @@ that has marginal beliefs and virtual anchors per anchor; docs/model.md, section
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.errors import InputError
 from gridslam.inference.management.clock_rivals import advance
 from gridslam.inference.management.network_merging import merge_and_prune_shared
@@ -35,7 +35,7 @@ from gridslam.inference.messages.ray_amplitudes import (
     update_amplitudes,
 )
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
-from gridslam.inference.state.anchor_measurements import AnchorScan, of_all_anchors, split_by_anchor
+from gridslam.inference.state.anchor_measurements import AnchorScan, split_by_anchor, whole_scan
 from gridslam.inference.state.belief import lines_covariance
 from gridslam.inference.state.network_state import NetworkState
 from gridslam.inference.state.population import Population
@@ -148,7 +148,7 @@ def by_anchor(
 ) -> tuple[State, list[AnchorScan]]:  # fmt: skip
     """A scan by anchors where it says whose it is, else whole; with all known, a lost agent is found."""
     if not network.labelled:
-        return state, [of_all_anchors(scan, model.radio.threshold)]
+        return state, [work.once(whole_scan, scan, model)]
     scans = split_by_anchor(scan, model)
     if not state.belief.clocks:
         state = recover_pose(state, scans, earlier_s, model, work=work)

@@ -46,6 +46,8 @@ UNTOLD = 0.3
 """V of a birth whose path is impossible at the mean: elsewhere it isn't, or it wouldn't be one."""
 DOUBLE_SHARE = 0.5
 """Births by each kind of double bounce over births by single bounces."""
+HIGHEST = 1.0
+"""More than any density of an amplitude: that of a Rician of variance 1/2 or more is 0.86 at most."""
 WIDEST = 2.5
 """Deviation of an AoD that is as good as none."""
 
@@ -225,11 +227,18 @@ def propose(
             usual = amplitude if amplitude >= 0 else anchors.radio[anchor, AT_1M] / ti.max(length, 1e-3) * 0.5
             std = known_std(anchors.radio, anchor, heard, m, usual, lean_of(length, place[4]))
             clutter = anchors.radio[anchor, FALSE_ALARMS] * clutter_of(anchors.radio, anchor, amplitude)
-            level[0] = mean_rician(anchors.radio, anchor, length, amplitude, 1.0) / clutter
-            level[1] = mean_rician(anchors.radio, anchor, length, amplitude, USUAL_REFLECTION) / clutter
             # what a hypothesis could be worth at most: the AoD right on, the image next to the anchor
-            most = ti.max(level[0], level[1]) if hypotheses > 1 else level[0]
-            keep = common * most / ROOT_TURN > least * ti.min(std[1], WIDEST)
+            worth = least * ti.min(std[1], WIDEST) * ROOT_TURN
+            keep = common * HIGHEST / clutter > worth
+            if keep:
+                level[0] = mean_rician(anchors.radio, anchor, length, amplitude, 1.0) / clutter
+                most = level[0]
+                if hypotheses > 1:
+                    level[1] = (
+                        mean_rician(anchors.radio, anchor, length, amplitude, USUAL_REFLECTION) / clutter
+                    )
+                    most = ti.max(level[0], level[1])
+                keep = common * most > worth
         reach, reach_std = ti.cast(heard[m, 0], ti.f32), ti.cast(std[0], ti.f32)
         arrival, arrival_std = ti.cast(heard[m, 2], ti.f32), ti.cast(std[2], ti.f32)
         departure, departure_std = ti.cast(heard[m, 1] + place[2], ti.f32), ti.cast(std[1], ti.f32)

@@ -20,8 +20,8 @@ HEARD = 1e-3
 def rescale(
     kept: ti.template(), row, factor, number: ti.template(), table: ti.template(), out: ti.template()
 ):
-    """Write what a histogram is where amplitudes are `factor` times what they were; return their mean."""
-    last, mean = kept.shape[1] - 1, ti.cast(0.0, ti.f64)
+    """Write what a histogram is where amplitudes are `factor` times what they were."""
+    last = kept.shape[1] - 1
     for n in range(last + 1):
         out[n] = 0.0
     for n in range(last + 1):
@@ -32,8 +32,6 @@ def rescale(
         above = kept[row, n] * (place - below)
         before, after = out[below], out[below + 1]
         out[below], out[below + 1] = before + kept[row, n] - above, after + above
-        mean += (kept[row, n] - above) * table[NODES, below] + above * table[NODES, below + 1]
-    return mean
 
 
 @quick
@@ -46,7 +44,6 @@ def walk(
     number: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [6] see `FINE`
     scratch: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K]
     ahead: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] out: histograms one step ahead, (M43)
-    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] out: mean amplitude before that step
 ):
     """Let amplitudes walk, about what free space makes of a path's new length; rays may appear."""
     ti.loop_config(serialize=True)
@@ -59,9 +56,8 @@ def walk(
             for n in range(last + 1):
                 total += table[GAP, n] if table[NODES, n] <= reach else 0.0
             share = ti.cast(1.0, ti.f64)  # of a ray that appears: it may have any amplitude up to that
-            mean[row] = 0.5 * number[AT_1M] / far
             if length[0, row] >= 0:
-                mean[row] = rescale(kept, row, length[0, row] / far, number, table, scratch)
+                rescale(kept, row, length[0, row] / far, number, table, scratch)
                 before = ti.max(0.0, ti.min((there - chance) / (number[P_STAY] - chance), 1.0))
                 share = chance * (1 - before) / ti.max(there, 1e-12)
             for n in range(last + 1):

@@ -30,7 +30,7 @@ def test_evidence_of_one_path_and_one_measurement_is_the_textbook_ratio():
     value, spread, noise = np.array([8.0, 0.3, -2.9]), root @ root.T, np.array([0.2, 0.05, 0.08])
     measured, chance, clutter = np.array([[4.7, 0.35, 3.1]]), np.array([0.7]), 5 / 130 / (4 * np.pi**2)
     others = np.array([[clutter]])
-    found = clock_evidence(value[None], spread[None], chance, measured, noise[None, None], others, CENTRE)
+    found = clock_evidence(value[None], spread[None], chance, measured, noise[None, None], others, CENTRE)[0]
     whole = spread + np.diag(noise**2 + np.array([0.1**2 / 12, 0, 0]))
     residual = [(measured[0] - value)[0], 0.05, 3.1 + 2.9 - 2 * np.pi]
     density = [multivariate_normal.pdf(residual - np.array([b, 0, 0]), cov=whole) for b in CENTRE]
@@ -44,7 +44,7 @@ def test_an_angle_that_was_not_measured_says_nothing():
         value, spread, chance, np.array([[4.7, np.nan, -2.8]]), std, np.array([[0.01]]), CENTRE
     )
     by_hand = norm.pdf(-3.3 - CENTRE, 0, np.sqrt(0.05 + 0.1**2 / 12)) * norm.pdf(0.1, 0, np.sqrt(0.02))
-    np.testing.assert_allclose(found, np.log(0.3 + 0.7 * by_hand / (2 * np.pi) / 0.01), rtol=1e-9)
+    np.testing.assert_allclose(found[0], np.log(0.3 + 0.7 * by_hand / (2 * np.pi) / 0.01), rtol=1e-9)
     nothing = clock_evidence(
         value, spread, chance, np.array([[np.nan, 0.3, -2.9]]), std, np.array([[0.01]]), CENTRE
     )

@@ -55,7 +55,7 @@ def ahead(state, existence, distance):
 
 
 def mean(state, distance):
-    return mean_amplitudes(state, one_ray(), np.array([distance]), SIGNAL, work=WORK)
+    return mean_amplitudes(state, one_ray(), np.array([distance]), SIGNAL)
 
 
 def followed(amplitudes, existence=0.9, distance=3.0):

@@ -1,5 +1,6 @@
 """Network SLAM: several agents find themselves, each other's clocks, and whose each measurement is."""
 
+import sys
 from dataclasses import replace
 
 import h5py
@@ -205,3 +206,27 @@ def test_scans_that_make_no_sense_are_refused(exchange, heard):
     for names, says in ((["agent1", "agent1"], "twice"), (["nobody"], "nobody"), ([], "none")):
         with pytest.raises(InputError, match=says):
             NetworkSlam(exchange, agents=names)
+
+
+def work_of(scene, scans, seed):
+    """Arrays that kernels are handed by steps of a filter, from the fifth step on: what a step costs."""
+    slam, handed = NetworkSlam(scene, seed=seed, agents=AGENTS[: len(scans[0].scans)]), 0
+
+    def count(frame, event, what):
+        nonlocal handed
+        handed += event == "c_call" and what.__name__ == "set_arg_external_array_with_shape"
+
+    for number, scan in enumerate(scans):
+        if number == 4:
+            sys.setprofile(count)
+        slam.step(scan)
+    sys.setprofile(None)
+    return handed
+
+
+@pytest.mark.slow
+def test_three_agents_cost_about_three_times_what_one_does(exchange, heard):
+    scans = list(heard[0])[:10]
+    alone = [NetworkScan(scan.step, scan.time_s, scan.scans[:1]) for scan in scans]
+    one, three = work_of(exchange, alone, 1), work_of(exchange, scans, 1)
+    assert 0 < three < 4 * one  # more births among them: several views of each wall

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import cast
 
 import numpy as np
 
+from gridslam.arrays import replace
 from gridslam.inference.management.ghosts import drop_ghosts
 from gridslam.inference.management.merging import MOST_SURFACES, dropped, merge, prune
 from gridslam.inference.management.step_info import StepInfo

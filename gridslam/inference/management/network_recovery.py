@@ -7,13 +7,13 @@ much longer as that clock is believed to be ahead of the agent's.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.management.pose_fix import (
     COPIES,
     LOUDEST,
@@ -25,7 +25,7 @@ from gridslam.inference.management.pose_fix import (
 )
 from gridslam.inference.management.pose_recovery import PURPOSE, freed, is_vague, near_paths
 from gridslam.inference.messages.likelihood import DetectionTable, detection_table, deviations
-from gridslam.inference.state.anchor_measurements import AnchorScan, of_all_anchors
+from gridslam.inference.state.anchor_measurements import AnchorScan, whole_scan
 from gridslam.inference.state.health import MOST_LOUD
 from gridslam.inference.state.layout import AGENT
 from gridslam.inference.state.network_state import NetworkState
@@ -118,7 +118,7 @@ def _recovered(
     state: NetworkState, agent: int, scan: Scan, earlier_s: float | None, model: FilterModel, *,
     work: Workspace,
 ) -> NetworkState:  # fmt: skip
-    heard, part = of_all_anchors(scan, model.radio.threshold), state.part(agent)
+    heard, part = work.once(whole_scan, scan, model), state.part(agent)
     count, near = int(np.count_nonzero(heard.loud)), near_paths([heard], part, model)
     vague, lost = is_vague(part.belief), part.monitor.is_lost(count, near)
     if not lost:

@@ -96,7 +96,10 @@ def propose_births(
     if len(bank) != surfaces or cloud.surfaces != surfaces or not -1 <= anchor < len(model.anchors):
         raise ValueError("surfaces or anchors don't belong together")
     able = _senders(anchor, model.senders)
-    senders = able if senders is None else able[np.isin(able, senders)]
+    if senders is None or len(senders) == model.senders:
+        senders = able
+    else:
+        senders = able[np.isin(able, senders)]
     capacity, hypotheses = -(-len(heard) // PORTION) * PORTION, len(known) * len(senders)
     births = work.buffers(_rows, 0, capacity, hypotheses)
     launch(

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.messages.likelihood import deviations
-from gridslam.inference.messages.prediction import EVERY_ANCHOR, predict_paths
-from gridslam.inference.state.anchor_measurements import AnchorScan, of_all_anchors
+from gridslam.inference.messages.prediction import predict_every_path
+from gridslam.inference.state.anchor_measurements import AnchorScan, whole_scan
 from gridslam.inference.state.clock_search import CELL_M
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -25,7 +27,7 @@ SURE_SURFACE = 0.9
 LIKELY = 0.1
 """Chance from which on a path of another anchor counts as what caused a measurement."""
 NOTHING = 1e-9
-"""Share of a path's being missed below which a measurement says nothing of it."""
+"""Share of a path's being missed below which a measurement says nothing of it, at an offset or at all."""
 LEVEL_SHARE, WEAKENED = 0.12, 0.02
 """Deviation of a path's amplitude from what its length makes it (1 dB), and share of those far off it."""
 
@@ -58,15 +60,15 @@ def agent_evidence(
     (J, C)
     """
     radio = model.radio
-    believed = predict_paths(part, EVERY_ANCHOR, model, work=work).prediction
+    believed = predict_every_path(part, model, work=work).prediction
     value, width = believed.value.copy(), believed.spread.copy()  # the next prediction takes their buffer
-    paths = predict_paths(bare, EVERY_ANCHOR, model, work=work)
+    paths = predict_every_path(bare, model, work=work)
     rays, length, predicted = paths.rays, paths.prediction.length, paths.prediction.value
     level = np.append(bare.surfaces.reflection @ REFLECTION_BINS, 1.0)[rays.last]
     amplitude = radio.amplitude(length, level)
     chance = rays.existence * rays.surfaces * radio.detection_probability(amplitude)
     sure = (rays.bounces == 0) | ((rays.bounces == 1) & (rays.surfaces > SURE_SURFACE))
-    heard, total = of_all_anchors(scan, radio.threshold), np.zeros((len(sought), len(centre)))
+    heard, total = work.once(whole_scan, scan, model), np.zeros((len(sought), len(centre)))
     steep = lean(length, np.asarray(model.anchor_heights)[rays.anchor])
     ratio = amplitude_ratio(heard.amplitude, amplitude, radio)
     spread = paths.prediction.spread
@@ -80,23 +82,29 @@ def agent_evidence(
         density = joint_density(value[rows], width[rows], heard.value, accuracy(rows))
         may = (heard.label < 0) | (heard.label == rays.anchor[rows, None])
         share = np.where(may, chance[rows, None] * ratio[rows] * density, 0.0)
-        np.add.at(caused, rays.anchor[rows], share)
+        caused = by_anchor(share, rays.anchor[rows], len(sought))
     clutter = radio.false_alarms / (radio.span_m * 4 * np.pi**2) + caused.sum(0) - caused
-    for anchor in np.flatnonzero(sought):
-        mine = np.flatnonzero(sure & (rays.anchor == anchor) & (chance > 0))
-        able = (heard.label < 0) | (heard.label == anchor)
-        if len(mine):
-            total[anchor] = clock_evidence(
-                predicted[mine], spread[mine], chance[mine], heard.value[able], accuracy(mine)[:, able],
-                clutter[anchor, able] / ratio[mine][:, able], centre,
-            )  # fmt: skip
+    mine = np.flatnonzero(sure & sought[rays.anchor] & (chance > 0))
+    if len(mine):
+        sender = rays.anchor[mine]
+        able = (heard.label < 0) | (heard.label == sender[:, None])
+        others = np.where(able, clutter[sender] / ratio[mine], np.inf)
+        each = clock_evidence(
+            predicted[mine], spread[mine], chance[mine], heard.value, accuracy(mine), others, centre
+        )
+        total = by_anchor(each, sender, len(sought))
     return total
+
+
+def by_anchor(value: Array, sender: NDArray[np.integer[Any]], anchors: int) -> Array:
+    """Sums (J, ...) of the rows of each anchor's paths."""
+    return np.array([value[sender == anchor].sum(0) for anchor in range(anchors)])
 
 
 def clock_evidence(
     predicted: Array, spread: Array, chance: Array, measured: Array, std: Array, clutter: Array, centre: Array
 ) -> Array:
-    """Log evidence of one agent's measurements about the offset of one anchor's clock.
+    """Log evidence of one agent's measurements about the offset of each path's anchor's clock.
 
     Over its paths l and the measurements m, ``sum_l log(1 - c_l + sum_m c_l r_lm N(angles of m)
     N(distance of m; d_l + beta | angles) / (mu f))``, with c the probability that path l is there and
@@ -106,7 +114,7 @@ def clock_evidence(
     Parameters
     ----------
     predicted : (L, 3)
-        Distance (m, without the anchor's clock), AoD and AoA (rad) of the anchor's paths.
+        Distance (m, without the anchor's clock), AoD and AoA (rad) of paths.
     spread : (L, 3, 3)
         Their covariance by the belief, without that clock.
     chance : (L,)
@@ -117,24 +125,29 @@ def clock_evidence(
         Deviations, if path l caused m.
     clutter : (L, M)
         mu f / r: density of clutter over distance and both angles, 1 / (m rad^2), by what the amplitude
-        says for the path, see `amplitude_ratio`.
+        says for the path, see `amplitude_ratio`; infinite for a measurement that isn't of its anchor.
     centre : (C,) m
         Offsets beta.
 
     Returns
     -------
-    (C,)
+    (L, C)
+        That of an anchor is the sum over its paths.
     """
-    total, heard = np.zeros(len(centre)), np.isfinite(measured[:, 0])
+    heard = np.isfinite(measured[:, 0])
     shift, variance, weight = _given_angles(predicted, spread, measured[heard], std[:, heard])
     variance = variance + CELL_M**2 / 12
     height = chance[:, None] * weight / clutter[:, heard] / np.sqrt(2 * np.pi * variance)
-    told = height > NOTHING * (1 - chance[:, None])
-    for path, c in enumerate(chance.tolist()):
-        pairs = told[path]
-        far = centre[:, None] - shift[path, pairs]
-        total += np.log(1 - c + np.exp(-0.5 * far**2 / variance[path, pairs]) @ height[path, pairs])
-    return total
+    nothing = NOTHING * (1 - chance[:, None])
+    told = height > nothing
+    path, late, width, height = np.nonzero(told)[0], shift[told], 2 * variance[told], height[told]
+    reach = np.sqrt(width * np.log(height / np.broadcast_to(nothing, told.shape)[told]))
+    begin, end = np.searchsorted(centre, late - reach), np.searchsorted(centre, late + reach, "right")
+    pair = np.repeat(np.arange(len(path)), end - begin)
+    cell = np.arange(len(pair)) - np.repeat(np.cumsum(end - begin) - end, end - begin)
+    density = height[pair] * np.exp(-((centre[cell] - late[pair]) ** 2) / width[pair])
+    caused = np.bincount(path[pair] * len(centre) + cell, density, len(chance) * len(centre))
+    return np.asarray(np.log(1 - chance[:, None] + caused.reshape(len(chance), -1)))
 
 
 def joint_density(predicted: Array, spread: Array, measured: Array, std: Array) -> Array:
@@ -156,20 +169,19 @@ def _given_angles(value: Array, own: Array, measured: Array, deviation: Array) -
     """Distance left over given the angles, its variance, and the angles' density, (L, M) each."""
     residual = measured - value[:, None]
     residual[..., 1:] = wrap(residual[..., 1:])
-    joint = np.broadcast_to(own[:, None], (*residual.shape, 3)).copy()
-    several = np.arange(3)
-    joint[..., several, several] += np.square(deviation)
-    for angle in (1, 2):
-        missing = ~(np.isfinite(measured[:, angle]) & np.isfinite(deviation[..., angle]))
-        joint[missing, angle], joint[missing, :, angle] = 0.0, 0.0
-        joint[missing, angle, angle], residual[missing, angle] = UNMEASURED, 0.0
-    one, both, other = joint[..., 1, 1], joint[..., 1, 2], joint[..., 2, 2]
+    missing = ~(np.isfinite(measured[:, 1:]) & np.isfinite(deviation[..., 1:]))
+    turn, twist = np.where(missing, 0.0, residual[..., 1:]).transpose(2, 0, 1)
+    noise = np.square(deviation)
+    # joint covariance of the distance, one angle and the other; an angle without measurement has its own
+    one = np.where(missing[..., 0], UNMEASURED, own[:, 1, 1, None] + noise[..., 1])
+    other = np.where(missing[..., 1], UNMEASURED, own[:, 2, 2, None] + noise[..., 2])
+    both = np.where(missing.any(-1), 0.0, own[:, 1, 2, None])
+    near = np.where(missing[..., 0], 0.0, own[:, 0, 1, None])
+    far = np.where(missing[..., 1], 0.0, own[:, 0, 2, None])
     size = one * other - both**2
-    near, far = joint[..., 0, 1], joint[..., 0, 2]
     first, last = (near * other - far * both) / size, (far * one - near * both) / size
-    turn, twist = residual[..., 1], residual[..., 2]
     shift = first * turn + last * twist
-    variance = joint[..., 0, 0] - first * near - last * far
+    variance = own[:, 0, 0, None] + noise[..., 0] - first * near - last * far
     exponent = (turn**2 * other - 2 * turn * twist * both + twist**2 * one) / size
     weight = TURN_DENSITY * np.exp(-0.5 * exponent) / np.sqrt(size)
     return residual[..., 0] - shift, variance, weight

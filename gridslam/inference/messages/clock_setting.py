@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.messages.clock_evidence import agent_evidence
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.clock_search import NARROW_M, SET_VARIANCE
@@ -101,11 +100,13 @@ def heard_about(
 
 def loosened(state: NetworkState) -> NetworkState:
     """The state with open clocks independent of all else, by the moments of their histograms."""
+    if not state.clocks.unset.any():
+        return state
     belief, devices = state.belief, state.belief.layout.devices
     for anchor in np.flatnonzero(state.clocks.unset):
         mean, variance = state.clocks.moments(int(anchor))
         belief = belief.independent(int(devices[anchor]), mean, variance)
-    return state if belief is state.belief else replace(state, belief=belief)
+    return replace(state, belief=belief)
 
 
 def doubt_clocks(state: NetworkState, exchanges: Sequence[Exchange], model: NetworkModel) -> NetworkState:
@@ -120,12 +121,11 @@ def doubt_clocks(state: NetworkState, exchanges: Sequence[Exchange], model: Netw
         return state
     expected, received, surprise = np.zeros((3, len(wide)))
     for exchange in exchanges:
-        there, missed = exchange.odds[tables.THERE], exchange.odds[tables.MISSED]
-        likely = there > EXPECTED
-        sender = exchange.rays.anchor[likely]
-        np.add.at(expected, sender, 1 - missed[likely])
-        np.add.at(received, sender, exchange.responsible[likely].sum(1))
-        np.add.at(surprise, sender, -np.log(missed[likely]))
+        likely = exchange.odds[tables.THERE] > EXPECTED
+        missed, sender = exchange.odds[tables.MISSED, likely], exchange.rays.anchor[likely]
+        expected += np.bincount(sender, 1 - missed, len(wide))
+        received += np.bincount(sender, exchange.responsible[likely].sum(1), len(wide))
+        surprise += np.bincount(sender, -np.log(missed), len(wide))
     silent = (expected > 0) & (received < SILENT_SHARE * expected)
     others = received.sum() - received >= HEARD_SHARE * (expected.sum() - expected)
     doubt = np.where(received > HEARD_SHARE * expected, 0.0, search.doubt)

@@ -8,6 +8,7 @@ from gridslam.arrays import Array, replace
 from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.state import belief, surface_bank
 from gridslam.inference.state.state import State
+from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import mirror, slant
 from gridslam.world.radio import REFLECTION_BINS
@@ -37,8 +38,9 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
             JITTER * settings.surface_m, surfaces.foot,
         )  # fmt: skip
         surfaces = surface_bank.evolve(
-            surfaces, settings.survival, settings.reflection, chances(state, model)
-        )
+            surfaces, settings.survival, settings.reflection,
+            chances(surfaces, state.belief.lines, state.belief.mean[:2], model),
+        )  # fmt: skip
     return replace(
         state,
         belief=joint,
@@ -50,16 +52,16 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
     )
 
 
-def chances(state: State, model: FilterModel) -> Array:
+def chances(bank: SurfaceBank, lines: Array, position: Array, model: FilterModel) -> Array:
     """Probability (S,) that a single bounce over each surface is detected, of the anchor that hears it best.
 
     Surfaces that were seen often need none: theirs is 1.
     """
-    bank, chance = state.surfaces, np.ones(len(state.surfaces))
+    chance = np.ones(len(bank))
     few = np.flatnonzero(bank.seen < OFTEN)
     if len(few):
-        image = mirror(state.belief.lines[few, None], model.places[:, :2])
-        level = np.linalg.norm(image - state.belief.mean[:2], axis=-1)
+        image = mirror(lines[few, None], model.places[:, :2])
+        level = np.linalg.norm(image - position, axis=-1)
         distance = slant(level, model.places[:, 3])
         detected = detection_table(model.radio)(model.radio.amplitude(distance[..., None], REFLECTION_BINS))
         chance[few] = (detected * bank.reflection[few, None]).sum(-1).max(1)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.messages.motion import JITTER, chances
 from gridslam.inference.state import surface_bank
 from gridslam.inference.state.network_belief import predict_network
@@ -57,8 +56,9 @@ def predict_all(
 
 def best_chances(state: NetworkState, scans: Sequence[Scan | None], model: NetworkModel) -> Array | float:
     """Probability (S,) that a single bounce over each surface is detected by the agent that hears it best."""
+    lines, mean, layout = state.belief.lines, state.belief.mean, state.belief.layout
     each = [
-        chances(state.part(agent), model.agents[agent])
+        chances(state.surfaces, lines, mean[layout.pose(agent)][:2], model.agents[agent])
         for agent, scan in enumerate(scans)
         if scan is not None
     ]

@@ -18,6 +18,7 @@ from gridslam.inference.state.rays import P_APPEAR, P_STAY, Rays, listed_at_most
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.inference.workspace.workspace import Workspace, timed
+from gridslam.kernels import STATE_GIVEN
 from gridslam.kernels.primitives import blocks
 from gridslam.kernels.primitives.blocks import ROOTED, Draft, Links, Listed, Query
 from gridslam.kernels.primitives.tables import LENGTH, PREDICTED
@@ -141,6 +142,11 @@ class PathQuery:
             self.query.choice[ROOTED] = rooted
             yield self.query, self.belief, self.places, self.links, draft, self.buffers
 
+    def bare(self) -> ListArguments:
+        """The kernel's arguments if nothing is to be drawn: it takes no root of the covariance."""
+        self.query.choice[ROOTED] = STATE_GIVEN
+        return self.query, self.belief, self.places, self.links, self.sampling.draft, self.buffers
+
     def paths(self) -> PredictedPaths:
         """The listed and predicted paths."""
         count = int(self.buffers.found[0])
@@ -160,7 +166,7 @@ class PredictedPaths:
         L of them, with their existence one step ahead.
     prediction : Prediction
     recipe : Recipe
-        How to draw the particles at which they are evaluated.
+        How to draw the particles at which they are evaluated; without meaning if none are.
     """
 
     rays: Rays
@@ -177,16 +183,22 @@ def predict_paths(state: State, anchor: int, model: FilterModel, *, work: Worksp
     return _listed(PathQuery.of(state, anchor, model, 0, 0, work))
 
 
+@timed("evaluation")
+def predict_every_path(state: State, model: FilterModel, *, work: Workspace) -> PredictedPaths:
+    """As `predict_paths` of all anchors, if no particles are drawn: the covariance may be singular."""
+    return _listed(PathQuery.of(state, EVERY_ANCHOR, model, 0, 0, work), drawn=False)
+
+
 def paths_now(state: State, model: FilterModel, *, work: Workspace) -> Rays:
     """All listed paths of all anchors, anchor by anchor, with their present existence."""
-    return _listed(PathQuery.of(state, EVERY_ANCHOR, model, 0, 0, work, AS_THEY_ARE)).rays
+    return _listed(PathQuery.of(state, EVERY_ANCHOR, model, 0, 0, work, AS_THEY_ARE), drawn=False).rays
 
 
-def _listed(query: PathQuery) -> PredictedPaths:
+def _listed(query: PathQuery, drawn: bool = True) -> PredictedPaths:
     runtime.start()
     from gridslam.kernels.propagation.rays import list_paths
 
-    for arguments in query.attempts():
+    for arguments in query.attempts() if drawn else [query.bare()]:
         list_paths(*arguments)
     return query.paths()
 

@@ -106,14 +106,22 @@ def predict_amplitudes(
     at its length.
     """
     length = paths.prediction.length
-    return Histogram(_walked(state, paths.rays, length, signal, work)[0], AmplitudeModel.of(signal).nodes)
+    return Histogram(_walked(state, paths.rays, length, signal, work), AmplitudeModel.of(signal).nodes)
 
 
-def mean_amplitudes(
-    state: State, rays: Rays, distance: Array, signal: RadioModel, *, work: Workspace
-) -> Array:
-    """Estimated amplitude of every ray, eq. (18), (L,)."""
-    return _walked(state, rays, distance, signal, work)[1]
+def mean_amplitudes(state: State, rays: Rays, distance: Array, signal: RadioModel) -> Array:
+    """Estimated amplitude of every ray, eq. (18), about what free space makes of its length now, (L,).
+
+    Half of what free space allows where nothing is known of a ray.
+    """
+    known, nodes, far = require(state).known, AmplitudeModel.of(signal).nodes, np.maximum(distance, 1e-3)
+    mean = 0.5 * signal.amplitude_at_1m / far
+    beliefs = [known.get(key) for key in RayAmplitudes.keys(rays, state.surfaces.identity)]
+    rows = [row for row, belief in enumerate(beliefs) if belief is not None]
+    if rows:
+        histograms, lengths = zip(*(belief for belief in beliefs if belief is not None), strict=True)
+        mean[rows] = np.minimum(np.array(histograms) @ nodes * (np.array(lengths) / far[rows]), nodes[-1])
+    return np.asarray(mean)
 
 
 @timed("updates")
@@ -190,10 +198,8 @@ def require(state: State) -> RayAmplitudes:
     return state.amplitudes
 
 
-def _walked(
-    state: State, rays: Rays, distance: Array, signal: RadioModel, work: Workspace
-) -> tuple[Array, Array]:
-    """Beliefs one step ahead (L, K), and mean amplitudes before that step (L,)."""
+def _walked(state: State, rays: Rays, distance: Array, signal: RadioModel, work: Workspace) -> Array:
+    """Beliefs one step ahead (L, K)."""
     runtime.start()
     from gridslam.kernels.messages.histograms import walk
 
@@ -201,14 +207,14 @@ def _walked(
     count, size = len(rays), len(model.nodes)
     before = work.buffers(_histograms, 0, count, size)
     length, scratch = np.empty((2, count)), np.empty(size)
-    ahead, mean = np.empty((count, size)), np.empty(count)
+    ahead = np.empty((count, size))
     length[0], length[1] = -1.0, distance
     for row, key in enumerate(RayAmplitudes.keys(rays, state.surfaces.identity)):
         belief = known.get(key)
         if belief is not None:
             before[row], length[0, row] = belief
-    walk(before, length, rays.existence, model.table, model.number, scratch, ahead, mean)
-    return ahead, mean
+    walk(before, length, rays.existence, model.table, model.number, scratch, ahead)
+    return ahead
 
 
 def _densities(measurements: int, nodes: int) -> Array:

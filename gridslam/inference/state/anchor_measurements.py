@@ -123,6 +123,11 @@ def of_all_anchors(scan: Scan, threshold: float = 0.0) -> AnchorScan:
     return AnchorScan(UNKNOWN, np.full(2, np.nan), np.nan, np.nan, value, own, amplitude, label, table)
 
 
+def whole_scan(scan: Scan, model: FilterModel) -> AnchorScan:
+    """The same by the model's threshold: what several messages of a step ask the workspace for once."""
+    return of_all_anchors(scan, model.radio.threshold)
+
+
 def _columns(scan: Scan, rows: NDArray[np.intp]) -> tuple[Array, Array, Array, NDArray[np.intp]]:
     """Values (M, 3), deviations (M, 3), amplitudes (M,) and labels (M,) of some rows."""
     value = np.array([scan.distance_m, scan.aod_rad, scan.aoa_rad]).T[rows]

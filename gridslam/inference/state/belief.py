@@ -12,8 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
-from scipy.linalg.lapack import dpotrf
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from gridslam.arrays import Array, replace
 from gridslam.inference.state.layout import HEADING, StateLayout
@@ -215,9 +214,7 @@ def solved(covariance: Array, right: Array) -> Array:
     even, own = covariance / np.outer(scale, scale), np.diag_indices(len(covariance))
     for jitter in (0.0, JITTER, 1e3 * JITTER, 1e6 * JITTER):
         even[own] += jitter
-        try:
-            factor = cho_factor(even, lower=True)
-        except LinAlgError:
-            continue
-        return np.asarray(cho_solve(factor, right / scale[:, None]) / scale[:, None])
+        root, failed = dpotrf(even, lower=1, clean=0)
+        if not failed:
+            return np.asarray(dpotrs(root, right / scale[:, None], lower=1)[0] / scale[:, None])
     return np.asarray(np.linalg.pinv(even, hermitian=True) @ (right / scale[:, None]) / scale[:, None])

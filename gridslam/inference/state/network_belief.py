@@ -7,14 +7,14 @@ absorbed: the rest of the state, given the view, is as before.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.state.belief import Belief, solved
 from gridslam.inference.state.layout import AGENT, HEADING, PER_LINE, StateLayout
 from gridslam.world.clocks import ClockModel
@@ -132,26 +132,25 @@ class NetworkBelief(Belief):
         """
         if self.alone:
             return replace(self, mean=view.mean, covariance=view.covariance)
-        layout, (rows, inside, where, rest) = self.layout, _places(self.layout, agent)
-        before, count = self.view(agent), len(rows)
+        layout, (rows, _, _, rest) = self.layout, _places(self.layout, agent)
+        before, count, own = self.view(agent), len(rows), self.covariance
         new = len(view.mean) - count
         if new < 0 or new % PER_LINE or view.clocks != self.clocks:
             raise ValueError("this view isn't one of this belief")
-        gain = solved(before.covariance, rows @ self.covariance[:, rest]).T
+        gain = solved(before.covariance, rows @ own[:, rest]).T
         shift = view.mean[:count] - before.mean
         shift[HEADING] = wrap(shift[HEADING])
-        size = layout.size + new
-        mean, covariance = np.zeros(size), np.zeros((size, size))
-        taken = np.concatenate([inside, np.arange(layout.size, size)])
-        source = np.concatenate([where, np.arange(count, count + new)])
-        mean[rest] = self.mean[rest] + gain @ shift
-        mean[taken] = view.mean[source]
+        source, order = _taken_over(layout, agent, new)
         change = view.covariance[:count, :count] - before.covariance
-        covariance[np.ix_(rest, rest)] = self.covariance[np.ix_(rest, rest)] + gain @ change @ gain.T
+        taken = len(source)  # first what is taken over, then the rest; last of all in order
+        mean, covariance = np.empty(len(order)), np.empty((len(order), len(order)))
+        mean[:taken], mean[taken:] = view.mean[source], self.mean[rest] + gain @ shift
+        covariance[:taken, :taken] = view.covariance[source[:, None], source]
         cross = gain @ view.covariance[:count][:, source]
-        covariance[np.ix_(rest, taken)], covariance[np.ix_(taken, rest)] = cross, cross.T
-        covariance[np.ix_(taken, taken)] = view.covariance[np.ix_(source, source)]
-        return replace(self, mean=mean, covariance=0.5 * (covariance + covariance.T))
+        covariance[taken:, :taken], covariance[:taken, taken:] = cross, cross.T
+        covariance[taken:, taken:] = own[rest[:, None], rest] + gain @ change @ gain.T
+        covariance = covariance[order[:, None], order]
+        return replace(self, mean=mean[order], covariance=0.5 * (covariance + covariance.T))
 
     def independent(self, entry: int, mean: float, variance: float) -> NetworkBelief:
         """The same with one entry's belief replaced, independent of all others."""
@@ -202,6 +201,16 @@ def _places(layout: NetworkLayout, agent: int) -> _Places:
     rest = np.setdiff1d(np.arange(layout.size), inside)
     rows.setflags(write=False)
     return _Places(rows, inside, np.concatenate([pose, seen.head + lines]), rest)
+
+
+@lru_cache(256)
+def _taken_over(layout: NetworkLayout, agent: int, new: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Entries of a view with `new` more that stand in the state after it, and where each entry of that state
+    is among these and then the rest."""
+    rows, inside, where, rest = _places(layout, agent)
+    source = np.concatenate([where, np.arange(len(rows), len(rows) + new)])
+    order = np.argsort(np.concatenate([inside, np.arange(layout.size, layout.size + new), rest]))
+    return source, order
 
 
 def predict_network(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.state.calibration import Calibration
 from gridslam.inference.state.clock_search import ClockSearch
 from gridslam.inference.state.grid import Grid

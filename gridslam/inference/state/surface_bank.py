@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,26 +112,33 @@ class SurfaceBank:
     ) -> SurfaceBank:
         """Append a new surface; `bearer` is (anchor, last, first) of the ray that bore it, -1 for itself."""
         count, anchors = len(self), len(self.single)
-        single = np.concatenate([self.single, np.full((anchors, 1), FRESH_SINGLE)], 1)
-        double = np.full((anchors, count + 1, count + 1), FRESH_DOUBLE)
-        double[:, :count, :count] = self.double
+        single, double = np.empty((anchors, count + 1)), np.empty((anchors, count + 1, count + 1))
+        single[:, :count], single[:, count] = self.single, FRESH_SINGLE
+        double[:], double[:, :count, :count] = FRESH_DOUBLE, self.double
         anchor, last, first = (count if b == -1 else b for b in bearer)
         if last == first:
             single[anchor, count] = FRESH_BEARER
         else:
             double[anchor, last, first] = FRESH_BEARER
         return SurfaceBank(
-            np.append(self.identity, identity),
-            np.append(self.existence, existence),
-            np.concatenate([self.reflection, reflection[None]]),
-            np.append(self.age, age),
-            np.append(self.seen, seen),
+            _longer(self.identity, identity),
+            _longer(self.existence, existence),
+            _longer(self.reflection, reflection),
+            _longer(self.age, age),
+            _longer(self.seen, seen),
             single,
             double,
-            np.concatenate([self.extent, np.full((1, 2), np.nan) if extent is None else extent[None]]),
-            np.append(self.foot, foot),
-            np.append(self.owner, owner),
+            _longer(self.extent, np.nan if extent is None else extent),
+            _longer(self.foot, foot),
+            _longer(self.owner, owner),
         )
+
+
+def _longer(rows: NDArray[Any], last: float | Array) -> NDArray[Any]:
+    """The rows, and one more."""
+    longer = np.empty((len(rows) + 1, *rows.shape[1:]), rows.dtype)
+    longer[:-1], longer[-1] = rows, last
+    return longer
 
 
 def evolve(bank: SurfaceBank, survival: float, walk: float, chance: Array | float = 1.0) -> SurfaceBank:
