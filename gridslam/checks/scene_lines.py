@@ -21,10 +21,25 @@ def scene_lines(scene: Scene) -> list[str]:
         walls += f" of {counted(pieces, 'piece')}"
     counts = f"{counted(len(scene.anchors), 'anchor')}, {walls}, {counted(len(scene.agents), 'agent')}"
     lines = [f"scene {scene.name}: {counts}, {size} cells of {scene.grid.cell_m:g} m"]
+    lines += _beyond(scene)
     for agent in scene.agents:
         if scene.walls and agent.waypoints_m:
             lines.append(f"  {agent.name}: {_in_sight(scene, scene.track(agent.name).position_m)}")
     return lines
+
+
+def _beyond(scene: Scene) -> list[str]:
+    """A line on walls that reach out of the region."""
+    low, high = np.transpose([scene.grid.x_m, scene.grid.y_m])
+    out = []
+    for number, wall in enumerate(scene.walls):
+        far = float(np.maximum(low - wall.corners, wall.corners - high).max())
+        if far > scene.grid.cell_m:
+            out.append(f"{wall.name or f'walls[{number}]'} by {far:.2g} m")
+    named = ", ".join(out[:3]) + (f" and {len(out) - 3} more" if len(out) > 3 else "")
+    return [
+        f"note: walls reach out of the region (grid.x_m, grid.y_m), beyond which nothing is mapped: {named}"
+    ] * bool(out)
 
 
 def counted(number: int, thing: str) -> str:

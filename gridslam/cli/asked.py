@@ -11,7 +11,7 @@ import typer
 
 from gridslam.cli.agents import named_file, require_kind
 from gridslam.cli.help import SCENE_HELP, method_names, scene_names
-from gridslam.cli.options import flag
+from gridslam.cli.options import flag, map_in
 from gridslam.cli.resume import as_saved
 from gridslam.errors import InputError
 from gridslam.systems.registry import DEFAULT, method_help
@@ -43,7 +43,10 @@ class RunOptions:
         list[str] | None,
         typer.Option(help="FILE.tum to score what was recorded by; of several agents at once NAME=FILE.tum"),
     ] = None
-    map_file: Annotated[Path | None, typer.Option("--map", help="map to start from")] = None
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", help="map to start from: map.h5, or a run's folder", callback=map_in),
+    ] = None
     same_frame: Annotated[
         bool, flag("--same-frame", "the map is in the scene's frame, though it shares no anchor")
     ] = False

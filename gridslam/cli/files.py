@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from gridslam.cli.help import LOOK, SCENES
-from gridslam.cli.options import flag
+from gridslam.cli.options import flag, map_in
 from gridslam.errors import InputError
 
 out = Console()
@@ -70,7 +70,7 @@ def check(
 
 
 def export(
-    map_file: Annotated[Path, typer.Argument(metavar="MAP.h5")],
+    map_file: Annotated[Path, typer.Argument(metavar="MAP.h5", help="or a run's folder", callback=map_in)],
     output: Annotated[Path, typer.Option("-o", "--output", help="folder; other files in it stay")],
     raw: Annotated[bool, flag("--raw", "nav2: the cells alone, no walls drawn in")] = False,
     overwrite: Annotated[bool, flag("--overwrite", "replace files of these names")] = False,
@@ -128,6 +128,7 @@ def fuse(
         raise InputError(str(output), "something of this name", "a new file (or --overwrite)")
     if len(maps) < 2:
         raise InputError("fuse", f"{len(maps)} map", "two or more maps")
+    maps = [map_in(path) or path for path in maps]
     whole = fused([Map.load(path) for path in maps], same_frame, [str(path) for path in maps])
     whole.save(output)
     _say(f"wrote {output}: map {whole.told()}")

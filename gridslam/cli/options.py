@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass
 from inspect import Parameter, Signature
+from pathlib import Path
 from typing import Any, TypeGuard, get_type_hints
 
 import typer
@@ -14,6 +15,12 @@ import typer
 def flag(name: str, meaning: str = "", **more: Any) -> Any:
     """An option that is given or not, shown without a value in the help."""
     return typer.Option(name, help=meaning or None, metavar="", **more)
+
+
+def map_in(path: Path | None) -> Path | None:
+    """A map's file; a run's folder stands for the map in it."""
+    inside = path / "map.h5" if path is not None else None
+    return inside if inside is not None and inside.is_file() else path
 
 
 def unpacked(command: Callable[..., None]) -> Callable[..., None]:

@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 
 from gridslam.cli.help import MAP, SCENE_HELP, scene_names
-from gridslam.cli.options import flag
+from gridslam.cli.options import flag, map_in
 from gridslam.errors import InputError
 
 out = Console()
@@ -61,10 +61,14 @@ def calibrate(
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="FILE.h5: the samples with the array found")],
     prior: Annotated[
-        Path | None, typer.Option("--map", help="map.h5 whose paths are heard beside the lines of sight")
+        Path | None,
+        typer.Option("--map", help="map.h5 whose paths are heard beside the lines of sight", callback=map_in),
     ] = None,
+    same_frame: Annotated[
+        bool, flag("--same-frame", "the map is in the scene's frame, though it shares no anchor")
+    ] = False,
     agent: Annotated[str | None, typer.Option(help="default: the first")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace a file of this name")] = False,
+    overwrite: Annotated[bool, flag("--overwrite", "replace a file of this name")] = False,
 ) -> None:
     """Find where an agent's antenna elements really stand, and how its pulse is bent."""
     from dataclasses import replace
@@ -81,7 +85,8 @@ def calibrate(
         raise InputError("-o", repr(output.name), "a name that ends in .h5")
     refuse_taken([output], overwrite)
     world, recording = Scene.load(scene), Recording.load(file)
-    found = errors_of(world, recording, None if prior is None else Map.load(prior), agent)
+    sheet = None if prior is None else Map.load(prior)
+    found = errors_of(world, recording, sheet, agent, same_frame)
     replace(recording, waveform=found.waveform).to_h5(output)
     lines = [f"wrote {output}: {len(recording)} steps, array and pulse as found"]
     for n, (error, spread) in enumerate(zip(found.element_error_m, found.element_std_m, strict=True)):

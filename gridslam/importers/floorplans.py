@@ -7,6 +7,7 @@ with every assumption said in a comment.
 from __future__ import annotations
 
 import io
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,6 +20,7 @@ import tomli_w
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.io.files import write_bytes
+from gridslam.world.grid_memory import CELL_BYTES, MOST_BYTES, in_gb
 from gridslam.world.scene import Scene
 from gridslam.world.scene_parts import SAME_PLACE_M, Wall
 
@@ -163,7 +165,10 @@ class Plan:
         else:
             lines += ["", "# [[agents]]", '# name = "agent1"', "# start_m = [0.0, 0.0]"]
             lines += ["# start_heading_deg = 0.0"]
-        lines += ["# waypoints_m = [[1.0, 0.0], [1.0, 1.0]]   # a way to simulate"]
+        px, py, facing = self.start or (0.0, 0.0, 0.0)
+        turn = math.radians(facing)
+        ahead = [round(px + math.cos(turn), 3), round(py + math.sin(turn), 3)]
+        lines += [f"# waypoints_m = [{ahead}]   # a way to simulate: where it goes from its start"]
         for line in self.lines:
             lines += ["", "[[walls]]", *_pairs(**line.wall)]
         text = "\n".join(lines) + "\n"
@@ -221,6 +226,14 @@ def plan_of(
     if np.abs(whole).max() > FARTHEST_M:
         near = f"--origin {whole[:, 0].min() + origin_m[0]:.0f},{whole[:, 1].min() + origin_m[1]:.0f}"
         raise InputError(source, f"walls {np.abs(whole).max():.0f} m from the origin", near)
+    width, height = np.ptp(whole, axis=0)
+    need = width * height / plan.cell_m**2 * CELL_BYTES
+    if need > MOST_BYTES:
+        found = (
+            f"a plan of {width:.0f} m x {height:.0f} m, whose cells of {plan.cell_m:g} m need {in_gb(need)}"
+        )
+        allowed = f"{in_gb(MOST_BYTES)}: --unit mm or cm where it isn't in metres, or a larger --cell"
+        raise InputError(source, found, allowed)
     return plan
 
 

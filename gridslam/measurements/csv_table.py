@@ -22,6 +22,11 @@ from gridslam.world.validation import nearest
 
 IN_DEGREES = {name.replace("_rad", "_deg"): name for name in UNITS if name.endswith("_rad")}
 """Columns of angles by the names that they may have in CSV files if they are in degrees."""
+LENGTHS = {
+    **dict.fromkeys(("range", "dist", "distance", "length"), "distance_m, in metres"),
+    **dict.fromkeys(("delay", "toa", "tof"), "distance_m: delays times the speed of light"),
+}
+"""What distances are called elsewhere (first words), and what they are called here."""
 LARGEST_CSV_BYTES = 2**29
 """A larger table belongs into HDF5."""
 
@@ -202,6 +207,9 @@ def _check_header(header: list[str], path: str, line: int, several: bool) -> lis
         raise InputError(path, "an empty file", f"a header line {','.join((*KEYS, *VALUES))}")
     where = f"{path}: line {line}"
     for name in header:
+        meant = LENGTHS.get(name.lower().split("_")[0])
+        if meant and "distance_m" not in header:
+            raise InputError(where, f"a column {name!r}, and no distance_m", meant)
         if not name or (name not in known and difflib.get_close_matches(name.lower(), known)):
             raise InputError(where, f"an unknown column {name!r}", nearest(name, known))
         if header.count(name) > 1:

@@ -99,6 +99,12 @@ class Recording:
             object.__setattr__(self, name, values)
         object.__setattr__(self, "anchors", names)
 
+    def __repr__(self) -> str:
+        """One line."""
+        size = " x ".join(str(n) for n in self.samples.shape[2:])
+        known = "" if self.truth is None else ", true track known"
+        return f"<Recording of {len(self)} steps, anchors {', '.join(self.anchors)}, samples {size}{known}>"
+
     def __len__(self) -> int:
         return len(self.time_s)
 

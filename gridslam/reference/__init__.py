@@ -11,7 +11,7 @@ from gridslam.reference.feature_likelihood import (
     differentiate_features,
     evaluate_features,
 )
-from gridslam.reference.gaussian import correct, late, predict, tall
+from gridslam.reference.gaussian import bend, correct, late, predict, tall
 from gridslam.reference.histograms import listen, walk
 from gridslam.reference.merging import find_duplicates, find_ghosts
 from gridslam.reference.messages import associate, enter, evaluate, gate, log_rician, weigh
@@ -24,6 +24,7 @@ from gridslam.world.geometry import trace
 __all__ = [
     "associate",
     "back_project",
+    "bend",
     "cast",
     "cells_of",
     "columns",

@@ -13,6 +13,7 @@ from gridslam.world.geometry import trace, wrap
 Whole = NDArray[np.int32]
 RISE = 5
 UNHEARD, UNMOVED = 1e-3, 1e-6
+NEAR_M = 0.5
 
 
 def late(mean: Array, head: int, anchors: Whole | int, places: Array) -> Array:
@@ -67,6 +68,22 @@ def predict(
     return value, slope, slope @ covariance @ slope.transpose(0, 2, 1)
 
 
+def bend(mean: Array, covariance: Array, place: Array, height: float) -> tuple[Array, Array]:
+    """Twin of `gaussian.bend_of`: by the second derivatives of length and angles by x and y, (2, 2) each."""
+    away = mean[:2] - place[:2]
+    level = np.linalg.norm(away)
+    if level >= NEAR_M:
+        return np.zeros(3), np.zeros((3, 3))
+    length, (x, y) = np.hypot(level, height), away
+    by_length = (np.eye(2) - np.outer(away, away) / length**2) / length
+    by_angle = np.array([[2 * x * y, y * y - x * x], [y * y - x * x, -2 * x * y]]) / level**4
+    each = [hessian @ covariance[:2, :2] for hessian in (by_length, by_angle, by_angle)]
+    return (
+        0.5 * np.array([np.trace(one) for one in each]),
+        0.5 * np.array([[np.trace(one @ other) for other in each] for one in each]),
+    )
+
+
 def correct(
     mean: Array, covariance: Array, head: int, path: Whole, start: Whole, index: Whole, pair: Array,
     odds: Array, beta: Array, nu: Array, places: Array,
@@ -84,6 +101,11 @@ def correct(
     order = np.argsort(-sure, kind="stable")
     for row in order[sure[order] >= UNHEARD]:
         value, slope, core = (part[0] for part in predict(mean, covariance, head, path[row][None], places))
+        bent = np.zeros((3, 3))
+        if path[row, 0] == 0:
+            source = int(path[row, 3])
+            more, bent = bend(mean, covariance, places[source], float(tall(mean, head, source, places)))
+            value, core = value + more, core + bent
         chosen = slice(start[row], start[row + 1])
         variance, density = pair[chosen, 3:6], pair[chosen, 6]
         message = nu[row, index[chosen, 1]]
@@ -102,7 +124,7 @@ def correct(
         share[chosen] = np.minimum(weight / total[row], np.maximum(1 - taken[own], 0.0))
         taken[own] += share[chosen]
         kept = share[chosen] > UNMOVED
-        after = update(Belief(mean, covariance), slope, gap[kept], variance[kept], share[chosen][kept])
+        after = update(Belief(mean, covariance), slope, gap[kept], variance[kept], share[chosen][kept], bent)
         mean, covariance = after.mean, after.covariance
     responsible[index[:count, 0], index[:count, 1]] = share
     return mean, covariance, share, responsible, total, taken

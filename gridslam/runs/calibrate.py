@@ -18,7 +18,11 @@ LEAST_STEPS = 10
 
 
 def calibrate(
-    scene: Scene, recording: Recording, prior_map: Map | None = None, agent: str | None = None
+    scene: Scene,
+    recording: Recording,
+    prior_map: Map | None = None,
+    agent: str | None = None,
+    same_frame: bool = False,
 ) -> RadioErrors:
     """Errors of an agent's elements and of the pulse, see docs/model.md, (M234), (M235).
 
@@ -32,6 +36,8 @@ def calibrate(
         Whose learned features, else surfaces, are heard beside the lines of sight.
     agent : str, optional
         Default: the scene's first.
+    same_frame : bool
+        The user's word that `prior_map` is in the scene's frame, where nothing in it tells so.
 
     Raises
     ------
@@ -52,7 +58,7 @@ def calibrate(
     model = SignalModel.of(scene.filter_model(agent), wave)
     table = None
     if prior_map is not None:
-        prior, _ = fitted(prior_map, scene)
+        prior, _ = fitted(prior_map, scene, same_frame=same_frame)
         table = prior.features
         if table is None or not len(table):
             table, _ = image_features(prior.surfaces, prior.surface_covariance, model)

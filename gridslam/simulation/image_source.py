@@ -43,6 +43,11 @@ class Truth:
     paths: TruePaths
     segments: Segments
 
+    def __repr__(self) -> str:
+        """One line."""
+        walls = f"{len(self.segments)} pieces of walls"
+        return f"<Truth: {len(self.paths.step)} paths in {len(self.trajectory)} steps, {walls}>"
+
     def first(self, steps: int) -> Truth:
         """Truth about the first steps alone, for a run that ended early."""
         return replace(self, paths=self.paths.take(self.paths.step < steps))

@@ -109,14 +109,17 @@ def draw_errors(
 ) -> Figure:
     """Errors over time, the filter's own deviations, the known-map bound, and the number of surfaces.
 
-    Without the heading where nothing tells of it. The true number is of the walls that could be heard of so
-    far, by this agent and those before it. Axes end where errors do after the first steps.
+    Without the heading where nothing tells of it, and the surfaces of a method that maps none. The true
+    number is of the walls that could be heard of so far, by this agent and those before it. Axes end where
+    errors do after the first steps.
     """
     truth = _truth(scene, name, found) if truth is None else truth
     told = tells_heading(scene, name, takes)
-    figure = blank(width, 0.55 * width + 1.64 if told else 0.4 * width + 1.4)
-    rows = figure.subplots(3 if told else 2, 1, sharex=True)
-    position, heading, count = rows[0], rows[1] if told else None, rows[-1]
+    counted = maps_surfaces(found)
+    panels = 1 + told + counted
+    figure = blank(width, 0.15 * width * panels + 0.1 * width + 0.24 * panels + 0.92)
+    rows = list(figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0])
+    position, heading = rows[0], rows[1] if told else None
     steps = np.array([e.step for e in found.estimates])
     own = np.sqrt([np.diag(e.covariance)[[0, 1, 4]] for e in found.estimates])
     lines = [("own standard deviation", 100 * np.hypot(*own[:, :2].T), np.degrees(own[:, 2]), GREEN, ":")]
@@ -144,22 +147,32 @@ def draw_errors(
     position.set_ylabel("position (cm)")
     if heading is not None:
         heading.set_ylabel("heading (deg)")
-    number = [int(e.detected.sum()) for e in found.estimates]
-    count.step(steps, number, where="mid", color=BLUE, lw=2.0, label="detected")
-    true: list[int] = []
-    if truth is not None:
-        true = _seen_so_far(truth, earlier, len(steps))
-        count.step(steps, true, where="mid", color="k", lw=0.9, ls="--", label="true, heard of so far")
-        count.legend(ncols=2, **place)
-    top = 1.15 * max([1, *number, *true])
-    count.set(xlabel="step", ylabel="surfaces", ylim=(0, top), xlim=(steps[0], max(steps[-1], steps[0] + 1)))
-    count.yaxis.set_major_locator(MaxNLocator(5, integer=True))
+    if counted:
+        _count_surfaces(rows[-1], found, None if truth is None else _seen_so_far(truth, earlier, len(steps)))
+        if truth is not None:
+            rows[-1].legend(ncols=2, **place)
+    rows[-1].set(xlabel="step", xlim=(steps[0], max(steps[-1], steps[0] + 1)))
     for axes in rows:
         axes.grid(alpha=0.3)
-    for axes in rows[:-1]:
+    for axes in rows[: panels - counted]:
         _settled(axes, steps)
     figure.align_ylabels()
     return figure
+
+
+def maps_surfaces(found: AgentFiles) -> bool:
+    """Whether a method maps surfaces, by what it left."""
+    return found.map.surfaces is not None or any(len(e.surfaces) for e in found.estimates)
+
+
+def _count_surfaces(count: Axes, found: AgentFiles, true: list[int] | None) -> None:
+    """Surfaces found over the steps and, where they are known, the true ones."""
+    steps, number = [e.step for e in found.estimates], [int(e.detected.sum()) for e in found.estimates]
+    count.step(steps, number, where="mid", color=BLUE, lw=2.0, label="detected")
+    if true is not None:
+        count.step(steps, true, where="mid", color="k", lw=0.9, ls="--", label="true, heard of so far")
+    count.set(ylabel="surfaces", ylim=(0, 1.15 * max([1, *number, *(true or ())])))
+    count.yaxis.set_major_locator(MaxNLocator(5, integer=True))
 
 
 def _settled(axes: Axes, steps: NDArray[np.int64]) -> None:
@@ -207,9 +220,10 @@ def draw_all(
         with fonts(width):
             drawn = {
                 "map": draw_map(found.map, run.scene, found.trajectory, found.truth, found.estimates, width),
-                "rays": draw_rays(run.scene, name, found, truth=truth, width=width),
                 "errors": draw_errors(run.scene, name, found, truth, earlier, width, takes),
             }
+            if any(np.isfinite(e.paths.points).any() for e in found.estimates):
+                drawn["rays"] = draw_rays(run.scene, name, found, truth=truth, width=width)
             if found.map.observed.any():
                 drawn["reflection"] = draw_reflection(found.map, run.scene, width)
             if isinstance(found.measurements, Recording):

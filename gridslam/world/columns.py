@@ -81,7 +81,8 @@ def check_columns(
     for name in (name for name in (*VALUES, *DEVIATIONS) if name in columns):
         refuse(np.isinf(columns[name]), name, "a finite number")
         if name in ("aod_rad", "aoa_rad"):
-            refuse(np.abs(columns[name]) > 2 * np.pi, name, "radians in (-pi, pi]")
+            degrees = f"(degrees of a CSV file: {name[:3]}_deg)"
+            refuse(np.abs(columns[name]) > 2 * np.pi, name, f"radians, 2 pi at most {degrees}")
         elif not (pseudo and name == "distance_m"):
             refuse(columns[name] <= 0, name, "a number above 0")
     empty = np.all([np.isnan(columns[name]) for name in VALUES if name in columns], axis=0)

@@ -69,7 +69,8 @@ class Scene(Strict):
 
     def __repr__(self) -> str:
         """One line; `to_toml` has all of it."""
-        counts = f"{len(self.anchors)} anchors, {len(self.walls)} walls, {len(self.agents)} agents"
+        things = {"anchor": self.anchors, "wall": self.walls, "agent": self.agents}
+        counts = ", ".join(f"{len(one)} {name}{'s' * (len(one) != 1)}" for name, one in things.items())
         return f"<Scene {self.name}: {counts}>"
 
     __str__ = __repr__
@@ -378,7 +379,8 @@ class Scene(Strict):
         for index, wall in enumerate(self.walls):
             if wall.material is not None and wall.material not in self.materials:
                 field = f"walls[{index}].material"
-                raise fault(field, repr(wall.material), nearest(wall.material, self.materials))
+                known = nearest(wall.material, self.materials)
+                raise fault(field, repr(wall.material), f"a name of [materials]: {known}")
         check_samples(self.radio, self.anchors, self.agents)
         check_places(self.anchors, self.agents, Room(self.grid, self.segments(), self.scatterer_positions))
         return self

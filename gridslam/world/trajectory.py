@@ -60,6 +60,13 @@ class Trajectory:
         if (np.diff(self.time_s) <= 0).any():
             raise InputError("trajectory: time_s", "times that don't rise", "strictly rising times")
 
+    def __repr__(self) -> str:
+        """One line."""
+        if not len(self):
+            return "<Trajectory without poses>"
+        way = float(np.hypot(*np.diff(self.position_m, axis=0).T).sum())
+        return f"<Trajectory of {len(self)} poses, {way:.1f} m in {np.ptp(self.time_s):g} s>"
+
     def __len__(self) -> int:
         return len(self.time_s)
 

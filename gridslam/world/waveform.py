@@ -56,6 +56,11 @@ class Waveform:
     noise_std: Array | None = None
     heading_std_rad: float = 0.0
 
+    def __repr__(self) -> str:
+        """One line."""
+        width = 1e-6 * float(np.ptp(self.offset_hz))
+        return f"<Waveform of {len(self.offset_hz)} frequencies over {width:g} MHz at {self.carrier_hz:g} Hz>"
+
     def __post_init__(self) -> None:
         carrier = float(self.carrier_hz)
         offset = _numbers(self.offset_hz, "frequency_hz", (None,))

@@ -28,6 +28,8 @@ NONE_OPEN, CLOCKS_OPEN, RISES_OPEN = range(3)
 """What a state holds between pose and lines."""
 UNHEARD, UNMOVED = 1e-3, 1e-6
 """Probabilities below which a path is left out, and below which an association moves nothing."""
+NEAR_M = 0.5
+"""Lines of sight shorter than this, seen from above, are curved over what the position's deviation spans."""
 
 
 @ti.func
@@ -157,6 +159,37 @@ def spread_by_unknown(slope, entry, unknown, place, length, covariance: ti.templ
 
 
 @ti.func
+def bend_of(slope, length, covariance: ti.template()):
+    """What a short line of sight's derivatives leave out: mean and covariance, docs/model.md, (M291).
+
+    They follow from its derivatives by x and y, its length and the covariance of x and y; 0 where it is long.
+    """
+    mean, spread = ti.Vector.zero(ti.f64, 3), ti.Matrix.zero(ti.f64, 3, 3)
+    across = ti.Vector([slope[2, 0], slope[2, 1]], dt=ti.f64)
+    near = across.norm()  # one over the length seen from above
+    if near * NEAR_M > 1:
+        across /= near
+        along = ti.Vector([across[1], -across[0]], dt=ti.f64)
+        lean = slope[0, 0] * along[0] + slope[0, 1] * along[1]
+        xx, xy, yy = covariance[0, 0], covariance[0, 1], covariance[1, 1]
+        rr = along[0] ** 2 * xx + 2 * along[0] * along[1] * xy + along[1] ** 2 * yy
+        tt = across[0] ** 2 * xx + 2 * across[0] * across[1] * xy + across[1] ** 2 * yy
+        rt = along[0] * across[0] * xx + along[1] * across[1] * yy
+        rt += (along[0] * across[1] + along[1] * across[0]) * xy
+        by_r, by_t = (1 - lean * lean) / length, 1 / length  # second derivatives of the length
+        mean[0] = 0.5 * (by_r * rr + by_t * tt)
+        mean[1] = mean[2] = -rt * near * near
+        spread[0, 0] = 0.5 * (by_r * by_r * rr * rr + by_t * by_t * tt * tt) + by_r * by_t * rt * rt
+        both = -(by_r * rr + by_t * tt) * rt * near * near
+        turned = (rt * rt + rr * tt) * near**4
+        for i in ti.static(range(1, 3)):
+            spread[0, i] = spread[i, 0] = both
+            for j in ti.static(range(1, 3)):
+                spread[i, j] = turned
+    return mean, spread
+
+
+@ti.func
 def inverse_of(m):
     """Inverse of a symmetric 3 x 3 matrix, and its determinant."""
     i00, i11, i22 = m[1, 1] * m[2, 2] - m[1, 2] ** 2, m[0, 0] * m[2, 2] - m[0, 2] ** 2, 0 * m[0, 0]
@@ -228,7 +261,7 @@ def correct_by(
     row, belief: ti.template(), head, path: ti.template(), pairs: ti.template(), ratios: ti.template(),
     places: ti.template(), account: ti.template(), open: ti.template(),
 ):  # fmt: skip
-    """Correct by one path, docs/model.md, (M27)-(M29).
+    """Correct by one path, docs/model.md, (M27)-(M29), (M291).
 
     What surer paths have taken of a measurement it can't have caused: the rest counts as caused none.
     """
@@ -244,6 +277,10 @@ def correct_by(
     if ti.static(open == RISES_OPEN):
         if unknown >= 0:
             core += spread_by_rise(slope, entry, unknown, steepness, belief.covariance)
+    if bounces == 0:
+        bent, bend = bend_of(slope, value[0] - place[3], belief.covariance)
+        value += bent
+        core += bend
     total = ratios.odds[MISSED, row]
     change, shift = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)
     moved = False

@@ -58,7 +58,7 @@ def test_every_file_of_a_run_is_told(say, made, name, told):
 def test_scene_tells_where_no_anchor_is_in_sight(say):
     said = say("check", "hall")
     assert "agent1: 450 steps, an anchor in sight at 91% of them, at none from step 100 to 139" in said.out
-    assert repr(gs.Scene.load("hall")) == "<Scene hall: 2 anchors, 5 walls, 1 agents>"
+    assert repr(gs.Scene.load("hall")) == "<Scene hall: 2 anchors, 5 walls, 1 agent>"
 
 
 @pytest.mark.slow

@@ -165,14 +165,20 @@ def test_calibrate_writes_the_samples_with_the_element_where_it_is(say, tmp_path
     place = found.waveform.agent_element_m - found.waveform.agent_element_m.mean(0)
     assert np.abs(place - wave.agent_element_m).max() < 0.015 * wave.wavelength_m
     replace(told, truth=None).to_h5(tmp_path / "blind.h5")
+    (tmp_path / "run").mkdir()
+    other = {"anchors": ["Z"], "anchor_x_m": [0.0], "anchor_y_m": [0.0], "frame": "elsewhere"}
+    replace(gs.Map.of_scene(scene), provenance=other).save(tmp_path / "run/map.h5")
     for words, says in (
         (("blind.h5", "-o", "a.h5"), "no true track"),
         (("z.h5", "-o", "a.csv"), ".h5"),
         (("z.h5", "-o", "better.h5"), "--overwrite"),
         (("z.h5", "--agent", "nobody", "-o", "a.h5"), "nobody"),
         (("z.h5", "--map", "none.h5", "-o", "a.h5"), "none.h5"),
+        (("z.h5", "--map", "run", "-o", "a.h5"), "--same-frame"),
     ):
         refused = say("calibrate", "screen.toml", *words)
         assert (refused.code, len(refused.complaints)) == (2, 1), refused
         assert says in refused.err
         assert not (tmp_path / "a.h5").exists()
+    said = say("calibrate", "screen.toml", "z.h5", "--map", "run", "--same-frame", "-o", "a.h5")
+    assert (said.code, said.err) == (0, ""), said

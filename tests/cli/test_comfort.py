@@ -150,3 +150,39 @@ def test_distances_of_clocks_that_are_off_are_named_below_the_table_of_a_run(say
         assert said.code == 0
         named = re.findall(r"note: agent1: distances of all anchors are 1\.[45]\d m .* too long.*", said.out)
         assert len(named) == times
+
+
+def test_a_runs_folder_stands_for_its_map(say, tmp_path):
+    from gridslam.cli.options import map_in
+
+    (tmp_path / "one").mkdir()
+    gs.Map.of_scene(shortened(gs.Scene.load("room"), 2)).save(tmp_path / "one/map.h5")
+    assert map_in(Path("one")) == Path("one/map.h5")
+    assert map_in(Path("one/map.h5")) == Path("one/map.h5")
+    assert map_in(Path("nowhere")) == Path("nowhere")
+    assert map_in(None) is None
+    assert say("export", "one", "-o", "robot").code == 0
+    assert (tmp_path / "robot/map.yaml").exists()
+    said = say("run", "hall", "--map", "one", "-o", "two")
+    assert (said.code, len(said.complaints)) == (2, 1)
+    assert "one/map.h5" in said.err
+
+
+def test_what_is_printed_of_large_things_is_one_line():
+    scene = shortened(gs.Scene.load("screen"), 3)
+    truth = gs.ground_truth(scene, "agent1")
+    heard = gs.simulate(scene, "agent1", 1, what="signal")
+    for thing in (scene, truth, truth.trajectory, heard, heard.waveform):
+        assert len(repr(thing)) < 120
+        assert repr(thing).startswith(f"<{type(thing).__name__}"), repr(thing)
+    assert repr(gs.Scene.load("room")) == "<Scene room: 2 anchors, 1 wall, 1 agent>"
+
+
+def test_walls_beyond_the_region_are_told(say, tmp_path):
+    data = gs.Scene.load("room").model_dump(exclude_none=True)
+    corners = ((-4.0, -3.0), (6.5, -3.0), (4.0, 3.0), (-4.0, 3.0))
+    scene = gs.Scene.checked({**data, "walls": [{**data["walls"][0], "points_m": corners}]}, "wide")
+    (tmp_path / "wide.toml").write_text(scene.to_toml())
+    told = say("check", "wide.toml").out.splitlines()
+    assert told[1].endswith("beyond which nothing is mapped: walls by 1.7 m")
+    assert "note" not in say("check", "room").out

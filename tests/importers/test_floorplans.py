@@ -160,6 +160,14 @@ def test_plans_far_away_or_without_end_are_refused(tmp_path):
         plan_of([Line(tuple((float(k), 0.0) for k in range(30_000)))], "x", name="x")
     with pytest.raises(InputError, match="no walls"):
         plan_of([Line(((1, 1), (1, 1)))], "x", name="x")
+    millimetres = Line(((0.0, 0.0), (9000.0, 0.0), (9000.0, 7000.0)))
+    with pytest.raises(InputError, match=r"9000 m x 7000 m, whose cells of 0\.1 m need .* GB; .*--unit mm"):
+        plan_of([millimetres], "x", name="x")
+
+
+def test_the_way_that_is_proposed_leads_ahead_from_the_start():
+    text = plan_of([Line(((-1.0, -1.0), (9.0, -1.0)))], "x", name="x", start=(1.0, 2.0, 90.0)).toml()
+    assert "# waypoints_m = [[1.0, 3.0]]" in text
 
 
 @pytest.mark.slow

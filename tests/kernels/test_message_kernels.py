@@ -292,3 +292,65 @@ def test_effective_sample_size_is_all_of_equal_weights_and_follows_their_spread(
     # exponential weights: E[w]^2 / E[w^2] = 1 / 2; 4000 blocks tell their variance to 1 / sqrt(2000)
     blocks = draw.exponential(1.0, (1, 4000, PATH_BLOCK)).sum(2).astype(np.float32)
     assert size(blocks)[0] / (4000 * PATH_BLOCK) == pytest.approx(0.5, abs=0.5 * 4 / np.sqrt(2000))
+
+
+@pytest.fixture(scope="module")
+def bent():
+    """A kernel that writes what `bend_of` says of a line of sight, its value and derivatives by x and y."""
+    import taichi as ti
+
+    from gridslam.kernels.primitives.gaussian import bend_of, path_of
+
+    @ti.kernel
+    def bent(
+        mean: ti.types.ndarray(dtype=ti.f64, ndim=1),
+        covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),
+        place: ti.types.ndarray(dtype=ti.f64, ndim=1),
+        out: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    ):
+        for _ in range(1):
+            own = ti.Vector([place[0], place[1], place[2], 0.0, place[3]], dt=ti.f64)
+            value, slope = path_of(mean, 5, own, 0, 0, 0)
+            more, spread = bend_of(slope, value[0], covariance)
+            for i in ti.static(range(3)):
+                out[0, i], out[4, i] = more[i], value[i]
+                for j in ti.static(range(3)):
+                    out[1 + i, j] = spread[i, j]
+                for j in ti.static(range(2)):
+                    out[5 + i, j] = slope[i, j]
+
+    return bent
+
+
+@given(seeds, st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_what_derivatives_leave_out_equals_its_twin_and_is_what_samples_show(bent, seed, high):
+    draw = np.random.default_rng(seed)
+    level, toward = draw.uniform(0.03, 0.45), draw.uniform(-np.pi, np.pi)
+    place = np.array([*draw.normal(size=2), draw.uniform(-3, 3), 0.2 * high])
+    mean = np.zeros(5)
+    mean[:2] = place[:2] + level * np.array([np.cos(toward), np.sin(toward)])
+    root = 0.03 * level * (np.eye(2) + 0.2 * draw.normal(size=(2, 2)))
+    covariance = np.zeros((5, 5))
+    covariance[:2, :2] = root @ root.T
+    found = np.zeros((8, 5))
+    bent(mean, covariance, place, found)
+    more, spread = reference.bend(mean, covariance, place, place[3])
+    np.testing.assert_allclose(found[0, :3], more, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(found[1:4, :3], spread, rtol=1e-4, atol=1e-12)
+
+    moved = (root @ draw.standard_normal((2, 20_000))).T
+    away = mean[:2] + moved - place[:2]
+    turn = np.angle(np.exp(1j * (np.arctan2(away[:, 1], away[:, 0]) - toward)))
+    exact = np.stack([np.hypot(np.hypot(*away.T), place[3]), turn, turn], -1)
+    exact[:, 0] -= np.hypot(level, place[3])
+    rest = exact - moved @ found[5:8, :2].T
+    scale = np.sqrt(np.diag(spread)) + 1e-12
+    np.testing.assert_allclose(rest.mean(0) / scale, more / scale, atol=0.15)
+    assert rest.std(0) / scale == pytest.approx(np.ones(3), abs=0.1)
+
+
+def test_nothing_is_bent_further_off():
+    more, spread = reference.bend(np.zeros(5), np.eye(5), np.array([0.6, 0.0, 0.0]), 0.0)
+    assert not more.any()
+    assert not spread.any()

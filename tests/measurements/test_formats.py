@@ -102,6 +102,8 @@ ROW = "0,0.0,A,1.0,0.5,0.5,3.0"
         (HEADER.replace("time_s,", "") + "\n0,A,1,0,0,3", ": line 1", "no column 'time_s'"),
         ("step,time_s,anchor,aoa_std_rad\n0,0,A,1", ": line 1", "no measured column"),
         (HEADER + ",step\n" + ROW + ",0", ": line 1", "'step' twice"),
+        (HEADER.replace("distance_m", "range") + f"\n{ROW}", ": line 1", "allowed: distance_m, in metres"),
+        (HEADER.replace("distance_m", "ToA_ns") + f"\n{ROW}", ": line 1", "times the speed of light"),
         (f"{HEADER}\n{ROW},9", ": line 2", "8 cells"),
         (f"{HEADER}\n{ROW}\n1,1.0,A,1.0", ": line 3", "4 cells"),
         (f"{HEADER}\n{ROW}\n\n1,1.0,A,far,0,0,3", ": line 4: distance_m", "'far'"),

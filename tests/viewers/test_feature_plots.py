@@ -1,11 +1,15 @@
 """Figures of hybrid SLAM show what they are of."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import gridslam as gs
-from gridslam.estimate_tables import FeatureEstimate, PathEstimate
+from gridslam.estimate_tables import FeatureEstimate, PathEstimate, SurfaceEstimate
+from gridslam.runs.run_files import AgentFiles
 from gridslam.viewers.feature_plots import draw_features, draw_sights, true_sight
+from gridslam.viewers.plots import draw_errors
 
 STEPS = 190
 
@@ -51,3 +55,20 @@ def test_every_feature_has_a_mark_and_an_ellipse(screen):
     names = [text.get_text() for text in axes.get_legend().get_texts()]
     assert {"mirror", "scatterer", "free"} <= set(names)
     assert draw_features(scene, table.take([]), truth.trajectory, truth.trajectory).axes
+
+
+def test_a_method_without_surfaces_gets_no_panel_of_them(screen):
+    scene, truth = screen
+    recording = gs.simulate(scene, "agent1", 1, what="signal")
+    estimates = [gs.Estimate.of_pose(recording.scan(n), [0.0, 0.1 * n], 0.0, np.eye(3)) for n in range(3)]
+    sheet = gs.Map.of_scene(scene)
+    own = truth.trajectory
+    track = gs.Trajectory(own.time_s[:3], own.position_m[:3], own.velocity_mps[:3], own.heading_rad[:3])
+    line = SurfaceEstimate.from_lines([[0.0, 1.0]], np.eye(2)[None], [0.5], [0.1], [0.9])
+    mapped = [replace(e, surfaces=line, detected=np.ones(1, bool)) for e in estimates]
+    for believed, more in ((estimates, 0), (mapped, 1)):
+        found = AgentFiles(recording, track, track, believed, sheet)
+        axes = draw_errors(scene, "agent1", found, truth, takes="signal").axes
+        labels = [one.get_ylabel() for one in axes]
+        assert labels.count("surfaces") == more
+        assert axes[-1].get_xlabel() == "step"

@@ -24,6 +24,7 @@ from gridslam.inference.state.population import Population, Watch
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import wrap
 from gridslam.world.scan import Scan
 
 EVERY, KEEP, FADING = 10, 0.5, 0.25
@@ -39,6 +40,8 @@ HANDICAP, CHALLENGERS, POSES, LISTED = 7.0, 3, 60_000, 20
 """Log weight of challengers below the best, how many, uniform poses scored for them, modes listed at most."""
 DRAWN, COPIES = 100, 3
 """Poses about the best line of sight, and per measurement that may be one, in a comparison."""
+HERE_M, HERE_RAD = 0.1, 0.1
+"""What is nearer to where the agent is believed to be is no other place."""
 PURPOSE, PURPOSE_OF_LEAD = 4, 5
 """Names of the streams of random numbers."""
 
@@ -59,8 +62,12 @@ def best_snapshot(snapshot: Snapshot, believed: Array, draw: np.random.Generator
     asked = [believed[None], *(line_of_sight_poses(terms, draw, COPIES, 24) for terms in snapshot.terms)]
     poses = np.concatenate(asked)
     log = snapshot.score(poses, 2.0)
-    here = _refined(snapshot, believed, draw)
-    return max(here, _refined(snapshot, poses[int(log.argmax())], draw)), here
+    top = poses[int(log.argmax())]
+    here, there = _refined(snapshot, believed, draw), _refined(snapshot, top, draw)
+    best = max(here, there)
+    x, y, turn = top - believed
+    # beside an anchor a few millimetres decide, which looks about the believed pose miss
+    return best, best if np.hypot(x, y) < HERE_M and abs(wrap(turn)) < HERE_RAD else here
 
 
 def _refined(snapshot: Snapshot, pose: Array, draw: np.random.Generator) -> float:

@@ -117,7 +117,14 @@ def predict(
     return replace(belief, mean=mean, covariance=covariance)
 
 
-def update(belief: Belief, jacobian: Array, residuals: Array, noises: Array, weights: Array) -> Belief:
+def update(
+    belief: Belief,
+    jacobian: Array,
+    residuals: Array,
+    noises: Array,
+    weights: Array,
+    bend: Array | float = 0.0,
+) -> Belief:
     """Moment-matched update with one path that several measurements (or none) may have come from.
 
     Parameters
@@ -130,9 +137,11 @@ def update(belief: Belief, jacobian: Array, residuals: Array, noises: Array, wei
         Variances of the measurements.
     weights : (M,)
         Probability of each association; the rest, ``1 - sum``, is that of none.
+    bend : (D, D), optional
+        Covariance of what the derivative leaves out of the path's parameters.
     """
     spread = belief.covariance @ jacobian.T
-    core = jacobian @ spread
+    core = jacobian @ spread + bend
     shift = np.zeros(len(belief.mean))
     inner = np.zeros_like(core)
     outer = np.zeros((len(shift), len(shift)))
