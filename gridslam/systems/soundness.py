@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
+from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
 from gridslam.inference.state.anchor_measurements import LEAST_STD
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.layout import AGENT, StateLayout
 from gridslam.inference.state.network_state import NetworkState
 from gridslam.inference.state.population import Population
-from gridslam.inference.state.range_watch import RangeWatch
 from gridslam.inference.state.rings import BEARINGS, MOVING
 from gridslam.inference.state.state import State
 from gridslam.inference.state.state_samples import StateSamples

@@ -8,7 +8,7 @@ FLOORS = (
     "inference/management",
     "inference/messages",
     "inference/workspace",
-    "inference/state simulation",
+    "inference/state inference/health simulation",
     "maps measurements",
     "estimates estimate_tables drawing",
     "world",

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import gridslam as gs
+from gridslam.inference.health.reasons import NOT_FOUND
 from gridslam.inference.management.array_starts import is_clear
-from gridslam.inference.management.hypotheses import NOT_FOUND
 from gridslam.inference.management.pose_search import Modes
 
 

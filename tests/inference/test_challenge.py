@@ -7,23 +7,20 @@ import pytest
 from scene_samples import shortened
 
 import gridslam as gs
+from gridslam.inference.health.doubt import ELSEWHERE, LOW_LEAD, ONE_ALONE, Doubt
 from gridslam.inference.management.branching import placed
 from gridslam.inference.management.challenge import (
     DOUBT_STEPS,
-    ELSEWHERE,
     EVERY,
-    LOW_LEAD,
-    ONE_ALONE,
     best_snapshot,
     challenged,
-    doubts,
     snapshot_of,
     watched,
 )
 from gridslam.inference.management.mixture import poses
 from gridslam.inference.management.pose_search import POSE
 from gridslam.inference.state.anchor_measurements import split_by_anchor
-from gridslam.inference.state.population import Population, Watch
+from gridslam.inference.state.population import Population
 from gridslam.systems.grid import GridSlam, start
 
 
@@ -80,7 +77,7 @@ def test_a_right_world_leads_a_fresh_start_and_is_well(mapped):
 
 def test_a_world_that_a_fresh_start_explains_as_well_is_doubted_and_said_so(mapped, scans):
     slam, _ = mapped
-    before = Watch(lead=10.0 * LOW_LEAD, loud=10.0)
+    before = Doubt(lead=10.0 * LOW_LEAD, loud=10.0)
     population = replace(slam.population, watch=before)
     now = slam.state.step
     assert now % EVERY == 0
@@ -90,9 +87,9 @@ def test_a_world_that_a_fresh_start_explains_as_well_is_doubted_and_said_so(mapp
         watched(population, lambda worth=worth: float(worth * loud), scan, model, slam.work).watch
         for worth in (40.0, 18.5)
     )
-    assert not doubts(good)
+    assert not good.reasons()
     assert good.doubtful == 0
-    assert "a fresh start" in doubts(bad)[0]
+    assert "a fresh start" in bad.reasons()[0]
     assert bad.doubtful == DOUBT_STEPS
     later = replace(slam.state, step=now + 1)
     kept = watched(Population((later,), watch=bad), lambda: np.nan, scan, model, slam.work).watch
@@ -115,15 +112,15 @@ def test_a_place_that_few_loud_measurements_contradict_is_doubted(mapped, scans)
         for state in (slam.state, wrong)
     )
     assert right.elsewhere == 0.0
-    assert not doubts(right)
-    assert "fits another place better" in doubts(lost)[0]
+    assert not right.reasons()
+    assert "fits another place better" in lost.reasons()[0]
     assert lost.doubtful == DOUBT_STEPS
     only = np.flatnonzero(scan.amplitude == scan.amplitude.max())
     names = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
     single = replace(scan, **{name: getattr(scan, name)[only] for name in names})
     one = watched(Population((wrong,)), lambda: leading, single, slam.model, slam.work).watch
     assert one.elsewhere < lost.elsewhere - ONE_ALONE, "one measurement says less than all"
-    assert not doubts(Watch(elsewhere=ELSEWHERE))
+    assert not Doubt(elsewhere=ELSEWHERE).reasons()
 
 
 @pytest.mark.slow
@@ -132,8 +129,8 @@ def test_an_agent_that_is_surely_elsewhere_is_challenged_and_found(mapped, scene
     slam, _ = mapped
     track, model = scene.track("agent1"), slam.model
     wrong = moved(slam.state, (2.0, 1.0), 1.0)
-    lost = Population((wrong,), watch=Watch(doubtful=DOUBT_STEPS))
-    assert challenged(replace(lost, watch=Watch()), scans[20], start(model), model, slam.work).states == (
+    lost = Population((wrong,), watch=Doubt(doubtful=DOUBT_STEPS))
+    assert challenged(replace(lost, watch=Doubt()), scans[20], start(model), model, slam.work).states == (
         wrong,
     )
     several = challenged(lost, scans[20], start(model), model, slam.work)

@@ -15,6 +15,7 @@ import gridslam as gs
 from gridslam.estimates import Health
 from gridslam.evaluation.bounds import known_map_bound
 from gridslam.evaluation.consistency import complaints
+from gridslam.inference.health.monitor import innovation_band
 from gridslam.inference.management import pose_fix, pose_recovery
 from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.messages.likelihood import DetectionTable
@@ -22,7 +23,6 @@ from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios, Pair
 from gridslam.inference.state.anchor_measurements import anchor_scans
 from gridslam.inference.state.belief import Belief, append
 from gridslam.inference.state.calibration import LEAST_CLUTTER, MOST_CLUTTER, Calibration
-from gridslam.inference.state.health import innovation_band
 from gridslam.kernels.primitives import tables
 from gridslam.simulation import disturbances
 from gridslam.studies import robustness

@@ -11,8 +11,9 @@ from scene_samples import shortened
 
 import gridslam as gs
 from gridslam.bench.growth import drawn
+from gridslam.inference.health.reasons import NOT_FOUND
 from gridslam.inference.management.branching import NARROW, conditioned, placed, split, split_along, widest
-from gridslam.inference.management.hypotheses import NOT_FOUND, PARTICLES, begun, each_stepped
+from gridslam.inference.management.hypotheses import PARTICLES, begun, each_stepped
 from gridslam.inference.management.mixture import (
     CAP,
     HOPELESS,

@@ -8,9 +8,9 @@ import pytest
 from scene_samples import raised
 
 import gridslam as gs
-from gridslam.inference.management.crossings import crossing_of
+from gridslam.inference.health.crossings import crossing_of
+from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.state.anchor_measurements import split_by_anchor
-from gridslam.inference.state.range_watch import RangeWatch
 
 ROOM = gs.Scene.load("room")
 

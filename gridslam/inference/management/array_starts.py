@@ -13,11 +13,11 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.inference.management.branching import branches_of
-from gridslam.inference.management.hypotheses import nothing_mapped
 from gridslam.inference.management.mixture import CAP
 from gridslam.inference.management.pose_recovery import is_vague
 from gridslam.inference.management.pose_score import Snapshot, SnapshotTerms
 from gridslam.inference.management.pose_search import Modes, find_modes
+from gridslam.inference.management.start_search import PATIENCE, nothing_mapped, waiting
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.array_births import peaks_of
 from gridslam.inference.messages.array_likelihood import ArrayBand
@@ -35,8 +35,8 @@ from gridslam.world.signal_scan import SignalScan
 Step = Callable[[State, SignalScan, SignalModel, Workspace], tuple[State, StepInfo]]
 PURPOSE = 6
 """Names the stream of random numbers that a search takes."""
-PATIENCE, EVERY = 10, 5
-"""Scans heard that are all searched; then it is each so many, as the search takes its time."""
+EVERY = 5
+"""Once patience is over, each so many scans are searched, as it takes its time."""
 
 
 def begun(state: State) -> Population[State]:
@@ -57,9 +57,7 @@ def advance(
     due = heard and (waited < PATIENCE or waited % EVERY == 0)
     found = _found(prior, scan, model, work) if due else None
     if found is None:
-        waiting = replace(prior, step=prior.step + 1)
-        population = replace(population, states=(waiting,), waited=waited + heard)
-        return population, nothing_mapped(prior, model, work)
+        return waiting(population, prior, heard), nothing_mapped(prior, model, work)
     state, info = step(found, scan, model, work)
     return replace(population, states=(state,), searching=False), info
 

@@ -1,7 +1,6 @@
-"""Doubt: what a fresh start would make of the latest scan, against what the present hypotheses make of it.
+"""Challengers: what a fresh start makes of the latest scan, against what the present hypotheses make of it.
 
-docs/model.md, section 14. Innovations can't tell a world that is wrong but fits itself; evidence can, if
-there is something to set it against: the best pose by one scan alone, as if nothing had ever been heard.
+docs/model.md, section 14. What is concluded of the comparison is `gridslam.inference.health.doubt`.
 """
 
 from __future__ import annotations
@@ -13,27 +12,22 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array
+from gridslam.inference.health.monitor import SILENT
 from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.mixture import poses, together
 from gridslam.inference.management.pose_fix import Sources
 from gridslam.inference.management.pose_score import Snapshot
 from gridslam.inference.management.pose_search import POSE, find_modes, line_of_sight_poses
 from gridslam.inference.state.anchor_measurements import AnchorScan, split_by_anchor
-from gridslam.inference.state.health import SILENT
-from gridslam.inference.state.population import Population, Watch
+from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap
 from gridslam.world.scan import Scan
 
-EVERY, KEEP, FADING = 10, 0.5, 0.25
-"""Steps from one comparison to the next; forgetting of leads, and of what fits elsewhere."""
-ENOUGH_LOUD, LOW_LEAD = 6.0, 4.0
-"""Loud measurements needed to call a map worth nothing, and the lead of each, nats, below which it is."""
-ONE_ALONE, ELSEWHERE = 15.0, 5.0
-"""Nats by which a scan is explained better elsewhere if one measurement is the line of sight there; and
-beyond those, with forgetting, from which on a place is called wrong."""
+EVERY = 10
+"""Steps from one comparison to the next."""
 DOUBT_STEPS, SPREAD_M = 50, 0.3
 """For how long a doubt keeps the search for challengers going; spread of the position that is one."""
 HANDICAP, CHALLENGERS, POSES, LISTED = 7.0, 3, 60_000, 20
@@ -103,27 +97,9 @@ def watched(
         if loud:
             draw = np.random.default_rng([work.seed, state.step, PURPOSE_OF_LEAD])
             best, here = best_snapshot(snapshot_of(scans, state, model), state.belief.mean[POSE], draw)
-            watch = replace(
-                watch, lead=KEEP * watch.lead + evidence() - best, loud=KEEP * watch.loud + loud,
-                elsewhere=FADING * watch.elsewhere + max(best - here - ONE_ALONE, 0.0),
-            )  # fmt: skip
-            watch = replace(watch, doubtful=DOUBT_STEPS) if doubts(watch) else watch
+            watch = watch.compared(evidence(), best, here, loud)
+            watch = replace(watch, doubtful=DOUBT_STEPS) if watch.reasons() else watch
     return population if watch is population.watch else replace(population, watch=watch)
-
-
-def doubts(watch: Watch) -> list[str]:
-    """What speaks against all hypotheses, in words.
-
-    Any one measurement may be the line of sight of another pose, and one line of sight tells a fresh start as
-    much as a right map: what several say together counts.
-    """
-    found = []
-    if watch.loud >= ENOUGH_LOUD and watch.lead < LOW_LEAD * watch.loud:
-        lead = watch.lead / watch.loud
-        found.append(f"a fresh start explains what is heard nearly as well (lead {lead:.1f} nats)")
-    if watch.elsewhere > ELSEWHERE:
-        found.append(f"what is heard fits another place better, by {watch.elsewhere:.0f} nats")
-    return found
 
 
 def challenged(

@@ -9,15 +9,11 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.estimates import Health
+from gridslam.inference.health.signal_watch import assess_particles
 from gridslam.inference.messages.learning import Learned
 from gridslam.inference.messages.sight import Moments
 from gridslam.inference.state.hybrid_state import HybridState
 from gridslam.world.signal_model import SignalModel
-
-VAGUE_M = 1.0
-"""Deviation of the position from which on an agent counts as lost."""
-SILENT = 5
-FEW = 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,21 +49,6 @@ class HybridInfo:
     seconds: Mapping[str, float] = field(default_factory=dict)
 
 
-def assess(moments: Moments, silent: int, anchors: int, particles: bool) -> Health:
-    """Whether the agent is still known, by the filter's own word."""
-    spread, reasons = float(np.sqrt(np.trace(moments.covariance[:2, :2]))), []
-    if silent >= SILENT:
-        reasons.append(f"nothing heard for {silent} steps")
-    if spread > VAGUE_M:
-        reasons.append(f"position known to {spread:.1f} m alone")
-    if particles and moments.effective < FEW:
-        reasons.append(f"{moments.effective:.0f} particles carry the weight")
-    return Health(
-        not reasons, "; ".join(reasons), moments.effective, clutter=np.zeros(anchors),
-        turned_rad=np.zeros(anchors), silent_steps=silent,
-    )  # fmt: skip
-
-
 def conclude(
     state: HybridState, moments: Moments, learned: Learned, heading_rad: float, seconds: Mapping[str, float],
     model: SignalModel,
@@ -79,7 +60,8 @@ def conclude(
     existence, power, noise = joint.existence, joint.los_power, joint.noise
     if cloud is not None:
         existence, power, noise = cloud.existence, los_power(cloud), cloud.noise.mean(1)
-    health = assess(moments, state.silent, len(existence), cloud is not None)
+    spread_m = float(np.sqrt(np.trace(moments.covariance[:2, :2])))
+    health = assess_particles(spread_m, moments.effective, state.silent, len(existence), cloud is not None)
     return HybridInfo(
         moments.mean, moments.covariance, heading_rad, model.waveform.heading_std_rad**2, existence, power,
         noise, moments.log_evidence, learned, health, seconds,

@@ -11,20 +11,21 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam import runtime
-from gridslam.estimates import Health
+from gridslam.inference.health import reasons
+from gridslam.inference.health.crossings import crossing_of
+from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.management.branching import branches_of, conditioned, linear_width, split, widest
-from gridslam.inference.management.challenge import HANDICAP, challenged, doubts, snapshot_of, watched
-from gridslam.inference.management.crossings import crossing_of
+from gridslam.inference.management.challenge import HANDICAP, challenged, snapshot_of, watched
 from gridslam.inference.management.mixture import CAP, places, reduce
 from gridslam.inference.management.pose_fix import known_sources
 from gridslam.inference.management.pose_recovery import crowd, is_vague
 from gridslam.inference.management.pose_search import Modes, find_modes
+from gridslam.inference.management.start_search import PATIENCE, nothing_mapped, waiting
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.population import NONE, Population
-from gridslam.inference.state.range_watch import RangeWatch
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
@@ -38,11 +39,8 @@ PARTICLES = 512
 """Drawn for each of several hypotheses, at most: particles hardly matter, and one by one they cost time."""
 POSES_BY_MAP = 8_000
 """Uniform poses scored where a map helps: measurements over its surfaces propose others."""
-PATIENCE = 10
-"""Scans heard after which the best of an incomplete list must do."""
 LOOK_EVERY = 3
 """Steps from one look at whether lines of sight cross to the next: what they tell is the same at all."""
-NOT_FOUND = "start not found yet"
 
 
 def begun(state: State, model: FilterModel) -> Population[State]:
@@ -95,8 +93,7 @@ def _advanced(
         modes, prior = _search(population, scan, model, work)
         waited = population.waited + (len(scan) > 0)
         if modes is None or not (modes.complete or waited >= PATIENCE):
-            waiting = replace(population, states=(replace(prior, step=prior.step + 1),), waited=waited)
-            return waiting, nothing_mapped(population.best, model, work)
+            return waiting(population, prior, len(scan) > 0), nothing_mapped(population.best, model, work)
         population = _started(replace(population.best, belief=prior.belief), modes, model)
     if population.watch.doubtful:
         population = challenged(population, scan, start(model), model, work)
@@ -158,17 +155,6 @@ def _listed(
     half = -float(np.log(2))
     log = np.append(modes.log_prior - np.logaddexp.reduce(modes.log_prior) + half, half)
     return population.having((*states, state), log, guard=len(states), since=0)
-
-
-def nothing_mapped(state: State, model: FilterModel, work: Workspace) -> StepInfo:
-    """What is to be said of a step at which nothing was mapped."""
-    calibration = state.calibration
-    clutter = [calibration.estimate(j, model.radio.false_alarms) for j in range(model.senders)]
-    health = Health(
-        False, NOT_FOUND, float(work.particles.count), clutter=np.array(clutter), amplitude=calibration.gain,
-        turned_rad=calibration.turned.copy(), silent_steps=state.monitor.silent,
-    )  # fmt: skip
-    return StepInfo((), health, work.times(), False, calibration.turned, calibration.gain)
 
 
 def _split(population: Population[State], scan: Scan, model: FilterModel) -> Population[State]:
@@ -266,12 +252,12 @@ def comparable(info: StepInfo, state: State, model: FilterModel) -> float:
 
 def _judged(population: Population[State], info: StepInfo, model: FilterModel) -> StepInfo:
     """What happened at a step, with what there is to say of all hypotheses."""
-    reasons = [info.health.why] if info.health.why else []
+    found = [info.health.why] if info.health.why else []
     several = places(population)
     if several > 1:
-        reasons.append(f"{several} places remain")
-    reasons += doubts(population.watch)
+        found.append(reasons.several_places(several))
+    found += population.watch.reasons()
     if not model.grid.holds(population.best.belief.mean[:2]):
-        reasons.append("the agent has left the grid")
-    why = "; ".join(reasons)
+        found.append(reasons.OFF_GRID)
+    why = "; ".join(found)
     return info if why == info.health.why else replace(info, health=replace(info.health, ok=False, why=why))

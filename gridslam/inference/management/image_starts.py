@@ -13,7 +13,7 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array
-from gridslam.inference.management.hypotheses import NOT_FOUND
+from gridslam.inference.health.reasons import NOT_FOUND, several_places
 from gridslam.inference.management.mixture import SLACK, TOGETHER
 from gridslam.inference.messages.distance_mode import FREE_M
 from gridslam.inference.messages.image_births import (
@@ -71,7 +71,7 @@ def advance(
     population = population.having(states, log)
     population = population.merged(is_one, among=population.likely(HOPELESS))
     several = len(population)
-    return population, infos[likeliest], f"{several} places remain" if several > 1 else ""
+    return population, infos[likeliest], several_places(several) if several > 1 else ""
 
 
 def log_evidence(found: Sequence[Found], band: Band) -> float:

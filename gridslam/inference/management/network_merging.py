@@ -8,10 +8,10 @@ from typing import cast
 import numpy as np
 
 from gridslam.arrays import replace
+from gridslam.inference.health.reasons import left_out
 from gridslam.inference.management.ghosts import drop_ghosts
 from gridslam.inference.management.merging import MOST_SURFACES, dropped, merge, prune
 from gridslam.inference.management.step_info import StepInfo
-from gridslam.inference.state.health import left_out
 from gridslam.inference.state.network_belief import NetworkBelief
 from gridslam.inference.state.network_state import NetworkState
 from gridslam.world.network_model import NetworkModel

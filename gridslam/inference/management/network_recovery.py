@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
+from gridslam.inference.health.monitor import MOST_LOUD
 from gridslam.inference.management.pose_fix import (
     COPIES,
     LOUDEST,
@@ -24,9 +25,8 @@ from gridslam.inference.management.pose_fix import (
     known_sources,
 )
 from gridslam.inference.management.pose_recovery import PURPOSE, freed, is_vague, near_paths
-from gridslam.inference.messages.likelihood import DetectionTable, detection_table, deviations
-from gridslam.inference.state.anchor_measurements import AnchorScan, whole_scan
-from gridslam.inference.state.health import MOST_LOUD
+from gridslam.inference.messages.likelihood import DetectionTable, detection_table
+from gridslam.inference.state.anchor_measurements import AnchorScan, deviations, whole_scan
 from gridslam.inference.state.layout import AGENT
 from gridslam.inference.state.network_state import NetworkState
 from gridslam.inference.state.state import State

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.messages.likelihood import DetectionTable, deviations
+from gridslam.inference.health.monitor import MOST_LOUD
+from gridslam.inference.messages.likelihood import DetectionTable
 from gridslam.inference.messages.prediction import paths_now
-from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.health import MOST_LOUD
 from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State

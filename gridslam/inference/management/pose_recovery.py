@@ -12,11 +12,11 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import replace
+from gridslam.inference.health.monitor import ENOUGH, MOST_LOUD
 from gridslam.inference.management.pose_fix import MAP_M, POSE, Fix, find_pose, known_sources
 from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.health import ENOUGH, MOST_LOUD
 from gridslam.inference.state.layout import AGENT, HEADING
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed

@@ -9,10 +9,10 @@ from scipy.special import expit
 
 from gridslam import runtime
 from gridslam.arrays import Array
+from gridslam.inference.health.monitor import NO_FIT
 from gridslam.inference.messages.array_paths import Snapshot, SnapshotLikelihood, log_amplitudes
 from gridslam.inference.messages.cells import RAYS
 from gridslam.inference.messages.detections import latest_hits
-from gridslam.inference.state.health import NO_FIT
 from gridslam.inference.state.polylines import Polylines
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.messages.likelihood import deviations
 from gridslam.inference.messages.prediction import predict_every_path
-from gridslam.inference.state.anchor_measurements import AnchorScan, whole_scan
+from gridslam.inference.state.anchor_measurements import AnchorScan, deviations, whole_scan
 from gridslam.inference.state.clock_search import CELL_M
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace

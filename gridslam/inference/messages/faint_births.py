@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
 from gridslam.inference.messages.births import Births
-from gridslam.inference.messages.likelihood import detection_table, deviations
+from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.leftovers import Leftovers
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace

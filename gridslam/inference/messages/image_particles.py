@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.messages.association import associate
 from gridslam.inference.messages.direct_particles import resampled
-from gridslam.inference.messages.likelihood import detection_table, deviations
-from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.messages.likelihood import detection_table
+from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.feature_particles import Features, ImageState
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import direction, unit, wrap

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.messages.image_particles import GATE, SUREST, path_values
-from gridslam.inference.messages.likelihood import deviations
-from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.network_particles import CLOCK, NetworkParticleState
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap

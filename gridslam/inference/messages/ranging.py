@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.messages.association import Association
 from gridslam.inference.messages.exact_association import associate_exactly
-from gridslam.inference.messages.likelihood import DetectionTable, detection_table, deviations
+from gridslam.inference.messages.likelihood import DetectionTable, detection_table
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
-from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rays import P_STAY
 from gridslam.inference.state.rings import (

@@ -9,12 +9,12 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
+from gridslam.inference.health.monitor import NO_FIT
 from gridslam.inference.messages.association import ROUNDS, Association, associate, log_normaliser
 from gridslam.inference.messages.crowds import crowded_as_one, neighbours
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.prediction import PredictedPaths
 from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.health import NO_FIT
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed

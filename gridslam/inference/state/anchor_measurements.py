@@ -9,7 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.kernels import FAINTEST
 from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import lean
+from gridslam.world.radio import RadioModel
 from gridslam.world.scan import Scan
 
 LOUD = np.log(1000.0)
@@ -152,3 +155,36 @@ def _table(
     if silent.any():
         table[silent, 6:9] = -1.0, 1.0, 1.0
     return table
+
+
+def deviations(
+    heard: AnchorScan, measurement: NDArray[np.intp], amplitude: Array, angles: Array, signal: RadioModel,
+    steep: Array | float | None = None,
+) -> Array:  # fmt: skip
+    """Standard deviations (n, 3) of (distance, AoD, AoA): the table's own, or from Fisher information.
+
+    Infinite where nothing was measured.
+
+    Parameters
+    ----------
+    measurement : (n,)
+        Rows of `heard`.
+    amplitude : (n,)
+        Believed amplitude of the path behind each.
+    angles : (n, 2) rad
+        AoD and AoA, on which the arrays' aperture depends.
+    steep : (n,), optional
+        Cosine of the path's elevation; default: by the anchor's height and the measured distance.
+    """
+    value, own_std = heard.value[measurement], heard.own_std[measurement]
+    amplitude = np.maximum(amplitude, FAINTEST)
+    fisher = np.empty((len(value), 3))
+    fisher[:, 0] = signal.distance_std(amplitude)
+    aperture = signal.anchor_aperture.mean(0) if heard.anchor < 0 else signal.anchor_aperture[heard.anchor]
+    height = heard.height if heard.anchor >= 0 else 0.0
+    if steep is None:
+        steep = lean(np.nan_to_num(value[:, 0], nan=np.inf), height) if height else 1.0
+    fisher[:, 1] = signal.angle_std(amplitude, angles[:, 0], aperture, steep)
+    fisher[:, 2] = signal.angle_std(amplitude, angles[:, 1], signal.agent_aperture, steep)
+    std = np.where(np.isnan(own_std), fisher, own_std)
+    return np.where(np.isnan(value), np.inf, std)

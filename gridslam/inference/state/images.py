@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.health.signal_watch import SignalWatch
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rings import BEARINGS, MOVING, Rings
-from gridslam.inference.state.signal_watch import SignalWatch
 from gridslam.world.geometry import unit
 
 Whole = NDArray[np.int64]

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
+from gridslam.inference.health.monitor import HealthMonitor
 from gridslam.inference.state.calibration import Calibration
 from gridslam.inference.state.clock_search import ClockSearch
 from gridslam.inference.state.grid import Grid
-from gridslam.inference.state.health import HealthMonitor
 from gridslam.inference.state.network_belief import NetworkBelief
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.state import FRESH_SIGHT, State

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.state.range_watch import RangeWatch
+from gridslam.inference.health.doubt import Doubt
+from gridslam.inference.health.range_watch import RangeWatch
 
 S = TypeVar("S")
 """The kind of state."""
@@ -23,27 +24,6 @@ GUARDED = 10
 """Steps for which the parent of a branching is kept whatever its weight."""
 LATER = {"later": True}
 """Of fields that files of earlier versions may lack."""
-
-
-@dataclass(frozen=True)
-class Watch:
-    """What is kept to tell whether all hypotheses are wrong.
-
-    Attributes
-    ----------
-    lead, loud : float
-        Log evidence above that of the best pose without any map, and loud measurements, with forgetting.
-    doubtful : int
-        Steps for which another search by one scan alone is worth while.
-    elsewhere : float
-        By how much a scan and no map favour another pose than the believed one, nats beyond what one
-        measurement can say, with forgetting.
-    """
-
-    lead: float = 0.0
-    loud: float = 0.0
-    doubtful: int = 0
-    elsewhere: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +44,8 @@ class Population(Generic[S]):
         Which of the states is the unsplit parent that isn't pruned; `NONE` if there is none.
     since : int
         Steps since the latest branching.
-    watch : Watch
+    watch : Doubt
+        Whether all hypotheses are wrong.
     ranges : RangeWatch or None
         What lines of sight that cross say of the distances; None before the first step.
 
@@ -80,7 +61,7 @@ class Population(Generic[S]):
     waited: int = field(default=0, metadata=LATER)
     guard: int = field(default=NONE, metadata=LATER)
     since: int = field(default=1_000_000, metadata=LATER)
-    watch: Watch = field(default_factory=Watch, metadata=LATER)
+    watch: Doubt = field(default_factory=Doubt, metadata=LATER)
     ranges: RangeWatch | None = None
 
     FORMER_NAMES: ClassVar = ("ImagePopulation", "NetworkPopulation")

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from gridslam.arrays import Array, replace
+from gridslam.inference.health.monitor import HealthMonitor
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.calibration import Calibration
 from gridslam.inference.state.grid import Grid
-from gridslam.inference.state.health import HealthMonitor
 from gridslam.inference.state.leftovers import Leftovers
 from gridslam.inference.state.parked import Parked
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes

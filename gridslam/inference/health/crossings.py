@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.inference.messages.likelihood import deviations
-from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.range_watch import Crossing
+from gridslam.inference.health.range_watch import Crossing
+from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import lean, level_of, unit, wrap
 

@@ -13,8 +13,8 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from gridslam.arrays import Array
+from gridslam.inference.health import reasons
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.radio import SPEED_OF_LIGHT
 
 TURN_RAD, MOST_OFFSET_M, MOST_HEIGHT_M = 0.05, 5.0, 3.0
 """Deviations of an anchor's orientation, and of what may be wrong at most."""
@@ -162,10 +162,8 @@ def _words(fit: Fit, model: FilterModel) -> str:
     if fit.columns == (2 * model.senders,):
         if fit.size < LEAST_HEIGHT_M**2:
             return ""
-        return f"anchors seem {fit.size**0.5:.1f} m above or below the agent, where the scene has no heights"
+        return reasons.height(fit.size**0.5)
     if abs(fit.size) < LEAST_OFFSET_M:
         return ""
     whose = "all anchors" if fit.alike else f"anchor {model.anchor_names[fit.columns[0]]}"
-    long = "long" if fit.size > 0 else "short"
-    time = abs(fit.size) / SPEED_OF_LIGHT * 1e9
-    return f"distances of {whose} seem {abs(fit.size):.2f} m ({time:.1f} ns) too {long}"
+    return reasons.offset(whose, fit.size)

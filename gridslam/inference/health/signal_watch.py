@@ -9,11 +9,14 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.estimates import Health
+from gridslam.inference.health import reasons
+from gridslam.inference.health.monitor import MISFIT, SILENT, VAGUE_M, innovation_band
 from gridslam.inference.state.calibration import KEEP
-from gridslam.inference.state.health import MISFIT, SILENT, VAGUE_M, innovation_band
 
 LEAST_EXPLAINED = 0.2
 """Share of the received power that paths of the joint belief explain as long as the agent is followed."""
+FEW = 30.0
+"""Effective number of particles of hybrid SLAM below which too few carry the weight."""
 
 
 @dataclass(frozen=True)
@@ -78,16 +81,43 @@ class SignalWatch:
         ratio = self.misfit / self.freedom if self.freedom > 0 else 1.0
         low, high = innovation_band(self.freedom)
         share = (self.explained + 1) / (self.power + 1)
-        reasons = []
+        found = []
         if self.silent >= SILENT:
-            reasons.append(f"nothing heard for {self.silent} steps")
+            found.append(reasons.silent(self.silent))
         if spread_m > VAGUE_M:
-            reasons.append(f"position known to {spread_m:.1f} m alone")
+            found.append(reasons.vague(spread_m))
         if share < LEAST_EXPLAINED:
-            reasons.append(f"{share:.0%} of the received power explained by known paths")
+            found.append(reasons.little_power(share))
         if ratio > max(high, MISFIT):
-            reasons.append(f"innovations {ratio:.1f} times as large as they should be")
+            found.append(reasons.misfit(ratio))
         return Health(
-            not reasons, "; ".join(reasons), np.inf, ratio, (low, high), share, np.zeros(anchors), 1.0,
+            not found, "; ".join(found), np.inf, ratio, (low, high), share, np.zeros(anchors), 1.0,
             np.zeros(anchors), self.silent,
         )  # fmt: skip
+
+
+def assess_particles(
+    spread_m: float, effective: float, silent: int, anchors: int, by_particles: bool
+) -> Health:
+    """Whether hybrid SLAM still knows its agent.
+
+    Parameters
+    ----------
+    spread_m : float
+        Standard deviation of the position.
+    effective : float
+        Effective number of particles, if the belief is `by_particles`.
+    silent : int
+        Steps for which nothing has been heard.
+    """
+    found = []
+    if silent >= SILENT:
+        found.append(reasons.silent(silent))
+    if spread_m > VAGUE_M:
+        found.append(reasons.vague(spread_m))
+    if by_particles and effective < FEW:
+        found.append(reasons.few_particles(effective))
+    return Health(
+        not found, "; ".join(found), effective, clutter=np.zeros(anchors), turned_rad=np.zeros(anchors),
+        silent_steps=silent,
+    )  # fmt: skip

@@ -10,6 +10,7 @@ import numpy as np
 
 from gridslam.arrays import Array, replace
 from gridslam.estimates import Health
+from gridslam.inference.health import reasons
 from gridslam.inference.state.calibration import KEEP, Calibration
 from gridslam.kernels import SUMS
 from gridslam.world.filter_model import FilterModel
@@ -123,33 +124,32 @@ class HealthMonitor:
         ratio = self.misfit / self.freedom if self.freedom > 0 else 1.0
         low, high = innovation_band(self.freedom)
         heard = [calibration.estimate(j, stated) for j in range(len(calibration.clutter))]
-        reasons = []
+        found = []
         if self.silent >= SILENT:
-            reasons.append(f"nothing heard for {self.silent} steps")
+            found.append(reasons.silent(self.silent))
         if spread_m > VAGUE_M:
-            reasons.append(f"position known to {spread_m:.1f} m alone")
+            found.append(reasons.vague(spread_m))
         if self.since < AFRESH:
-            reasons.append(f"agent found again {self.since} steps ago")
+            found.append(reasons.found_again(self.since))
         if self.usual > 0 and share < LOST * self.usual:
-            reasons.append(f"{share:.0%} of the loud measurements explained, usually {self.usual:.0%}")
+            found.append(reasons.few_explained(share, self.usual))
         if ratio > max(high, MISFIT):
-            reasons.append(f"innovations {ratio:.1f} times as large as they should be")
+            found.append(reasons.misfit(ratio))
         known = calibration.listened >= LISTENED  # at first, walls that are still to be born pass for clutter
         clutter = max((level for level, told in zip(heard, known, strict=True) if told), default=0.0) / stated
         if clutter > LOUD_CLUTTER:
-            reasons.append(f"clutter {clutter:.1f} times what the scene says")
+            found.append(reasons.clutter(clutter))
         if turned.any():
             worst = int(np.abs(turned).argmax())
-            turn = np.degrees(turned[worst])
-            reasons.append(f"anchor {model.anchor_names[worst]} seems turned by {turn:.1f} degrees")
+            found.append(reasons.turned(model.anchor_names[worst], float(np.degrees(turned[worst]))))
         if effective < FEW:
-            reasons.append(f"{effective:.0f} particles carry the weight")
+            found.append(reasons.few_particles(effective))
         if self.crowd:
-            reasons.append(f"{self.crowd} loud paths of one anchor: {MOST_LOUD} of them propose poses")
+            found.append(reasons.crowded(self.crowd, MOST_LOUD))
         if self.dropped:
-            reasons.append(left_out(self.dropped))
+            found.append(reasons.left_out(self.dropped))
         health = Health(
-            not reasons, "; ".join(reasons), effective, ratio, (low, high), share, np.array(heard),
+            not found, "; ".join(found), effective, ratio, (low, high), share, np.array(heard),
             calibration.gain, calibration.turned.copy(), self.silent,
         )  # fmt: skip
         if self.silent:
@@ -157,11 +157,6 @@ class HealthMonitor:
         return health, replace(
             self, usual=self.usual + (SLOW if self.usual > 0 else 1.0) * (share - self.usual)
         )
-
-
-def left_out(count: int) -> str:
-    """Say that so many surfaces aren't in the belief, which takes only so many."""
-    return f"{count} surfaces left out for want of room"
 
 
 def innovation_band(freedom: float) -> tuple[float, float]:

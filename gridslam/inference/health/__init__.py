@@ -1,0 +1,36 @@
+"""Whether a filter trusts itself: all that `Estimate.health.why` may say, and where it comes from.
+
+Sentences stand in `reasons`. Numbers are those of docs/model.md.
+
+==================  ==========================================  ===============================  ============
+reason              said when                                   by                               formula
+==================  ==========================================  ===============================  ============
+`silent`            nothing was heard for 5 steps               all monitors                     section 9
+`vague`             the position is known to 1 m or worse       all monitors                     section 9
+`found_again`       pose recovery moved the agent 0 to 4 steps  `monitor.HealthMonitor.assess`   section 9
+                    ago
+`few_explained`     half as many loud measurements as usual     `monitor.HealthMonitor.assess`   section 9
+                    are explained
+`little_power`      known paths have less than a fifth of the   `signal_watch.SignalWatch`       section 9
+                    power (direct SLAM)
+`misfit`            innovations leave their chi-square band     `monitor`, `signal_watch`        section 9
+`clutter`           an anchor's clutter is 3 times the scene's  `monitor.HealthMonitor.assess`   (M46)
+`turned`            an anchor's turn is beyond doubt            `monitor.HealthMonitor.assess`   section 9
+`few_particles`     fewer than 3 (hybrid SLAM: 30) carry an     `monitor`,                       section 9, 15
+                    association                                 `signal_watch.assess_particles`
+`crowded`           over 30 loud paths of one anchor            `monitor.HealthMonitor.assess`   section 9
+`left_out`          over 24 surfaces are in sight               `monitor`; of networks           section 9
+                                                                `management.network_merging`
+`NOT_FOUND`         a vague start is still searched for         `management.start_search`        (M202), (M91)
+`several_places`    several hypotheses count                    `management.hypotheses`, of      section 14,
+                                                                direct SLAM `image_starts`       (M91)
+`fresh_start`       the lead over a start anew is below 4 nats  `doubt.Doubt.reasons`            (M206)
+`elsewhere`         a scan alone fits another place better      `doubt.Doubt.reasons`            (M253)
+`OFF_GRID`          the agent is outside the scene's region     `management.hypotheses`          section 14
+`offset`, `height`  lines of sight don't cross                  `range_watch.RangeWatch`         (M262)
+==================  ==========================================  ===============================  ============
+
+`monitor` (measured paths) and `signal_watch` (samples) judge one state by how measurements fitted it. `doubt`
+judges all hypotheses by evidence, which `management.challenge` compares. `range_watch` judges what no filter
+can see, by where lines of sight cross (`crossings`).
+"""

@@ -1,0 +1,89 @@
+"""What health says, each sentence once; `gridslam.inference.health` lists when and by which formula."""
+
+from __future__ import annotations
+
+from gridslam.world.radio import SPEED_OF_LIGHT
+
+NOT_FOUND = "start not found yet"
+OFF_GRID = "the agent has left the grid"
+
+
+def silent(steps: int) -> str:
+    """No measurement at all."""
+    return f"nothing heard for {steps} steps"
+
+
+def vague(spread_m: float) -> str:
+    """Standard deviation of the position, m."""
+    return f"position known to {spread_m:.1f} m alone"
+
+
+def found_again(steps: int) -> str:
+    """The agent was lost, and found by other means than following it."""
+    return f"agent found again {steps} steps ago"
+
+
+def few_explained(share: float, usual: float) -> str:
+    """Share of the measurements too loud for clutter that known paths explain, and what is usual."""
+    return f"{share:.0%} of the loud measurements explained, usually {usual:.0%}"
+
+
+def little_power(share: float) -> str:
+    """Share of the received power that known paths explain, of sampled signals."""
+    return f"{share:.0%} of the received power explained by known paths"
+
+
+def misfit(ratio: float) -> str:
+    """Normalised innovations squared, per degree of freedom."""
+    return f"innovations {ratio:.1f} times as large as they should be"
+
+
+def clutter(ratio: float) -> str:
+    """Clutter learned of the worst anchor, in ratio to the scene's."""
+    return f"clutter {ratio:.1f} times what the scene says"
+
+
+def turned(anchor: str, degrees: float) -> str:
+    """By how far an anchor's orientation is another than the scene's."""
+    return f"anchor {anchor} seems turned by {degrees:.1f} degrees"
+
+
+def few_particles(effective: float) -> str:
+    """Effective number of particles behind a sure association."""
+    return f"{effective:.0f} particles carry the weight"
+
+
+def crowded(count: int, proposing: int) -> str:
+    """So many loud measurements that not all propose where the agent may be."""
+    return f"{count} loud paths of one anchor: {proposing} of them propose poses"
+
+
+def left_out(count: int) -> str:
+    """Surfaces in sight that one joint belief has no room for."""
+    return f"{count} surfaces left out for want of room"
+
+
+def several_places(count: int) -> str:
+    """Hypotheses that count, merged by pose alone."""
+    return f"{count} places remain"
+
+
+def fresh_start(lead: float) -> str:
+    """Nats of evidence per loud measurement by which the belief leads a start anew."""
+    return f"a fresh start explains what is heard nearly as well (lead {lead:.1f} nats)"
+
+
+def elsewhere(nats: float) -> str:
+    """By how much a scan alone favours another pose than the believed one."""
+    return f"what is heard fits another place better, by {nats:.0f} nats"
+
+
+def offset(whose: str, size_m: float) -> str:
+    """Error of all distances of an anchor, or of all anchors."""
+    long, time_ns = "long" if size_m > 0 else "short", abs(size_m) / SPEED_OF_LIGHT * 1e9
+    return f"distances of {whose} seem {abs(size_m):.2f} m ({time_ns:.1f} ns) too {long}"
+
+
+def height(size_m: float) -> str:
+    """Height between anchors and agent that a planar scene lacks."""
+    return f"anchors seem {size_m:.1f} m above or below the agent, where the scene has no heights"
