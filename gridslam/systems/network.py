@@ -53,6 +53,8 @@ from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start
 
+ASTRAY = "what it hears isn't used for what all agents share"
+"""Said of an agent that is lost, or was found again only now."""
 Works = tuple[Workspace, ...]
 Turn = Callable[[State, Scan, NetworkState, float | None, FilterModel, Workspace], tuple[State, StepInfo]]
 """What one agent's scan says: its view of all, what was heard, what all believe, when the step before was."""
@@ -86,10 +88,15 @@ def step(
     earlier_s = state.time_s
     state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
     state = recover_agents(state, scan.scans, earlier_s, model, work)
-    state = set_clocks(state, scan.scans, model, works=work)  # (M103)
+    state = set_clocks(state, heard_by_teachers(state, scan), model, works=work)  # (M103)
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
     state, told = merge_and_prune_shared(state, model, infos)
     return replace(state, step=state.step + 1), NetworkInfo(told)
+
+
+def heard_by_teachers(state: NetworkState, scan: NetworkScan) -> list[Scan | None]:
+    """What was heard by the agents that aren't lost; None for the others."""
+    return [own if teaches else None for own, teaches in zip(scan.scans, state.teaches, strict=True)]
 
 
 def take_turns(
@@ -100,13 +107,19 @@ def take_turns(
     work: Works,
     turn: Turn,
 ) -> tuple[NetworkState, list[StepInfo | None]]:
-    """Every agent's turn after those before it; an agent that isn't there has none."""
+    """Every agent's turn after those before it; an agent that isn't there has none.
+
+    One that is lost hears what all have mapped, and teaches nothing until it is followed again.
+    """
     infos = list[StepInfo | None]()
     for agent, heard in enumerate(scan.scans):
         info = None
         if heard is not None:
             part, info = turn(state.part(agent), heard, state, earlier_s, model.agents[agent], work[agent])
-            state = doubt_clocks(loosened(state.having(agent, part)), info.exchanges, model)  # (M102)
+            if state.recorded(agent, part.monitor).teaches[agent]:
+                state = doubt_clocks(loosened(state.having(agent, part)), info.exchanges, model)  # (M102)
+            else:
+                state, info = state.apart(agent, part), info.doubted(ASTRAY)
         infos.append(info)
     return state, infos
 

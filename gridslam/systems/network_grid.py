@@ -29,7 +29,14 @@ from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.map import Map
 from gridslam.systems import network
-from gridslam.systems.network import NetworkInfo, NetworkSlam, Works, by_anchor, take_turns
+from gridslam.systems.network import (
+    NetworkInfo,
+    NetworkSlam,
+    Works,
+    by_anchor,
+    heard_by_teachers,
+    take_turns,
+)
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.network_model import NetworkModel
 from gridslam.world.network_scan import NetworkScan
@@ -53,11 +60,11 @@ def step(
     earlier_s = state.time_s
     state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
     state = recover_agents(state, scan.scans, earlier_s, model, work)
-    state = set_clocks(state, scan.scans, model, works=work)  # (M103)
+    state = set_clocks(state, heard_by_teachers(state, scan), model, works=work)  # (M103)
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
     used = [
-        None if info is None else own.calibrated(one, info.turned)
-        for info, one, own in zip(infos, model.agents, work, strict=True)
+        own.calibrated(one, info.turned) if info is not None and teaches else None
+        for info, one, own, teaches in zip(infos, model.agents, work, state.teaches, strict=True)
     ]
     state = update_shared_cells(state, used, works=work)  # eqs. (43) to (46)
     state, told = merge_and_prune_shared(state, model, infos)

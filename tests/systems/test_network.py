@@ -230,3 +230,42 @@ def test_three_agents_cost_about_three_times_what_one_does(exchange, heard):
     alone = [NetworkScan(scan.step, scan.time_s, scan.scans[:1]) for scan in scans]
     one, three = work_of(exchange, alone, 1), work_of(exchange, scans, 1)
     assert 0 < three < 4 * one  # more births among them: several views of each wall
+
+
+def astray(scans, agent, first):
+    """The same, but that an agent hears another world from a step on."""
+    for number, scan in enumerate(scans):
+        own = scan.scans[agent]
+        if number >= first:
+            own = replace(
+                own, aoa_rad=-own.aoa_rad, aod_rad=own.aod_rad[::-1], distance_m=own.distance_m + 90
+            )
+        yield replace(scan, scans=(*scan.scans[:agent], own, *scan.scans[agent + 1 :]))
+
+
+def without(scans, agent, first):
+    """The same without an agent from a step on."""
+    for number, scan in enumerate(scans):
+        own = scan.scans[agent] if number < first else None
+        yield replace(scan, scans=(*scan.scans[:agent], own, *scan.scans[agent + 1 :]))
+
+
+@pytest.mark.slow
+def test_a_lost_agent_teaches_the_others_nothing(exchange, heard):
+    scans, first = list(heard[0]), 9
+    lost, gone = (NetworkSlam(exchange, seed=1, agents=AGENTS) for _ in range(2))
+    for number, (one, other) in enumerate(
+        zip(astray(scans, 1, first), without(scans, 1, first), strict=True)
+    ):
+        ours, theirs = lost.step(one), gone.step(other)
+        if number >= first:
+            assert "isn't used" in ours.agents["agent2"].health.why
+            for name in ("agent1", "agent3"):
+                np.testing.assert_allclose(
+                    ours.agents[name].position_m, theirs.agents[name].position_m, atol=1e-6
+                )
+                assert "isn't used" not in ours.agents[name].health.why
+    own = lost.state.belief.layout.devices[:4]
+    np.testing.assert_allclose(lost.state.belief.mean[own], gone.state.belief.mean[own], atol=1e-6)
+    assert len(lost.state.surfaces) == len(gone.state.surfaces)
+    np.testing.assert_allclose(lost.state.surfaces.existence, gone.state.surfaces.existence, atol=1e-6)

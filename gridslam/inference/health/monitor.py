@@ -51,6 +51,8 @@ class HealthMonitor:
     dropped : int
         Surfaces believed in that are in sight and were set aside (or, of methods that park none, dropped) at
         this step, since one joint belief takes only so many.
+    lost : int
+        Steps since the agent was lost and not found again; 0 while it is followed.
     """
 
     misfit: float = 0.0
@@ -63,6 +65,7 @@ class HealthMonitor:
     since: int = 1_000_000
     crowd: int = 0
     dropped: int = 0
+    lost: int = 0
 
     def begun(self, scan_size: int) -> Self:
         """A new step with `scan_size` measurements."""
@@ -93,13 +96,24 @@ class HealthMonitor:
         """Whether, of `count` loud measurements, far fewer than usual lie where a path is predicted."""
         return count >= ENOUGH and bool(near < LOST * self.near * count)
 
+    @property
+    def astray(self) -> bool:
+        """Whether the agent is lost, or was found again so lately that it may be the wrong place."""
+        return self.lost > 0 or self.since < AFRESH
+
     def followed(self, count: int, near: int) -> Self:
         """Take in how many loud measurements lie where a path is predicted, at a step that isn't lost."""
-        return self if count < ENOUGH else replace(self, near=self.near + SLOW * (near / count - self.near))
+        if count < ENOUGH:
+            return self
+        return replace(self, near=self.near + SLOW * (near / count - self.near), lost=0)
 
     def found_again(self) -> Self:
         """The agent was found by other means than following it."""
-        return replace(self, since=0)
+        return replace(self, since=0, lost=0)
+
+    def still_lost(self) -> Self:
+        """The agent was lost at this step, and not found."""
+        return replace(self, lost=self.lost + 1)
 
     def assess(
         self, calibration: Calibration, turned: Array, model: FilterModel, spread_m: float, effective: float

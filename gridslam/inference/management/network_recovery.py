@@ -126,8 +126,9 @@ def _recovered(
         if not vague:
             return state.recorded(agent, part.monitor)
     beacons = Beacons.of(part, state.clocks.unset, model, work)
+    unfound = part.monitor.still_lost() if lost else part.monitor
     if len(np.unique(beacons.anchor)) < min(2, len(state.clocks.unset)):
-        return state.recorded(agent, part.monitor)
+        return state.recorded(agent, unfound)
     belief, now_s = part.belief, part.time_s
     if lost:
         elapsed = 0.0 if earlier_s is None or now_s is None else now_s - earlier_s
@@ -142,7 +143,7 @@ def _recovered(
             len(beacons) * len(heard), draw,
         )  # fmt: skip
     if fix is None or not fix.clear or not (fix.better or not lost):
-        return state.recorded(agent, part.monitor)
+        return state.recorded(agent, unfound)
     state = state.recorded(agent, part.monitor.found_again() if lost else part.monitor)
     return placed_at(state, agent, fix, float(model.start_variance[2]))
 

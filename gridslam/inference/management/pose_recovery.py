@@ -67,7 +67,7 @@ def recover_pose(
             model.grid,
         )  # fmt: skip
     if fix is None or not fix.clear or not (fix.better or not lost):
-        return state
+        return replace(state, monitor=state.monitor.still_lost()) if lost else state
     monitor = state.monitor.found_again() if lost else state.monitor
     after = moved(belief, fix, float(model.start_variance[2]))
     state = replace(state, monitor=monitor)

@@ -152,6 +152,13 @@ class NetworkBelief(Belief):
         covariance = covariance[order[:, None], order]
         return replace(self, mean=mean[order], covariance=0.5 * (covariance + covariance.T))
 
+    def apart(self, agent: int, view: Belief) -> NetworkBelief:
+        """The joint belief with an agent's pose as its view has it, independent of all else, which stays."""
+        own, mean, covariance = self.layout.pose(agent), self.mean.copy(), self.covariance.copy()
+        covariance[own], covariance[:, own] = 0.0, 0.0
+        mean[own], covariance[own, own] = view.mean[:AGENT], view.covariance[:AGENT, :AGENT]
+        return replace(self, mean=mean, covariance=covariance)
+
     def independent(self, entry: int, mean: float, variance: float) -> NetworkBelief:
         """The same with one entry's belief replaced, independent of all others."""
         moved, covariance = self.mean.copy(), self.covariance.copy()

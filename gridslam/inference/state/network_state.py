@@ -93,6 +93,15 @@ class NetworkState:
         anchors = len(self.los) // len(self.records)
         return slice(agent * anchors, (agent + 1) * anchors)
 
+    @property
+    def teaches(self) -> NDArray[np.bool_]:
+        """Which agents' measurements say something of what all share, (I,) bool: those that aren't astray.
+
+        If all are, it is the map or a clock that is wrong, and all are heard.
+        """
+        astray = np.array([record.monitor.astray for record in self.records])
+        return np.asarray(~astray | astray.all())
+
     def part(self, agent: int) -> State:
         """What one agent's messages work on: its view, the surfaces with its own rays, its record."""
         own, record = self.links(agent), self.records[agent]
@@ -108,6 +117,10 @@ class NetworkState:
         records = list(self.records)
         records[agent] = replace(records[agent], monitor=monitor)
         return replace(self, records=tuple(records))
+
+    def apart(self, agent: int, part: State) -> Self:
+        """The whole after the messages of an agent that is lost: its pose and health, nothing shared."""
+        return replace(self.recorded(agent, part.monitor), belief=self.belief.apart(agent, part.belief))
 
     def having(self, agent: int, part: State) -> Self:
         """The whole after an agent's messages; new surfaces have fresh rays to all others."""
