@@ -1,6 +1,8 @@
 """Imports run down the floors of docs/architecture.md, and no files import each other in a circle."""
 
 import ast
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -38,7 +40,10 @@ def modules() -> dict[str, Path]:
 
 @cache
 def syntax(module: str) -> ast.Module:
-    return ast.parse(modules()[module].read_text(encoding="utf-8"))
+    """Of a file, or of the stub beside it, which says what the file imports when it is asked for."""
+    file = modules()[module]
+    stub = file.with_suffix(".pyi")
+    return ast.parse((stub if stub.exists() else file).read_text(encoding="utf-8"))
 
 
 @cache
@@ -138,6 +143,30 @@ def test_inference_knows_of_no_file_format():
     assert formats(FORMATS) == set()
     for edge in FORMATS:
         assert formats(FORMATS - {edge}), f"{edge} is no exception any longer"
+
+
+def test_public_names_are_there_and_others_are_not():
+    assert dir(gridslam) == sorted(gridslam.__all__)
+    for name in gridslam.__all__:
+        assert getattr(gridslam, name).__module__.startswith("gridslam."), name
+    assert gridslam.from_sionna.__name__ == "measurements_from_sionna"
+    assert gridslam.world.__name__ == "gridslam.world"
+    for name in ("nothing", "_nothing", "__path_of_nothing__"):
+        with pytest.raises(AttributeError, match=name):
+            getattr(gridslam, name)
+
+
+def test_what_is_not_asked_for_is_not_imported():
+    program = """
+import sys, gridslam
+assert "numpy" not in sys.modules
+from gridslam import GridSlam
+import gridslam.cli.run, gridslam.runs.map_scene, gridslam.runs.progress
+ours = ("systems.direct", "systems.hybrid", "systems.network", "importers", "reference")
+for name in ("scipy.ndimage", "scipy.fft", "matplotlib", "taichi", *(f"gridslam.{room}" for room in ours)):
+    assert name not in sys.modules, name
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
 
 
 def test_folders_of_tests_are_rooms_of_the_package():

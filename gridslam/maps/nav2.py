@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from gridslam.maps.map_cells import MapCells, anchors_of
 from gridslam.maps.walls import WallSegments
@@ -90,6 +89,8 @@ def _seen(
     grid: MapCells, free: NDArray[np.bool_], occupied: NDArray[np.bool_], ends_m: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Free cells without the bands and specks behind walls, (ny, nx)."""
+    from scipy import ndimage
+
     if not len(ends_m):
         return free
     way = ends_m[:, 1] - ends_m[:, 0]

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from gridslam.estimates import Estimate
-from gridslam.inference.management.network_readout import NetworkEstimate
 from gridslam.world.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from gridslam.inference.management.network_readout import NetworkEstimate
 
 Tell = Callable[[Estimate, int, int], None]
 LINES, LEAST_STEPS = 10, 100

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from gridslam.arrays import Array
 from gridslam.world.clocks import ClockModel
@@ -78,6 +77,8 @@ class ClockSearch:
             ends = np.pad(mass, ((0, 0), (1, 1)), mode="edge")
             mass = mass + share * (ends[:, 2:] - 2 * mass + ends[:, :-2])
         else:
+            from scipy.ndimage import gaussian_filter1d
+
             mass = gaussian_filter1d(mass, np.sqrt(variance) / CELL_M, axis=1, mode="nearest")
         with np.errstate(divide="ignore"):
             log = np.maximum(np.log(mass), NEVER)
