@@ -69,7 +69,7 @@ def _joint(belief: JointBelief, anchors: int) -> list[tuple[str, bool, str]]:
         ("features/power", bool((bank.power >= 0).all()), "0 or more"),
         ("levels", all(level.shape == (anchors,) for level in levels), "one for each anchor"),
         ("existence", bool(((belief.existence >= 0) & (belief.existence <= 1)).all()), "probabilities"),
-        ("wander", bool(0 <= belief.wander < np.inf), "0 or more"),
+        ("extent", bool(0 <= belief.extent < np.inf), "0 or more"),
         ("noise", bool((belief.noise > 0).all() and (belief.los_power > 0).all()), "positive numbers"),
     ]
 

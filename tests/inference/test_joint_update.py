@@ -6,16 +6,12 @@ import numpy as np
 import pytest
 from signal_worlds import received, signal_model
 
-from gridslam.inference.messages.joint_update import (
-    columns,
-    log_likelihood,
-    predict,
-    products,
-    slopes,
-    update,
-)
+from gridslam.inference.messages.joint_update import TURNS_RAD, log_likelihood, predict, slopes, update
+from gridslam.inference.messages.path_products import paths_at, products, whiten
+from gridslam.inference.messages.path_products import received as prepared
 from gridslam.inference.state.features import FeatureBank, entries, place_jacobian, places
 from gridslam.inference.state.hybrid_state import JointBelief
+from gridslam.world.radio import SPEED_OF_LIGHT
 
 POINTS = np.array([[3.0, 4.0, 0.0], [-6.0, 2.0, 0.0], [2.0, -5.0, 3.0]])  # line of sight, image, scatterer
 POWERS = np.array([4000.0, 2000.0, 1200.0])
@@ -34,16 +30,72 @@ def belief(agent=(0.0, 0.0, 0.5, 0.0), spread=0.1, features=2, power=POWERS):
     return one
 
 
+def known_at(x, one, z, heading, model):
+    """Paths at a state with an error of the heading, and products of their responses."""
+    paths = paths_at(x[:-1], one, 0, heading + x[-1], model)
+    return paths, products(paths.numbers, prepared(z, model.waveform), model.waveform)
+
+
+def state_slopes(x, one, z, heading, power, model):
+    """Slope and curvature by the joint state and the heading's error, and the value."""
+    paths, known = known_at(x, one, z, heading, model)
+    score, curvature, value = slopes(known, power, 1.0)
+    return paths.jacobian.T @ score, paths.jacobian.T @ curvature @ paths.jacobian, value
+
+
+def same(one, other):
+    np.testing.assert_allclose(one, other, atol=1e-9 * np.abs(other).max())
+
+
+def responses(paths, wave):
+    """Responses of all samples, their slopes by length and by angle, (3, N M, C), one by one."""
+    count = len(paths.numbers) // 2
+    rate = 2 * np.pi / SPEED_OF_LIGHT * wave.offset_hz
+    element = 2 * np.pi / wave.wavelength_m * wave.agent_element_m
+    out = []
+    for length, angle in zip(paths.numbers[:count], paths.numbers[count:], strict=True):
+        antenna = np.exp(1j * (element[:, 0] * np.cos(angle) + element[:, 1] * np.sin(angle)))
+        bent = 1j * (element[:, 1] * np.cos(angle) - element[:, 0] * np.sin(angle)) * antenna
+        spectrum = wave.pulse * np.exp(-1j * rate * length) / length
+        sloped = (-1j * rate - 1 / length) * spectrum
+        out.append([np.kron(antenna, spectrum), np.kron(antenna, sloped), np.kron(bent, spectrum)])
+    return np.moveaxis(np.array(out), 0, -1)
+
+
+@pytest.mark.parametrize("frequencies", [40, 41])
+def test_products_are_those_of_responses_made_in_full(frequencies):
+    model, draw = signal_model(frequencies=frequencies), np.random.default_rng(frequencies)
+    z = received(model, (0.05, -0.02), 0.3, POINTS, POWERS, draw)[0]
+    paths, known = known_at(np.append(belief().mean, 0.02), belief(), z, 0.3, model)
+    whole = np.concatenate(list(responses(paths, model.waveform)), 1)
+    same(known.gram, whole.conj().T @ whole)
+    same(known.matched, whole.conj().T @ z.ravel())
+    assert known.energy == pytest.approx(np.vdot(z, z).real)
+    covariance = 1.7 * np.eye(z.size) + (whole[:, :3] * POWERS) @ whole[:, :3].conj().T
+    white = whiten(known, POWERS, 1.7)
+    solved = np.linalg.solve(covariance, whole)
+    same(white.gram, whole.conj().T @ solved)
+    same(white.matched, solved.conj().T @ z.ravel())
+
+
+def test_slopes_of_paths_by_the_state_are_differences():
+    one, model, step = belief(), signal_model(), 1e-6
+    at = np.append(one.mean + 0.01, 0.02)
+    jacobian = paths_at(at[:-1], one, 0, 0.3 + at[-1], model).jacobian
+    for entry, way in enumerate(step * np.eye(len(at))):
+        more, less = (paths_at(x[:-1], one, 0, 0.3 + x[-1], model).numbers for x in (at + way, at - way))
+        np.testing.assert_allclose(jacobian[:, entry], (more - less) / (2 * step), atol=1e-7)
+
+
 @pytest.mark.parametrize("entry", range(11))
 def test_slopes_are_those_of_the_log_likelihood(entry):
     model, draw, step = signal_model(), np.random.default_rng(entry), 1e-6
     z = received(model, (0.05, -0.02), 0.3, POINTS, POWERS, draw)[0]
     at = np.append(belief().mean, 0.02)
-    score, _, value = slopes(at, belief(), 0, z, 0.3, POWERS, model)
+    score, _, value = state_slopes(at, belief(), z, 0.3, POWERS, model)
 
     def density(x):
-        found = columns(x[:-1], belief(), 0, 0.3 + x[-1], model)
-        return log_likelihood(products(found, z), POWERS, 1.0)
+        return log_likelihood(known_at(x, belief(), z, 0.3, model)[1], POWERS, 1.0)
 
     way = step * np.eye(len(at))[entry]
     assert value == pytest.approx(density(at))
@@ -55,12 +107,12 @@ def test_slopes_are_those_of_the_log_likelihood(entry):
 def test_log_likelihood_is_that_of_the_covariance_of_all_samples():
     model, draw = signal_model(), np.random.default_rng(0)
     samples = received(model, (0.0, 0.0), 0.3, POINTS, POWERS, draw)[0]
-    found, z = columns(belief().mean, belief(), 0, 0.3, model), samples.ravel()
-    responses = found.value
-    covariance = 1.7 * np.eye(len(z)) + (responses * POWERS) @ responses.conj().T
+    paths, known = known_at(np.append(belief().mean, 0.0), belief(), samples, 0.3, model)
+    plain, z = responses(paths, model.waveform)[0], samples.ravel()
+    covariance = 1.7 * np.eye(len(z)) + (plain * POWERS) @ plain.conj().T
     _, logdet = np.linalg.slogdet(np.pi * covariance)
     expected = -np.vdot(z, np.linalg.solve(covariance, z)).real - logdet
-    assert log_likelihood(products(found, samples), POWERS, 1.7) == pytest.approx(expected, abs=1e-8)
+    assert log_likelihood(known, POWERS, 1.7) == pytest.approx(expected, abs=1e-8)
 
 
 def test_information_is_the_scatter_of_the_score():
@@ -69,7 +121,7 @@ def test_information_is_the_scatter_of_the_score():
     scores, curvature = [], np.zeros((11, 11))
     for _ in range(400):
         z = received(model, one.mean[:2], 0.3, POINTS, POWERS, draw)[0]
-        score, square, _ = slopes(np.append(one.mean, 0.0), one, 0, z, 0.3, POWERS, model)
+        score, square, _ = state_slopes(np.append(one.mean, 0.0), one, z, 0.3, POWERS, model)
         scores.append(score)
         curvature += square / 400
     known = [0, 1, 4, 5, 7, 8, 10]
@@ -83,9 +135,9 @@ def test_a_path_that_is_not_heard_says_nothing_of_its_feature():
     at, there, gone = np.append(one.mean, 0.0), [], []
     for _ in range(50):
         z = received(model, (0.0, 0.0), 0.3, POINTS, POWERS, draw)[0]
-        there.append(slopes(at, one, 0, z, 0.3, POWERS, model)[1][4, 4])
+        there.append(state_slopes(at, one, z, 0.3, POWERS, model)[1][4, 4])
         z = received(model, (0.0, 0.0), 0.3, POINTS[[0, 2]], POWERS[[0, 2]], draw)[0]
-        gone.append(slopes(at, one, 0, z, 0.3, POWERS, model)[1][4, 4])
+        gone.append(state_slopes(at, one, z, 0.3, POWERS, model)[1][4, 4])
     assert np.mean(gone) < 0.1 * np.mean(there)
 
 
@@ -174,12 +226,33 @@ def test_places_and_their_slopes_follow_from_the_entries():
         np.testing.assert_allclose(jacobian[entry // 3, :, entry % 3], slope, atol=1e-8)
 
 
-def test_features_that_wander_do_so_in_length_and_across_and_agents_do_not():
-    one = belief()
-    stays, wanders = predict(one, 0.5, 2.0), predict(replace(one, wander=0.1), 0.5, 2.0)
-    more = wanders.covariance - stays.covariance
-    far = np.array([np.hypot(*(point[:2] - [0.3, -0.2])) for point in POINTS[1:]])
-    expected = np.zeros(10)
-    expected[[4, 7]], expected[[5, 8]] = 0.1**2 * 0.5, 0.1**2 * 0.5 / far**2
-    np.testing.assert_allclose(more, np.diag(expected), atol=1e-15)
-    assert predict(replace(one, wander=0.1), 0.0, 2.0).covariance == pytest.approx(one.covariance)
+@pytest.mark.slow
+def test_features_that_are_heard_beside_their_places_leave_errors_as_large_as_claimed():
+    model, squares = signal_model(), {0.0: [], 0.1: []}
+    for seed in range(40):
+        for extent, found in squares.items():
+            draw, one = np.random.default_rng(seed), replace(belief(), extent=extent)
+            truth = one.mean + np.linalg.cholesky(one.covariance + 1e-18 * np.eye(10)) @ draw.normal(size=10)
+            still = places(truth, one.features.origin_m)
+            for step in range(4):
+                far, beside = np.hypot(*(still[:, :2] - truth[:2]).T), truth.copy()
+                far /= truth[[4, 7]] - truth[[6, 9]]
+                beside[[4, 7]] += 0.1 * draw.normal(size=2)
+                beside[[5, 8]] += 0.1 * TURNS_RAD * draw.normal(size=2) * far
+                points = np.concatenate([POINTS[:1], places(beside, one.features.origin_m)])
+                z = received(model, truth[:2], 0.3, points, POWERS, draw)
+                one, _ = update(one, z, HEARD, 0.3, model, step)
+            off = (one.mean - truth)[:2]
+            found.append(off @ np.linalg.solve(one.covariance[:2, :2], off) / 2)
+    assert 0.65 < np.mean(squares[0.1]) < 1.4  # 80 squares: a deviation of 0.16 about 1
+    assert np.mean(squares[0.0]) > 1.5 * np.mean(squares[0.1])
+
+
+def test_without_an_extent_nothing_is_beside_its_place():
+    model, draw, one = signal_model(), np.random.default_rng(8), belief()
+    z = received(model, (0.05, -0.02), 0.3, POINTS, POWERS, draw)
+    none, some = (update(replace(one, extent=e), z, HEARD, 0.3, model, 0) for e in (0.0, 1e-7))
+    np.testing.assert_allclose(none[0].mean, some[0].mean, atol=1e-8)
+    assert none[1] == pytest.approx(some[1], abs=1e-6)
+    wide = update(replace(one, extent=0.1), z, HEARD, 0.3, model, 0)[0]
+    assert (np.diagonal(wide.covariance)[[0, 1, 4, 7]] > np.diagonal(none[0].covariance)[[0, 1, 4, 7]]).all()

@@ -8,12 +8,14 @@ from signal_worlds import received, signal_model
 
 from gridslam import runtime
 from gridslam.inference.messages.feature_likelihood import Front
+from gridslam.inference.messages.following import START_STEPS
 from gridslam.inference.messages.joint_update import predict, update
 from gridslam.inference.messages.learning import JUDGED, learn
-from gridslam.inference.messages.rivals import PRICES, Lesson, extra_slopes, usual_prices
+from gridslam.inference.messages.rivals import PRICES, UNTOLD, Lesson, extra_slopes, usual_prices
 from gridslam.inference.messages.seeding import (
     IMAGE,
     LEAST_GAIN,
+    NONE_M,
     POWERS,
     SCATTERED,
     candidates,
@@ -21,7 +23,7 @@ from gridslam.inference.messages.seeding import (
     propose,
     stretch_of,
 )
-from gridslam.inference.state.features import FeatureBank, entries, places
+from gridslam.inference.state.features import MOVING, FeatureBank, entries, places
 from gridslam.inference.state.hybrid_state import HybridState, JointBelief, Segment
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
@@ -117,22 +119,32 @@ def test_a_feature_that_explains_nothing_costs_its_price():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("drift_mps", "wanders"), [(0.0, False), (0.5, True)])
-def test_features_wander_where_that_explains_the_segment(drift_mps, wanders):
-    """A path whose point moves is explained by one that may; an image stays."""
+@pytest.mark.parametrize("beside_m", [0.0, 0.15])
+def test_features_have_an_extent_where_that_explains_the_segment(beside_m):
+    """A path whose point is elsewhere at each step is explained by one that may be; an image stays."""
     model, draw = signal_model(spread=(0.1, 0.1, 0.1, 0.1)), np.random.default_rng(6)
     state, _ = state_after([MIRROR], [1500.0], 6)
     samples, segment = state.segment.samples.copy(), state.segment
     for k in range(STEPS):
-        way = np.array([0.1 * k * drift_mps, 0.0, 0.0])
+        way = np.append(beside_m * draw.normal(size=2), 0.0)
         place, heading = segment.agent[k, :2], segment.heading_rad[k]
         samples[k] = received(model, place, heading, [LOS, MIRROR + way], [LOS_POWER, 1500.0], draw)
     spread, origin = np.diag(np.square([0.05, 0.02, 1e-3])), np.zeros(2)
     start = state.before.with_feature(0, entries(MIRROR, origin), spread, origin, 1500.0, 0, 0)
     lesson, heard = lesson_of(state, model), replace(segment, samples=samples)
     found = lesson.settled(lesson.judge(start, heard), heard)
-    assert (found.joint.wander > 0) == wanders
-    assert found.start.wander == found.joint.wander
+    assert (found.joint.extent > 0) == (beside_m > 0)
+    assert found.start.extent == found.joint.extent
+
+
+@pytest.mark.parametrize("steps", [START_STEPS, START_STEPS + 1])
+def test_a_short_track_does_not_tell_that_an_image_is_one(steps):
+    state, model = state_after([MIRROR], [1500.0], 5)
+    lesson = Lesson(state.before, None, 0, 0, 0, Front(model.waveform), model)
+    (one, _) = lesson.rivals(state.segment, state.joint, PRICES, state.segment.first(steps))
+    extra = one.start.covariance[MOVING + 2, MOVING + 2] ** 0.5
+    length = one.start.mean[MOVING]
+    assert extra == pytest.approx(UNTOLD * length if steps <= START_STEPS else NONE_M)
 
 
 def test_the_noise_is_what_features_leave():

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.messages.feature_likelihood import Front
+from gridslam.inference.messages.following import START_STEPS
 from gridslam.inference.messages.joint_update import predict, update
 from gridslam.inference.messages.seeding import (
     FREE,
@@ -39,8 +40,10 @@ CLEAR = 10.0
 """Nats by which one set has to explain a segment better than another to be preferred for it."""
 ROUNDS = 3
 """Times, at most, that features are proposed along the way that the ones before led."""
-WANDERS = (0.0, 0.03)
-"""Metres by which features move in a second: images stay, what stands for many scatterers wanders."""
+EXTENTS_M = (0.0, 0.05, 0.1)
+"""Of features: images are heard at their places, what stands for many scatterers now here, now there."""
+UNTOLD = 0.3
+"""Deviation of an image's extra length, in its length, on a track too short to tell it from a scatterer."""
 MOVED_M = 0.1
 """Ways that are nowhere farther apart lead to the same features."""
 SHIFTS, ASTRAY, SMALL_M, STRONG = 2, 3.0, 0.5, 0.2
@@ -177,10 +180,10 @@ class Lesson:
         return found
 
     def settled(self, rival: Rival, segment: Segment) -> Rival:
-        """The same set, as places that wander or stay, where that clearly explains the segment better."""
+        """The same set with another extent of features, where that clearly explains the segment better."""
         along = replace(segment, agent=rival.track)
-        others = [w for w in WANDERS if w != rival.start.wander]
-        found = [self.judge(replace(rival.start, wander=w), along) for w in others]
+        others = [one for one in EXTENTS_M if one != rival.start.extent]
+        found = [self.judge(replace(rival.start, extent=one), along) for one in others]
         best = max(found, key=lambda one: one.score)
         return best if best.score > rival.score + CLEAR else rival
 
@@ -296,7 +299,8 @@ def with_proposals(
         table, kind = propose(look.stretch, look.known, look.gains, price)
         for row, what in zip(table, kind, strict=True):
             entry = entries(row[:3], origin)
-            width = {IMAGE: NONE_M, SCATTERED: TIED_M, FREE: EXTRA_SHARE * row[2]}[int(what)]
+            none = UNTOLD * entry[0] if len(segment) <= START_STEPS else NONE_M
+            width = {IMAGE: none, SCATTERED: TIED_M, FREE: EXTRA_SHARE * row[2]}[int(what)]
             spread = np.diag(np.square([LENGTH_STD_M, DIRECTION_STD_RAD, width]))
             if what == SCATTERED:
                 slope = extra_slopes(entry, model.anchors[look.anchor, :2] - origin)

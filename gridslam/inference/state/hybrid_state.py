@@ -46,8 +46,9 @@ class JointBelief:
     features : FeatureBank
     existence, los_power, noise : (J,) float64
         Of the lines of sight: probability, power at 1 m; noise power of the samples.
-    wander : float
-        Deviation by which features move across each other in a second, m.
+    extent : float
+        Deviation by which what is heard of a feature stands beside its place, at each step anew, m; see
+        `joint_update.TURNS_RAD`.
     """
 
     mean: Array
@@ -56,7 +57,7 @@ class JointBelief:
     existence: Array
     los_power: Array
     noise: Array
-    wander: float = 0.0
+    extent: float = 0.0
 
     @property
     def agent_covariance(self) -> Array:
