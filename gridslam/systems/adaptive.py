@@ -57,13 +57,15 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         amplitudes = predict_amplitudes(state, paths, model.radio, work=work)  # eq. (13), amplitude
         cloud, ratios = evaluate(heard, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
-        births = propose_births(state, heard, cloud, ratios, radio, model, work=work)
+        births, ratios = propose_births(state, heard, cloud, ratios, radio, model, work=work)
         births, ratios = recall_leftovers(births, state, heard, ratios, radio, model)  # (M251)
         state, exchange = form.update_surfaces_and_agent(
             state, heard, paths, ratios, reckoned.turned, model, work=work
         )
-        state = update_amplitudes(state, paths, amplitudes, heard, ratios, model.radio, work=work)  # eq. (26)
-        state = mark_detections(state, paths.rays, ratios.responsible.sum(1), model, work=work)
+        state = update_amplitudes(
+            state, paths, amplitudes, heard, exchange, model.radio, work=work
+        )  # eq. (26)
+        state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
         state, exchange, born = form.add_births(state, births, heard, exchange, radio, model, work=work)
         state = start_amplitudes(state, born, heard, model.radio)
         exchanges.append(exchange)

@@ -63,7 +63,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         # eqs. (8)-(10), (17)-(42)
         cloud, ratios = evaluate(heard, paths, visible.validity, amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
-        births = propose_births(state, heard, cloud, ratios, radio, model, work=work)  # eq. (11)
+        births, ratios = propose_births(state, heard, cloud, ratios, radio, model, work=work)  # eq. (11)
         births, ratios = recall_leftovers(births, state, heard, ratios, radio, model)  # (M251)
         state, exchange = form.update_surfaces_and_agent(
             state, heard, paths, ratios, reckoned.turned, model, work=work

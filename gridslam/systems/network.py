@@ -143,12 +143,12 @@ def turn(
         amplitudes = predict_amplitudes(state, paths, model.radio, work=work)
         cloud, ratios = evaluate(heard, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
-        births = propose_births(state, heard, cloud, ratios, radio, model, senders, work=work)
+        births, ratios = propose_births(state, heard, cloud, ratios, radio, model, senders, work=work)
         state, exchange = update_surfaces_and_agent(
             state, heard, paths, ratios, reckoned.turned, model, work=work
         )
-        state = update_amplitudes(state, paths, amplitudes, heard, ratios, model.radio, work=work)
-        state = mark_detections(state, paths.rays, ratios.responsible.sum(1), model, work=work)
+        state = update_amplitudes(state, paths, amplitudes, heard, exchange, model.radio, work=work)
+        state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
         state, exchange, born = add_births(state, births, heard, exchange, radio, model, work=work)
         state = start_amplitudes(state, born, heard, model.radio)
         exchanges.append(exchange)

@@ -86,7 +86,9 @@ def turn(
         amplitudes = Reflected(visible.products, radio)  # eq. (2)
         cloud, ratios = evaluate(heard, paths, visible.validity, amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
-        births = propose_births(state, heard, cloud, ratios, radio, model, senders, work=work)  # eq. (11)
+        births, ratios = propose_births(
+            state, heard, cloud, ratios, radio, model, senders, work=work
+        )  # eq. (11)
         state, exchange = update_surfaces_and_agent(
             state, heard, paths, ratios, reckoned.turned, model, work=work
         )

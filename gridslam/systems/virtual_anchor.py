@@ -60,13 +60,13 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         amplitudes = predict_amplitudes(state, paths, model.radio, work=work)
         cloud, ratios = evaluate(heard, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
         state, ratios, level = learn_clutter(state, heard.anchor, ratios, radio, model)
-        births = propose_births(state, heard, cloud, ratios, level, model, work=work)
+        births, ratios = propose_births(state, heard, cloud, ratios, level, model, work=work)
         given, tentative = ranging.associate_with_rings(state, heard, ratios, radio, model)
         state, exchange = update_surfaces_and_agent(
             state, heard, paths, ratios, reckoned.turned, model, given, work=work
         )
-        state = update_amplitudes(state, paths, amplitudes, heard, ratios, model.radio, work=work)
-        state = mark_detections(state, paths.rays, ratios.responsible.sum(1), model, work=work)
+        state = update_amplitudes(state, paths, amplitudes, heard, exchange, model.radio, work=work)
+        state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
         state, exchange, born = add_births(
             state, births, heard, exchange, radio, model, shared=False, work=work
         )

@@ -65,10 +65,7 @@ def taken_in(state, model, scan, anchor=EVERY_ANCHOR):
     probability = np.full((len(paths), len(PRODUCTS)), 1 / len(PRODUCTS))
     amplitudes, open_ = Reflected(probability, model.radio), np.ones(len(paths))
     cloud, ratios = evaluate(measured, paths, open_, amplitudes, model.radio, model, work=work)
-    births = propose_births(state, measured, cloud, ratios, model.radio, model, work=work)
-    births = replace(
-        births, **{n: getattr(births, n).copy() for n in ("measurement", "hit", "line", "ratio")}
-    )
+    births, ratios = propose_births(state, measured, cloud, ratios, model.radio, model, work=work)
     after, exchange = update_surfaces_and_agent(state, measured, paths, ratios, np.zeros(2), model, work=work)
     after, exchange, born = add_births(after, births, measured, exchange, model.radio, model, work=work)
     return after, ratios, births, exchange, born
@@ -166,7 +163,7 @@ def test_a_new_wall_is_thought_of_for_every_anchor_and_the_right_one_is_likelies
     measured, paths = of_all_anchors(scan), predict_paths(state, EVERY_ANCHOR, model, work=work)
     amplitudes = Reflected(np.full((len(paths), len(PRODUCTS)), 1 / len(PRODUCTS)), model.radio)
     cloud, again = evaluate(measured, paths, np.ones(len(paths)), amplitudes, model.radio, model, work=work)
-    fewer = propose_births(state, measured, cloud, again, model.radio, model, few, work=work)
+    fewer, _ = propose_births(state, measured, cloud, again, model.radio, model, few, work=work)
     assert (fewer.anchor == 0).all()
 
 

@@ -55,7 +55,8 @@ def evaluated(followed):
         heard, paths, np.ones(len(paths)), amplitudes, slam.model.radio, slam.model, work=work
     )
     ratios.new[:] = 1.0
-    update_surfaces_and_agent(state, heard, paths, ratios, np.zeros(2), slam.model, work=work)
+    _, exchange = update_surfaces_and_agent(state, heard, paths, ratios, np.zeros(2), slam.model, work=work)
+    ratios = replace(ratios, odds=exchange.odds, message=exchange.message, measured=exchange.measured)
     return state, heard, paths, ratios, slam.model
 
 

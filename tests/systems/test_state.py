@@ -13,6 +13,8 @@ from scene_samples import shortened
 
 import gridslam as gs
 from gridslam.inference.messages.association import Association
+from gridslam.inference.messages.births import Births
+from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.kernels.primitives import tables
 from gridslam.systems import adaptive, grid, virtual_anchor
@@ -70,6 +72,36 @@ def test_nothing_writes_into_a_state_or_an_info_that_was_returned(system, scene,
         for array, copy in zip(arrays((kept, told)), copies, strict=True):
             np.testing.assert_array_equal(array, copy)
     assert len(plain.state.surfaces)
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_no_message_of_a_step_writes_into_likelihood_ratios_or_births(system, scene, scans, monkeypatch):
+    """What a line returned is read-only, and the same at the step's end: kernels don't see flags."""
+    plain, module, returned = system(scene, seed=3), sys.modules[system.advance.__module__], []
+    expected = [plain.step(scan).covariance for scan in scans]
+
+    def guard(name):
+        function = getattr(module, name)
+
+        def guarded(*arguments, **more):
+            result = function(*arguments, **more)
+            for part in result:
+                if isinstance(part, LikelihoodRatios):  # its pairs are the workspace's
+                    part = part.odds, part.message, part.measured
+                if isinstance(part, Births | tuple):
+                    returned.extend((name, array, array.copy()) for array in arrays(frozen(part)))
+            return result
+
+        monkeypatch.setattr(module, name, guarded)
+
+    for name in {"evaluate", "learn_clutter", "propose_births", "recall_leftovers"} & set(vars(module)):
+        guard(name)
+    watched = system(scene, seed=3)
+    for scan, covariance in zip(scans, expected, strict=True):
+        np.testing.assert_array_equal(watched.step(scan).covariance, covariance)
+        assert {"evaluate", "propose_births"} <= {name for name, *_ in returned}
+        for name, array, copy in returned:
+            np.testing.assert_array_equal(array, copy, err_msg=name)
 
 
 @pytest.mark.slow

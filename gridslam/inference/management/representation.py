@@ -121,6 +121,7 @@ class SeparateParticles(JointGaussian):
         after, exchange = super().update_surfaces_and_agent(
             state, heard, paths, ratios, turned, model, work=work
         )
+        ratios = replace(ratios, odds=exchange.odds, message=exchange.message, measured=exchange.measured)
         return particles.weigh_samples(state, after, paths, heard, ratios, model, work=work), exchange
 
 

@@ -48,7 +48,7 @@ def add_new_surfaces(
     peaks, radio = peaks_of(new, anchor, snapshot.band, snapshot.radio, model)
     draw = np.random.default_rng([work.seed, PURPOSE, state.step, anchor])
     cloud = _cloud(state.belief, draw.standard_normal((len(state.belief.mean), SAMPLES)))
-    births = propose_births(state, peaks, cloud, _Peaks(np.zeros((4, len(new)))), radio, model, work=work)
+    births, _ = propose_births(state, peaks, cloud, _Peaks(np.zeros((4, len(new)))), radio, model, work=work)
     state, born, _ = add_chosen(state, births, peaks, np.zeros(len(new)), radio, model)
     return state, born
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from functools import cache, lru_cache
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.likelihood_ratios import PORTION
 from gridslam.inference.state.anchor_measurements import AnchorScan
@@ -27,12 +27,15 @@ SAMPLES = 256
 
 
 class Measured(Protocol):
-    """What known paths say of M measurements: `measured` (4 or more, M), rows as in `tables`."""
+    """A dataclass with what known paths say of M measurements."""
 
     @property
     def measured(self) -> Array:
-        """Rows by measurement; `NEW` is written."""
+        """Rows by measurement, (4 or more, M), as in `tables`."""
         ...
+
+
+Ratios = TypeVar("Ratios", bound=Measured)
 
 
 def partners(bank: SurfaceBank, belief: Belief, most_bounces: int) -> NDArray[np.int32]:
@@ -65,21 +68,20 @@ def propose_births(
     state: State,
     heard: AnchorScan,
     cloud: Cloud,
-    ratios: Measured,
+    ratios: Ratios,
     signal: RadioModel,
     model: FilterModel,
     senders: NDArray[np.int32] | None = None,
     *,
     work: Workspace,
-) -> Births:
+) -> tuple[Births, Ratios]:
     """All birth hypotheses above a least ratio, of the measurements that carry distance and AoA.
 
     If nobody told which anchor sent a measurement, each may have: one hypothesis for each of them.
 
     Surfaces are born uniformly over all lines that cross the region (angle and offset): a measure that
-    doesn't depend on the frame. The sums over each measurement's births are written to `ratios.new`. With a
-    grid, births are weighed by V of their paths; without one every path is open. The next call reuses the
-    arrays.
+    doesn't depend on the frame. With a grid, births are weighed by V of their paths; without one every path
+    is open. docs/model.md, (M32).
 
     Parameters
     ----------
@@ -87,6 +89,11 @@ def propose_births(
         The calibrated radio.
     senders : (A,) int32, optional
         Anchors whose measurements may bear surfaces; default: all.
+
+    Returns
+    -------
+    (births, ratios)
+        ratios: with 1 and the sum over each measurement's births in row `NEW`.
     """
     runtime.start()
     from gridslam.kernels.management.births import propose as launch
@@ -101,25 +108,25 @@ def propose_births(
     else:
         senders = able[np.isin(able, senders)]
     capacity, hypotheses = -(-len(heard) // PORTION) * PORTION, len(known) * len(senders)
-    births = work.buffers(_rows, 0, capacity, hypotheses)
+    births, measured = work.buffers(_rows, 0, capacity, hypotheses), ratios.measured.copy()
     launch(
         model.birth_rate, belief.layout.head, belief.mean, cloud.state, _noise(len(known)), heard.table,
-        known, senders, Anchors(model.places, signal.numbers), ratios.measured, births,
+        known, senders, Anchors(model.places, signal.numbers), measured, births,
     )  # fmt: skip
     born, told = births.born, births.told
     if state.grid is not None and born[0, 0]:
-        _weigh_by_visibility(state, births, ratios, model, work)
-    found = int(born[0, 0])
+        _weigh_by_visibility(state, births, measured, model, work)
+    found, ratios = int(born[0, 0]), replace(ratios, measured=measured)
     if not found:
-        return Births.none()
-    rows = born[1 : 1 + found]
-    return Births(rows[:, 0], rows[:, 1:3], told[:found, :2], told[:found, 2], rows[:, 3])
+        return Births.none(), ratios
+    rows, values = born[1 : 1 + found].copy(), told[:found].copy()  # the next call reuses the buffers
+    return Births(rows[:, 0], rows[:, 1:3], values[:, :2], values[:, 2], rows[:, 3]), ratios
 
 
 def _weigh_by_visibility(
-    state: State, births: BirthRows, ratios: Measured, model: FilterModel, work: Workspace
+    state: State, births: BirthRows, measured: Array, model: FilterModel, work: Workspace
 ) -> None:  # fmt: skip
-    """Weigh births, where they were proposed, by V of their paths at the mean of the belief."""
+    """Weigh births by V of their paths at the mean of the belief, in both buffers."""
     from gridslam.kernels.management.births import weigh_by_visibility
 
     grid, cells, layout = state.require_grid(), work.require_cells(), state.belief.layout
@@ -130,7 +137,7 @@ def _weigh_by_visibility(
     )  # fmt: skip
     weigh_by_visibility(
         layout.head, grid.shape[1], state.belief.mean, model.places, cells.occupancy(grid), cells.frame,
-        sketch, births, ratios.measured,
+        sketch, births, measured,
     )  # fmt: skip
 
 

@@ -66,11 +66,11 @@ class LikelihoodRatios:
         Over blocks of particles: number at which the path is possible; sum of each pair's weights. On the
         device.
     odds : (12, L)
-        By path, rows as in `gridslam.kernels.primitives.tables`; the last four are left to the updates.
+        By path, rows as in `gridslam.kernels.primitives.tables`; the updates fill the last four, in a copy.
     message : (5, L, M)
-        By path and measurement, rows as in `tables`; the last three are left to the association.
+        By path and measurement, rows as in `tables`; the association fills the last three, in a copy.
     measured : (5, M)
-        By measurement, rows as in `tables`; the last three are left to the updates.
+        By measurement, rows as in `tables`; births and updates fill the last three, in copies.
     """
 
     pairs: Pairs
@@ -78,11 +78,6 @@ class LikelihoodRatios:
     odds: Array
     message: Array
     measured: Array
-
-    @property
-    def block(self) -> blocks.Ratios:
-        """As kernels take them."""
-        return blocks.Ratios(self.odds, self.message, self.measured)
 
     @property
     def missed(self) -> Array:

@@ -17,8 +17,9 @@ import numpy as np
 from gridslam import runtime
 from gridslam.arrays import Array, replace
 from gridslam.inference.messages.likelihood import detection_table
-from gridslam.inference.messages.likelihood_ratios import PORTION, LikelihoodRatios
+from gridslam.inference.messages.likelihood_ratios import PORTION
 from gridslam.inference.messages.prediction import PredictedPaths
+from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.ray_amplitudes import Key, RayAmplitudes
 from gridslam.inference.state.rays import P_APPEAR, P_STAY, Rays
@@ -126,7 +127,7 @@ def mean_amplitudes(state: State, rays: Rays, distance: Array, signal: RadioMode
 
 @timed("updates")
 def update_amplitudes(
-    state: State, paths: PredictedPaths, belief: Histogram, heard: AnchorScan, ratios: LikelihoodRatios,
+    state: State, paths: PredictedPaths, belief: Histogram, heard: AnchorScan, exchange: Exchange,
     signal: RadioModel, *, work: Workspace,
 ) -> State:  # fmt: skip
     """Update by the measurements, softly by association, eq. (26).
@@ -137,14 +138,14 @@ def update_amplitudes(
         Of the surfaces of `state`, as they were predicted.
     belief : Histogram
         One step ahead.
-    ratios : LikelihoodRatios
-        After the association.
+    exchange : Exchange
+        With the association.
     """
     runtime.start()
     from gridslam.kernels.messages.histograms import listen
 
     amplitudes, model, rays = require(state), AmplitudeModel.of(signal), paths.rays
-    responsible, shape = ratios.responsible, belief.probability.shape
+    responsible, shape = exchange.responsible, belief.probability.shape
     if responsible.shape != (len(rays), len(heard)) or shape != (len(rays), len(model.nodes)):
         raise ValueError("beliefs don't belong to these rays and measurements")
     after = np.empty(shape)  # the state keeps its rows

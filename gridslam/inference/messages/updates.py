@@ -97,11 +97,16 @@ def update_surfaces_and_agent(
     Parameters
     ----------
     ratios : LikelihoodRatios
-        With its `new` filled in; its messages are filled in here.
+        With births in row `NEW` of `measured`.
     turned : (senders,) rad
         By which the anchors are taken to be turned.
     given : Association, optional
         Done otherwise.
+
+    Returns
+    -------
+    (state, exchange)
+        exchange: with the messages of the ratios, and those of the association.
     """
     if runtime.start() == "gpu" and given is None:
         given = Association.alone(*associate(ratios.beta, ratios.missed, ratios.new), ratios.new)
@@ -117,16 +122,18 @@ def update_surfaces_and_agent(
     share, scratch = work.buffers(_shares, anchor, len(pairs.index)), np.empty((len(belief.mean), 6))
     fits = np.empty((anchors, len(NO_FIT)))
     fits[:] = NO_FIT
+    odds, message, measured = ratios.odds.copy(), ratios.message.copy(), ratios.measured.copy()
     if given is not None:
-        ratios.message[tables.NU], ratios.measured[tables.CLAIMED] = given.nu, given.claimed
-        ratios.measured[tables.NEW], rounds = given.new, 0
+        message[tables.NU], measured[tables.CLAIMED] = given.nu, given.claimed
+        measured[tables.NEW], rounds = given.new, 0
     messages.reserve(len(rays), len(pairs), (surfaces, anchors))
     launch = update_with_rises() if belief.rises else update_with_clocks() if belief.clocks else update
     pairs = crowded_as_one(pairs, heard, work.once(neighbours, heard.table))
     launch(
         belief.layout.head, rounds, blocks.Belief(belief.mean, belief.covariance),
-        blocks.PathRows(rays.table, paths.prediction.whole), pairs.block(ratios.blocks), ratios.block,
-        heard.table, blocks.Anchors(model.places, model.radio.numbers),
+        blocks.PathRows(rays.table, paths.prediction.whole), pairs.block(ratios.blocks),
+        blocks.Ratios(odds, message, measured), heard.table,
+        blocks.Anchors(model.places, model.radio.numbers),
         blocks.Existence(existence, los, single, double),
         blocks.Account(scratch, share, np.resize(turned, anchors), fits),
         messages.block(),
@@ -136,8 +143,7 @@ def update_surfaces_and_agent(
     fits = _with_images(fits, len(turned))
     own = slice(anchor, anchor + 1) if anchor >= 0 else slice(None)
     exchange = Exchange(
-        anchor, listed, ratios.odds, ratios.message, ratios.measured, fits[own], paths.recipe.count,
-        np.zeros((0, 2)), given,
+        anchor, listed, odds, message, measured, fits[own], paths.recipe.count, np.zeros((0, 2)), given,
     )  # fmt: skip
     return replace(state, belief=belief, surfaces=bank, los=los), exchange
 
