@@ -9,6 +9,7 @@ from gridslam.kernels.primitives.functions import (
     bearing_of,
     cos_of,
     decay_of,
+    dot,
     double_bounce,
     level_of,
     mirrored,
@@ -97,15 +98,15 @@ def line_at(arrival, mean: ti.template(), place, known, last, first, level, lean
         source, by_angle, by_offset = mirror_of(source[0], source[1], mean[known], mean[known + 1])
         for i in ti.static(range(2)):
             left[i, 5], left[i, 6] = by_angle[i], by_offset[i]
-    span = ti.max((image - source).norm(), 1e-12)
+    span = ti.max(ti.sqrt(dot(image - source, image - source)), 1e-12)
     normal, middle = (image - source) / span, 0.5 * (image + source)
     tangent, slope = ti.Vector([-normal[1], normal[0]], dt=ti.f64), ti.Matrix.zero(ti.f64, 2, 7)
     for e in ti.static(range(7)):
         gap = ti.Vector([moved[0, e] - left[0, e], moved[1, e] - left[1, e]], dt=ti.f64)
         both = ti.Vector([moved[0, e] + left[0, e], moved[1, e] + left[1, e]], dt=ti.f64)
-        slope[0, e] = tangent.dot(gap) / span
-        slope[1, e] = slope[0, e] * tangent.dot(middle) + 0.5 * normal.dot(both)
-    return bearing_of(normal[0], normal[1]), normal.dot(middle), slope
+        slope[0, e] = dot(tangent, gap) / span
+        slope[1, e] = slope[0, e] * dot(tangent, middle) + 0.5 * dot(normal, both)
+    return bearing_of(normal[0], normal[1]), dot(normal, middle), slope
 
 
 @ti.func

@@ -3,7 +3,7 @@
 import taichi as ti
 
 from gridslam.kernels import OFTEN, OFTENER
-from gridslam.kernels.primitives.functions import PI, cos_of, sin_of, wrapped
+from gridslam.kernels.primitives.functions import PI, cos_of, dot, sin_of, wrapped
 from gridslam.kernels.primitives.gaussian import mirror_of
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.layout import line_entry
@@ -51,20 +51,22 @@ def find_duplicates(
                     m = ti.Vector([cos_of(there), sin_of(there)], dt=ti.f64)
                     along, side = ti.Vector([-n[1], n[0]], dt=ti.f64), ti.Vector([-m[1], m[0]], dt=ti.f64)
                     place = mean[young + 1] * n + foot[y] * along
-                    gap = flip * (place.dot(m) - mean[old + 1])
+                    gap = flip * (dot(place, m) - mean[old + 1])
                     if ti.abs(turn) <= ALIKE and ti.abs(gap) <= ALIKE:
                         # the place itself moves with the younger line
                         by_turn = mean[young + 1] * along - foot[y] * n
                         slope = ti.Matrix.zero(ti.f64, 2, 4)
-                        slope[0, 0], slope[0, 1] = flip * place.dot(side), -flip
-                        slope[0, 2], slope[0, 3] = flip * m.dot(by_turn), flip * n.dot(m)
+                        slope[0, 0], slope[0, 1] = flip * dot(place, side), -flip
+                        slope[0, 2], slope[0, 3] = flip * dot(m, by_turn), flip * dot(n, m)
                         slope[1, 0], slope[1, 2] = 1.0, -1.0
                         entry = ti.Vector([old, old + 1, young, young + 1])
-                        own = ti.Matrix.zero(ti.f64, 4, 4)
-                        for i in ti.static(range(4)):
-                            for j in ti.static(range(4)):
-                                own[i, j] = covariance[entry[i], entry[j]]
-                        spread = slope @ own @ slope.transpose()
+                        spread = ti.Matrix.zero(ti.f64, 2, 2)
+                        for p in range(4):
+                            for q in range(4):
+                                shared = covariance[entry[p], entry[q]]
+                                for i in ti.static(range(2)):
+                                    for j in ti.static(range(2)):
+                                        spread[i, j] += slope[i, p] * shared * slope[j, q]
                         a, b, c = spread[0, 0] + SLACK[0], spread[0, 1], spread[1, 1] + SLACK[1]
                         square = c * gap * gap - 2 * b * gap * turn + a * turn * turn
                         if square < LIKELY * (a * c - b * b):
@@ -129,7 +131,7 @@ def explains(
             image[0], image[1], mean[by_last_line], mean[by_last_line + 1]
         )
         gap = own - image
-        far, elsewhere = gap.norm(), ti.cast(0.0, ti.f64)
+        far, elsewhere = ti.sqrt(dot(gap, gap)), ti.cast(0.0, ti.f64)
         for other in range(places.shape[0]):
             if other != anchor:
                 elsewhere = ti.max(elsewhere, single[other, g])
@@ -138,8 +140,8 @@ def explains(
             yes = True
         elif far < NEAR_M and elsewhere < HEARD_ELSEWHERE:
             n = ti.Vector([cos_of(mean[by_last_line]), sin_of(mean[by_last_line])], dt=ti.f64)
-            by_first -= 2 * n.dot(by_first) * n
-            by_first_offset -= 2 * n.dot(by_first_offset) * n
+            by_first -= 2 * dot(n, by_first) * n
+            by_first_offset -= 2 * dot(n, by_first_offset) * n
             slope = ti.Matrix.zero(ti.f64, 2, 6)
             for i in ti.static(range(2)):
                 slope[i, 0], slope[i, 1] = by_own[i], by_offset[i]

@@ -50,28 +50,24 @@ def angle_of(x, y):
     return ti.select(y < 0, -r, r)
 
 
-@ti.func
-def cos_of(x):
-    """Cosine of a number in double precision, as precise as the device has it."""
-    return ti.cos(x) if ti.static(WIDE) else ti.cast(ti.cos(ti.cast(x, ti.f32)), ti.f64)
+def _narrow(function):
+    """The same in single precision, for devices that have it in no other."""
+
+    @ti.func
+    def of_one(x):
+        return ti.cast(function(ti.cast(x, ti.f32)), ti.f64)
+
+    return of_one
 
 
-@ti.func
-def sin_of(x):
-    """Sine; see `cos_of`."""
-    return ti.sin(x) if ti.static(WIDE) else ti.cast(ti.sin(ti.cast(x, ti.f32)), ti.f64)
-
-
-@ti.func
-def decay_of(x):
-    """exp(x); see `cos_of`."""
-    return ti.exp(x) if ti.static(WIDE) else ti.cast(ti.exp(ti.cast(x, ti.f32)), ti.f64)
-
-
-@ti.func
-def logarithm_of(x):
-    """log(x); see `cos_of`."""
-    return ti.log(x) if ti.static(WIDE) else ti.cast(ti.log(ti.cast(x, ti.f32)), ti.f64)
+cos_of = ti.cos if WIDE else _narrow(ti.cos)
+"""Cosine of a number in double precision, as precise as the device has it."""
+sin_of = ti.sin if WIDE else _narrow(ti.sin)
+"""Sine; see `cos_of`."""
+decay_of = ti.exp if WIDE else _narrow(ti.exp)
+"""exp(x); see `cos_of`."""
+logarithm_of = ti.log if WIDE else _narrow(ti.log)
+"""log(x); see `cos_of`."""
 
 
 @ti.func
@@ -79,6 +75,12 @@ def bearing_of(x, y):
     """atan2(y, x); see `cos_of`."""
     narrow = ti.cast(ti.atan2(ti.cast(y, ti.f32), ti.cast(x, ti.f32)), ti.f64)
     return ti.atan2(y, x) if ti.static(WIDE) else narrow
+
+
+@ti.func
+def dot(a, b):
+    """Scalar product of two vectors of two entries."""
+    return a[0] * b[0] + a[1] * b[1]
 
 
 @ti.func

@@ -7,7 +7,16 @@ difference of two clocks or a rise, which lengthens its distance and nothing els
 import taichi as ti
 
 from gridslam.kernels import UNMEASURED
-from gridslam.kernels.primitives.functions import PI, bearing_of, cos_of, decay_of, sin_of, slant_of, wrapped
+from gridslam.kernels.primitives.functions import (
+    PI,
+    bearing_of,
+    cos_of,
+    decay_of,
+    dot,
+    sin_of,
+    slant_of,
+    wrapped,
+)
 from gridslam.kernels.primitives.layout import anchor_of, line_entry, steepness_of, unknown_entry
 from gridslam.kernels.primitives.tables import (
     BETA,
@@ -65,12 +74,12 @@ def path_of(mean: ti.template(), head, place, bounces, last, first):
         image, by_last, by_c = mirror_of(image[0], image[1], angle, mean[by_last_line + 1])
         if bounces == 2:
             n = ti.Vector([cos_of(angle), sin_of(angle)], dt=ti.f64)
-            by_first = by_first - 2 * n.dot(by_first) * n
-            by_d = by_d - 2 * n.dot(by_d) * n
+            by_first = by_first - 2 * dot(n, by_first) * n
+            by_d = by_d - 2 * dot(n, by_d) * n
         else:
             turn_last = ti.cast(2.0, ti.f64)
     toward = ti.Vector([image[0] - mean[0], image[1] - mean[1]], dt=ti.f64)
-    distance = ti.max(toward.norm(), 1e-9)
+    distance = ti.max(ti.sqrt(dot(toward, toward)), 1e-9)
     length = slant_of(distance * distance, place[4])
     lean = distance / length  # slope of the one by the other
     toward /= distance
@@ -89,10 +98,10 @@ def path_of(mean: ti.template(), head, place, bounces, last, first):
     slope = ti.Matrix.zero(ti.f64, 3, 7)
     slope[0, 0], slope[0, 1] = -lean * toward[0], -lean * toward[1]
     slope[2, 0], slope[2, 1], slope[2, 2] = -across[0], -across[1], -1.0
-    slope[0, 3], slope[0, 4] = lean * toward.dot(by_last), lean * toward.dot(by_c)
-    slope[2, 3], slope[2, 4] = across.dot(by_last), across.dot(by_c)
-    slope[0, 5], slope[0, 6] = lean * toward.dot(by_first), lean * toward.dot(by_d)
-    slope[2, 5], slope[2, 6] = across.dot(by_first), across.dot(by_d)
+    slope[0, 3], slope[0, 4] = lean * dot(toward, by_last), lean * dot(toward, by_c)
+    slope[2, 3], slope[2, 4] = dot(across, by_last), dot(across, by_c)
+    slope[0, 5], slope[0, 6] = lean * dot(toward, by_first), lean * dot(toward, by_d)
+    slope[2, 5], slope[2, 6] = dot(across, by_first), dot(across, by_d)
     for n in ti.static(range(7)):
         if ti.static(n != 2):
             slope[1, n] = sense * slope[2, n]
@@ -166,7 +175,7 @@ def bend_of(slope, length, covariance: ti.template()):
     """
     mean, spread = ti.Vector.zero(ti.f64, 3), ti.Matrix.zero(ti.f64, 3, 3)
     across = ti.Vector([slope[2, 0], slope[2, 1]], dt=ti.f64)
-    near = across.norm()  # one over the length seen from above
+    near = ti.sqrt(dot(across, across))  # one over the length seen from above
     if near * NEAR_M > 1:
         across /= near
         along = ti.Vector([across[1], -across[0]], dt=ti.f64)
