@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from filter_states import model_of, state_of
 
-from gridslam.inference.messages.crowds import OTHERS, crowded_as_one, neighbours
+from gridslam.inference.messages.crowds import OTHERS, crowded_as_one, neighbours, of_one_way
 from gridslam.inference.messages.likelihood_ratios import Pairs, evaluate
 from gridslam.inference.messages.prediction import predict_paths
 from gridslam.inference.messages.updates import update_surfaces_and_agent
@@ -47,6 +47,21 @@ def test_a_crowd_is_four_faint_measurements_side_by_side_and_nothing_less():
     mixed = replace(scan_of([10.0, 10.1, 10.2, 10.3]))
     mixed.table[3, tables.LABEL] = 1
     assert not neighbours(mixed.table).any(), "anchors don't crowd each other"
+
+
+def test_paths_over_floor_and_ceiling_make_no_crowd_with_those_of_their_wall():
+    near = neighbours(scan_of(np.linspace(10.0, 10.5, 6)).table)
+    assert near.all()
+    beta = np.array([[9.0, 9, 9, 9, 0, 0], [1.0, 1, 1, 1, 5, 0], [0.0, 0, 0, 0, 2, 7]])
+    found = of_one_way(near, beta, np.array([0, 1, 2], np.int32))
+    assert found.any(1).tolist() == [True] * 4 + [False] * 2
+    assert not found[:4, 4:].any()
+    assert near.all(), "not changed in place"
+    assert of_one_way(near, beta, np.zeros(3, np.int32)) is near
+    fewer = of_one_way(near, beta[:, ::-1].repeat(2, 0)[::2], np.array([2, 1, 0], np.int32))
+    np.testing.assert_array_equal(fewer, found[::-1, ::-1])
+    three = np.array([[1.0, 1, 1, 0, 0, 0], [0.0, 0, 0, 1, 1, 1]])
+    assert not of_one_way(near, three, np.array([0, 1], np.int32)).any()
 
 
 def test_a_crowd_tells_what_one_measurement_of_its_middle_would():

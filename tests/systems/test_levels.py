@@ -84,6 +84,20 @@ def test_floor_and_ceiling_leave_a_filter_that_knows_them_at_the_bound(method):
 
 
 @pytest.mark.slow
+def test_paths_over_levels_blur_no_others_and_bear_no_walls_at_40_db():
+    data = with_levels(raised(shortened(ROOM, 40), 1.5)).model_dump(exclude_none=True)
+    scene = gs.Scene.checked({**data, "radio": {**data["radio"], "snr_at_1m_db": 40.0}}, "room")
+    heard, track = gs.simulate(scene, "agent1", seed=71), scene.track("agent1")
+    square, ratio, last = followed(scene, gs.GridSlam, heard, track)
+    bound = unknown_map_bound(scene, "agent1").position_m
+    claimed = np.trace(last.covariance[:2, :2])
+    assert np.sqrt(square / np.square(bound).mean()) < 1.3  # one run
+    assert 0.5 < ratio < 1.7
+    assert claimed < 1.1**2 * bound[-1] ** 2  # 1.5 where level paths count as a crowd
+    assert last.detected.sum() <= 5  # 8 where they bear walls
+
+
+@pytest.mark.slow
 def test_floor_and_ceiling_that_a_scene_leaves_out_become_phantom_walls():
     scene = raised(shortened(ROOM, 30), 1.5)
     heard = gs.simulate(with_levels(scene), "agent1", seed=21)

@@ -43,6 +43,29 @@ def neighbours(table: Array) -> NDArray[np.bool_]:
     return none
 
 
+def of_one_way(near: NDArray[np.bool_], beta: Array, image: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Those neighbours (M, M) that seem to have come the same way: straight, over floor, or over ceiling.
+
+    What a wall sends over floor and ceiling is heard close to what it sends straight, but no other piece of
+    it sent that, and known heights tell one from the other.
+
+    Parameters
+    ----------
+    near : (M, M)
+        As of `neighbours`.
+    beta : (L, M)
+        What each path sends into the association; the likeliest tells the way.
+    image : (L,) int
+        Which images each path comes from: 0 for the anchors themselves.
+    """
+    if not (near.any() and image.any()):
+        return near
+    way = image[beta.argmax(0)]
+    alike = near & (way[:, None] == way)
+    alike[alike.sum(1) <= OTHERS] = False
+    return np.asarray(alike, np.bool_)
+
+
 def crowded_as_one(pairs: Pairs, heard: AnchorScan, near: NDArray[np.bool_] | None = None) -> Pairs:
     """The pairs, a crowd's widened: all of it together tells what one measurement of its middle would.
 

@@ -11,7 +11,7 @@ from gridslam import runtime
 from gridslam.arrays import Array, replace
 from gridslam.inference.health.monitor import NO_FIT
 from gridslam.inference.messages.association import ROUNDS, Association, associate, log_normaliser
-from gridslam.inference.messages.crowds import crowded_as_one, neighbours
+from gridslam.inference.messages.crowds import crowded_as_one, neighbours, of_one_way
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.prediction import PredictedPaths
 from gridslam.inference.state.anchor_measurements import AnchorScan
@@ -128,7 +128,9 @@ def update_surfaces_and_agent(
         measured[tables.NEW], rounds = given.new, 0
     messages.reserve(len(rays), len(pairs), (surfaces, anchors))
     launch = update_with_rises() if belief.rises else update_with_clocks() if belief.clocks else update
-    pairs = crowded_as_one(pairs, heard, work.once(neighbours, heard.table))
+    near = work.once(neighbours, heard.table)
+    near = of_one_way(near, ratios.beta, rays.anchor // len(turned))
+    pairs = crowded_as_one(pairs, heard, near)
     launch(
         belief.layout.head, rounds, blocks.Belief(belief.mean, belief.covariance),
         blocks.PathRows(rays.table, paths.prediction.whole), pairs.block(ratios.blocks),
