@@ -29,10 +29,14 @@ ENOUGH, CERTAIN = 10.0, 30.0
 """Log likelihood ratios in nats above which a reading is told, and told as certain."""
 LEVEL_DB = 2.5
 """Amplitudes whose level is nearer to the expected one aren't questioned."""
+MOST_OFF_DB, ENOUGH_HEARD = 6.0, 30
+"""A level so far off is told, if so many lines of sight have it."""
 SHIFTS_M = (-4.0, -2.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0, 4.0)
 """Errors of all distances that might be why amplitudes don't fit."""
 GAINED = 0.1
 """Share of scans that another reading must explain beyond those that the column explains as it stands."""
+ALIKE = 0.95
+"""Share of what the best reading explains from which on another one is named beside it."""
 EXPLAINED = 0.85
 """Share of scans with a line of sight above which a column isn't questioned further."""
 
@@ -185,7 +189,7 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
             continue
         sight = explain(trusted | {name: table[name]}, scene, agent)
         best, read, plain = sight, table[name], sight
-        kind = ""
+        kind, others = "", dict[str, tuple[Array, Sight]]()
         straight = name == "aoa_rad" and _faces_along_x(scene, agent)
         if sight.explained < EXPLAINED or name == "aoa_rad":
             for label, reading in readings(name, scene, table).items():
@@ -198,19 +202,22 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
                     continue  # relative to a heading of 0 is the same as in the world
                 if not world and other.explained < plain.explained + GAINED:
                     continue
-                if other.evidence > max(best.evidence, plain.evidence + ENOUGH, ENOUGH):
-                    best, read, kind = other, values, label
-        if kind:
+                if other.evidence > max(plain.evidence + ENOUGH, ENOUGH):
+                    others[label] = values, other
+        if others:
+            kind, alike = _likeliest(name, others, asis, scene, agent)
+            read, best = others[kind]
             gain = best.evidence - plain.evidence
             reason = (
                 f"line of sight in {best.explained:.0%} of {best.scans} scans, {plain.explained:.0%} as it "
                 f"stands; log likelihood ratio {gain:.0f}"
             )
-            advice = (
-                kind if kind in ADVICE else f"{kind} of {'departure' if name == 'aod_rad' else 'arrival'}"
-            )
+            text = _advice(name, kind)
+            if alike:
+                told = "; ".join(f"{_advice(name, label)} ({share:.0%})" for label, share in alike.items())
+                reason += f"; nearly as much is explained by: {told}"
             more = best.explained >= min(plain.explained + GAINED, EXPLAINED)
-            found.append(Suspicion(name, kind, ADVICE[advice], more and gain > CERTAIN, reason))
+            found.append(Suspicion(name, kind, text, more and gain > CERTAIN and not alike, reason))
             if kind == "swapped":
                 table["aoa_rad"] = table["aod_rad"]
         if kind != "world frame" or name != "aoa_rad":
@@ -232,12 +239,36 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
             if cure is not None:
                 found.append(cure.suspicion)
                 sight = cure.sight
-        found = offset_beside(found, asis, scene, agent, sight)
+        found = offset_beside(found, asis, trusted, scene, agent, sight)
         found += time_units.slow_times(asis, sight)
     heard = len(finite(table, "distance_m")) and len(finite(table, "amplitude"))
     if sight is not None and "amplitude" not in known and heard:
         found += _loudness(table["amplitude"], sight, scene)
     return found
+
+
+def _advice(name: str, kind: str) -> str:
+    """What a reading of a column is called."""
+    return ADVICE[kind if kind in ADVICE else f"{kind} of {'departure' if name == 'aod_rad' else 'arrival'}"]
+
+
+def _likeliest(
+    name: str, others: dict[str, tuple[Array, Sight]], whole: Columns, scene: Scene, agent: str | None
+) -> tuple[str, dict[str, float]]:
+    """The likeliest reading of a column, and what others explain that fit nearly as well.
+
+    Distances tell little alone: they are read together with the angles as they stand, if those fit any.
+    """
+    sights = {kind: sight for kind, (_, sight) in others.items()}
+    if name == "distance_m" and len(others) > 1 and any(len(finite(whole, angle)) for angle in ANGLES):
+        joint = {kind: explain(whole | {name: values}, scene, agent) for kind, (values, _) in others.items()}
+        fitting = {kind: sight for kind, sight in joint.items() if sight.explained >= FITTING}
+        sights = fitting or sights
+    top = max(sight.evidence for sight in sights.values())
+    first = {kind: sight for kind, sight in sights.items() if sight.evidence >= top - ENOUGH}
+    best = max(first, key=lambda kind: first[kind].explained)
+    least = max(ALIKE * sights[best].explained, FITTING)
+    return best, {k: s.explained for k, s in sights.items() if k != best and s.explained >= least}
 
 
 def _faces_along_x(scene: Scene, agent: str | None) -> bool:
@@ -262,13 +293,23 @@ def _loudness(amplitude: Array, sight: Sight, scene: Scene) -> list[Suspicion]:
     kind = max(scores, key=lambda name: scores[name])
     gain = scores[kind] - scores[""]
     if kind == "power":  # distances that are all off bend the same curve
-        off = (near - shift for shift in SHIFTS_M if (near > shift).all())
-        bent = (_level(readings[""] - np.log(scene.signal_model().amplitude(true))) for true in off)
+        moved = (near - shift for shift in SHIFTS_M if (near > shift).all())
+        bent = (_level(readings[""] - np.log(scene.signal_model().amplitude(true))) for true in moved)
         gain = scores[kind] - max([scores[""], *bent])
-    level = 20 / np.log(10) * float(np.median(readings[""] - expected))
-    if not kind or gain < ENOUGH or abs(level) < LEVEL_DB:
-        return []
+    off = readings[""] - expected
+    level = 20 / np.log(10) * float(np.median(off))
     shown = f"{len(heard)} lines of sight are {level:+.0f} dB off as it stands"
+    told, way = scene.radio.snr_at_1m_db, "low" if level > 0 else "high"
+    louder = f"the scene's radio.snr_at_1m_db of {told:g} dB is too {way}: {told + level:.0f} fits"
+    misread = bool(kind) and gain >= ENOUGH and abs(level) >= LEVEL_DB
+    # logarithms spread more or less than what they are read as does, so densities of either aren't alike
+    stretch = {"": 0.0, "power": -np.log(2) * len(heard), "dB": np.log(readings["dB"]).sum()}
+    if abs(level) >= MOST_OFF_DB and len(heard) >= ENOUGH_HEARD:
+        if not misread or _level(off - np.median(off)) > scores[kind] + stretch[kind]:
+            reason = f"{shown}; or it is {ADVICE[kind]}" if kind else shown
+            return [Suspicion("amplitude", "level", louder, False, reason)]
+    if not misread:
+        return []
     reason = f"{shown}; log likelihood ratio {gain:.0f}"
     return [Suspicion("amplitude", kind, ADVICE[kind], gain > CERTAIN, reason)]
 
@@ -302,4 +343,4 @@ def _verdict(columns: Columns, names: tuple[str, ...], scene: Scene, agent: str 
         return f"{told}: no other reading of a column explains more; {hidden}"
     if seen.explained < 0.3 or seen.scans < 10:
         return f"{told}: too few to tell whether units and frames are right; no single cure explains the rows"
-    return f"{told}: does not fit the scene, and no single cure explains the rows"
+    return f"suspect: {told}: does not fit the scene, and no single cure explains the rows"

@@ -23,6 +23,8 @@ from gridslam.world.scene import Scene
 PARTICLES, STEPS = 300, 100
 HEARD = 0.9
 """Share of the scans in which a line of sight is expected."""
+HEARD_BEHIND = 0.3
+"""The same where the scene's walls hide the anchor from the middle of the particles, bluntly."""
 ANGLE_STD = np.radians(5.0)
 LEAST_DISTANCE_STD_M = 0.1
 CROWD = 4
@@ -92,6 +94,7 @@ def explain(
     draw = np.random.default_rng(0)
     position, heading, pace = _start(scene, agent, draw, 1 if error is None else CROWD)
     size = error.start(len(position), draw) if error is not None else None
+    walls = scene.segments()
     turn, heights = np.radians(scene.filter.heading_deg), scene.heights(agent)
     step, anchor = columns["step"], columns["anchor"]
     first = int(step[0]) if len(step) else 0
@@ -107,8 +110,10 @@ def explain(
         position = position + gap * pace[:, None] * draw.standard_normal(position.shape)
         heading = heading + gap * turn * draw.standard_normal(len(heading))
         score = np.zeros(len(position))
-        scans = []
-        for number in np.unique(anchor[group]):
+        scans, there = [], np.unique(anchor[group])
+        middle = np.broadcast_to(position.mean(0), (len(there), 2))
+        clear = visible(scene.anchor_positions[there], middle, walls)
+        for number, expectation in zip(there, np.where(clear, HEARD, HEARD_BEHIND), strict=True):
             own = group[anchor[group] == number]
             away = position - scene.anchor_positions[number]
             direction = np.arctan2(away[:, 1], away[:, 0])
@@ -120,9 +125,9 @@ def explain(
             behind = direction + (np.pi if world_arrival else np.pi - heading)
             expected = dict(zip(QUANTITIES, (distance, ahead, behind), strict=True))
             ratio = _ratio(quantities, own, expected)
-            total = (1 - HEARD) + HEARD * ratio.sum(1) / len(own)
+            total = (1 - expectation) + expectation * ratio.sum(1) / len(own)
             score += np.log(total)
-            scans.append((own, distance, HEARD * ratio / len(own) / total[:, None]))
+            scans.append((own, distance, expectation * ratio / len(own) / total[:, None]))
         peak = score.max()
         weight = weight * np.exp(score - peak)
         evidence += peak + np.log(weight.sum())

@@ -122,7 +122,7 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
 
 
 def offset_beside(
-    found: list[Suspicion], table: Columns, scene: Scene, agent: str | None, sight: Sight
+    found: list[Suspicion], table: Columns, read: Columns, scene: Scene, agent: str | None, sight: Sight
 ) -> list[Suspicion]:
     """Suspicions of angles or units, with an offset of all distances beside them if it explains as much.
 
@@ -131,8 +131,10 @@ def offset_beside(
 
     Parameters
     ----------
+    table, read : dict of (K,) arrays
+        As it stands, and with the columns read as the suspicions say.
     sight : Sight
-        What is explained with the columns read as the suspicions say.
+        What is explained then.
     """
     kinds = {item.kind for item in found}
     if not found or kinds & {"offset", "slant", "names"} or not both_measured(table):
@@ -143,7 +145,10 @@ def offset_beside(
         return found
     if abs(rival.size_m) < error.least_m:
         return found
-    gain = rival.evidence - sight.evidence
+    free = explain(read, scene, agent, error=error)  # to be fair: what an offset gains on the reading, too
+    gain = rival.evidence - max(sight.evidence, free.evidence if free.explained >= FITTING else -np.inf)
+    if gain < -MOST_BEHIND:
+        return found
     more = "more" if gain > CLEAR else "as much" if gain > -CLEAR else "less"
     reason = (
         f"line of sight in {rival.explained:.0%} of {rival.scans} scans: {more} than what else is suspected "
@@ -152,7 +157,9 @@ def offset_beside(
     reason = reason.replace("much than", "much as")
     own = Suspicion("distance_m", "offset", _words(error, rival.size_m, scene), False, reason)
     others = [replace(item, certain=False) for item in found]
-    return [own, *others] if gain > 0 else [*others, own]
+    if gain > CERTAIN:  # another reading of the distances is worse by far
+        others = [item for item in others if item.column != "distance_m"]
+    return [own, *others] if gain > CLEAR else [*others, own]
 
 
 def both_measured(table: Columns) -> bool:

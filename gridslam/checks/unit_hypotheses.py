@@ -30,7 +30,7 @@ class Suspicion:
     kind : str
         "padding", "missing", "case", "names", "offset", "slant", "milliseconds", "microseconds",
         "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "round trip",
-        "flipped", "world frame", "backwards", "swapped", "dB" or "power".
+        "flipped", "world frame", "backwards", "swapped", "dB", "power" or "level".
     text : str
         What it looks like and what to do.
     certain : bool

@@ -133,6 +133,7 @@ def test_half_a_fit_is_no_fit_and_no_cure_is_made_up(tmp_path):
     path = tmp_path / "half.csv"
     Measurements(**columns, anchors=("A", "B")).to_csv(path)
     last = describe(path, SCENES["room"])[-1]
+    assert last.startswith("suspect: ")
     assert "does not fit the scene" in last
     assert 30 <= int(re.search(r"in (\d+)% of", last)[1]) < 80
 
@@ -142,7 +143,9 @@ def test_distances_that_are_all_off_do_not_make_amplitudes_squares():
     """Close to the one anchor heard, an offset bends their curve as a square would."""
     columns = heard("alcove", 1)
     columns = {key: values[columns["anchor"] == 0] for key, values in columns.items()}
-    assert named(columns | {"distance_m": columns["distance_m"] + OFFSET_M}, "alcove") == []
+    found = named(columns | {"distance_m": columns["distance_m"] + OFFSET_M}, "alcove")
+    assert [(item.kind, item.certain) for item in found] == [("offset", False)]
+    assert size(found[0].text) == pytest.approx(OFFSET_M, abs=0.3)
 
 
 @pytest.mark.slow
@@ -195,3 +198,56 @@ def test_where_one_anchor_is_in_sight_an_offset_stands_beside_other_cures_and_no
     found = suspicions(columns, scene.anchor_names, scene, "agent1")
     assert "offset" in {item.kind for item in found}
     assert not any(item.certain for item in found)
+
+
+@cache
+def two_rooms():
+    """A flat of two rooms with an anchor in each: for half of the way one of them is hidden."""
+    corners = ((0.0, 0.0), (9.0, 0.0), (9.0, 7.0), (0.0, 7.0))
+    walls = [
+        {"name": "outer", "material": "brick", "points_m": corners, "closed": True},
+        {"name": "low", "material": "brick", "points_m": ((5.0, 0.0), (5.0, 2.8))},
+        {"name": "high", "material": "brick", "points_m": ((5.0, 3.9), (5.0, 7.0))},
+    ]
+    anchors = [
+        {"name": "A", "position_m": (0.5, 6.5), "orientation_deg": -45.0},
+        {"name": "B", "position_m": (8.5, 0.3), "orientation_deg": 135.0},
+    ]
+    way = ((4.0, 1.2), (4.2, 3.35), (6.0, 3.35))
+    agent = {"name": "me", "start_m": (1.0, 1.0), "start_heading_deg": 0.0, "waypoints_m": way}
+    data = {"grid": {"x_m": (-1.0, 10.0), "y_m": (-1.0, 8.0)}, "materials": {"brick": 0.7}}
+    scene = gs.Scene.checked({**data, "walls": walls, "anchors": anchors, "agents": [agent]}, "flat")
+    table = gs.simulate(scene, "me", 5)
+    return scene, {key: np.array(getattr(table, key)[table.step < STEPS]) for key in NAMES}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kinds", "spoil"),
+    [
+        ([], lambda c: {}),
+        (["nanoseconds"], lambda c: {"distance_m": c["distance_m"] / SPEED_OF_LIGHT * 1e9}),
+        (["swapped"], lambda c: {"aod_rad": c["aoa_rad"], "aoa_rad": c["aod_rad"]}),
+        (["level"], lambda c: {"amplitude": 2.5 * c["amplitude"]}),
+    ],
+)
+def test_anchors_that_walls_hide_do_not_keep_errors_from_being_named(kinds, spoil):
+    scene, columns = two_rooms()
+    found = suspicions(columns | spoil(columns), ("A", "B"), scene)
+    assert [item.kind for item in found] == kinds
+    if kinds == ["level"]:
+        assert "radio.snr_at_1m_db of 30 dB is too low: 38 fits" in found[0].text
+
+
+@pytest.mark.slow
+def test_readings_that_fit_alike_are_named_side_by_side():
+    """One anchor in sight, and angles that are mirrored: the direction of travel fits as well."""
+    scene, columns = two_rooms()
+    (found, *_) = suspicions(columns | {"aoa_rad": -columns["aoa_rad"]}, ("A", "B"), scene)
+    assert found.column == "aoa_rad"
+    assert not found.certain
+    assert "clockwise" in found.text + found.reason
+    assert "direction of travel" in found.text + found.reason
+    loud = suspicions(columns | {"amplitude": 30 * columns["amplitude"]}, ("A", "B"), scene)
+    assert [item.column for item in loud] == ["amplitude"]
+    assert "radio.snr_at_1m_db of 30 dB is too low: 60 fits" in str(loud[0])
