@@ -15,6 +15,7 @@ from gridslam.bench.course import PeakMemory, heard, run
 from gridslam.bench.features import feature_speeds
 from gridslam.bench.growth import Growth, fitted, growth, with_hypotheses
 from gridslam.bench.kernels import IdleLaunches, KernelSpeed, compete, largest_launches
+from gridslam.bench.line_evidence import line_evidence_speed
 from gridslam.bench.plan import Plan
 from gridslam.bench.poses import pose_speed
 from gridslam.bench.stages import KERNEL, Stopwatch
@@ -148,6 +149,7 @@ def measure(
     kernels.append(compete("cast", "canyon", large, plan.kernel_s))
     kernels.append(pose_speed(plan.kernel_particles, plan.kernel_s))
     kernels.append(state_path_speed(plan.kernel_s))
+    kernels.append(line_evidence_speed(plan.kernel_s))
     kernels += feature_speeds(plan.features, plan.feature_particles, plan.kernel_s)
     steps = []
     for kind in kinds:

@@ -13,6 +13,7 @@ from gridslam.reference.feature_likelihood import (
 )
 from gridslam.reference.gaussian import bend, correct, late, predict, tall
 from gridslam.reference.histograms import listen, walk
+from gridslam.reference.line_evidence import weigh_lines
 from gridslam.reference.merging import find_duplicates, find_ghosts
 from gridslam.reference.messages import associate, enter, evaluate, gate, log_rician, weigh
 from gridslam.reference.paths import densities, draw, lines_of, polylines, prepare, trace_paths
@@ -67,4 +68,5 @@ __all__ = [
     "walk",
     "weigh",
     "weigh_by_visibility",
+    "weigh_lines",
 ]

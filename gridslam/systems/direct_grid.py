@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from gridslam import runtime
 from gridslam.errors import InputError
 from gridslam.inference.management.array_starts import advance, begun
 from gridslam.inference.management.merging import merge_and_prune
@@ -30,6 +31,7 @@ from gridslam.inference.messages.array_updates import (
     update_existence,
 )
 from gridslam.inference.messages.cells import cast_messages, cast_paths, update_cells
+from gridslam.inference.messages.line_evidence import add_faint_surfaces, gather_evidence
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.messages.reflection import Reflected
 from gridslam.inference.state.population import Population
@@ -62,8 +64,10 @@ def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) ->
         state = update_existence(state, snapshot, likelihood, work=work)
         state = learn_noise(state, anchor, likelihood)
         state, _ = add_new_surfaces(state, snapshot, likelihood, model, work=work)  # (M154)
+        state = gather_evidence(state, snapshot, likelihood, model, work=work)  # (M157)
         exchanges[anchor] = exchange_of(snapshot, likelihood, model)
         listened.append((snapshot, likelihood))
+    state = add_faint_surfaces(state, listened, model, work=work)  # (M158)
     if listened:
         drawn = cast_messages(state, model, work=work)
         state = update_coefficients_by_ratios(state, drawn, listened, work=work)  # (M155)
@@ -128,7 +132,8 @@ class DirectGridSlam(SurfaceFront[SignalScan], SignalFilter[Any]):
         return begun(state)
 
     def _advanced(self, scan: SignalScan) -> tuple[Population[State], StepInfo]:
-        return advance(self.population, scan, self.model, self.work, self.advance)
+        with runtime.one_blas_thread():
+            return advance(self.population, scan, self.model, self.work, self.advance)
 
     def map(self) -> Map:
         """The map as it stands: evidence, coefficients, detected surfaces."""

@@ -16,6 +16,7 @@ from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
 from gridslam.inference.state.anchor_measurements import LEAST_STD
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.layout import AGENT, StateLayout
+from gridslam.inference.state.leftovers import LEAST_EVIDENCE, MOST_EVIDENCE, REFLECTIONS
 from gridslam.inference.state.network_state import NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rings import BEARINGS, MOVING
@@ -160,6 +161,13 @@ def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shap
         for field in fields(state.leftovers):
             found = getattr(state.leftovers, field.name).shape
             yield f"leftovers/{field.name}", found, parts.get(field.name, (rows,))
+    if state.by_line is not None:
+        found = state.by_line.ratio.shape
+        yield "by_line/ratio", found, (anchors, *found[1:3], len(REFLECTIONS))
+    if state.presence is not None:
+        known = len(state.presence.identity)
+        yield "presence/identity", state.presence.identity.shape, (known,)
+        yield "presence/chance", state.presence.chance.shape, (anchors, known, BINS)
     if state.noise is not None:
         yield "noise", state.noise.shape, (anchors,)
     if state.rings is not None:
@@ -225,6 +233,14 @@ def _claims_of_parts(state: State, model: FilterModel) -> list[tuple[str, bool, 
     anchors, grid, rings = len(model.anchors), state.grid, state.rings
     if state.noise is not None:
         claims.append(("noise", _within(state.noise, 0, np.inf), "0 or more"))
+    if state.by_line is not None:
+        positive = _within(state.by_line.ratio, LEAST_EVIDENCE, MOST_EVIDENCE)
+        claims += [
+            ("by_line/ratio", positive, "evidence between its limits"),
+            ("by_line/ratio", min(state.by_line.ratio.shape[1:3]) > 1, "two angles and two offsets, or more"),
+        ]
+    if state.presence is not None:
+        claims.append(("presence/chance", _within(state.presence.chance, -1, 1), "probabilities, or -1"))
     left = state.leftovers
     if left is not None:
         claims += [

@@ -20,6 +20,25 @@ from gridslam.world.waveform import Waveform
 Complex = NDArray[np.complex128]
 KINDS = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])
 """Which factor is replaced by its derivative: none, or that of one parameter."""
+POINTS = 2
+"""At which delays are tried, in ratio to the frequencies; beams in ratio to their width."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beams:
+    """Where paths are looked for at first: lengths (D,) m, departures (T,) and arrivals (R,) rad.
+
+    Attributes
+    ----------
+    out, back : (T, A) and (R, B)
+        Conjugate responses of the elements to the angles.
+    """
+
+    length: Array
+    leaving: Array
+    arriving: Array
+    out: Complex
+    back: Complex
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +100,17 @@ class ArrayBand:
             spread.append(across.std(1).mean())
         return np.array(spread)
 
+    @cached_property
+    def beams(self) -> Beams:
+        """Where paths are looked for at first: two points for each width of a peak."""
+        count = POINTS * len(self.wavenumber)
+        leaving, arriving = _directions(self.anchor), _directions(self.agent)
+        out, back = (
+            np.conj(_steered(element, angle)[0])
+            for element, angle in ((self.anchor, leaving), (self.agent, arriving))
+        )
+        return Beams(self.folding_m * np.arange(count) / count, leaving, arriving, out, back)
+
     def factors(self, path: Array) -> tuple[Complex, Complex, Complex]:
         """Responses and derivatives, (2, N, M), (2, N, A), (2, N, B), to paths (N, 3): m, rad, rad."""
         delay = self.pulse * np.exp(-1j * path[:, :1] * self.wavenumber)
@@ -88,6 +118,15 @@ class ArrayBand:
             np.stack([delay, -1j * self.wavenumber * delay]),
             _steered(self.anchor, path[:, 1]), _steered(self.agent, path[:, 2]),
         )  # fmt: skip
+
+
+def _directions(element: Array) -> Array:
+    """Directions that are tried, (n,) rad: 0 alone for one element."""
+    if len(element) == 1:
+        return np.zeros(1)
+    reach = float(np.linalg.norm(element - element.mean(0), axis=1).max())
+    count = int(np.clip(np.ceil(2 * POINTS * reach), 12, 720))
+    return np.linspace(-np.pi, np.pi, count, endpoint=False)
 
 
 def _steered(element: Array, angle: Array) -> Complex:
@@ -243,3 +282,18 @@ def one_more(
     left = (matched[0, count:] - np.conj(cross).T @ told / noise) / noise
     own = (1 - (np.abs(cross) ** 2).sum(0) / noise) / noise
     return left, np.maximum(own, 1e-300)
+
+
+def unexplained(band: ArrayBand, samples: Complex, path: Array, power: Array, noise: float) -> Complex:
+    """What of the samples (A, B, M) paths (N, 3) of mean powers (N,) leave if all of them are there."""
+    gram, matched = products(band, samples, path, KINDS[:1])
+    inverse = gram[0, :, 0] + np.diag(noise / np.maximum(power, 1e-9 * noise))
+    amplitude = np.asarray(np.linalg.solve(inverse, matched[0]), np.complex128)
+    return np.asarray(samples - composed(band, path, amplitude), np.complex128)
+
+
+def composed(band: ArrayBand, path: Array, amplitude: Complex) -> Complex:
+    """The samples of paths (N, 3) of amplitudes (N,), (A, B, M)."""
+    delay, leaving, arriving = (factor[0] for factor in band.factors(path))
+    scaled = (amplitude[:, None] * leaving)[:, :, None] * arriving[:, None]
+    return np.asarray(np.tensordot(scaled, delay, (0, 0)))

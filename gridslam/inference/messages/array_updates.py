@@ -14,6 +14,7 @@ from gridslam.inference.messages.array_paths import Snapshot, SnapshotLikelihood
 from gridslam.inference.messages.cells import RAYS
 from gridslam.inference.messages.detections import latest_hits
 from gridslam.inference.state.polylines import Polylines
+from gridslam.inference.state.presence import Presence
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels.primitives.blocks import Coefficients, Drawn, Hits
@@ -22,6 +23,8 @@ from gridslam.world.signal_model import SignalModel
 
 LIKELY = 0.1
 """Probability of its ray and surfaces from which on a path sends to cells."""
+STAY = 0.97
+"""Chance that a path is as it was, open and there or not; else the grid and its ray say what it is."""
 SUREST = 1e-7
 """Doubt that is always left."""
 TELLING = 0.1
@@ -130,9 +133,14 @@ def update_coefficients_by_ratios(
     if messages.among[0] > surfaces or len(belief.lines) != surfaces:
         raise ValueError("messages or belief aren't of these surfaces")
     usual = bank.reflection @ REFLECTION_BINS
-    ratio = np.concatenate(
-        [coefficient_ratios(snapshot, likelihood, usual) for snapshot, likelihood in listened]
-    )
+    presence = (state.presence or Presence.none(len(state.los))).of(bank.identity)
+    ratios, chance = [], presence.chance
+    for snapshot, likelihood in listened:
+        own, chance[snapshot.anchor] = coefficient_ratios(
+            snapshot, likelihood, usual, chance[snapshot.anchor]
+        )
+        ratios.append(own)
+    ratio = np.concatenate(ratios)
     reflection, foot, extent = bank.reflection.copy(), bank.foot.copy(), bank.extent.copy()
     seen = bank.seen.copy()
     row, used = grid.row.copy(), np.array([len(grid.hit)], np.int32)
@@ -145,24 +153,41 @@ def update_coefficients_by_ratios(
         Coefficients(reflection, row, hit, used, usual, latest), Hits(foot, extent, seen),
     )  # fmt: skip
     bank = replace(bank, reflection=reflection, foot=foot, extent=extent, seen=seen)
-    return replace(state, surfaces=bank, grid=replace(grid, row=row, hit=hit[: int(used[0])].copy()))
+    return replace(
+        state, surfaces=bank, presence=presence, grid=replace(grid, row=row, hit=hit[: int(used[0])].copy())
+    )
 
 
-def coefficient_ratios(snapshot: Snapshot, likelihood: SnapshotLikelihood, usual: Array) -> Array:
-    """Log-likelihoods over the coefficients at the last and the first hit of every path, (L, 2, BINS).
+def coefficient_ratios(
+    snapshot: Snapshot, likelihood: SnapshotLikelihood, usual: Array, before: Array
+) -> tuple[Array, Array]:
+    """Log-likelihoods over the coefficients at the last and the first hit of every path (M155).
 
     Parameters
     ----------
     usual : (S,)
         Mean coefficient of each surface, for the other hit of a double bounce.
+    before : (S, BINS)
+        Chance that each single bounce was there at the snapshot before; -1 for new ones.
+
+    Returns
+    -------
+    (ratio, after)
+        ratio (L, 2, BINS); after (S, BINS): the chances now.
     """
-    rays = snapshot.rays
+    rays, after = snapshot.rays, before.copy()
     free_space = snapshot.radio.amplitude_at_1m / snapshot.length
-    chance = np.clip(rays.existence * snapshot.open_, 1e-12, 1 - 1e-9)[:, None]
+    chance = np.tile(np.clip(rays.existence * snapshot.open_, 1e-12, 1 - 1e-9)[:, None], BINS)
+    once = np.flatnonzero(rays.bounces == 1)
+    earlier = before[rays.last[once]]
+    chance[once] = np.where(earlier < 0, chance[once], STAY * earlier + (1 - STAY) * chance[once])
     ratio = np.zeros((len(rays), 2, BINS))
     for corner, other in enumerate((rays.first, rays.last)):
         rest = np.where(rays.bounces == 2, usual[other] if len(usual) else 1.0, 1.0)
         level = (free_space * rest)[:, None] * REFLECTION_BINS
         log = log_amplitudes(likelihood.matched, likelihood.own, level, snapshot.fades)
-        ratio[:, corner] = np.logaddexp(np.log(chance) + log, np.log1p(-chance))
-    return ratio
+        there = np.log(chance) + log
+        ratio[:, corner] = np.logaddexp(there, np.log1p(-chance))
+        if corner == 0:
+            after[rays.last[once]] = np.exp(there - ratio[:, corner])[once]
+    return ratio, np.clip(after, -1.0, 1 - SUREST)

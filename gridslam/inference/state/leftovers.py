@@ -1,4 +1,4 @@
-"""What no known path explained lately: measurements, and the poses at which they were taken."""
+"""What no known path explained lately: measurements and their poses, or of samples the evidence for lines."""
 
 from __future__ import annotations
 
@@ -14,6 +14,12 @@ MEMORY = 64
 """Steps for which they are kept."""
 MOST = 512
 """Measurements kept at most, the latest."""
+REFLECTIONS = np.array([0.3, 0.45, 0.7, 0.9])
+"""Coefficients for which evidence is kept."""
+LEAST_EVIDENCE, MOST_EVIDENCE = 1e-7, 1e31
+"""Between which evidence is, rounding included."""
+LEAST_LINES, MOST_LINES = 12, 240
+"""Angles of lines for which evidence is kept, at least; angles, and offsets, at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,3 +71,33 @@ class Leftovers:
             np.concatenate([std, self.std[kept]]),
             np.concatenate([amplitude, self.amplitude[kept]]),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class LineEvidence:
+    """What snapshots left unexplained, by the line of which it may be a single bounce.
+
+    Attributes
+    ----------
+    ratio : (J, A, O, B)
+        By anchor, angle of the normal (a half turn), offset from the middle of the region (from one side of
+        the circle about it to the other) and coefficient: likelihood of the latest snapshots if the line has
+        been heard from some step on, over that if it hasn't.
+    """
+
+    ratio: Array
+
+    @classmethod
+    def none(cls, anchors: int, radius_m: float, spacing_m: float) -> Self:
+        """Before the first snapshot: lines some `spacing_m` apart over a circle of a radius."""
+        offsets = min(2 * int(np.ceil(radius_m / spacing_m)) + 1, MOST_LINES)
+        angles = int(np.clip(np.ceil(0.5 * np.pi * radius_m / spacing_m), LEAST_LINES, MOST_LINES))
+        return cls(np.ones((anchors, angles, offsets, len(REFLECTIONS))))
+
+    def offsets(self, radius_m: float) -> Array:
+        """Offsets of the lines from the middle, (O,) m."""
+        return np.linspace(-radius_m, radius_m, self.ratio.shape[2])
+
+    def angles(self) -> Array:
+        """Angles of the lines' normals, (A,) rad."""
+        return np.pi * np.arange(self.ratio.shape[1]) / self.ratio.shape[1]

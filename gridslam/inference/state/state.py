@@ -13,8 +13,9 @@ from gridslam.inference.health.monitor import HealthMonitor
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.calibration import Calibration
 from gridslam.inference.state.grid import Grid
-from gridslam.inference.state.leftovers import Leftovers
+from gridslam.inference.state.leftovers import Leftovers, LineEvidence
 from gridslam.inference.state.parked import Parked
+from gridslam.inference.state.presence import Presence
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rings import Rings
 from gridslam.inference.state.state_samples import StateSamples
@@ -66,6 +67,10 @@ class State:
         Surfaces out of sight, where there are too many for one joint belief.
     leftovers : Leftovers, optional
         What no known path explained lately (systems that bear walls of it).
+    by_line : LineEvidence, optional
+        The same of samples (direct grid SLAM).
+    presence : Presence, optional
+        Of single bounces, by coefficient (direct grid SLAM).
     noise : (J,), optional
         Power of the noise in each sample, 0 where it isn't known yet (systems on sampled signals).
     """
@@ -85,6 +90,8 @@ class State:
     noise: Array | None = None
     parked: Parked | None = None
     leftovers: Leftovers | None = None
+    by_line: LineEvidence | None = None
+    presence: Presence | None = None
 
     @classmethod
     def start(cls, model: FilterModel) -> Self:

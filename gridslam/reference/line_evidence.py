@@ -1,0 +1,34 @@
+"""Plain counterpart of the kernel that gathers evidence for lines."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import i0e
+
+from gridslam.arrays import Array
+from gridslam.world.single_bounces import single_bounces
+
+
+def weigh_lines(
+    power: Array, folding: float, place: Array, pose: Array, offset: Array, level: Array, chance: Array,
+    fades: int, evidence: Array,
+) -> Array:  # fmt: skip
+    """Twin of `line_evidence.weigh_lines`: the evidence after a snapshot, (A, O, B)."""
+    angle = np.pi * np.arange(len(evidence))[:, None] / len(evidence)
+    line = np.stack(np.broadcast_arrays(
+        angle, offset + pose[3] * np.cos(angle) + pose[4] * np.sin(angle)
+    ), -1)  # fmt: skip
+    path = single_bounces(line, place, pose[:3])
+    share = path.value / [folding, 2 * np.pi, 2 * np.pi] + [0.0, 0.5, 0.5]
+    size = np.array([power.shape[2], *power.shape[:2]])
+    d, t, r = np.moveaxis(np.mod(np.floor(share * size + 0.5).astype(np.intp), size), -1, 0)
+    matched = power[t, r, d]
+    strong, loud = level / path.value[..., :1], np.maximum(matched, 0)[..., None]
+    bend = 2 * strong * np.sqrt(loud)
+    log = bend + np.log(i0e(bend)) - strong**2
+    if fades:
+        log = strong**2 * loud / (1 + strong**2) - np.log1p(strong**2)
+    ratio = chance[0] * np.exp(np.minimum(log, 12.0)) + 1 - chance[0]
+    evidence = evidence ** (1 - chance[1])
+    after = np.clip(ratio * ((1 - chance[1]) * evidence + chance[1]), 1e-6, 1e30)
+    return np.where((path.possible & (matched >= 0))[..., None], after, evidence)
