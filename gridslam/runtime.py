@@ -9,7 +9,6 @@ import threading
 import warnings
 from collections.abc import Iterator
 from functools import cache
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -51,7 +50,9 @@ def start(device: str = "auto", threads: int | None = None) -> str:
         os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
         import taichi as ti
 
-        reused = _running(ti)
+        from gridslam.kernels.primitives import taichi_inside
+
+        reused = taichi_inside.is_running()
         if not reused:
             options: dict[str, Any] = {"cpu_max_num_threads": threads or threads_for(_cores())}
             arch = [ti.cuda, ti.vulkan] if device == "gpu" else ti.cpu
@@ -61,7 +62,7 @@ def start(device: str = "auto", threads: int | None = None) -> str:
             with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 ti.init(arch=arch, log_level=ti.ERROR, verbose=False, offline_cache=True, **options)
-        _started = "cpu" if ti.lang.impl.current_cfg().arch in (ti.x64, ti.arm64) else "gpu"
+        _started = "cpu" if taichi_inside.architecture() in (ti.x64, ti.arm64) else "gpu"
         if device == "gpu" and _started == "cpu" and not reused:
             raise InputError("device", "gpu", "cpu or auto: Taichi finds no CUDA or Vulkan device")
     if device not in ("auto", _started):
@@ -93,9 +94,10 @@ def room(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> Resident:
     if start() == "cpu":
         return np.empty(shape, dtype)
     import taichi as ti
-    from taichi.lang.util import to_taichi_type
 
-    return ti.ndarray(to_taichi_type(np.dtype(dtype)), shape)
+    from gridslam.kernels.primitives.taichi_inside import taichi_type
+
+    return ti.ndarray(taichi_type(dtype), shape)
 
 
 def on_host(held: Resident) -> NDArray[Any]:
@@ -142,11 +144,3 @@ _limits = _Limits()
 @cache
 def _pools() -> ThreadpoolController:
     return ThreadpoolController()
-
-
-def _running(ti: ModuleType) -> bool:
-    """Whether the caller has started Taichi: a second `ti.init` would reset every field in the process."""
-    try:
-        return ti.lang.impl.get_runtime().prog is not None
-    except ti.TaichiRuntimeError:
-        return False

@@ -1,6 +1,7 @@
 """Imports run down the floors of docs/architecture.md, and no files import each other in a circle."""
 
 import ast
+import re
 import subprocess
 import sys
 from functools import cache
@@ -19,6 +20,7 @@ FILE_FORMATS = (
     "gridslam.measurements.matlab", "gridslam.measurements.network_files", "gridslam.systems.checkpoint",
 )  # fmt: skip
 MOST_FILES = 12
+PRIVATE_TO_TAICHI = re.compile(r"\b(ti|taichi)\.(lang\b|_[a-z])|from taichi import (lang|_)")
 UPWARDS: set[tuple[str, str]] = set()
 """Imports that still run up: (importing file, imported file)."""
 CIRCLES: set[tuple[str, str]] = set()
@@ -131,6 +133,16 @@ def test_kernels_know_nothing_of_what_is_above_them():
     for module in modules():
         if module.startswith("gridslam.kernels"):
             assert all(name.startswith("gridslam.kernels") for name in inner(module)), module
+
+
+def test_one_file_names_private_modules_of_taichi():
+    files = [file for name, file in modules().items() if name != "gridslam.kernels.primitives.taichi_inside"]
+    files += [file for file in Path(__file__).parent.rglob("*.py") if file != Path(__file__).resolve()]
+    files += [file for folder in ("docs", "examples") for file in (PACKAGE.parent / folder).rglob("*.py")]
+    assert len(files) > 500
+    for file in files:
+        assert not PRIVATE_TO_TAICHI.search(file.read_text(encoding="utf-8")), file
+    assert PRIVATE_TO_TAICHI.search(modules()["gridslam.kernels.primitives.taichi_inside"].read_text("utf-8"))
 
 
 def test_no_files_import_each_other_in_a_circle():

@@ -107,7 +107,7 @@ def machine(device: str) -> Machine:
     device : str
         What `runtime.start` returned.
     """
-    import taichi as ti
+    from gridslam.kernels.primitives import taichi_inside
 
     allowed = getattr(os, "sched_getaffinity", None)
     return Machine(
@@ -118,7 +118,7 @@ def machine(device: str) -> Machine:
         memory_gb=psutil.virtual_memory().total / 2**30,
         load=os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
         device=device,
-        threads=int(ti.lang.impl.current_cfg().cpu_max_num_threads),
+        threads=taichi_inside.threads(),
         versions={name: metadata.version(name) for name in PACKAGES},
     )
 

@@ -26,7 +26,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 out, err = Console(), Console(stderr=True)
-COLLECT_EVERY = 10_000
+COLLECT_EVERY = 50_000
 """Objects made between two searches for garbage, not Python's 700: those of modules and kernels all stay."""
 app.callback()(about)
 app.command(rich_help_panel=MAP)(unpacked(run))

@@ -2,7 +2,9 @@
 
 import taichi as ti
 
-ARCH = ti.lang.impl.current_cfg().arch if ti.lang.impl.get_runtime().prog is not None else ti.cpu
+from gridslam.kernels.primitives import taichi_inside
+
+ARCH = taichi_inside.architecture() if taichi_inside.is_running() else ti.cpu
 ON_CPU = ARCH in (ti.x64, ti.arm64)
 
 SPREAD = 512 if ON_CPU else 1

@@ -6,28 +6,27 @@ same objects as at the launch before. Before that, Taichi reads the kernel: it n
 where it stands, which takes half the time and serves its complaints alone, and looks for a function's source
 at every call of it.
 
-All of this is private to Taichi 1.7, and nothing else in the package is, but that `runtime` and `device` ask
-for its settings in force. So it is tried on a small kernel first, see `agrees`; should anything differ, all
-launches go Taichi's own way, and steps take twice as long.
+All of this is private to Taichi 1.7, and nothing else in the package is, but what `taichi_inside` asks for.
+So it is tried on a small kernel first, see `agrees`; should anything differ, all launches go Taichi's own
+way, and steps take twice as long.
 """
 
 import gc
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from ctypes import addressof, c_char
-from functools import cache, wraps
+from functools import wraps
 from typing import Any
 
 import numpy as np
 import taichi as ti
-from taichi.lang.util import to_numpy_type
 
 from gridslam.kernels.primitives.device import ON_CPU
 from gridslam.kernels.primitives.launch_trial import attempts as _attempts
 from gridslam.kernels.primitives.launch_trial import sample as _sample
 from gridslam.kernels.primitives.packing import as_packs, flat_names, grouped, members_of
+from gridslam.kernels.primitives.taichi_inside import numpy_type, read_quickly
 
 _one_at_a_time = threading.RLock()
 _verdict: list[bool] = []
@@ -223,41 +222,13 @@ def _first(kernel: Launch, arguments: Sequence[Any]) -> Any:
         collects = gc.isenabled()
         gc.disable()
         try:
-            with _hurried():
+            with read_quickly():
                 return kernel(*arguments)
         except (TypeError, ti.TaichiCompilationError):
             return kernel(*arguments)
         finally:
             if collects:
                 gc.enable()
-
-
-@contextmanager
-def _hurried() -> Iterator[None]:
-    """Keep Taichi from noting where expressions stand, and from looking for a function's source again.
-
-    If it is one that does as known.
-    """
-    try:
-        from taichi.lang import kernel_impl as reading
-        from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext as Reader
-
-        noted, found = Reader.get_pos_info, reading.getsourcelines
-    except (AttributeError, ImportError):
-        yield
-        return
-    Reader.get_pos_info = lambda reader, node: ""
-    reading.getsourcelines = _sources(found)
-    try:
-        yield
-    finally:
-        Reader.get_pos_info, reading.getsourcelines = noted, found
-
-
-@cache
-def _sources(find: Callable[..., Any]) -> Callable[..., Any]:
-    """The same, with what was found before kept."""
-    return cache(find)
 
 
 def _hand_over(context: Any, handed: list[Any], place: Place, value: Any, kind: Any) -> bool:
@@ -280,7 +251,7 @@ def _hand_over(context: Any, handed: list[Any], place: Place, value: Any, kind: 
             return False
         (context.set_arg_float if kind is float else context.set_arg_int)(place, value)
         handed[number] = value
-    elif isinstance(value, ti.Ndarray) and (to_numpy_type(value.dtype), len(value.shape)) == kind:
+    elif isinstance(value, ti.Ndarray) and (numpy_type(value.dtype), len(value.shape)) == kind:
         context.set_arg_ndarray(place, value.arr)
     else:
         return False
@@ -290,5 +261,5 @@ def _hand_over(context: Any, handed: list[Any], place: Place, value: Any, kind: 
 def _kind(annotation: Any) -> Any:
     """Type and number of dimensions of an array; `int` or `float` for a number."""
     if isinstance(annotation, ti.types.ndarray):
-        return np.dtype(to_numpy_type(annotation.dtype)), annotation.ndim
+        return np.dtype(numpy_type(annotation.dtype)), annotation.ndim
     return int if annotation in (ti.i32, ti.i64) else float

@@ -12,10 +12,10 @@ FLOORS = (
     "maps measurements",
     "estimates estimate_tables drawing",
     "world",
-    "io",
+    "io runtime",
     "kernels/management kernels/messages",
     "kernels/propagation",
     "kernels/primitives",
-    "runtime errors arrays",
+    "errors arrays",
 )
 """The highest first; rooms may import from lower floors and from their own."""

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import taichi as ti
 from scene_samples import shortened
 
 import gridslam as gs
@@ -15,6 +14,7 @@ from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.evaluation.bounds import known_map_bound
 from gridslam.inference.state.anchor_measurements import anchor_scans
 from gridslam.io import files
+from gridslam.kernels.primitives import taichi_inside
 from gridslam.systems import values
 from gridslam.systems.registry import METHODS, method_class
 
@@ -144,7 +144,7 @@ def test_the_command_line_maps_room_and_repeats_bit_for_bit(say, tmp_path):
     (tmp_path / "short.toml").write_text(shortened(gs.Scene.load("room"), 30).to_toml())
     words = ["run", "short.toml", "-o"]
     assert say(*words, "here").code == 0
-    threads = "1" if ti.lang.impl.current_cfg().cpu_max_num_threads > 1 else "3"
+    threads = "1" if taichi_inside.threads() > 1 else "3"
     command = [sys.executable, "-c", "from gridslam.cli.main import main; main()"]
     done = subprocess.run(
         [*command, *words, "there", "--threads", threads], capture_output=True, text=True, cwd=tmp_path
