@@ -30,7 +30,8 @@ from gridslam.systems.network_grid import NetworkGridSlam
 from gridslam.systems.slam import Slam
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
 from gridslam.world.network_scan import NetworkScan
-from gridslam.world.scene import Scene, bundled_scenes
+from gridslam.world.scene import Scene
+from gridslam.world.scene_files import bundled_scenes
 from gridslam.world.signal_scan import SignalScan
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.waveform import Waveform

@@ -21,7 +21,8 @@ from gridslam.importers.floorplans import plan_of
 from gridslam.io.hdf5_guard import seal
 from gridslam.measurements.hdf5_table import KIND
 from gridslam.measurements.table import Measurements
-from gridslam.world.scene import BUNDLED, Scene
+from gridslam.world.scene import Scene
+from gridslam.world.scene_files import BUNDLED
 
 VECTORS = {name: np.asarray(values) for name, values in table(8).items() if name != "anchors"}
 ROWS = ["step,time_s,anchor,distance_m,aod_rad,aoa_rad,amplitude"]

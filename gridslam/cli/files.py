@@ -162,7 +162,8 @@ def plot(
 
 def scenes() -> None:
     """List the bundled scenes."""
-    from gridslam.world.scene import Scene, bundled_scenes
+    from gridslam.world.scene import Scene
+    from gridslam.world.scene_files import bundled_scenes
 
     for name in bundled_scenes():
         _say(f"{name}: {Scene.load(name).description}")
@@ -217,7 +218,7 @@ def _scene_line(file: Path) -> str:
 
 def _is_bundled(file: Path) -> bool:
     """Whether it is the name of a bundled scene, not of a file."""
-    from gridslam.world.scene import bundled_scenes
+    from gridslam.world.scene_files import bundled_scenes
 
     return not file.exists() and str(file) in bundled_scenes()
 

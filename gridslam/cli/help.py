@@ -15,7 +15,7 @@ SCENE_HELP = "bundled name or path"
 
 def scene_names() -> list[str]:
     """Names to complete a scene by."""
-    from gridslam.world.scene import bundled_scenes
+    from gridslam.world.scene_files import bundled_scenes
 
     return list(bundled_scenes())
 

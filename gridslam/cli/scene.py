@@ -54,7 +54,8 @@ def show_scene(
     whole: Annotated[bool, flag("--whole", "all keys with defaults and what they mean")] = False,
 ) -> None:
     """Print a scene file."""
-    from gridslam.world.scene import BUNDLED, Scene, bundled_scenes
+    from gridslam.world.scene import Scene
+    from gridslam.world.scene_files import BUNDLED, bundled_scenes
     from gridslam.world.scene_reference import commented
 
     world = Scene.load(scene)

@@ -18,11 +18,12 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
-from matplotlib.patches import Patch
+from matplotlib.patches import Ellipse, Patch
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
 from gridslam.estimate_tables import HypothesisEstimate
 from gridslam.estimates import Estimate
 from gridslam.world.scene import Scene
@@ -268,3 +269,11 @@ def legend(figure: Figure, axes: Axes, mapped: bool = True) -> None:
     most = 5 if figure.get_figwidth() > WIDE_IN else 3
     style: dict[str, Any] = {"ncols": min(most, len(whole)), "fontsize": "small", "frameon": False}
     figure.legend(handles=whole, loc="outside lower center", **style)
+
+
+def ellipse(axes: Axes, place: Array, covariance: Array, color: str) -> None:
+    """Draw three standard deviations about a place (2,), m, by its covariance (2, 2), m^2."""
+    value, vector = np.linalg.eigh(covariance)
+    long, short = 6 * np.sqrt(np.maximum(value[::-1], 0))
+    turn = float(np.degrees(np.arctan2(vector[1, 1], vector[0, 1])))
+    axes.add_patch(Ellipse((place[0], place[1]), long, short, angle=turn, fill=False, color=color))

@@ -18,12 +18,9 @@ from gridslam.evaluation.bounds import (
     agent_motion,
     agent_prior,
     estimable_covariance,
-    follow_hits,
-    hit_surfaces,
-    path_jacobian,
     predict_information,
-    surface_lines,
 )
+from gridslam.evaluation.path_slopes import follow_hits, hit_surfaces, path_jacobian, surface_lines
 from gridslam.inference.messages.array_likelihood import ArrayBand, superpose_arrays
 from gridslam.inference.state.layout import AGENT, HEADING
 from gridslam.simulation.image_source import TruePaths, true_paths

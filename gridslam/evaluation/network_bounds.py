@@ -20,12 +20,9 @@ from gridslam.evaluation.bounds import (
     TURN_LEVER_M,
     agent_prior,
     estimable_covariance,
-    follow_hits,
-    hit_surfaces,
     predict_information,
-    surface_lines,
-    whitened_jacobian,
 )
+from gridslam.evaluation.path_slopes import follow_hits, hit_surfaces, surface_lines, whitened_jacobian
 from gridslam.simulation.network import NetworkTruth
 from gridslam.world.clocks import LEAST_WALK_M, ClockModel
 from gridslam.world.network_scene import clock_model

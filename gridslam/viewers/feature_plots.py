@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
 
 from gridslam.arrays import Array
-from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PAGE_IN, PURPLE, blank, scatterers
+from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PAGE_IN, PURPLE, blank, ellipse, scatterers
 from gridslam.estimate_tables import FREE, MIRROR, SCATTERER, FeatureEstimate
 from gridslam.estimates import Estimate
 from gridslam.simulation.image_source import Truth
@@ -84,14 +83,7 @@ def draw_features(
         for row in rows:
             look: dict[str, Any] = {"color": color, "marker": marker, "ms": size[row], "ls": "none"}
             axes.plot(*features.position_m[row], **look, label=name if row == rows[0] else None)
-            _ellipse(axes, features.position_m[row], features.covariance[row, :2, :2], color)
+            ellipse(axes, features.position_m[row], features.covariance[row, :2, :2], color)
     axes.legend(fontsize="small", frameon=False)
     axes.set(xlabel="x (m)", ylabel="y (m)")
     return figure
-
-
-def _ellipse(axes: Any, place: Array, covariance: Array, color: str) -> None:
-    value, vector = np.linalg.eigh(covariance)
-    long, short = 6 * np.sqrt(np.maximum(value[::-1], 0))
-    turn = float(np.degrees(np.arctan2(vector[1, 1], vector[0, 1])))
-    axes.add_patch(Ellipse((place[0], place[1]), long, short, angle=turn, fill=False, color=color))

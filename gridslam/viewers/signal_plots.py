@@ -6,13 +6,21 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
 from scipy.special import gammaincinv
 
 from gridslam.arrays import Array
-from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PAGE_IN, PURPLE, blank, frame, true_walls
+from gridslam.drawing.map_figure import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    PAGE_IN,
+    PURPLE,
+    blank,
+    ellipse,
+    frame,
+    true_walls,
+)
 from gridslam.estimates import Estimate
 from gridslam.evaluation.image_truth import image_gospa
 from gridslam.inference.messages.signal_likelihood import Band
@@ -125,7 +133,7 @@ def draw_images(scene: Scene, estimates: Sequence[Estimate], width: float = PAGE
             mine = serves == anchor
             axes.plot(*place[mine].T, "x", color=BLUE, ms=5, label="images found")
             for middle, covariance in zip(place[mine], spread[mine], strict=True):
-                _ellipse(axes, middle, covariance, BLUE)
+                ellipse(axes, middle, covariance, BLUE)
             axes.plot(*own.position_m, "o", color=GREEN, ms=5, label="agent")
             axes.plot(*anchors[anchor], "^", color=ORANGE, ms=7, label="anchor")
             frame(axes, window)
@@ -142,13 +150,6 @@ def _places(scene: Scene, estimate: Estimate) -> tuple[Array, Array, Array]:
     anchor = scene.anchor_positions[found.owner]
     slope = mirror_derivative(found.line, anchor)
     return found.owner, mirror(found.line, anchor), slope @ found.line_cov @ np.swapaxes(slope, 1, 2)
-
-
-def _ellipse(axes: Axes, place: Array, covariance: Array, color: str) -> None:
-    value, vector = np.linalg.eigh(covariance)
-    long, short = 6 * np.sqrt(np.maximum(value[::-1], 0))
-    turn = float(np.degrees(np.arctan2(vector[1, 1], vector[0, 1])))
-    axes.add_patch(Ellipse((place[0], place[1]), long, short, angle=turn, fill=False, color=color))
 
 
 def _db(power: Array) -> Array:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -16,11 +14,13 @@ from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.world.clocks import Clocks
 from gridslam.world.filter_model import FilterModel, fixed
-from gridslam.world.geometry import Segments, surfaces_of, wrap
+from gridslam.world.geometry import Segments, wrap
 from gridslam.world.levels import Level, Verticals, check_heights, verticals_of
-from gridslam.world.names import Label, label_fault
+from gridslam.world.names import Label
 from gridslam.world.radio import RadioModel
-from gridslam.world.scene_checks import Room, check_clocks, check_names, check_places, walked
+from gridslam.world.scene_checks import Room, check_clocks, check_names, check_places
+from gridslam.world.scene_derived import segments_of, start_prior, track_of
+from gridslam.world.scene_files import scene_tables, scene_text
 from gridslam.world.scene_parts import (
     Agent,
     Anchor,
@@ -36,10 +36,6 @@ from gridslam.world.scene_radio import check_samples, link_of, waveform_of
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.validation import Strict, fault, nearest
 from gridslam.world.waveform import Waveform
-
-BUNDLED = Path(__file__).parents[1] / "scenes"
-LEAST_PRIOR = 1e-4
-"""Half width of a start prior that a filter is told at least (m, m/s, rad)."""
 
 
 class Scene(Strict):
@@ -84,21 +80,7 @@ class Scene(Strict):
         InputError
             No such scene or file, a TOML error, or any fault in its content.
         """
-        path = Path(name_or_path)
-        if path.name == str(name_or_path) and path.suffix != ".toml":
-            if path.name not in bundled_scenes():
-                allowed = f"{', '.join(bundled_scenes())}, or the path of a .toml file"
-                raise InputError("scene", repr(path.name), allowed)
-            path = BUNDLED / f"{path.name}.toml"
-        try:
-            text = path.read_text(encoding="utf-8")
-        except OSError as error:
-            raise InputError(
-                str(path), error.strerror or str(error), "a scene file that can be read"
-            ) from error
-        except UnicodeDecodeError as error:
-            raise InputError(str(path), f"byte {error.start} isn't UTF-8", "TOML text in UTF-8") from error
-        return cls.from_toml(text, str(path))
+        return cls.from_toml(*scene_text(name_or_path))
 
     @classmethod
     def from_toml(cls, text: str, where: str = "scene") -> Scene:
@@ -109,12 +91,7 @@ class Scene(Strict):
         InputError
             A TOML error or any fault in the content.
         """
-        try:
-            data = tomllib.loads(text)
-        except (ValueError, RecursionError) as error:  # no TOML, or a number of thousands of digits
-            raise InputError(where, f"broken TOML ({error})", "TOML") from error
-        stem = Path(where).stem
-        return cls.checked({"name": stem if label_fault(stem) is None else "scene", **data}, where)
+        return cls.checked(scene_tables(text, where), where)
 
     def to_toml(self) -> str:
         """Write all settings, defaults included; reads back as an equal scene."""
@@ -327,12 +304,7 @@ class Scene(Strict):
         if agent is None and not self.agents:
             raise InputError(f"{self.name}: agents", "none", "at least one, to say where it starts")
         body = self.agent(agent) if agent else self.agents[0]
-        prior = body.prior
-        half = np.array([prior.position_m] * 2 + [prior.velocity_mps] * 2 + [np.radians(prior.heading_deg)])
-        variance = np.maximum(half, LEAST_PRIOR) ** 2 / 3
-        # the agent moves at an unknown speed from the first step on
-        variance[2:4] += (body.step_m / body.interval_s) ** 2
-        mean = np.array([*body.start_m, 0.0, 0.0, np.radians(body.start_heading_deg)])
+        mean, variance = start_prior(body)
         anchors = np.column_stack([self.anchor_positions, self.anchor_orientations])
         ways = self.verticals(body.name)
         return FilterModel(
@@ -344,18 +316,8 @@ class Scene(Strict):
         )  # fmt: skip
 
     def segments(self) -> Segments:
-        """Straight pieces of all walls, arcs as facets; collinear pieces share a surface.
-
-        The coefficient of those that don't reflect is 0.
-        """
-        corners = [wall.corners for wall in self.walls]
-        start = np.concatenate([np.zeros((0, 2)), *(points[:-1] for points in corners)])
-        end = np.concatenate([np.zeros((0, 2)), *(points[1:] for points in corners)])
-        wall = np.repeat(np.arange(len(corners)), [len(points) - 1 for points in corners]).astype(np.intp)
-        coefficient = [self.materials[w.material] if w.material and w.reflects else 0.0 for w in self.walls]
-        reflection = np.array(coefficient)[wall]
-        curved = np.array([w.arc is not None for w in self.walls], dtype=bool)[wall]
-        return Segments(start, end, reflection, surfaces_of(start, end), wall, np.where(curved, wall, -1))
+        """Straight pieces of all walls; see `scene_derived.segments_of`."""
+        return segments_of(self.walls, self.materials)
 
     def track(self, agent: str) -> Trajectory:
         """Smooth way of an agent through its waypoints, one state per step.
@@ -369,7 +331,7 @@ class Scene(Strict):
         if body.waypoints_m is None:
             where = f"{self.name}: agents[{self.agents.index(body)}].waypoints_m"
             raise InputError(where, "none", "waypoints, to simulate this agent")
-        return walked(body)
+        return track_of(body)
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -384,8 +346,3 @@ class Scene(Strict):
         check_samples(self.radio, self.anchors, self.agents)
         check_places(self.anchors, self.agents, Room(self.grid, self.segments(), self.scatterer_positions))
         return self
-
-
-def bundled_scenes() -> list[str]:
-    """Names of the scenes that come with the package."""
-    return sorted(path.stem for path in BUNDLED.glob("*.toml"))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from functools import lru_cache
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,10 +11,10 @@ from gridslam.arrays import Array
 from gridslam.world.clocks import Clocks
 from gridslam.world.geometry import Segments, crossing, distance_to_segments, wrap
 from gridslam.world.names import same_folder
+from gridslam.world.scene_derived import track_of
 from gridslam.world.scene_parts import Agent, Anchor, GridSpec
-from gridslam.world.trajectory import Trajectory
 from gridslam.world.validation import fault, nearest
-from gridslam.world.waypoints import TightCorner, smooth_track
+from gridslam.world.waypoints import TightCorner
 
 CLEARANCE_M, SCATTERER_M = 0.01, 0.1
 """Distance that devices keep from walls, and from scatterers."""
@@ -68,16 +67,9 @@ def check_places(anchors: Sequence[Anchor], agents: Sequence[Agent], room: Room)
             _check_track(agent, room, f"agents[{index}]")
 
 
-@lru_cache(maxsize=64)
-def walked(agent: Agent) -> Trajectory:
-    """Track of an agent with waypoints, cut to its number of steps."""
-    whole = smooth_track(agent.way, agent.step_m, agent.interval_s, agent.acceleration_mps2)
-    return Trajectory(*(getattr(whole, f.name)[: agent.steps] for f in fields(whole)))
-
-
 def _check_track(agent: Agent, room: Room, where: str) -> None:
     try:
-        track = walked(agent)
+        track = track_of(agent)
     except TightCorner as error:
         index = error.index + len(agent.waypoints_m or ()) - len(agent.way) + 1
         found = f"room to turn with a radius of {error.radius:.2g} m"

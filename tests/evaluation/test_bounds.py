@@ -12,10 +12,9 @@ from gridslam.evaluation.bounds import (
     estimable_covariance,
     known_map_bound,
     predict_information,
-    surface_lines,
     unknown_map_bound,
-    whitened_jacobian,
 )
+from gridslam.evaluation.path_slopes import surface_lines, whitened_jacobian
 from gridslam.simulation.image_source import true_paths
 from gridslam.world.geometry import mirror, sfv_covariance, wrap
 from gridslam.world.scene import Scene

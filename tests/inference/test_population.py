@@ -1,4 +1,4 @@
-"""Several hypotheses: splitting, weighing, merging, pruning, and what users are told of them."""
+"""Several hypotheses: ordering, splitting, merging, pruning, and the moments of their mixture."""
 
 from dataclasses import replace
 
@@ -7,13 +7,8 @@ import pytest
 from filter_states import model_of, state_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scene_samples import shortened
 
-import gridslam as gs
-from gridslam.bench.growth import drawn
-from gridslam.inference.health.reasons import NOT_FOUND
 from gridslam.inference.management.branching import NARROW, conditioned, placed, split, split_along, widest
-from gridslam.inference.management.hypotheses import PARTICLES, begun, each_stepped
 from gridslam.inference.management.mixture import (
     CAP,
     HOPELESS,
@@ -25,9 +20,6 @@ from gridslam.inference.management.mixture import (
 )
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.population import GUARDED, NONE, Population, moments
-from gridslam.systems.adaptive import AdaptiveSlam
-from gridslam.systems.grid import GridSlam
-from gridslam.world.start import told_start
 
 MODEL = model_of(anchors=[[0.0, 0.0, 0.0]])
 
@@ -201,185 +193,6 @@ def test_moments_are_those_of_a_mixture_worked_out_by_hand():
     assert covariance == pytest.approx(np.array([[0.25 * 10 + 0.75 * 4]]))
 
 
-@pytest.fixture(scope="module")
-def scene():
-    return shortened(gs.Scene.load("room"), 10).with_filter(particles=256)
-
-
-@pytest.fixture(scope="module")
-def scans(scene):
-    return list(gs.simulate(scene, "agent1", seed=2))
-
-
-def vague(scene, position_m=8.0, heading_deg=180.0):
-    """The scene with a start that is known to some metres."""
-    agent = scene.agents[0]
-    prior = agent.prior.model_copy(update={"position_m": position_m, "heading_deg": heading_deg})
-    return scene.model_copy(update={"agents": (agent.model_copy(update={"prior": prior}),)})
-
-
-@pytest.mark.parametrize("system", [GridSlam, AdaptiveSlam])
-def test_one_hypothesis_is_stepped_as_if_there_were_no_others(system, scene, scans):
-    slam = system(scene, seed=3)
-    state = slam.state
-    for scan in scans:
-        estimate = slam.step(scan)
-        state, _ = system.advance(state, scan, slam.model, slam.work)
-        np.testing.assert_array_equal(estimate.position_m, state.belief.mean[:2])
-        np.testing.assert_array_equal(estimate.covariance, state.belief.covariance[:5, :5])
-        assert estimate.hypotheses.weight.tolist() == [1.0]
-    assert len(slam.state.surfaces)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("system", [GridSlam, AdaptiveSlam])
-def test_twenty_hypotheses_go_on_as_each_does_alone(system, scene, scans):
-    slam, other = system(scene, seed=3), system(scene, seed=3)
-    for scan in scans[:2]:
-        slam.step(scan)
-    among, calibrations = drawn(slam.state, 20), []
-    alone = among.states
-    for scan in scans[2:4]:
-        calibrations.append(among.best.calibration)
-        states, _ = each_stepped(among, scan, slam.model, slam.work, slam.advance)
-        among = replace(among, states=tuple(states))
-    other.work.particles.limit = PARTICLES
-    for state, together in zip(alone, among.states, strict=True):
-        for scan, calibration in zip(scans[2:4], calibrations, strict=True):
-            shared = replace(state, calibration=calibration)
-            state, _ = system.advance(shared, scan, other.model, other.work)
-        np.testing.assert_array_equal(together.belief.mean, state.belief.mean)
-        np.testing.assert_array_equal(together.belief.covariance, state.belief.covariance)
-        if state.grid:
-            np.testing.assert_array_equal(together.grid.evidence, state.grid.evidence)
-            np.testing.assert_array_equal(together.grid.hit, state.grid.hit)
-    assert len({state.belief.mean.tobytes() for state in among.states}) == 20
-
-
-@pytest.mark.slow
-def test_a_start_that_is_known_to_nothing_is_found_at_the_first_scan_that_tells(scene, scans):
-    """It is 5 m and half a turn from what the filter is told; nothing is mapped before it is found."""
-    slam = GridSlam(vague(scene), seed=3)
-    track = scene.track("agent1")
-    slam.start_at(track.position_m[0] + [4.0, 3.0], track.heading_rad[0] + 3.0)
-    names = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
-    silent = replace(scans[0], **{name: getattr(scans[0], name)[:0] for name in names})
-    estimate = slam.step(silent)
-    assert not estimate.health.ok
-    assert NOT_FOUND in estimate.health.why
-    assert np.sqrt(np.trace(estimate.covariance[:2, :2])) > 4
-    assert not len(estimate.surfaces)
-    for step, scan in enumerate(scans[1:], 1):
-        estimate = slam.step(scan)
-        off = np.linalg.norm(estimate.position_m - track.position_m[step])
-        assert off < 0.3
-        assert off < 4 * np.sqrt(np.trace(estimate.covariance[:2, :2]))
-    assert estimate.health.ok
-    assert len(slam.population) == 1
-    assert len(estimate.surfaces)
-
-
-def branched(scene, scans):
-    """A filter of two hypotheses, one of them a metre off."""
-    slam = GridSlam(scene, seed=3)
-    for scan in scans[:3]:
-        slam.step(scan)
-    state = slam.state
-    pose = state.belief.mean[[0, 1, 4]]
-    away = placed(state, pose + np.array([1.0, 0.0, 0.0]), 0.01 * np.eye(3), 0.01)
-    both = Population((state, away), (np.log(0.5),) * 2, guard=1, since=0)
-    slam.now = slam.now._replace(believed=both)
-    return slam
-
-
-def test_two_places_are_told_and_evidence_decides_between_them(scene, scans):
-    slam, track = branched(scene, scans), scene.track("agent1")
-    assert places(slam.population) == 2
-    before = slam.population
-    estimate = slam.step(scans[3])
-    assert slam.population.weights[0] > 0.9
-    assert np.linalg.norm(estimate.position_m - track.position_m[3]) < 0.2
-    assert estimate.hypotheses.weight.sum() == pytest.approx(1)
-    assert len(estimate.hypotheses) == 2, "the guard stays for a while"
-    assert before.weights.tolist() == [0.5, 0.5]
-    for scan in scans[4:]:
-        slam.step(scan)
-    assert slam.population.weights[0] > 0.9999
-
-
-def test_a_population_goes_on_from_its_checkpoint_bit_for_bit(scene, scans, tmp_path):
-    slam = branched(scene, scans)
-    slam.save(tmp_path / "here.h5")
-    again = GridSlam.resume(tmp_path / "here.h5")
-    assert len(again.population) == 2
-    assert again.population.guard == 1
-    for scan in scans[3:]:
-        here, there = slam.step(scan), again.step(scan)
-        np.testing.assert_array_equal(here.covariance, there.covariance)
-        np.testing.assert_array_equal(here.hypotheses.weight, there.hypotheses.weight)
-
-
-@pytest.mark.parametrize("weight", [[0.0], [0.0, 0.0], [np.nan, 0.0]])
-def test_a_checkpoint_whose_weights_cannot_be_is_refused(scene, scans, tmp_path, monkeypatch, weight):
-    from gridslam.systems import values
-
-    slam, put = branched(scene, scans), values.put
-
-    def spoiled(group, name, value, units):
-        put(group, name, np.array(weight) if name == "log_weight" else value, units)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(values, "put", spoiled)
-        slam.save(tmp_path / "here.h5")
-    with pytest.raises(gs.InputError):
-        GridSlam.resume(tmp_path / "here.h5")
-
-
-def test_an_agent_that_left_the_grid_says_so(scene, scans):
-    slam = GridSlam(scene, seed=3)
-    mean = slam.state.belief.mean.copy()
-    mean[:2] = [30.0, 0.0]
-    slam.now = slam.believing(replace(slam.state, belief=replace(slam.state.belief, mean=mean)))
-    assert "left the grid" in slam.step(scans[0]).health.why
-
-
-def test_radios_without_bearings_and_inherited_maps_search_for_no_start(scene):
-    model = vague(scene).filter_model("agent1")
-    slam = GridSlam(scene, seed=1)
-    assert begun(
-        replace(slam.state, belief=Belief(model.start_mean, np.diag(model.start_variance))), model
-    ).searching
-    deaf = replace(model, radio=replace(model.radio, measures=("distance",)))
-    vague_state = replace(slam.state, belief=Belief(model.start_mean, np.diag(model.start_variance)))
-    assert not begun(vague_state, deaf).searching
-    assert not begun(slam.state, slam.model).searching
-
-
-@pytest.mark.slow
-def test_vague_starts_end_right_and_never_silently_wrong():
-    """Known to 8 m and any heading: by one anchor, or by two that tell no angle of departure."""
-    for seed, (name, anchors, measures) in enumerate(
-        [
-            ("room", 1, ("distance", "aod", "aoa", "amplitude")),
-            ("alcove", 2, ("distance", "aoa", "amplitude")),
-        ]
-        * 2
-    ):
-        scene = shortened(gs.Scene.load(name), 30).with_filter(particles=256)
-        radio = scene.radio.model_copy(update={"measures": measures})
-        scene = vague(scene.model_copy(update={"radio": radio, "anchors": scene.anchors[:anchors]}))
-        track, slam, wrong = scene.track("agent1"), GridSlam(scene, seed=seed), 0
-        start = told_start(scene, "agent1", seed)
-        slam.start_at(start.position_m, start.heading_rad)
-        for step, scan in enumerate(gs.simulate(scene, "agent1", seed=seed + 900)):
-            estimate = slam.step(scan)
-            gap = estimate.position_m - track.position_m[step]
-            off, square = np.linalg.norm(gap), gap @ np.linalg.solve(estimate.covariance[:2, :2], gap)
-            wrong += off > 0.5 and square > 16 and estimate.health.ok
-        assert off < 0.3
-        assert wrong <= 2
-
-
 def test_a_state_given_a_pose_is_the_gaussian_given_it():
     state = random_state(np.random.default_rng(7), spread=0.1)
     state.belief.mean[4] = 0.2
@@ -396,21 +209,3 @@ def test_a_state_given_a_pose_is_the_gaussian_given_it():
     np.testing.assert_allclose(sure.mean[rest], state.belief.mean[rest] + gain @ shift, atol=1e-5)
     left = state.belief.covariance[np.ix_(rest, rest)] - gain @ state.belief.covariance[np.ix_(rows, rest)]
     np.testing.assert_allclose(sure.covariance[np.ix_(rest, rest)], left, atol=1e-5)
-
-
-@pytest.mark.slow
-def test_faint_paths_after_a_silence_lead_no_vague_agent_astray():
-    """Of twenty scans after ten silent ones the faint measurements alone: one Gaussian went off by 7 m."""
-    scene = gs.Scene.load("canyon")
-    scene = shortened(scene, 81).with_filter(particles=512)
-    slam, track = GridSlam(scene, seed=2), scene.track("agent1")
-    names = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
-    several = 0
-    for step, scan in enumerate(gs.simulate(scene, "agent1", seed=2)):
-        kept = (scan.amplitude < 6) & (step >= 70) | (step < 60)
-        estimate = slam.step(replace(scan, **{name: getattr(scan, name)[kept] for name in names}))
-        off = np.linalg.norm(estimate.position_m - track.position_m[step])
-        assert off < 4 * np.sqrt(np.trace(estimate.covariance[:2, :2]))
-        several = max(several, len(estimate.hypotheses))
-    assert off < 0.3
-    assert several > 1, "poses were listed by scan and map"

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scene_samples import shortened
 
 import gridslam as gs
-from gridslam.evaluation.bounds import whitened_jacobian
+from gridslam.evaluation.path_slopes import whitened_jacobian
 from gridslam.inference.messages import ranging
 from gridslam.inference.messages.association import associate
 from gridslam.inference.messages.exact_association import MOST_CONTESTED, associate_exactly

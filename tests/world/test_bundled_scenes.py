@@ -7,7 +7,8 @@ import pytest
 
 from gridslam.simulation.image_source import true_paths
 from gridslam.world.radio import SPEED_OF_LIGHT
-from gridslam.world.scene import BUNDLED, Scene, bundled_scenes
+from gridslam.world.scene import Scene
+from gridslam.world.scene_files import BUNDLED, bundled_scenes
 
 
 def test_bundled_scenes_cite_their_source_and_say_what_is_hard():

@@ -6,7 +6,8 @@ from scene_samples import raised, shortened, with_levels
 
 import gridslam as gs
 from gridslam.errors import InputError
-from gridslam.evaluation.bounds import path_jacobian, unknown_map_bound
+from gridslam.evaluation.bounds import unknown_map_bound
+from gridslam.evaluation.path_slopes import path_jacobian
 from gridslam.simulation.image_source import true_paths
 from gridslam.world.levels import CEILING, DIRECT, FLOOR, verticals_of
 

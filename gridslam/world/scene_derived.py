@@ -1,0 +1,54 @@
+"""What follows from the parts of a scene: pieces of walls, tracks of agents, and the prior of a start."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from functools import lru_cache
+
+import numpy as np
+
+from gridslam.arrays import Array
+from gridslam.world.geometry import Segments, surfaces_of
+from gridslam.world.scene_parts import Agent, Wall
+from gridslam.world.trajectory import Trajectory
+from gridslam.world.waypoints import smooth_track
+
+LEAST_PRIOR = 1e-4
+"""Half width of a start prior that a filter is told at least (m, m/s, rad)."""
+
+
+def segments_of(walls: Sequence[Wall], materials: Mapping[str, float]) -> Segments:
+    """Straight pieces of all walls, arcs as facets; collinear pieces share a surface.
+
+    The coefficient of those that don't reflect is 0.
+    """
+    corners = [wall.corners for wall in walls]
+    start = np.concatenate([np.zeros((0, 2)), *(points[:-1] for points in corners)])
+    end = np.concatenate([np.zeros((0, 2)), *(points[1:] for points in corners)])
+    wall = np.repeat(np.arange(len(corners)), [len(points) - 1 for points in corners]).astype(np.intp)
+    coefficient = [materials[w.material] if w.material and w.reflects else 0.0 for w in walls]
+    reflection = np.array(coefficient)[wall]
+    curved = np.array([w.arc is not None for w in walls], dtype=bool)[wall]
+    return Segments(start, end, reflection, surfaces_of(start, end), wall, np.where(curved, wall, -1))
+
+
+@lru_cache(maxsize=64)
+def track_of(agent: Agent) -> Trajectory:
+    """Track of an agent with waypoints, cut to its number of steps."""
+    whole = smooth_track(agent.way, agent.step_m, agent.interval_s, agent.acceleration_mps2)
+    return Trajectory(*(getattr(whole, f.name)[: agent.steps] for f in fields(whole)))
+
+
+def start_prior(agent: Agent) -> tuple[Array, Array]:
+    """Mean and variance of [x, y, vx, vy, heading] at the start, (5,) each; m, m/s, rad and their squares.
+
+    Priors are uniform: a third of the half width squared.
+    """
+    prior = agent.prior
+    half = np.array([prior.position_m] * 2 + [prior.velocity_mps] * 2 + [np.radians(prior.heading_deg)])
+    variance = np.maximum(half, LEAST_PRIOR) ** 2 / 3
+    # the agent moves at an unknown speed from the first step on
+    variance[2:4] += (agent.step_m / agent.interval_s) ** 2
+    mean = np.array([*agent.start_m, 0.0, 0.0, np.radians(agent.start_heading_deg)])
+    return mean, variance
