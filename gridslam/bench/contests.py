@@ -167,7 +167,7 @@ CONTESTS = {
     ),
     "list_paths": Contest("path", reference.list_paths, _listed, ("surface",), size=_surfaces),
     "weigh_by_visibility": Contest(
-        "path", reference.weigh_by_visibility, _born, ("born",), changes=("told", "measured")
+        "path", reference.weigh_by_visibility, _born, ("born",), changes=("proposal", "measured")
     ),
     "find_ghosts": Contest(
         "pair", reference.find_ghosts, lambda case: len(case["surface"]) ** 2, ("surface",)
@@ -215,9 +215,9 @@ CONTESTS = {
             "count",
             "noted",
             "factor",
-            "told",
+            "summary",
             "begin",
-            "said",
+            "detection",
         ),
     ),
 }

@@ -15,7 +15,7 @@ from gridslam.arrays import Array
 from gridslam.estimate_tables import PathEstimate
 from gridslam.estimates import Estimate
 from gridslam.evaluation.metrics import OSPA_CUTOFF_M, ospa
-from gridslam.evaluation.surface_truth import HeardSurfaces, assigned_error
+from gridslam.evaluation.surface_truth import AudibleSurfaces, assigned_error
 from gridslam.simulation.image_source import TruePaths, Truth
 from gridslam.world.geometry import unit, wrap
 from gridslam.world.scene import Scene
@@ -98,7 +98,7 @@ class Steps:
         Normalised squared errors with 2 and 1 degrees of freedom.
     surface_ospa_m : (N,) m
         Of the surface feature vectors of the detected surfaces (5 m, order 1), against the surfaces that some
-        path hit up to that step (`gridslam.evaluation.surface_truth.HeardSurfaces.ospa`).
+        path hit up to that step (`gridslam.evaluation.surface_truth.AudibleSurfaces.ospa`).
     image_ospa_m : (N,) m
         Of the virtual anchors of the paths held for existing, single and double bounces, against those of the
         visible ones (5 m, order 1), anchor by anchor and averaged over those that have either. As in
@@ -106,8 +106,8 @@ class Steps:
     surfaces : (N,)
         How many are detected; a line that serves one anchor alone counts as a J-th.
     surface_error_m : (S, N) m
-        Error of each of the `HeardSurfaces`: of the detected one that the best assignment gives it, NaN where
-        it gives none within 5 m.
+        Error of each of the `AudibleSurfaces`: of the detected one that the best assignment gives it, NaN
+        where it gives none within 5 m.
     rays : (J, N) int
         Paths of each anchor that the filter holds for existing.
     ray_belief : (J, N)
@@ -142,7 +142,7 @@ def follow(estimates: Sequence[Estimate], scene: Scene, truth: Truth, earlier: S
     position = np.array([e.position_m for e in estimates]) - truth.trajectory.position_m[:count]
     heading = wrap(np.array([e.heading_rad for e in estimates]) - truth.trajectory.heading_rad[:count])
     covariance = np.array([e.covariance for e in estimates])
-    heard = HeardSurfaces.of(truth, earlier)
+    heard = AudibleSurfaces.of(truth, earlier)
     found = [e.surfaces.take(e.detected) for e in estimates]
     rays = np.zeros((len(scene.anchors), count), np.intp)
     belief, apart = np.zeros(rays.shape), np.full((len(heard.feature), count), np.nan)

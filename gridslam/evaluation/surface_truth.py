@@ -21,7 +21,7 @@ NEVER = np.iinfo(np.intp).max
 
 
 @dataclass(frozen=True, eq=False)
-class HeardSurfaces:
+class AudibleSurfaces:
     """Surfaces that some visible path hit, in the order of their numbers in ``Truth.segments``.
 
     A window shares the surface of its wall. To the paths, every facet of a curved wall is a surface of its
@@ -137,7 +137,7 @@ def assigned_error(found: Array, truth: Array, cutoff: float = OSPA_CUTOFF_M) ->
 
 def surface_scores(found: SurfaceEstimate, truth: Truth) -> dict[str, float | int]:
     """Compare detected surfaces with all that the truth's paths hit: how many, how many found, the OSPA."""
-    heard = HeardSurfaces.of(truth)
+    heard = AudibleSurfaces.of(truth)
     return {
         "surfaces_matched": heard.matched(found),
         "surfaces_true": heard.count(),

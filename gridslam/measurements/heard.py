@@ -19,7 +19,7 @@ def kind_of(heard: Heard) -> Kind:
     return "signal" if isinstance(heard, Recording) else "paths"
 
 
-def read_heard(folder: Path, prefix: str = "") -> Heard:
+def read_observations(folder: Path, prefix: str = "") -> Heard:
     """Read what a folder has of the two.
 
     Raises

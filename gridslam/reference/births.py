@@ -106,14 +106,14 @@ def likely(state: Array, clock: Array, noise: Array, heard: Array, known: Whole,
 
 def weigh_by_visibility(
     mean: Array, head: int, places: Array, wide: int, occupied: Array, frame: Array, born: Whole,
-    told: Array,
+    proposal: Array,
 ) -> Array:  # fmt: skip
     """Twin of `births.weigh_by_visibility`: weighed births (B,)."""
     occupied = occupied.reshape(2, -1, wide)
-    lines, worth = mean[head:].reshape(-1, 2), 0.3 * told[: born[0, 0], 2]
+    lines, worth = mean[head:].reshape(-1, 2), 0.3 * proposal[: born[0, 0], 2]
     for b, (_, last, first, anchor) in enumerate(born[1 : 1 + born[0, 0]]):
         place = places[anchor, :2]
-        ends = [lines[n] if n >= 0 else told[b, :2] for n in (last, first)]
+        ends = [lines[n] if n >= 0 else proposal[b, :2] for n in (last, first)]
         count = 2 if last >= 0 or first >= 0 else 1
         drawn = trace(mean[None, :2], place[None], ends[0][None], ends[1][None], np.array([count]))
         if drawn.valid[0]:
@@ -123,7 +123,7 @@ def weigh_by_visibility(
             crossed, met = cells_of(corners, normals, frame, occupied.shape[1:], frame[7])
             through = np.prod(1 - occupied[0][tuple(crossed.T)])
             bounce = [1 - np.prod(1 - occupied[1][tuple(c.T)]) if len(c) else frame[3] for c in met]
-            worth[b] = told[b, 2] * through * np.prod(bounce)
+            worth[b] = proposal[b, 2] * through * np.prod(bounce)
     return worth
 
 

@@ -147,11 +147,11 @@ def learn(
     messages: Messages, known: Coefficients, hits: Hits,
 ) -> tuple[Array, Array, Array, Array, Long]:  # fmt: skip
     """Twin of `coefficients.learn`: beliefs of surfaces, log-likelihoods of all cells, and `mark`'s."""
-    (drawn, seen), (count, path, factor, told, begin, said) = rays_cast, messages
+    (drawn, seen), (count, path, factor, summary, begin, detection) = rays_cast, messages
     surface, where, held = known.surface, known.where, known.held
     rays, path = len(drawn) // max(len(path), 1), path[: count[0]]
     send = (factor[: len(path), 1] > 0.5) & (seen[: len(path), 1] > frame[5])
-    sure = send * told[2, : len(path)]
+    sure = send * summary[2, : len(path)]
     apart = np.pad(seen[: len(path), 2:], ((0, 0), (2, 0)), constant_values=1)
     marked = mark(mean, head, path, apart, sure, *hits)
     surface, held, bins = surface.copy(), dense(where, held), surface.shape[1]
@@ -159,11 +159,11 @@ def learn(
     usual = surface @ centre
 
     def likelihood(row: int, other: float) -> Array:
-        chance, share, length = told[1:, row]
+        chance, share, length = summary[1:, row]
         level = radio[path[row, 3], 7] / max(length, 1e-3) * other * centre
         detected = np.interp(level, step * np.arange(len(table)), table)
         log = max(1 - share, 0.0) * np.log(1 - chance * detected + 1e-9)
-        for amplitude, weight in said[:, begin[row] : begin[row + 1]].T:
+        for amplitude, weight in detection[:, begin[row] : begin[row + 1]].T:
             if amplitude < 0 or weight <= 1e-3:
                 continue
             log = log + weight * log_rician(amplitude, level, radio[path[row, 3], 8])
@@ -171,10 +171,10 @@ def learn(
 
     def tell(row: int, corner: int, log: Array) -> None:
         points = drawn[row * rays : (row + 1) * rays, 2 * corner : 2 * corner + 2]
-        _add_to_cells(held, points, told[0, row] * log / rays, frame)
+        _add_to_cells(held, points, summary[0, row] * log / rays, frame)
 
     for row, (bounces, last, first) in enumerate(path[:, :3]):
-        heard = told[2, row] > 0.05
+        heard = summary[2, row] > 0.05
         if bounces == 1 and (heard or send[row]):
             log = likelihood(row, 1.0)
             posterior = surface[last] * np.exp(log - log.max()) + 1e-9
@@ -192,22 +192,22 @@ def learn_ratios(
     known: Coefficients, hits: Hits,
 ) -> tuple[Array, Array, Array, Array, Long]:  # fmt: skip
     """Twin of `coefficients.learn_ratios`: by log-likelihoods (L, 2, BINS) at last and first hit."""
-    (drawn, seen), (count, path, factor, told, _, _) = rays_cast, messages
+    (drawn, seen), (count, path, factor, summary, _, _) = rays_cast, messages
     rays, path = len(drawn) // max(len(path), 1), path[: count[0]]
     send = (factor[: len(path), 1] > 0.5) & (seen[: len(path), 1] > frame[5])
     apart = np.pad(seen[: len(path), 2:], ((0, 0), (2, 0)), constant_values=1)
-    marked = mark(mean, head, path, apart, send * told[2, : len(path)], *hits)
+    marked = mark(mean, head, path, apart, send * summary[2, : len(path)], *hits)
     surface, held = known.surface.copy(), dense(known.where, known.held)
     for row, (bounces, last, _) in enumerate(path[:, :3]):
-        if told[2, row] > 0.05 and bounces == 1:
+        if summary[2, row] > 0.05 and bounces == 1:
             posterior = surface[last] * np.exp(ratio[row, 0] - ratio[row, 0].max()) + 1e-9
             surface[last] = posterior / posterior.sum()
-        if not send[row] or bounces == 0 or (bounces == 2 and told[2, row] <= 0.05):
+        if not send[row] or bounces == 0 or (bounces == 2 and summary[2, row] <= 0.05):
             continue
         hit = [(1, 1), (2, 0)] if bounces == 2 else [(1, 0)]
         for corner, which in hit:
             points = drawn[row * rays : (row + 1) * rays, 2 * corner : 2 * corner + 2]
-            _add_to_cells(held, points, told[0, row] * ratio[row, which] / rays, frame)
+            _add_to_cells(held, points, summary[0, row] * ratio[row, which] / rays, frame)
     return surface, held, *marked
 
 

@@ -24,7 +24,7 @@ def score_poses(in_sight: float, nearest: float, step: float, poses: Array, clue
         strength = listener[column.AT_1M] / np.maximum(length, 1e-3)
         total -= in_sight * _detected(clues, step, strength)
         sight = length, leaving, leaving + np.pi - heading
-        ratio = _ratio(heard, column.STRAIGHT, sight, _heard_at(clues, step, heard, strength, listener))
+        ratio = _ratio(heard, column.STRAIGHT, sight, _measured_at(clues, step, heard, strength, listener))
         ratio += _born(heard, away, heading, nearest) * (length[:, None] < heard[:, column.DISTANCE])
         for row in known:
             normal, image = row[column.NORMAL : column.OFFSET], row[: column.NORMAL]
@@ -37,7 +37,7 @@ def score_poses(in_sight: float, nearest: float, step: float, poses: Array, clue
             total -= there * _detected(clues, step, level)
             bounce, loud = (
                 (distance, row[column.TURN] - back, back - heading),
-                _heard_at(clues, step, heard, level, listener),
+                _measured_at(clues, step, heard, level, listener),
             )
             ratio += there[:, None] * _ratio(heard, column.OVER, bounce, loud)
         total += np.log1p(ratio).sum(1)
@@ -48,7 +48,7 @@ def _detected(clues: Clues, step: float, amplitude: Array) -> Array:
     return np.interp(amplitude, step * np.arange(len(clues.chance)), clues.chance)
 
 
-def _heard_at(clues: Clues, step: float, heard: Array, amplitude: Array, listener: Array) -> Array:
+def _measured_at(clues: Clues, step: float, heard: Array, amplitude: Array, listener: Array) -> Array:
     """Log of p_d times the density of every measured amplitude, at expected ones (N,): (N, M)."""
     measured, expected = heard[:, column.AMPLITUDE], np.maximum(amplitude[:, None], 1e-6)
     rice = log_rician(np.maximum(measured, 1e-9), expected, listener[column.SAMPLES])

@@ -103,20 +103,27 @@ def note(
     rows: PathRows, pairs: Pairs, odds: Array, worth: Array, heard: Array, share: Array, messages: Messages
 ) -> dict[str, NDArray[Any]]:
     """Twin of `path_messages.note`: what it writes, by the names of its arguments."""
-    (path, predicted), (count, noted, factor, told, begin, said) = rows, messages
+    (path, predicted), (count, noted, factor, summary, begin, detection) = rows, messages
     start, index = pairs.start, pairs.index
     (n, k), paths, pairs_now = count, len(path), start[-1]
-    noted, begin, factor, told, said = noted.copy(), begin.copy(), factor.copy(), told.copy(), said.copy()
+    noted, begin, factor, summary, detection = (
+        noted.copy(),
+        begin.copy(),
+        factor.copy(),
+        summary.copy(),
+        detection.copy(),
+    )
     belief, after, more = odds[0] * odds[1], slice(n, n + paths), slice(k, k + pairs_now)
     noted[after] = path
     caused = np.bincount(index[:pairs_now, 0], share[:pairs_now], paths)
     factor[after] = np.stack([belief * worth + 1 - belief, belief > 0.1], -1)
-    told[:, after] = odds[1], odds[5], caused, predicted[:, 12]
+    summary[:, after] = odds[1], odds[5], caused, predicted[:, 12]
     begin[n + 1 : n + 1 + paths] = k + start[1:]
-    said[:, more] = heard[index[:pairs_now, 1], 6], share[:pairs_now]
+    detection[:, more] = heard[index[:pairs_now, 1], 6], share[:pairs_now]
     count = count + np.array([paths, pairs_now], np.int32)
     return {
-        "count": count, "noted": noted, "factor": factor, "told": told, "begin": begin, "said": said
+        "count": count, "noted": noted, "factor": factor, "summary": summary, "begin": begin,
+        "detection": detection,
     }  # fmt: skip
 
 

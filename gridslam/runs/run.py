@@ -174,7 +174,7 @@ class Run:
 
     def _heights(self, simulated: bool) -> dict[str, dict[str, float | None]]:
         """Estimated heights, their deviations, and errors where the scene has the true ones, m."""
-        true = self.scene.told_heights(self.agent)
+        true = self.scene.uncertain_heights(self.agent)
         return {
             name: {"height_m": height, "std_m": std, "error_m": height - true[name][0] if simulated else None}
             for name, (height, std) in self.estimates[-1].heights.items()

@@ -20,7 +20,7 @@ from gridslam.errors import InputError, Unwritten
 from gridslam.estimates import Estimate
 from gridslam.io.files import cannot_write, write_bytes
 from gridslam.maps.map import Map
-from gridslam.measurements.heard import NAMES, Heard, kind_of, read_heard
+from gridslam.measurements.heard import NAMES, Heard, kind_of, read_observations
 from gridslam.runs.parts import holds_checkpoint
 from gridslam.runs.reservation import Place, reserve
 from gridslam.runs.run import Run
@@ -190,7 +190,7 @@ def read_run(directory: str | os.PathLike[str]) -> RunFiles:
         own = folder / name
         truth = own / "truth.tum"
         agents[name] = AgentFiles(
-            read_heard(own),
+            read_observations(own),
             Trajectory.from_tum(own / "trajectory.tum"),
             Trajectory.from_tum(truth) if truth.exists() else None,
             read_steps(own / "steps.h5"),

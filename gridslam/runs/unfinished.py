@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 from gridslam.errors import InputError
 from gridslam.io.files import cannot_write, put_in_place, settle_folder, write_bytes
-from gridslam.measurements.heard import NAMES, Heard, kind_of, read_heard
+from gridslam.measurements.heard import NAMES, Heard, kind_of, read_observations
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.runs.parts import INDEX, UNFINISHED, unfinished_part
 from gridslam.runs.pieces import OfOne, OfSeveral, Pieces, exact_json
@@ -169,7 +169,7 @@ class Unfinished:
         """What agent `number` hears, if it has begun."""
         if number >= len(self.agents):
             return None
-        return read_heard(self.folder, f"{number}-")
+        return read_observations(self.folder, f"{number}-")
 
     def network_measurements(self) -> NetworkMeasurements | None:
         """What all agents of a run at once hear, if it has begun."""

@@ -1,8 +1,8 @@
 """What goes wrong in the real world, as functions that turn a simulated case into a disturbed one.
 
 Changes of the world or of the way (`triples`, `diffuse`, `glancing`, `strides`) simulate anew, so they come
-before those of what was heard (`silence`, `clutter_burst`) and of what the filter is told (`told_clutter`,
-`told_snr`, `told_orientation`, `vague_start`).
+before those of what was heard (`silence`, `clutter_burst`) and of what the filter is told (`stated_clutter`,
+`stated_snr`, `stated_orientation`, `vague_start`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.measurements.table import Measurements
-from gridslam.simulation.image_source import TruePaths, heard_along, true_paths
+from gridslam.simulation.image_source import TruePaths, measured_along, true_paths
 from gridslam.simulation.unusual_paths import diffuse_points, grazing, triple_bounces
 from gridslam.world.columns import DEVIATIONS, KEYS, VALUES
 from gridslam.world.scene import Scene
@@ -67,7 +67,7 @@ def undisturbed(scene: Scene, agent: str | None = None, seed: int = 0) -> Case:
     """The scene as simulated; the filter is told everything but the walls and the way."""
     agent = scene.agents[0].name if agent is None else agent
     track, paths = scene.track(agent), true_paths(scene, agent)
-    heard, _ = heard_along(scene, agent, track, paths, seed)
+    heard, _ = measured_along(scene, agent, track, paths, seed)
     data = scene.model_dump(exclude_none=True)
     data["agents"] = [
         {k: v for k, v in a.items() if k not in ("waypoints_m", "steps")} for a in data["agents"]
@@ -108,17 +108,17 @@ def clutter_burst(case: Case, first: int, steps: int, times: float = 10.0) -> Ca
     return replace(case, heard=heard, first=first, last=last)
 
 
-def told_clutter(case: Case, times: float) -> Case:
+def stated_clutter(case: Case, times: float) -> Case:
     """The filter is told `times` the true clutter level."""
-    return _told(case, {"false_alarms": times * case.scene.radio.false_alarms})
+    return _with_radio(case, {"false_alarms": times * case.scene.radio.false_alarms})
 
 
-def told_snr(case: Case, times: float) -> Case:
+def stated_snr(case: Case, times: float) -> Case:
     """The filter is told `times` the true SNR (a power ratio)."""
-    return _told(case, {"snr_at_1m_db": case.scene.radio.snr_at_1m_db + 10 * np.log10(times)})
+    return _with_radio(case, {"snr_at_1m_db": case.scene.radio.snr_at_1m_db + 10 * np.log10(times)})
 
 
-def told_orientation(case: Case, turn_deg: float = 2.0, anchor: int = 0) -> Case:
+def stated_orientation(case: Case, turn_deg: float = 2.0, anchor: int = 0) -> Case:
     """The filter takes an anchor to be turned by `turn_deg` more than it is."""
     data = case.believed.model_dump(exclude_none=True)
     data["anchors"][anchor]["orientation_deg"] += turn_deg
@@ -206,12 +206,12 @@ def strides(case: Case, times: int = 10, steps: int = 150, pause: bool = False) 
 def _again(case: Case, paths: TruePaths, more: TruePaths | None = None) -> Case:
     """The case with other paths heard throughout; `more` are heard without counting for the bound."""
     whole = paths if more is None else paths.joined(more)
-    heard, _ = heard_along(case.scene, case.agent, case.track, whole, case.seed)
+    heard, _ = measured_along(case.scene, case.agent, case.track, whole, case.seed)
     interval = case.believed.agent(case.agent).interval_s
     return _throughout(replace(case, paths=paths, heard=replace(heard, interval_s=interval)))
 
 
-def _told(case: Case, radio: Mapping[str, Any]) -> Case:
+def _with_radio(case: Case, radio: Mapping[str, Any]) -> Case:
     data = case.believed.model_dump(exclude_none=True)
     believed = Scene.checked({**data, "radio": {**data["radio"], **radio}}, case.scene.name)
     return _throughout(replace(case, believed=believed))

@@ -28,7 +28,7 @@ from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
 __all__ = [
-    "TruePaths", "Truth", "ground_truth", "heard_along", "receive", "simulate", "simulate_labelled",
+    "TruePaths", "Truth", "ground_truth", "measured_along", "receive", "simulate", "simulate_labelled",
     "true_paths", "visible",
 ]  # fmt: skip
 MOST_AT_ONCE = 200_000
@@ -188,10 +188,10 @@ def simulate(scene: Scene, agent: str, seed: int = 0) -> Measurements:
 
 def simulate_labelled(scene: Scene, agent: str, seed: int = 0) -> tuple[Measurements, NDArray[np.intp]]:
     """As `simulate`, with the row in `true_paths` that caused each measurement, or -1 for clutter (K,)."""
-    return heard_along(scene, agent, scene.track(agent), true_paths(scene, agent), seed)
+    return measured_along(scene, agent, scene.track(agent), true_paths(scene, agent), seed)
 
 
-def heard_along(
+def measured_along(
     scene: Scene, agent: str, track: Trajectory, paths: TruePaths, seed: int = 0
 ) -> tuple[Measurements, NDArray[np.intp]]:
     """As `simulate_labelled`, of any track and of paths that were traced (or made up) before."""

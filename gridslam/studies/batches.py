@@ -17,7 +17,7 @@ from gridslam.evaluation.consistency import Steps, nees_band, true_rays
 from gridslam.evaluation.ground_truth import tells_heading
 from gridslam.evaluation.metrics import OSPA_CUTOFF_M
 from gridslam.evaluation.signal_bounds import has_single_antennas, scene_signal_bound
-from gridslam.evaluation.surface_truth import HeardSurfaces
+from gridslam.evaluation.surface_truth import AudibleSurfaces
 from gridslam.simulation.image_source import Truth, ground_truth
 from gridslam.studies.study import Outcome, Variant
 from gridslam.systems.registry import kind_of
@@ -206,7 +206,7 @@ def _benchmarks(variant: Variant, takes: Kind, agents: Sequence[str]) -> dict[st
         truth = ground_truth(scene, name)
         known = known_map_bound(scene, name, truth.paths)
         before = unknown_map_bound(scene, name, truth.paths, before=before)
-        heard = HeardSurfaces.of(truth, earlier)
+        heard = AudibleSurfaces.of(truth, earlier)
         rays, likely = true_rays(scene, name, truth), true_rays(scene, name, truth, 0.5)
         unknown = before
         if takes == "signal":

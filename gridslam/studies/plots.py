@@ -84,7 +84,7 @@ def _resize(figure: Figure, width: float) -> None:
 
 def draw_errors(own: Sequence[Batch]) -> Figure:
     """Position and heading RMSE over time, 80 % of runs, bounds ([Li2025adaptive], Figs. 6b, 6c)."""
-    told = _heading_told(own)
+    told = _heading_measured(own)
     figure = _figure(8, 6.5 if told else 3.8)
     panels = figure.subplots(2 if told else 1, 1, sharex=True, squeeze=False)[:, 0]
     for number, batch in enumerate(own):
@@ -113,7 +113,7 @@ def draw_errors(own: Sequence[Batch]) -> Figure:
 def draw_cdf(own: Sequence[Batch]) -> Figure:
     """Share of all steps of all runs with an error below a value."""
     figure = _figure(8, 3.8)
-    axes = figure.subplots(1, 2 if _heading_told(own) else 1, sharey=True, squeeze=False)[0]
+    axes = figure.subplots(1, 2 if _heading_measured(own) else 1, sharey=True, squeeze=False)[0]
     for number, batch in enumerate(own):
         color, style = _look(number)
         for panel, (name, scale, least) in zip(axes, ERRORS, strict=False):
@@ -218,7 +218,7 @@ def draw_rays(own: Sequence[Batch]) -> Figure:
 
 def draw_consistency(own: Sequence[Batch]) -> Figure:
     """Mean NEES of position and heading over time in the 95 % band of consistent filters."""
-    told = _heading_told(own)
+    told = _heading_measured(own)
     figure = _figure(8, 6 if told else 3.5)
     panels = figure.subplots(2 if told else 1, 1, sharex=True, squeeze=False)[:, 0]
     for panel, name, degrees in zip(panels, ("position", "heading"), (2, 1), strict=False):
@@ -235,7 +235,7 @@ def draw_consistency(own: Sequence[Batch]) -> Figure:
     return figure
 
 
-def _heading_told(own: Sequence[Batch]) -> bool:
+def _heading_measured(own: Sequence[Batch]) -> bool:
     """Whether a heading is drawn: whether anything tells of it in any batch."""
     return any(batch.benchmark.heading_told for batch in own)
 

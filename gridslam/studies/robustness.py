@@ -54,10 +54,10 @@ KINDS: dict[str, Kind] = {
     "none": Kind("nothing", lambda case: case),
     "silence": Kind("30 silent steps", lambda case: disturbances.silence(case, FIRST, 30)),
     "burst": Kind("clutter x 10 for 20 steps", lambda case: disturbances.clutter_burst(case, FIRST, 20)),
-    "clutter-double": Kind("told twice the clutter", lambda case: disturbances.told_clutter(case, 2.0)),
-    "clutter-half": Kind("told half the clutter", lambda case: disturbances.told_clutter(case, 0.5)),
-    "snr-double": Kind("told twice the SNR", lambda case: disturbances.told_snr(case, 2.0)),
-    "snr-half": Kind("told half the SNR", lambda case: disturbances.told_snr(case, 0.5)),
+    "clutter-double": Kind("told twice the clutter", lambda case: disturbances.stated_clutter(case, 2.0)),
+    "clutter-half": Kind("told half the clutter", lambda case: disturbances.stated_clutter(case, 0.5)),
+    "snr-double": Kind("told twice the SNR", lambda case: disturbances.stated_snr(case, 2.0)),
+    "snr-half": Kind("told half the SNR", lambda case: disturbances.stated_snr(case, 0.5)),
     "grazing": Kind("coefficients 0.39 to 0.93 by incidence", disturbances.glancing),
     "triple": Kind("triple bounces", disturbances.triples),
     "diffuse": Kind("6 diffuse points", disturbances.diffuse),
@@ -66,7 +66,7 @@ KINDS: dict[str, Kind] = {
         "steps of 0.5 m, ten times as long", lambda case: disturbances.strides(case, pause=True), ("room",)
     ),
     "start": Kind("start known to 2 m and 30 degrees", disturbances.vague_start),
-    "orientation": Kind("anchor told 2 degrees off", disturbances.told_orientation),
+    "orientation": Kind("anchor told 2 degrees off", disturbances.stated_orientation),
     "flat": Kind("without the curved wall", lambda case: case, ("canyon",)),
     "curved": Kind("curved wall in facets", lambda case: case, ("canyon",)),
 }

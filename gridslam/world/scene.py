@@ -186,12 +186,12 @@ class Scene(Strict):
             That of the agent (default: of any), of floor or of ceiling has one.
         """
         for body in self.agents if agent is None else (self.agent(agent),):
-            for name, (_, std) in self.told_heights(body.name).items():
+            for name, (_, std) in self.uncertain_heights(body.name).items():
                 where = f"agents[{self.agents.index(body)}]" if name == "agent" else name
                 allowed = "0, or grid or adaptive SLAM by Gaussians, which estimate heights"
                 raise InputError(f"{self.name}: {where}.height_std_m", f"{std:g}, for {method}", allowed)
 
-    def told_heights(self, agent: str) -> dict[str, tuple[float, float]]:
+    def uncertain_heights(self, agent: str) -> dict[str, tuple[float, float]]:
         """Heights that aren't known, and their deviations, m: of "agent", "floor", "ceiling"."""
         told: dict[str, Agent | Level] = {"agent": self.agent(agent), **self._levels}
         both = {name: (float(one.height_m or 0.0), one.height_std_m) for name, one in told.items()}
@@ -217,8 +217,8 @@ class Scene(Strict):
         return self.model_copy(update=changes)
 
     def found_heights(self, agent: str, higher: Array, covariance: Array) -> dict[str, tuple[float, float]]:
-        """Heights and their deviations, m, by believed rises (G,) and their covariance; as `told_heights`."""
-        told, ways = self.told_heights(agent), self.verticals(agent)
+        """Heights and their deviations, m, by believed rises (G,) and their covariance."""
+        told, ways = self.uncertain_heights(agent), self.verticals(agent)
         errors = ways.errors(higher, covariance)
         return {
             name: (known + errors[over][0], errors[over][1])

@@ -88,7 +88,7 @@ def told_start(scene: Scene, agent: str, seed: int, how: str = "drawn") -> Start
 
 def _drawn_heights(scene: Scene, agent: str, draw: np.random.Generator) -> dict[str, float]:
     """Heights (m) from their priors, such that anchors and agents stay between floor and ceiling."""
-    told = scene.told_heights(agent)
+    told = scene.uncertain_heights(agent)
     for _ in range(MOST_DRAWS):
         heights = {name: known + std * float(draw.standard_normal()) for name, (known, std) in told.items()}
         other = scene.at_heights(agent, heights)

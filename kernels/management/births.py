@@ -175,13 +175,13 @@ def alone(
 
 
 @ti.func
-def sum_up(born: ti.template(), told: ti.template(), measured: ti.template()):
+def sum_up(born: ti.template(), proposal: ti.template(), measured: ti.template()):
     """Sum up each measurement's births for the association."""
     for m in range(measured.shape[1]):
         measured[NEW, m] = 0.0
     for b in range(born[0, 0]):
         before = measured[NEW, born[b + 1, 0]]
-        measured[NEW, born[b + 1, 0]] = before + told[b, 2]
+        measured[NEW, born[b + 1, 0]] = before + proposal[b, 2]
     for m in range(measured.shape[1]):
         total = measured[NEW, m]
         measured[NEW, m] = 1 + total
@@ -283,7 +283,7 @@ def propose(
                     )
                     length, arrival = heard[m, 0] - place[3], heard[m, 2]
                     angle, offset = line_of(mean, head, length, arrival, place, last, first)
-                    births.told[count, 0], births.told[count, 1], births.told[count, 2] = (
+                    births.proposal[count, 0], births.proposal[count, 1], births.proposal[count, 2] = (
                         angle,
                         offset,
                         births.ratio[m, n],
@@ -292,7 +292,7 @@ def propose(
                     births.born[count, 0], births.born[count, 1], births.born[count, 2] = m, last, first
                     births.born[count, 3] = anchor
         births.born[0, 0] = count
-        sum_up(births.born, births.told, measured)
+        sum_up(births.born, births.proposal, measured)
 
 
 @quick
@@ -305,7 +305,7 @@ def weigh_by_visibility(
     occupied: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [2, ny nx] o of a traversed cell, of a hit one in V
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [4 or more] see `blocks.Cells`
     sketch: pack(Sketch),
-    births: pack(BirthRows),  # as `propose` leaves them; `told` is in/out
+    births: pack(BirthRows),  # as `propose` leaves them; `proposal` is in/out
     measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [5, M] in/out: see `tables`; `NEW` is out
 ):
     """Weigh births by V of their paths at the mean of the belief, [Li2026grid], eq. (1).
@@ -318,21 +318,21 @@ def weigh_by_visibility(
         stand_at(mean, head, sketch.state)
         own = 3 + 3 * surfaces
         for b in range(births.born[0, 0]):
-            last, first, worth = births.born[b + 1, 1], births.born[b + 1, 2], births.told[b, 2]
+            last, first, worth = births.born[b + 1, 1], births.born[b + 1, 2], births.proposal[b, 2]
             sketch.state[own, 0], sketch.state[own + 1, 0] = (
-                cos_of(births.told[b, 0]),
-                sin_of(births.told[b, 0]),
+                cos_of(births.proposal[b, 0]),
+                sin_of(births.proposal[b, 0]),
             )
-            sketch.state[own + 2, 0] = births.told[b, 1]
+            sketch.state[own + 2, 0] = births.proposal[b, 1]
             sketch.path[0, 0], sketch.path[0, 3] = (1 if last < 0 and first < 0 else 2), births.born[b + 1, 3]
             sketch.path[0, 1], sketch.path[0, 2] = (
                 (surfaces if last < 0 else last),
                 (surfaces if first < 0 else first),
             )
             draw_path(sketch.state, sketch.path, places, 0, 0, sketch.drawn)
-            births.told[b, 2] = UNTOLD * worth
+            births.proposal[b, 2] = UNTOLD * worth
             if sketch.drawn[0, 12] > 0.5:
-                births.told[b, 2] = worth * alone(
+                births.proposal[b, 2] = worth * alone(
                     sketch.drawn, sketch.path[0, 0], wide, occupied, frame, sketch.line, sketch.place
                 )
-        sum_up(births.born, births.told, measured)
+        sum_up(births.born, births.proposal, measured)

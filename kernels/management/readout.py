@@ -59,7 +59,7 @@ def tell_surface(
 def tell_path(
     row, existence, mean: ti.template(), head, path: ti.template(), places: ti.template(),
     identity: ti.template(), at_1m, table: ti.template(), drawn: ti.template(), number: ti.template(),
-    told: ti.template(),
+    quantity: ti.template(),
 ):  # fmt: skip
     """Write one path's row: by which surfaces, and its parameters; `drawn` has its corners."""
     bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
@@ -71,12 +71,12 @@ def tell_path(
         number[row, 1], number[row, 2] = identity[last], identity[first]
         coefficient = table[last, 12] * (table[first, 12] if bounces == 2 else 1.0)
     for i in ti.static(range(3)):
-        told[row, i] = value[i]
-    told[row, 3], told[row, 4] = at_1m / ti.max(value[0] - place[3], 1e-3) * coefficient, existence
+        quantity[row, i] = value[i]
+    quantity[row, 3], quantity[row, 4] = at_1m / ti.max(value[0] - place[3], 1e-3) * coefficient, existence
     for n in ti.static(range(8)):
-        told[row, 5 + n] = drawn[row, n]
+        quantity[row, 5 + n] = drawn[row, n]
         if ti.static(2 <= n < 6) and bounces < (1 if ti.static(n < 4) else 2):
-            told[row, 5 + n] = ti.bit_cast(ti.cast(NAN[0], ti.i64) << NAN[1], ti.f64)
+            quantity[row, 5 + n] = ti.bit_cast(ti.cast(NAN[0], ti.i64) << NAN[1], ti.f64)
 
 
 @quick
@@ -111,7 +111,7 @@ def describe(
                             if out.drawn[n, 12] > 0.5:
                                 tell_path(
                                     n, chance * together, belief.mean, head, out.path, places,
-                                    surfaces.identity, at_1m, out.table, out.drawn, out.number, out.told,
+                                    surfaces.identity, at_1m, out.table, out.drawn, out.number, out.quantity,
                                 )  # fmt: skip
                                 n += 1
         out.found[0] = n

@@ -225,9 +225,9 @@ class Messages(NamedTuple):
     count: Whole  # type: ignore[assignment]
     noted: Wholes
     factor: Square
-    told: Square
+    summary: Square
     begin: Whole
-    said: Square
+    detection: Square
 
 
 class Drawn(NamedTuple):
@@ -278,7 +278,7 @@ class Description(NamedTuple):
     path: Wholes
     drawn: Square
     number: Longs
-    told: Square
+    quantity: Square
     found: Whole
 
 
@@ -289,7 +289,7 @@ class BirthRows(NamedTuple):
 
     ratio: Square
     born: Wholes
-    told: Square
+    proposal: Square
 
 
 class Sketch(NamedTuple):

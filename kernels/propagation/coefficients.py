@@ -88,22 +88,22 @@ def recall(
 
 @ti.func
 def say(
-    log: ti.template(), path: ti.template(), told: ti.template(), begin: ti.template(), said: ti.template(),
-    table: ti.template(), step, radio: ti.template(), row, other,
+    log: ti.template(), path: ti.template(), summary: ti.template(), begin: ti.template(),
+    detection: ti.template(), table: ti.template(), step, radio: ti.template(), row, other,
 ):  # fmt: skip
     """Log-likelihood over one coefficient of a path, `other` the product of the rest, softly by association.
 
     Rician for detections, ``1 - p_d`` for misses: detections alone are biased by the threshold
     (docs/model.md, (M42)).
     """
-    missed = ti.max(1 - told[SHARE, row], 0.0)
+    missed = ti.max(1 - summary[SHARE, row], 0.0)
     at_1m, samples = radio[path[row, 3], AT_1M], radio[path[row, 3], SAMPLES]
     for n in range(BINS):
-        level = at_1m / ti.max(told[LENGTH, row], 1e-3) * other * (n + 0.5) / BINS
-        log[n] = missed * logarithm_of(1 - told[CHANCE, row] * detection_of(level, table, step) + 1e-9)
+        level = at_1m / ti.max(summary[LENGTH, row], 1e-3) * other * (n + 0.5) / BINS
+        log[n] = missed * logarithm_of(1 - summary[CHANCE, row] * detection_of(level, table, step) + 1e-9)
         for k in range(begin[row], begin[row + 1]):
-            if said[0, k] >= 0 and said[1, k] > FAINT:
-                log[n] += said[1, k] * log_rician(said[0, k], level, samples)
+            if detection[0, k] >= 0 and detection[1, k] > FAINT:
+                log[n] += detection[1, k] * log_rician(detection[0, k], level, samples)
 
 
 @ti.func
@@ -177,9 +177,9 @@ def learn(
         log = ti.Vector([0.0] * BINS, dt=ti.f64)
         for row in range(messages.count[0]):
             bounces, last, first = messages.noted[row, 0], messages.noted[row, 1], messages.noted[row, 2]
-            heard = messages.told[SHARE, row] > AUDIBLE
+            heard = messages.summary[SHARE, row] > AUDIBLE
             send = messages.factor[row, 1] > 0.5 and rays_cast.seen[row, 1] > frame[LEAST]
-            if send and messages.told[SHARE, row] > LIKELIER_THAN_NOT:
+            if send and messages.summary[SHARE, row] > LIKELIER_THAN_NOT:
                 spot(
                     messages.noted, row, rays_cast.seen, mean, head, hits.foot, hits.extent, hits.times,
                     known.latest,
@@ -190,8 +190,8 @@ def learn(
                 if bounces == 2:
                     other = known.usual[first] if turn == 0 else known.usual[last]
                 say(
-                    log, messages.noted, messages.told, messages.begin, messages.said, table, step, radio,
-                    row, other,
+                    log, messages.noted, messages.summary, messages.begin, messages.detection, table, step,
+                    radio, row, other,
                 )  # fmt: skip
                 if bounces == 1:
                     most, total = ti.cast(-1e30, ti.f64), ti.cast(0.0, ti.f64)
@@ -205,8 +205,8 @@ def learn(
                         known.surface[last, n] = before / total
                 if send:
                     add_to_cells(
-                        log, messages.told[THERE, row], rays_cast.drawn, known.where, known.held, known.used,
-                        frame, row, rays, bounces - turn,
+                        log, messages.summary[THERE, row], rays_cast.drawn, known.where, known.held,
+                        known.used, frame, row, rays, bounces - turn,
                     )  # fmt: skip
 
 
@@ -232,9 +232,9 @@ def learn_ratios(
         log = ti.Vector([0.0] * BINS, dt=ti.f64)
         for row in range(messages.count[0]):
             bounces, last = messages.noted[row, 0], messages.noted[row, 1]
-            heard = messages.told[SHARE, row] > AUDIBLE
+            heard = messages.summary[SHARE, row] > AUDIBLE
             send = messages.factor[row, 1] > 0.5 and rays_cast.seen[row, 1] > frame[LEAST]
-            if send and messages.told[SHARE, row] > LIKELIER_THAN_NOT:
+            if send and messages.summary[SHARE, row] > LIKELIER_THAN_NOT:
                 spot(
                     messages.noted, row, rays_cast.seen, mean, head, hits.foot, hits.extent, hits.times,
                     known.latest,
@@ -254,6 +254,6 @@ def learn_ratios(
                     for n in range(BINS):
                         log[n] = ratio[row, bounces - 1 - corner, n]
                     add_to_cells(
-                        log, messages.told[THERE, row], rays_cast.drawn, known.where, known.held, known.used,
-                        frame, row, rays, corner + 1,
+                        log, messages.summary[THERE, row], rays_cast.drawn, known.where, known.held,
+                        known.used, frame, row, rays, corner + 1,
                     )  # fmt: skip

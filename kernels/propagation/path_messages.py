@@ -7,8 +7,8 @@ from gridslam.kernels.primitives.tables import EXISTENCE, SURFACES, WORTH
 from gridslam.kernels.primitives.tables import LENGTH as LENGTH_COLUMN
 
 THERE, CHANCE, SHARE, LENGTH = range(4)
-"""Rows of `told`: existence of a path's surfaces; chance that it is there, if they are; probability that it
-caused a measurement; its length."""
+"""Rows of `summary`: existence of a path's surfaces; chance that it is there, if they are; probability that
+it caused a measurement; its length."""
 LIKELY = 0.1
 """Probability of its ray and surfaces from which on a path sends to cells."""
 
@@ -31,13 +31,13 @@ def note(
         out.factor[n, 0] = ti.select(fresh, belief * ratios.odds[WORTH, row] + 1 - belief, out.factor[n, 0])
         out.factor[n, 1] = 1.0 if belief > LIKELY else 0.0
         for pair in range(pairs.start[row], pairs.start[row + 1]):
-            out.said[0, k] = ti.select(fresh, heard[pairs.index[pair, 1], 6], out.said[0, k])
-            out.said[1, k] = share[pair]
+            out.detection[0, k] = ti.select(fresh, heard[pairs.index[pair, 1], 6], out.detection[0, k])
+            out.detection[1, k] = share[pair]
             total += share[pair]
             k += 1
-        out.told[THERE, n] = ti.select(fresh, ratios.odds[SURFACES, row], out.told[THERE, n])
-        out.told[CHANCE, n], out.told[SHARE, n] = ratios.odds[CHANCE_BEFORE, row], total
-        out.told[LENGTH, n] = rows.predicted[row, LENGTH_COLUMN]
+        out.summary[THERE, n] = ti.select(fresh, ratios.odds[SURFACES, row], out.summary[THERE, n])
+        out.summary[CHANCE, n], out.summary[SHARE, n] = ratios.odds[CHANCE_BEFORE, row], total
+        out.summary[LENGTH, n] = rows.predicted[row, LENGTH_COLUMN]
         n += 1
         out.begin[n] = ti.select(fresh, k, out.begin[n])
     out.count[0], out.count[1] = n, k

@@ -10,7 +10,7 @@ import gridslam as gs
 from gridslam.estimate_tables import PathEstimate, SurfaceEstimate
 from gridslam.estimates import Estimate
 from gridslam.evaluation.consistency import follow, nees, nees_band, true_rays, virtual_anchors
-from gridslam.evaluation.surface_truth import HeardSurfaces, surface_scores
+from gridslam.evaluation.surface_truth import AudibleSurfaces, surface_scores
 from gridslam.world.geometry import line_of_sfv, mirror
 
 
@@ -51,7 +51,7 @@ def alcove():
 def perfect(scene, truth, off):
     """Estimates that are `off` (m) in x, with all surfaces found so far in place and no path but the true."""
     estimates = []
-    heard = HeardSurfaces.of(truth)
+    heard = AudibleSurfaces.of(truth)
     for step in range(len(truth.trajectory)):
         line = line_of_sfv(heard.feature[heard.first <= step])
         one = np.ones(len(line))
@@ -100,7 +100,7 @@ def test_steps_of_a_run_that_knows_all_but_its_place(alcove):
     np.add.at(expected, (truth.paths.anchor[few], truth.paths.step[few]), 1)
     np.testing.assert_array_equal(steps.rays, expected)
     np.testing.assert_allclose(steps.ray_belief, 0.9 * expected)
-    there = HeardSurfaces.of(truth).first[:, None] <= np.arange(steps.surface_error_m.shape[1])
+    there = AudibleSurfaces.of(truth).first[:, None] <= np.arange(steps.surface_error_m.shape[1])
     assert (np.isfinite(steps.surface_error_m) == there).all()
     assert (steps.surface_error_m[there] < 1e-9).all()
 

@@ -12,7 +12,7 @@ from wall_samples import paths, walls
 import gridslam as gs
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.evaluation.metrics import ospa
-from gridslam.evaluation.surface_truth import HeardSurfaces, assigned_error, surface_scores
+from gridslam.evaluation.surface_truth import AudibleSurfaces, assigned_error, surface_scores
 from gridslam.simulation.image_source import Truth
 from gridslam.world import geometry
 from gridslam.world.geometry import line_of_sfv
@@ -44,7 +44,7 @@ def test_surface_seen_by_no_path_is_not_demanded_and_a_window_is_no_second_wall(
         ([[0, 0], [1.5, 2], [3, 0]], [1, -1]),
         ([[0, 0], [0.5, 2], [5, 0.5], [1, 0]], [0, 2]),
     )
-    heard = HeardSurfaces.of(truth_of(segments, seen))
+    heard = AudibleSurfaces.of(truth_of(segments, seen))
     np.testing.assert_allclose(heard.feature, [[0, 4], [10, 0]], atol=1e-12)
     assert heard.first.tolist() == [0, 2]
     assert [heard.count(step) for step in range(3)] == [1, 1, 2]
@@ -57,7 +57,7 @@ def test_world_without_walls_has_nothing_to_be_found():
     whole = np.zeros(0, int)
     none = geometry.Segments(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), whole, whole, whole)
     truth = truth_of(none, paths(([[2.5, 2.5], [6.5, 2.5]], [-1, -1])))
-    heard = HeardSurfaces.of(truth)
+    heard = AudibleSurfaces.of(truth)
     assert (len(heard.feature), len(heard.first), heard.count()) == (0, 0, 0)
     assert heard.ospa(lines_at([])) == 0
     assert heard.ospa(lines_at([[1, 1]])) == 5
@@ -73,7 +73,7 @@ def front():
         ([2, -4], [2, -6], 0.3, 3),
         curve=[-1, 1, 1, 1],
     )
-    return HeardSurfaces.of(truth_of(segments, paths(*(single(1, piece) for piece in range(4)))))
+    return AudibleSurfaces.of(truth_of(segments, paths(*(single(1, piece) for piece in range(4)))))
 
 
 def test_curved_wall_is_there_once_and_any_of_its_facets_may_stand_for_it(front):
@@ -93,7 +93,7 @@ def test_curved_wall_is_there_once_and_any_of_its_facets_may_stand_for_it(front)
 
 def test_facet_in_line_with_a_straight_wall_is_part_of_that():
     segments = walls(([0, 2], [4, 2], 0.7, 0), ([4, 2], [5, 2], 0.3, 0), curve=[-1, 1])
-    heard = HeardSurfaces.of(truth_of(segments, paths(single(2, 1))))
+    heard = AudibleSurfaces.of(truth_of(segments, paths(single(2, 1))))
     assert heard.curve.tolist() == [-1]
 
 
@@ -109,7 +109,7 @@ def two_anchors():
     """Anchor 0 hears both walls, anchor 1 the first alone, from step 2 on."""
     segments = walls(([0, 2], [4, 2], 0.7, 0), ([6, 0], [6, 3], 0.7, 1))
     seen = paths(single(2, 0), single(2, 1), single(2, 0), anchor=[0, 0, 1])
-    return HeardSurfaces.of(truth_of(segments, seen))
+    return AudibleSurfaces.of(truth_of(segments, seen))
 
 
 def test_wall_that_two_anchors_each_have_a_line_for_is_no_ghost(two_anchors):
@@ -140,10 +140,10 @@ def test_straight_surfaces_that_serve_all_score_the_plain_ospa(two_anchors, foun
 def test_surfaces_that_an_earlier_agent_heard_are_there_from_the_start():
     scene = gs.Scene.load("hall")
     truth = gs.ground_truth(scene, "agent1")
-    alone = HeardSurfaces.of(truth)
+    alone = AudibleSurfaces.of(truth)
     later = Truth(truth.trajectory, truth.paths.at(0), truth.segments)
-    both = HeardSurfaces.of(later, [truth])
-    assert len(HeardSurfaces.of(later).feature) < len(both.feature) == len(alone.feature)
+    both = AudibleSurfaces.of(later, [truth])
+    assert len(AudibleSurfaces.of(later).feature) < len(both.feature) == len(alone.feature)
     np.testing.assert_array_equal(alone.feature, both.feature)
     assert (both.first == 0).all()
     assert alone.first.max() > 0

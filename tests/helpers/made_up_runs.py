@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import gridslam as gs
 from gridslam.evaluation.consistency import true_rays
-from gridslam.evaluation.surface_truth import HeardSurfaces
+from gridslam.evaluation.surface_truth import AudibleSurfaces
 from gridslam.studies.study import Study
 from gridslam.world.scene import Scene
 
@@ -20,7 +20,7 @@ def true_course(toml, names):
     """Steps, surfaces and true rays of the last of these agents."""
     scene = Scene.from_toml(toml, "tiny")
     *earlier, truth = (gs.ground_truth(scene, name) for name in names)
-    surfaces = len(HeardSurfaces.of(truth, earlier).feature)
+    surfaces = len(AudibleSurfaces.of(truth, earlier).feature)
     return len(truth.trajectory), surfaces, true_rays(scene, names[-1], truth)
 
 

@@ -42,7 +42,7 @@ def heard(state, *peaks):
     for anchor in range(len(evidence)):
         if anchor not in [peak[0] for peak in peaks]:
             evidence[anchor] = 0.0
-    return replace(state, clocks=search.heard(evidence))
+    return replace(state, clocks=search.updated(evidence))
 
 
 def test_modes_that_count_are_kept_and_what_is_left_only_if_it_counts(fresh):

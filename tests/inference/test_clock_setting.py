@@ -122,14 +122,14 @@ def test_a_clock_is_set_once_its_rivals_are_gone():
     assert search.unset.tolist() == [True, False]
     peaks = -0.5 * ((CENTRE - 7.3) / 0.2) ** 2, -0.5 * ((CENTRE + 12) / 0.2) ** 2 - 3.0
     both = np.tile(np.logaddexp(*peaks), (2, 1))
-    search = search.heard(both)
+    search = search.updated(both)
     assert search.decided() == []  # the rival still has 5 %
     mean, variance = search.moments(0)
     assert -12 < mean < 7.3
     assert variance > 10
-    search = search.heard(both)
+    search = search.updated(both)
     assert search.decided() == []  # 0.25 %
-    search = search.heard(both)
+    search = search.updated(both)
     ((anchor, offset),) = search.decided()
     assert anchor == 0
     assert offset == pytest.approx(7.3, abs=0.02)
@@ -145,23 +145,23 @@ def gaussian(centre, std, level):
 
 def test_one_mode_as_wide_as_the_pose_is_decided_and_two_are_not():
     fresh = ClockSearch.start(CLOCKS)
-    ((anchor, offset),) = fresh.heard(gaussian(7.3, 0.5, 1e-5)).decided()
+    ((anchor, offset),) = fresh.updated(gaussian(7.3, 0.5, 1e-5)).decided()
     assert (anchor, round(offset, 1)) == (0, 7.3)
-    assert fresh.heard(gaussian(7.3, 0.9, 1e-5)).decided() == []
+    assert fresh.updated(gaussian(7.3, 0.9, 1e-5)).decided() == []
     two = np.logaddexp(*(gaussian(7.3 + side, 0.2, 1e-9) for side in (-1, 1)))
-    assert fresh.heard(two).decided() == []
+    assert fresh.updated(two).decided() == []
 
 
 def test_a_doubtful_mode_is_decided_in_the_first_steps_alone():
     search = ClockSearch.start(CLOCKS)
-    doubtful = search.heard(gaussian(7.3, 0.5, 5e-3))
+    doubtful = search.updated(gaussian(7.3, 0.5, 5e-3))
     assert len(doubtful.decided()) == 1
-    assert search.heard(gaussian(7.3, 0.5, 2e-2)).decided() == []
+    assert search.updated(gaussian(7.3, 0.5, 2e-2)).decided() == []
     assert replace(doubtful, since=np.array([4, 0])).decided() == []
 
 
 def test_walks_blur_and_nothing_leaves_the_prior():
-    search = ClockSearch.start(CLOCKS).heard(np.tile(-0.5 * ((CENTRE - 5.0) / 0.3) ** 2, (2, 1)))
+    search = ClockSearch.start(CLOCKS).updated(np.tile(-0.5 * ((CENTRE - 5.0) / 0.3) ** 2, (2, 1)))
     before = search.moments(0)[1]
     after = search.walked(0.25)
     assert after.moments(0)[1] - before == pytest.approx(0.25, rel=0.02)
@@ -170,7 +170,7 @@ def test_walks_blur_and_nothing_leaves_the_prior():
 
 
 def test_an_opened_clock_knows_nothing():
-    search = ClockSearch.start(CLOCKS).heard(np.tile(-(CENTRE**2), (2, 1))).closed(0).opened(0, CLOCKS)
+    search = ClockSearch.start(CLOCKS).updated(np.tile(-(CENTRE**2), (2, 1))).closed(0).opened(0, CLOCKS)
     assert search.unset[0]
     np.testing.assert_allclose(search.mass[0], 1 / len(CENTRE))
 

@@ -140,7 +140,7 @@ def test_the_clutter_level_is_bounded_whatever_is_heard(counts, told):
     signal = type(signal)(**{**vars(signal), "false_alarms": told})
     calibration = Calibration.start(1)
     for count in counts:
-        calibration = calibration.faded().heard_clutter(0, count, signal)
+        calibration = calibration.faded().with_clutter(0, count, signal)
         level = calibration.level(0, told)
         assert LEAST_CLUTTER * told <= level <= MOST_CLUTTER * told
 
@@ -148,7 +148,7 @@ def test_the_clutter_level_is_bounded_whatever_is_heard(counts, told):
 def test_the_clutter_level_follows_a_burst_within_three_steps_and_back(signal):
     calibration, levels = Calibration.start(1), []
     for count in [2] * 20 + [20] * 5 + [2] * 15:
-        calibration = calibration.faded().heard_clutter(0, count, signal)
+        calibration = calibration.faded().with_clutter(0, count, signal)
         levels.append(calibration.level(0, signal.false_alarms))
     assert levels[19] == 2
     assert levels[22] > 10
@@ -194,7 +194,7 @@ def test_unsure_surfaces_do_not_hide_the_clutter():
 
 @pytest.mark.slow
 def test_a_wrong_clutter_level_and_snr_are_learned(room, signal):
-    told = disturbances.told_snr(disturbances.told_clutter(room, 0.5), 2.0)
+    told = disturbances.stated_snr(disturbances.stated_clutter(room, 0.5), 2.0)
     slam = gs.GridSlam(told.believed, seed=1)
     for step in range(40):
         estimate = slam.step(told.heard.scan(step))
@@ -205,7 +205,7 @@ def test_a_wrong_clutter_level_and_snr_are_learned(room, signal):
 
 @pytest.mark.slow
 def test_a_turned_anchor_is_noticed(room):
-    case = disturbances.told_orientation(room, 4.0)
+    case = disturbances.stated_orientation(room, 4.0)
     slam = gs.GridSlam(case.believed, seed=1)
     for step in range(40):
         estimate = slam.step(case.heard.scan(step))

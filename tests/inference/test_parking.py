@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 import gridslam as gs
 from gridslam.errors import InputError
-from gridslam.evaluation.surface_truth import HeardSurfaces
+from gridslam.evaluation.surface_truth import AudibleSurfaces
 from gridslam.inference.management.in_sight import occupied_above, shortest_path
 from gridslam.inference.management.merging import MOST_SURFACES
 from gridslam.inference.management.mixture import moment_matched, same_identities
@@ -300,7 +300,7 @@ def test_a_checkpoint_holds_parked_surfaces_and_goes_on_bit_for_bit(system, crow
 @pytest.mark.slow
 def test_once_around_a_building_of_60_walls_the_first_rooms_are_the_same_walls_again():
     scene = gs.Scene.load("building").with_filter(particles=256)
-    truth = HeardSurfaces.of(ground_truth(scene, "agent1"))
+    truth = AudibleSurfaces.of(ground_truth(scene, "agent1"))
     scans = gs.simulate(scene, "agent1", seed=41)
     slam = gs.GridSlam(scene, seed=41)
     errors, active, first, seen = [], [], None, {}

@@ -247,8 +247,8 @@ def test_updates_equal_their_twin(seed, surfaces, rounds, noted, unknown):
     rows, pairs = len(path), len(chosen)
     notes = {
         "count": np.array([2, 3], np.int32), "noted": np.full((rows + 4, 4), 7, np.int32),
-        "factor": draw.normal(size=(rows + 4, 2)), "told": draw.normal(size=(4, rows + 4)),
-        "begin": np.full(rows + 5, 3, np.int32), "said": draw.normal(size=(2, pairs + 5)),
+        "factor": draw.normal(size=(rows + 4, 2)), "summary": draw.normal(size=(4, rows + 4)),
+        "begin": np.full(rows + 5, 3, np.int32), "detection": draw.normal(size=(2, pairs + 5)),
     }  # fmt: skip
     if not noted:
         notes["noted"] = np.empty((0, 4), np.int32)

@@ -60,8 +60,8 @@ def test_a_burst_adds_clutter_of_the_right_number_and_leaves_the_rest(room):
 
 
 def test_wrong_numbers_change_what_is_told_and_not_what_is_heard(room):
-    clutter = disturbances.told_clutter(room, 2.0)
-    snr = disturbances.told_snr(room, 0.5)
+    clutter = disturbances.stated_clutter(room, 2.0)
+    snr = disturbances.stated_snr(room, 0.5)
     assert clutter.believed.radio.false_alarms == 2 * room.scene.radio.false_alarms
     assert snr.believed.radio.snr_at_1m_db == pytest.approx(room.scene.radio.snr_at_1m_db - 3.0103)
     for case in (clutter, snr):
@@ -70,7 +70,7 @@ def test_wrong_numbers_change_what_is_told_and_not_what_is_heard(room):
 
 
 def test_a_turned_anchor_is_turned_in_what_is_told_alone(room):
-    case = disturbances.told_orientation(room, 2.0)
+    case = disturbances.stated_orientation(room, 2.0)
     turn = case.believed.anchor_orientations - room.scene.anchor_orientations
     np.testing.assert_allclose(np.degrees(turn), [2.0, 0.0], atol=1e-9)
     np.testing.assert_array_equal(case.heard.aod_rad, room.heard.aod_rad)

@@ -7,7 +7,7 @@ import pytest
 
 import gridslam as gs
 from gridslam.inference.workspace.cell_buffers import EVIDENCE_CLIP
-from gridslam.simulation.image_source import heard_along, true_paths
+from gridslam.simulation.image_source import measured_along, true_paths
 
 BEFORE, AFTER = 100, 20
 """Steps, in each of which anchor A is heard through the door or by way of it; and steps after the change."""
@@ -45,7 +45,7 @@ def heard_by_a_door(door):
 @cache
 def scans(door, seed):
     scene, track, paths = heard_by_a_door(door)
-    return list(heard_along(scene, "agent1", track, paths, seed)[0])
+    return list(measured_along(scene, "agent1", track, paths, seed)[0])
 
 
 def follow(slam, door, rows, seed):

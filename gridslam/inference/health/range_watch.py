@@ -98,9 +98,9 @@ class RangeWatch:
         )  # fmt: skip
         if after.steps < LEAST_STEPS or after.steps % EVERY:
             return after
-        return replace(after, told=after.said(model))
+        return replace(after, told=after.conclusion(model))
 
-    def said(self, model: FilterModel) -> str:
+    def conclusion(self, model: FilterModel) -> str:
         """What is wrong beyond doubt, in words."""
         fits = sorted(self._fits(model), key=lambda fit: fit.misfit)
         best, plain = fits[0], next(fit for fit in fits if not fit.columns)

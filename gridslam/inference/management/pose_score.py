@@ -118,7 +118,7 @@ class SnapshotTerms:
         """
         return Snapshot((self,)).score(poses, widen)
 
-    def heard(self, widen: float) -> Array:
+    def measurement_rows(self, widen: float) -> Array:
         """What the kernel takes of the measurements, (M, HEARD): columns as in `kernels.primitives.clues`."""
         rows, measured = np.zeros((len(self), column.HEARD)), np.isfinite(self.variance)
         variance = np.where(measured, widen**2 * self.variance, 1.0)
@@ -201,7 +201,7 @@ class Snapshot:
 def clues_of(snapshot: Snapshot, widen: float) -> Clues:
     """A scan as the kernel takes it, with deviations multiplied."""
     terms = snapshot.terms
-    heard, over = [own.heard(widen) for own in terms], [own.over() for own in terms]
+    heard, over = [own.measurement_rows(widen) for own in terms], [own.over() for own in terms]
     ends = [np.cumsum([0, *map(len, parts)]) for parts in (heard, over)]
     whose = np.stack([end for last in ends for end in (last[:-1], last[1:])], 1).astype(np.int32)
     listeners = [(*own.position, own.height, own.radio.amplitude_at_1m, own.radio.samples) for own in terms]

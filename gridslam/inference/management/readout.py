@@ -88,21 +88,21 @@ def _described(
         links_of(bank, los), blocks.SurfaceRows(bank.extent, bank.reflection, bank.identity),
         scratch._replace(table=table),
     )  # fmt: skip
-    path, number, told, found = scratch.path, scratch.number, scratch.told, scratch.found
+    path, number, quantity, found = scratch.path, scratch.number, scratch.quantity, scratch.found
     several = int(found[0])
     surfaces = SurfaceEstimate(
         bank.identity.copy(), table[:, 6:8], table[:, 8:12].reshape(-1, 2, 2), table[:, :2],
         table[:, 2:6].reshape(-1, 2, 2), table[:, 12], table[:, 13], bank.existence.copy(), table[:, 14:],
         bank.owner.copy(),
     )  # fmt: skip
-    number, told = number[:several].copy(), told[:several].copy()
-    amplitude = told[:, 3]
+    number, quantity = number[:several].copy(), quantity[:several].copy()
+    amplitude = quantity[:, 3]
     if strength is not None:
-        rays = Rays(path[:several], told[:, 4].copy(), np.ones(several), (count, places))
-        amplitude = strength(rays, told[:, 0] - belief.late(number[:, 0]))
+        rays = Rays(path[:several], quantity[:, 4].copy(), np.ones(several), (count, places))
+        amplitude = strength(rays, quantity[:, 0] - belief.late(number[:, 0]))
     return surfaces, PathEstimate(
-        number[:, 0], number[:, 1:], told[:, 0], told[:, 1], told[:, 2], amplitude, told[:, 4],
-        told[:, 5:].reshape(-1, 4, 2),
+        number[:, 0], number[:, 1:], quantity[:, 0], quantity[:, 1], quantity[:, 2], amplitude,
+        quantity[:, 4], quantity[:, 5:].reshape(-1, 4, 2),
     )  # fmt: skip
 
 

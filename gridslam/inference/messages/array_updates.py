@@ -94,7 +94,7 @@ def update_existence(
 def exchange_of(snapshot: Snapshot, likelihood: SnapshotLikelihood, model: SignalModel) -> SnapshotExchange:
     """How well a snapshot fitted, and what the line of sight says of the gain of amplitudes."""
     mode, fit = likelihood.found.mode, np.zeros((1, 9))
-    value, vector = np.linalg.eigh(mode.told)
+    value, vector = np.linalg.eigh(mode.information)
     telling = value > TELLING
     moved = np.square(vector.T @ mode.shift)[telling] * (1 + 1 / value[telling])
     fit[0, :2] = np.minimum(moved, WORST).sum(), telling.sum()

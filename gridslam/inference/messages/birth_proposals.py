@@ -113,13 +113,13 @@ def propose_births(
         model.birth_rate, belief.layout.head, belief.mean, cloud.state, _noise(len(known)), heard.table,
         known, senders, Anchors(model.places, signal.numbers), measured, births,
     )  # fmt: skip
-    born, told = births.born, births.told
+    born, proposal = births.born, births.proposal
     if state.grid is not None and born[0, 0]:
         _weigh_by_visibility(state, births, measured, model, work)
     found, ratios = int(born[0, 0]), replace(ratios, measured=measured)
     if not found:
         return Births.none(), ratios
-    rows, values = born[1 : 1 + found].copy(), told[:found].copy()  # the next call reuses the buffers
+    rows, values = born[1 : 1 + found].copy(), proposal[:found].copy()  # the next call reuses the buffers
     return Births(rows[:, 0], rows[:, 1:3], values[:, :2], values[:, 2], rows[:, 3]), ratios
 
 

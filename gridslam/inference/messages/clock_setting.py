@@ -39,7 +39,7 @@ def set_clocks(
     state = challenge_clocks(state, scans, model, works=works)
     if not state.clocks.unset.any():
         return state
-    search = state.clocks.heard(heard_about(state, state.clocks.unset, scans, model, works=works))
+    search = state.clocks.updated(evidence_of(state, state.clocks.unset, scans, model, works=works))
     belief, first = state.belief, state.belief.layout.devices
     for anchor, offset in search.decided(tells_no_departure(scans)):
         belief, search = belief.independent(int(first[anchor]), offset, SET_VARIANCE), search.closed(anchor)
@@ -70,13 +70,13 @@ def challenge_clocks(
     later = state.step > CHALLENGE_STEPS and state.step % CHALLENGE_STEPS
     if later or not closed.any() or tells_no_departure(scans):  # rival modes are hypotheses then
         return state
-    evidence = heard_about(state, closed, scans, model, works=works)
+    evidence = evidence_of(state, closed, scans, model, works=works)
     devices = state.belief.layout.devices
     mean, variance = state.belief.mean[devices], np.diagonal(state.belief.covariance)[devices]
     return replace(state, clocks=state.clocks.challenged(closed, evidence, mean, np.sqrt(variance)))
 
 
-def heard_about(
+def evidence_of(
     state: NetworkState,
     sought: NDArray[np.bool_],
     scans: Sequence[Scan | None],

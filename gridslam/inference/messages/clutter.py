@@ -24,7 +24,7 @@ def learn_clutter(
     (state, ratios, signal)
         With the level that is believed now.
     """
-    calibration = state.calibration.heard_clutter(anchor, ratios.clutter, model.radio)
+    calibration = state.calibration.with_clutter(anchor, ratios.clutter, model.radio)
     level = calibration.level(anchor, model.radio.false_alarms)
     if level != signal.false_alarms:
         ratios = ratios.against(level / signal.false_alarms)

@@ -28,7 +28,7 @@ GIVEN = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Heard:
+class CompatiblePair:
     """A pair of a feature and a measurement whose angles fit: particles of one belief, and what they say.
 
     Attributes
@@ -64,7 +64,7 @@ class NetworkRatios:
         1 for lines of sight.
     missed : float
         1 - p_d.
-    pairs : sequence of Heard
+    pairs : sequence of CompatiblePair
         By the agent's particles.
     ratio : (F, M, P)
         Likelihood ratios (17), (18) at the agent's particles, all else integrated out.
@@ -75,7 +75,7 @@ class NetworkRatios:
     anchor: NDArray[np.int64]
     existence: Array
     missed: float
-    pairs: Sequence[Heard]
+    pairs: Sequence[CompatiblePair]
     ratio: Array
     by_place: Array
 
@@ -90,7 +90,7 @@ def evaluate_network(
     existence = np.concatenate([np.ones(anchors), known.existence])
     missed, std = max(1 - detection(radio), 1 - SUREST), measured_deviations(heard, radio)
     base = np.log1p(-missed) - log_clutter(heard, radio)
-    ratio, pairs = np.zeros((len(whose), several, count)), list[Heard]()
+    ratio, pairs = np.zeros((len(whose), several, count)), list[CompatiblePair]()
     by_place = np.zeros((len(known), several, count))
     pose, doubt = pose_moments(own)
     for f, anchor in enumerate(whose.tolist()):
@@ -143,7 +143,7 @@ def _slopes(pose: Array, place: Array, sight: bool, anchor: Array) -> Array:
 def _pairs(
     feature: int, values: Array, extra: Array, heard: AnchorScan, rows: NDArray[np.intp], std: Array,
     base: Array,
-) -> list[Heard]:  # fmt: skip
+) -> list[CompatiblePair]:  # fmt: skip
     """Measurements near what particles predict.
 
     Parameters
@@ -178,7 +178,7 @@ def _pairs(
         logs = logs - np.log(2 * np.pi) * (2 - 0.5 * len(kinds)) - 0.5 * np.linalg.slogdet(angles)[1]
         late = heard.value[m, 0] - values[0, at] - gain @ gap
         left = float(np.sqrt(whole[0, 0] - gain @ whole[1:, 0][kinds]))
-        pairs.append(Heard(feature, m, at, np.exp(logs), late, left))
+        pairs.append(CompatiblePair(feature, m, at, np.exp(logs), late, left))
     return pairs
 
 

@@ -87,7 +87,7 @@ class StateMode:
         The paths at the mode.
     shift : (n,)
         Of the state, in prior deviations.
-    told : (n, n)
+    information : (n, n)
         Information of the snapshot about these.
     log_posterior : float
         log CN(z; 0, C) + log prior but for constants.
@@ -98,7 +98,7 @@ class StateMode:
     spread: Array
     paths: ArraySuperposition
     shift: Array
-    told: Array
+    information: Array
     log_posterior: float
 
     @property
@@ -219,9 +219,9 @@ class _States:
 
     def slopes(self, numbers: Array, place: _Place) -> tuple[Array, Array]:
         gradient = place.slope.T @ place.paths.gradient.reshape(-1) - self.precision * numbers
-        return gradient, self.told(place) + np.diag(self.precision)
+        return gradient, self.information(place) + np.diag(self.precision)
 
-    def told(self, place: _Place) -> Array:
+    def information(self, place: _Place) -> Array:
         """Information of the snapshot about all numbers."""
         return np.asarray(place.slope.T @ place.paths.information @ place.slope)
 
@@ -232,8 +232,8 @@ class _States:
 
     def mode(self, numbers: Array, place: _Place) -> StateMode:
         """What is believed at a place."""
-        told, size = self.told(place), self.size
-        covariance = np.linalg.inv(told + np.diag(self.precision))
+        information, size = self.information(place), self.size
+        covariance = np.linalg.inv(information + np.diag(self.precision))
         mean = self.prior.belief.mean + self.root @ numbers[:size]
         mean[HEADING] = wrap(mean[HEADING])
         own = self.root @ covariance[:size, :size] @ self.root.T
@@ -241,7 +241,7 @@ class _States:
         slope = place.slope.reshape(-1, 3, len(numbers))
         return StateMode(
             belief, place.path, slope @ covariance @ np.swapaxes(slope, 1, 2), place.paths, numbers[:size],
-            told[:size, :size], place.value,
+            information[:size, :size], place.value,
         )  # fmt: skip
 
 

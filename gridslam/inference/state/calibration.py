@@ -98,7 +98,7 @@ class Calibration:
             return stated
         return replace(stated, amplitude_at_1m=stated.amplitude_at_1m * gain, false_alarms=level)
 
-    def heard_clutter(self, anchor: int, count: float, stated: RadioModel) -> Self:
+    def with_clutter(self, anchor: int, count: float, stated: RadioModel) -> Self:
         """Take in how much clutter an anchor's scan held, before its association."""
         usual = self.estimate(anchor, stated.false_alarms)
         # a level that jumps is learned afresh, or a burst would be over before it is believed

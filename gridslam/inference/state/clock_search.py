@@ -84,7 +84,7 @@ class ClockSearch:
             log = np.maximum(np.log(mass), NEVER)
         return replace(self, log=np.where(self.log > NEVER, log - log.max(1, keepdims=True), NEVER))
 
-    def heard(self, evidence: Array) -> ClockSearch:
+    def updated(self, evidence: Array) -> ClockSearch:
         """With the log evidence (J, C) of a step taken in."""
         log = self.log + np.where(self.unset[:, None], evidence, 0.0)
         log = np.maximum(log - log.max(1, keepdims=True), NEVER)

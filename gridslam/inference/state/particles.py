@@ -188,7 +188,7 @@ def needed(belief: Belief) -> float:
 
 
 @lru_cache(16)
-def _kept(count: int) -> float:
+def _shrinkage(count: int) -> float:
     """Silverman's rule for a path's three parameters."""
     return float(count ** (-2 / 7))
 
@@ -289,7 +289,7 @@ class Particles:
         count = self.count if self.limit is None else min(self.count, self.limit)
         if self.adapt:
             count = min(count, -int(-needed(belief) // PORTION) * PORTION)
-        return count, _kept(count)
+        return count, _shrinkage(count)
 
     def _column(self, number: int) -> Single:
         values = np.random.default_rng([self._seed, PURPOSE, number]).standard_normal(self.count)
