@@ -54,24 +54,24 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     reckoned = state.calibration
     model = work.calibrated(model, reckoned.turned, state.belief.higher)
     scans = work.once(split_by_anchor, scan, model)
-    state = recover_pose(state, scans, earlier_s, model, work=work)
+    state = recover_pose(state, scans, earlier_s, model, work=work)  # docs/model.md, section 9
     recalled = state = form.recall(state, model, work=work)
     for heard in scans:
         radio = state.calibration.tuned(model.radio, heard.anchor)
         paths, visible = form.cast_paths(state, heard.anchor, model, work=work)  # eq. (1)
         amplitudes = reflected(visible.products, paths.rays, radio)  # eq. (2)
-        # eqs. (8)-(10), (17)-(42)
+        # eqs. (8)-(10), (17)-(42): likelihoods, then association and beliefs
         cloud, ratios = evaluate(heard, paths, visible.validity, amplitudes, radio, model, work=work)
-        state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
+        state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)  # (M46)
         births, ratios = propose_births(state, heard, cloud, ratios, radio, model, work=work)  # eq. (11)
         births, ratios = recall_leftovers(births, state, heard, ratios, radio, model)  # (M251)
-        state, exchange = form.update_surfaces_and_agent(
+        state, exchange = form.update_surfaces_and_agent(  # (M26) to (M31)
             state, heard, paths, ratios, reckoned.turned, model, work=work
         )
         state, exchange, _ = form.add_births(state, births, heard, exchange, radio, model, work=work)
         exchanges.append(exchange)
     drawn = cast_messages(state, model, work=work)  # eqs. (43) to (45)
-    state = update_coefficients(state, drawn, model, work=work)
+    state = update_coefficients(state, drawn, model, work=work)  # (M42)
     state = update_cells(state, work=work)  # eq. (46)
     state = form.park(recalled, merge_and_prune(state, model, None), model, work=work)
     state = remember_leftovers(state, scans, exchanges, model, work=work)

@@ -32,16 +32,18 @@ RIVAL = 0.2
 
 @dataclass(frozen=True)
 class Births:
-    """Hypotheses of new surfaces, one or more per measurement.
+    """B hypotheses of new surfaces, one or more per measurement.
 
     Attributes
     ----------
     measurement : (B,) int32
+        Row of the scan.
     hit : (B, 2) int32
-        Known surface hit last or first on a double bounce; -1 for the new one.
-    line : (B, 2)
+        Surfaces hit last and first, rows of the state; -1 for the new one, both on a single bounce.
+    line : (B, 2) rad, m
+        Normal angle and offset of the new surface, at the mean of the belief.
     ratio : (B,)
-        I: mean number of such births over that of clutter, weighed by V of their paths.
+        I: mean number of such births over that of clutter, weighed by V of their paths; docs/model.md, (M32).
     anchor : (B,) int32
         The anchor that sent the measurement, if so.
     support : (B, BINS), optional
@@ -69,7 +71,7 @@ class Births:
         return cls(none, np.zeros((0, 2), np.int32), np.zeros((0, 2)), np.zeros(0), none)
 
     def chosen(self, claimed: Array, least: float) -> list[tuple[int, float]]:
-        """Hypotheses to follow and the existence of each new surface, surest measurement first.
+        """Hypotheses to follow and the existence of each new surface, surest measurement first; (M33).
 
         A measurement's likeliest hypothesis, and a rival that has a fair share of it: the steps to come tell
         which of the two was right.
@@ -80,26 +82,27 @@ class Births:
             What the known paths send to each measurement.
         least : float
             Probability of being new below which a measurement bears nothing.
+
+        Returns
+        -------
+        list of (hypothesis, existence)
         """
         followed: list[tuple[int, float]] = []
         if not len(self):
             return followed
-        own: dict[int, list[tuple[float, int]]] = {}
+        by_measurement: dict[int, list[tuple[float, int]]] = {}
         for one, (m, ratio) in enumerate(zip(self.measurement.tolist(), self.ratio.tolist(), strict=True)):
-            own.setdefault(m, []).append((ratio, one))
+            by_measurement.setdefault(m, []).append((ratio, one))
         claims, ranked = claimed.tolist(), []
-        for m, those in own.items():
-            born = sum(ratio for ratio, _ in those)
-            ranked.append((born / (1 + born + claims[m]), born, those))
-        for chance, born, those in sorted(ranked, key=lambda row: -row[0]):
-            if chance < least or not born:
+        for m, hypotheses in by_measurement.items():
+            total = sum(ratio for ratio, _ in hypotheses)
+            ranked.append((total / (1 + total + claims[m]), total, hypotheses))
+        for existence, total, hypotheses in sorted(ranked, key=lambda row: -row[0]):
+            if existence < least or not total:
                 break
-            likeliest = sorted(those, key=lambda pair: -pair[0])[:2]
-            followed += [
-                (one, chance * ratio / born)
-                for place, (ratio, one) in enumerate(likeliest)
-                if place == 0 or ratio >= RIVAL * born
-            ]
+            likeliest, *rivals = sorted(hypotheses, key=lambda pair: -pair[0])[:2]
+            fair = [likeliest, *(rival for rival in rivals if rival[0] >= RIVAL * total)]
+            followed += [(one, existence * ratio / total) for ratio, one in fair]
         return followed
 
 
@@ -115,7 +118,7 @@ def add_births(
     *,
     work: Workspace,
 ) -> tuple[State, Exchange, list[tuple[Key, int]]]:
-    """Add the new surfaces that are likely enough.
+    """Add the new surfaces that are likely enough; docs/model.md, (M33), (M34).
 
     Parameters
     ----------

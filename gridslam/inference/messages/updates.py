@@ -89,24 +89,39 @@ def update_surfaces_and_agent(
     state: State, heard: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios, turned: Array,
     model: FilterModel, given: Association | None = None, *, work: Workspace,
 ) -> tuple[State, Exchange]:  # fmt: skip
-    """Associate; correct agent and surfaces, and update what exists.
+    """Associate; correct agent and surfaces, and update what exists: docs/model.md, (M26) to (M31).
 
     The joint belief is corrected by every path in turn, surest first, moment-matched over its association.
     Each path is linearised where the ones before it have led: the sure ones carry the unsure.
 
     Parameters
     ----------
+    state : State
+        As predicted; its belief (N,), (N, N) and the existence of lines of sight, surfaces and rays change.
+    heard : AnchorScan
+        M measurements.
+    paths : PredictedPaths
+        L paths over the surfaces of `state`.
     ratios : LikelihoodRatios
-        With births in row `NEW` of `measured`.
+        Of these, with births in row `NEW` of `measured`.
     turned : (senders,) rad
         By which the anchors are taken to be turned.
     given : Association, optional
-        Done otherwise.
+        Messages of an association that was done elsewhere (with rings, or on a GPU), in place of (M26).
 
     Returns
     -------
     (state, exchange)
         exchange: with the messages of the ratios, and those of the association.
+
+    Raises
+    ------
+    ValueError
+        Paths, measurements and state don't belong together.
+
+    Notes
+    -----
+    After [Li2025adaptive], section V-B, 4 to 8; the joint Gaussian in place of particles is ours.
     """
     if runtime.start() == "gpu" and given is None:
         given = Association.alone(*associate(ratios.beta, ratios.missed, ratios.new), ratios.new)
