@@ -10,7 +10,7 @@ import gridslam as gs
 from gridslam.bench.growth import drawn
 from gridslam.inference.health.reasons import NOT_FOUND
 from gridslam.inference.management.branching import placed
-from gridslam.inference.management.hypotheses import PARTICLES, begun, each_stepped
+from gridslam.inference.management.hypotheses import PARTICLES, _split, begun, each_stepped
 from gridslam.inference.management.mixture import (
     places,
 )
@@ -110,6 +110,15 @@ def branched(scene, scans):
     both = Population((state, away), (np.log(0.5),) * 2, guard=1, since=0)
     slam.now = slam.now._replace(believed=both)
     return slam
+
+
+def test_the_parent_of_a_branching_is_known_when_others_are_split(scene, scans):
+    slam = branched(scene, scans)
+    here, parent = slam.state, slam.population.states[1]
+    wide = placed(here, here.belief.mean[[0, 1, 4]], np.diag([0.9, 0.2, 0.01]) ** 2, 0.01)
+    whole = _split(Population((wide, parent), (np.log(0.5),) * 2, guard=1, since=0), scans[3], slam.model)
+    assert len(whole) > 3
+    assert whole.states[whole.guard] is parent
 
 
 def test_two_places_are_told_and_evidence_decides_between_them(scene, scans):

@@ -171,8 +171,11 @@ def _split(population: Population[State], scan: Scan, model: FilterModel) -> Pop
     if not any(wide):
         return population
     room = (CAP - (len(population) - sum(wide)) - 1) // sum(wide)
-    states, logs = list[State](), list[float]()
-    for state, log, chosen in zip(population.states, population.log_weight, wide, strict=True):
+    states, logs, guard = list[State](), list[float](), population.guard
+    for k, (state, log, chosen) in enumerate(
+        zip(population.states, population.log_weight, wide, strict=True)
+    ):
+        guard = len(states) if k == population.guard else guard
         parts: Sequence[tuple[Belief, float]] = split(state.belief, width, room) if chosen else []
         if len(parts) < 2:
             states.append(state)
@@ -180,7 +183,6 @@ def _split(population: Population[State], scan: Scan, model: FilterModel) -> Pop
             continue
         states += [state.believing(part) for part, _ in parts]
         logs += [log + float(np.log(share)) for _, share in parts]
-    guard = population.guard
     if len(population) == 1 and len(states) > 1:  # the parent stays beside its parts, at even odds
         logs = [log - float(np.log(2)) for log in logs]
         states, logs, guard = [*states, population.best], [*logs, -float(np.log(2))], len(states)
