@@ -55,7 +55,7 @@ WIDEST = 2.5
 @ti.func
 def mean_rician(radio: ti.template(), anchor, distance, amplitude, other):
     """Density of an amplitude, averaged over the unknown coefficient; 1 if there is none."""
-    total = ti.cast(1.0, ti.f64)
+    total = ti.f64(1.0)
     if amplitude >= 0:
         total = 0.0
         at_1m, samples = radio[anchor, AT_1M], radio[anchor, SAMPLES]

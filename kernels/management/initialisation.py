@@ -122,7 +122,7 @@ def correct_by_departure(
     gap = wrapped(departure - value[1] - slope[1, at] * back[0] - slope[1, at + 1] * back[1])
     core = std * std
     for i in range(size):
-        total = ti.cast(0.0, ti.f64)
+        total = ti.f64(0.0)
         for e in ti.static(range(7)):
             total += covariance[i, entry[e]] * slope[1, e]
         spread[i] = total
@@ -195,7 +195,7 @@ def initialise_surface(
         wide = ti.sqrt(std[2] * std[2] + belief.covariance[HEADING, HEADING])
         for stage in range(2 if departs else 0):
             reach = wide * (REACH if stage == 0 else 2 * REACH / TRIALS)
-            middle, best, least = arrival, arrival, ti.cast(1e30, ti.f64)
+            middle, best, least = arrival, arrival, ti.f64(1e30)
             for k in range(TRIALS):
                 trial = middle + reach * (2 * ti.cast(k, ti.f64) / (TRIALS - 1) - 1)
                 misfit = misfit_of(trial, belief.mean, place, wall, last, first, level, heard, m, std, wide)
@@ -212,7 +212,7 @@ def initialise_surface(
             for j in range(size):
                 out.joint[i, j] = belief.covariance[i, j]
             for r in ti.static(range(2)):
-                cross = ti.cast(0.0, ti.f64)
+                cross = ti.f64(0.0)
                 for e in ti.static((0, 1, 2, 5, 6)):
                     cross += slope[r, e] * belief.covariance[entry[e], i]
                 out.joint[size + r, i], out.joint[i, size + r] = cross, cross
@@ -254,9 +254,9 @@ def initialise_surface(
         heading = out.fresh[HEADING]
         out.fresh[HEADING] = wrapped(heading)
         # its coefficient, by the amplitude alone
-        total, other = ti.cast(0.0, ti.f64), (1.0 if surface < 0 else USUAL_REFLECTION)
+        total, other = ti.f64(0.0), (1.0 if surface < 0 else USUAL_REFLECTION)
         for n in range(BINS):
-            density = ti.cast(1.0, ti.f64)
+            density = ti.f64(1.0)
             if amplitude >= 0:
                 strong = at_1m * other * (n + 0.5) / BINS
                 density = decay_of(log_rician(amplitude, strong, anchors.radio[anchor, SAMPLES])) + VAGUE

@@ -44,7 +44,7 @@ def find_duplicates(
                 if found[0] < 0 and owner[y] == owner[o]:
                     young, old = line_entry(head, y), line_entry(head, o)
                     here, there = mean[young], mean[old]
-                    turn, flip = wrapped(there - here), ti.cast(1.0, ti.f64)
+                    turn, flip = wrapped(there - here), ti.f64(1.0)
                     if ti.abs(turn) > 0.5 * PI:  # the same line written with the opposite normal
                         turn, flip = wrapped(turn + PI), -flip
                     n = ti.Vector([cos_of(here), sin_of(here)], dt=ti.f64)
@@ -119,7 +119,7 @@ def explains(
 ):  # fmt: skip
     """Whether the double bounce over last `s` and first `r` makes the virtual anchor of `g`, any anchor's."""
     own_line, by_last_line, by_first_line = line_entry(head, g), line_entry(head, s), line_entry(head, r)
-    yes, most = False, ti.cast(0.0, ti.f64)
+    yes, most = False, ti.f64(0.0)
     for anchor in range(places.shape[0]):
         most = ti.max(most, single[anchor, g])
     corner = through_corner(g, s, r, mean, head)
@@ -131,7 +131,7 @@ def explains(
             image[0], image[1], mean[by_last_line], mean[by_last_line + 1]
         )
         gap = own - image
-        far, elsewhere = ti.sqrt(dot(gap, gap)), ti.cast(0.0, ti.f64)
+        far, elsewhere = ti.sqrt(dot(gap, gap)), ti.f64(0.0)
         for other in range(places.shape[0]):
             if other != anchor:
                 elsewhere = ti.max(elsewhere, single[other, g])

@@ -72,7 +72,7 @@ def detected(clues: ti.template(), step, amplitude):
 @ti.func
 def ratio_of(clues: ti.template(), a, step, m, log, length, coefficient):
     """Ratio to clutter of a path of this length, by the log that geometry alone says; 0 if it is so small."""
-    ratio = ti.cast(0.0, ti.f64)
+    ratio = ti.f64(0.0)
     if log + clues.heard[m, PEAK] > LEAST:
         amplitude = clues.listener[a, AT_1M] * coefficient / ti.max(length, 1e-3)
         if clues.heard[m, AMPLITUDE] >= 0:
@@ -127,7 +127,7 @@ def known_length(clues: ti.template(), a, k, x, y):
 @ti.func
 def over_known(clues: ti.template(), a, step, m, k, x, y, heading, length):
     """Ratio to clutter of a single bounce of this length over a known surface."""
-    gap, ratio = clues.heard[m, DISTANCE] - length, ti.cast(0.0, ti.f64)
+    gap, ratio = clues.heard[m, DISTANCE] - length, ti.f64(0.0)
     if fit_of(clues, m, OVER, gap, 0.0, 0.0) + clues.heard[m, PEAK] > LEAST:
         back = bearing_of(clues.known[k, IMAGE] - x, clues.known[k, IMAGE + 1] - y)
         off = wrapped(clues.heard[m, AOD] - clues.known[k, TURN] + back)
@@ -152,8 +152,8 @@ def score_poses(
     for chunk in range((poses.shape[0] + CHUNK - 1) // CHUNK):
         for n in range(chunk * CHUNK, ti.min((chunk + 1) * CHUNK, poses.shape[0])):
             x, y, heading = poses[n, 0], poses[n, 1], poses[n, 2]
-            c, s, total = cos_of(heading), sin_of(heading), ti.cast(0.0, ti.f64)
-            product = ti.cast(1.0, ti.f64)  # a logarithm for many ratios
+            c, s, total = cos_of(heading), sin_of(heading), ti.f64(0.0)
+            product = ti.f64(1.0)  # a logarithm for many ratios
             for a in range(clues.listener.shape[0]):
                 ax, ay = x - clues.listener[a, X], y - clues.listener[a, Y]
                 length = slant_of(ax * ax + ay * ay, clues.listener[a, HEIGHT])

@@ -65,7 +65,7 @@ def tell_path(
     bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
     place = anchor_of(places, mean, head, anchor)
     value, _slope = path_of(mean, head, place, bounces, last, first)
-    coefficient = ti.cast(1.0, ti.f64)
+    coefficient = ti.f64(1.0)
     number[row, 0], number[row, 1], number[row, 2] = anchor, -1, -1
     if bounces > 0:
         number[row, 1], number[row, 2] = identity[last], identity[first]

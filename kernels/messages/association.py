@@ -45,7 +45,7 @@ def enter(
     for m in range(measured.shape[1]):
         measured[EXPLAINED, m] = 0.0
     for row in range(paths):
-        total = ti.cast(0.0, ti.f64)
+        total = ti.f64(0.0)
         for block in range(count):
             total += blocks[row, block]
         possible = total / particles
@@ -55,9 +55,9 @@ def enter(
         odds[MISSED, row] = ti.max(1 - odds[THERE, row] * odds[DETECTED, row], 1e-9)
         for m in range(measured.shape[1]):
             message[RATIO, row, m], message[BETA, row, m] = 0.0, 0.0
-        among = ti.cast(0.0, ti.f64)
+        among = ti.f64(0.0)
         for k in range(start[row], start[row + 1]):
-            m, total = index[k, 1], ti.cast(0.0, ti.f64)
+            m, total = index[k, 1], ti.f64(0.0)
             for block in range(count):
                 total += blocks[paths + k, block]
             mean = total / particles / (ROOT_TURN_CUBED * ti.sqrt(pair[k, 7]))
@@ -80,12 +80,12 @@ def exchange(odds: ti.template(), message: ti.template(), measured: ti.template(
     for row in range(paths):
         for m in range(heard):
             message[NU, row, m], message[CLAIM, row, m] = 1 / measured[NEW, m], 0.0
-    change, left = ti.cast(1e30, ti.f64), rounds
+    change, left = ti.f64(1e30), rounds
     while left > 0 and change >= SETTLED:
         left -= 1
         change = 0.0
         for row in range(paths):
-            total = ti.cast(0.0, ti.f64)
+            total = ti.f64(0.0)
             for m in range(heard):
                 total += message[BETA, row, m] * message[NU, row, m]
             for m in range(heard):
@@ -93,7 +93,7 @@ def exchange(odds: ti.template(), message: ti.template(), measured: ti.template(
                 others = ti.max(total - beta * message[NU, row, m], 0.0)
                 message[CLAIM, row, m] = beta / (odds[MISSED, row] + others)
         for m in range(heard):
-            total = ti.cast(0.0, ti.f64)
+            total = ti.f64(0.0)
             for row in range(paths):
                 total += message[CLAIM, row, m]
             for row in range(paths):
@@ -101,7 +101,7 @@ def exchange(odds: ti.template(), message: ti.template(), measured: ti.template(
                 change = ti.max(change, ti.abs(fresh - message[NU, row, m]))
                 message[NU, row, m] = fresh
     for m in range(heard):
-        total = ti.cast(0.0, ti.f64)
+        total = ti.f64(0.0)
         for row in range(paths):
             total += message[CLAIM, row, m]
         measured[CLAIMED, m] = total

@@ -26,12 +26,12 @@ def back_project(
     """Gain of one more feature over all steps, for the best of the powers; single precision but for sums."""
     ti.loop_config(block_dim=1)
     for chunk in range((candidates.shape[0] + CHUNK - 1) // CHUNK):
-        each = ti.Vector([ti.cast(0.0, ti.f32)] * POWERS)
+        each = ti.Vector([ti.f32(0.0)] * POWERS)
         for g in ti.static(range(POWERS)):
             each[g] = ti.cast(power[g], ti.f32)
         for q in range(chunk * CHUNK, ti.min((chunk + 1) * CHUNK, candidates.shape[0])):
-            gain = ti.Vector([ti.cast(0.0, ti.f32)] * POWERS)
-            volume = ti.Vector([ti.cast(1.0, ti.f64)] * POWERS)
+            gain = ti.Vector([ti.f32(0.0)] * POWERS)
+            volume = ti.Vector([ti.f64(1.0)] * POWERS)
             for k in range(points.shape[0]):
                 x = ti.cast(candidates[q, 0] - points[k, 0], ti.f32)
                 y = ti.cast(candidates[q, 1] - points[k, 1], ti.f32)
@@ -44,7 +44,7 @@ def back_project(
                     place = length * ti.cast(per_m, ti.f32)
                     row = ti.min(ti.cast(place, ti.i32), table.shape[1] - 2)
                     part = place - row
-                    re, im = ti.cast(0.0, ti.f32), ti.cast(0.0, ti.f32)
+                    re, im = ti.f32(0.0), ti.f32(0.0)
                     for m in range(element.shape[0]):
                         phase = along * ti.cast(element[m, 0], ti.f32) + across * ti.cast(
                             element[m, 1], ti.f32

@@ -50,7 +50,7 @@ def place_features(
     turn_x, turn_y = ti.cos(points[p, 2]), ti.sin(points[p, 2])
     for r in range(count + 1):
         n = count - r  # the line of sight first: all others need it
-        x, y, extra, power = anchor[0], anchor[1], ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+        x, y, extra, power = anchor[0], anchor[1], ti.f64(0.0), ti.f64(0.0)
         if n < count:
             x, y, extra, power = features[n, 0], features[n, 1], features[n, 2], features[n, 3]
         x -= points[p, 0]
@@ -63,12 +63,12 @@ def place_features(
         scratch[lane, n, 1] = ti.sqrt(power) if length < longest else 0.0
         scratch[lane, n, 11], scratch[lane, n, 12], scratch[lane, n, 13] = x, y, plain
         re, im, by_re, by_im = (
-            ti.cast(0.0, ti.f64),
-            ti.cast(0.0, ti.f64),
-            ti.cast(0.0, ti.f64),
-            ti.cast(0.0, ti.f64),
+            ti.f64(0.0),
+            ti.f64(0.0),
+            ti.f64(0.0),
+            ti.f64(0.0),
         )
-        bend_re, bend_im = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+        bend_re, bend_im = ti.f64(0.0), ti.f64(0.0)
         place = length * per_m
         for m in range(elements):
             phase = along * element[m, 0] + across * element[m, 1]
@@ -98,7 +98,7 @@ def place_features(
 @ti.func
 def array_product(lane, n, m, elements, scratch: ti.template()):
     """Re of the product of two array responses, and its slope by the first one's angle."""
-    value, slope = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+    value, slope = ti.f64(0.0), ti.f64(0.0)
     for i in range(elements):
         c, s = scratch[lane, n, 14 + 3 * i], scratch[lane, n, 15 + 3 * i]
         a, b = scratch[lane, m, 14 + 3 * i], scratch[lane, m, 15 + 3 * i]
@@ -132,12 +132,12 @@ def factorise(
     gram: ti.template(), solved: ti.template(),
 ):  # fmt: skip
     """Cholesky root of G into the lower triangle, L^-1 t into `solved`; returns A."""
-    total = ti.cast(0.0, ti.f64)
+    total = ti.f64(0.0)
     for n in range(count):
         s = scratch[lane, n, 1]
         re, im = s * scratch[lane, n, 2] / noise, s * scratch[lane, n, 3] / noise
         for m in range(n + 1):
-            value = ti.cast(0.0, ti.f64)
+            value = ti.f64(0.0)
             if s > 0 and scratch[lane, m, 1] > 0:
                 ra = array_product(lane, n, m, elements, scratch)
                 place = (scratch[lane, n, 0] - scratch[lane, m, 0]) * per_m
@@ -253,7 +253,7 @@ def differentiate_features(
                 by_angle = 2 * s / noise * (wr * solver.scratch[lane, n, 7] + wi * solver.scratch[lane, n, 8])
                 by_gain = 2 / noise * (wr * solver.scratch[lane, n, 2] + wi * solver.scratch[lane, n, 3])
                 for m in range(count):
-                    inverse = ti.cast(0.0, ti.f64)
+                    inverse = ti.f64(0.0)
                     for i in range(ti.max(n, m), count):
                         inverse += solver.gram[lane, count + i, n] * solver.gram[lane, count + i, m]
                     weight = (

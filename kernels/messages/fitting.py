@@ -37,7 +37,7 @@ def fit(
     paths, count = rows.path.shape[0], pairs.blocks.shape[1]
     for m in range(heard.shape[0]):
         if heard[m, 7] > 0.5:
-            total, add = ti.cast(0.0, ti.f64), ti.Vector.zero(ti.f64, 8)
+            total, add = ti.f64(0.0), ti.Vector.zero(ti.f64, 8)
             for row in range(paths):
                 total += message[RESPONSIBLE, row, m]
             add[4], add[5] = ti.min(total, 1.0), 1.0
@@ -69,7 +69,7 @@ def fit(
                     if measured > 2 * radio[anchor, THRESHOLD]:  # fainter ones are biased by the threshold
                         add[2] = level * measured / square
                         add[3] = level * level / square
-            mean, squares = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+            mean, squares = ti.f64(0.0), ti.f64(0.0)
             for block in range(count):
                 mean += pairs.blocks[paths + k, block] / count
             for block in range(count):

@@ -42,10 +42,10 @@ def gate(
                 std = deviations_of(
                     radio, anchor, amplitude, rows.predicted[row, 1], rows.predicted[row, 2], lean
                 )
-                near, absent = True, ti.cast(1.0, ti.f64)
+                near, absent = True, ti.f64(1.0)
                 variance = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64)
                 for q in ti.static(range(3)):
-                    given, gap = heard[m, 3 + q], ti.cast(0.0, ti.f64)
+                    given, gap = heard[m, 3 + q], ti.f64(0.0)
                     if given > 0:
                         std[q] = given
                     if given >= 0:

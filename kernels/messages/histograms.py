@@ -52,10 +52,10 @@ def walk(
         for row in range(ahead.shape[0]):
             far = ti.max(length[1, row], 1e-3)
             reach = ti.max(ti.min(number[AT_1M] / far, table[NODES, last]), 2 * table[NODES, 0])
-            total, there, chance = ti.cast(0.0, ti.f64), existence[row], number[P_APPEAR]
+            total, there, chance = ti.f64(0.0), existence[row], number[P_APPEAR]
             for n in range(last + 1):
                 total += table[GAP, n] if table[NODES, n] <= reach else 0.0
-            share = ti.cast(1.0, ti.f64)  # of a ray that appears: it may have any amplitude up to that
+            share = ti.f64(1.0)  # of a ray that appears: it may have any amplitude up to that
             if length[0, row] >= 0:
                 rescale(kept, row, length[0, row] / far, number, table, scratch)
                 before = ti.max(0.0, ti.min((there - chance) / (number[P_STAY] - chance), 1.0))
@@ -90,7 +90,7 @@ def listen(
     for _ in range(1):
         paths, last = ahead.shape[0], ahead.shape[1] - 1
         for m in range(heard.shape[0]):
-            mass, most = ti.cast(0.0, ti.f64), ti.cast(-1e30, ti.f64)
+            mass, most = ti.f64(0.0), ti.f64(-1e30)
             for row in range(paths):
                 mass += responsible[row, m]
             if mass > HEARD:
@@ -104,7 +104,7 @@ def listen(
             else:
                 density[m, 0] = -1.0  # looked at by nobody
         for row in range(paths):
-            silent, missed = ti.cast(0.0, ti.f64), ti.cast(1.0, ti.f64)
+            silent, missed = ti.f64(0.0), ti.f64(1.0)
             for n in range(last + 1):
                 silent += (ahead[row, n] + number[SURPRISE] * table[GAP, n]) * table[SILENT, n]
             for m in range(heard.shape[0]):
@@ -115,14 +115,14 @@ def listen(
                 after[row, n] = missed * prior * table[SILENT, n]
             for m in range(heard.shape[0]):
                 if density[m, 0] >= 0 and responsible[row, m] > 0:
-                    said = ti.cast(0.0, ti.f64)
+                    said = ti.f64(0.0)
                     for n in range(last + 1):
                         said += (ahead[row, n] + number[SURPRISE] * table[GAP, n]) * density[m, n]
                     part = responsible[row, m] / said
                     for n in range(last + 1):
                         prior, so_far = ahead[row, n] + number[SURPRISE] * table[GAP, n], after[row, n]
                         after[row, n] = so_far + part * prior * density[m, n]
-            total = ti.cast(0.0, ti.f64)
+            total = ti.f64(0.0)
             for n in range(last + 1):
                 total += after[row, n]
             for n in range(last + 1):

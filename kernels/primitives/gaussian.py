@@ -65,10 +65,10 @@ def path_of(mean: ti.template(), head, place, bounces, last, first):
     zero = ti.Vector([0.0, 0.0], dt=ti.f64)
     image = ti.Vector([place[0], place[1]], dt=ti.f64)
     by_last, by_first, by_c, by_d = zero, zero, zero, zero  # of the image, by angles and offsets
-    turn_last, turn_first = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+    turn_last, turn_first = ti.f64(0.0), ti.f64(0.0)
     if bounces == 2:
         image, by_first, by_d = mirror_of(image[0], image[1], mean[by_first_line], mean[by_first_line + 1])
-        turn_last, turn_first = ti.cast(-2.0, ti.f64), ti.cast(2.0, ti.f64)
+        turn_last, turn_first = ti.f64(-2.0), ti.f64(2.0)
     if bounces >= 1:
         angle = mean[by_last_line]
         image, by_last, by_c = mirror_of(image[0], image[1], angle, mean[by_last_line + 1])
@@ -77,7 +77,7 @@ def path_of(mean: ti.template(), head, place, bounces, last, first):
             by_first = by_first - 2 * dot(n, by_first) * n
             by_d = by_d - 2 * dot(n, by_d) * n
         else:
-            turn_last = ti.cast(2.0, ti.f64)
+            turn_last = ti.f64(2.0)
     toward = ti.Vector([image[0] - mean[0], image[1] - mean[1]], dt=ti.f64)
     distance = ti.max(ti.sqrt(dot(toward, toward)), 1e-9)
     length = slant_of(distance * distance, place[4])
@@ -336,7 +336,7 @@ def correct_by(
                 account.scratch[n, i], account.scratch[n, 3 + i] = spread[i], pushed[i]
         for n in range(size):
             for m in range(n + 1):
-                less = ti.cast(0.0, ti.f64)
+                less = ti.f64(0.0)
                 for i in ti.static(range(3)):
                     less += account.scratch[n, i] * account.scratch[m, 3 + i]
                 after = (
@@ -366,7 +366,7 @@ def correct(
     for m in range(ratios.measured.shape[1]):
         ratios.measured[TAKEN, m] = 0.0
     for row in range(path.shape[0]):
-        total = ti.cast(0.0, ti.f64)
+        total = ti.f64(0.0)
         for m in range(ratios.message.shape[2]):
             ratios.message[RESPONSIBLE, row, m] = 0.0
             total += ratios.message[BETA, row, m] * ratios.message[NU, row, m]

@@ -59,7 +59,7 @@ def anchor_of(places: ti.template(), mean: ti.template(), head, anchor):
     """Position and orientation of an anchor, by how much its clock lengthens distances (0 if known), how
     high it stands above the agent, and whether that is unknown."""
     unknown, rises = unknown_entry(places, head, anchor), rise_of(places, anchor) >= 0
-    late, height, open = ti.cast(0.0, ti.f64), places[anchor, HEIGHT], ti.cast(0.0, ti.f64)
+    late, height, open = ti.f64(0.0), places[anchor, HEIGHT], ti.f64(0.0)
     if unknown >= 0:
         if rises:
             height, open = places[anchor, TOLD_HEIGHT] + mean[unknown], 1.0

@@ -75,7 +75,7 @@ def ready(belief: ti.template(), head, share, offset, rooted, draft: ti.template
                 rest -= draft.whole[i, k] * draft.whole[j, k]
             if i == j:
                 if not (rest > 0):
-                    bad, rest = 1, ti.cast(1.0, ti.f64)
+                    bad, rest = 1, ti.f64(1.0)
                 draft.whole[j, j] = ti.sqrt(rest)
             else:
                 draft.whole[i, j] = rest / draft.whole[j, j]

@@ -90,7 +90,7 @@ def log_rician(measured, amplitude, samples):
 @ti.func
 def clutter_of(radio: ti.template(), anchor, amplitude):
     """Density of a clutter measurement over distance, both angles and amplitude (negative: not measured)."""
-    tail = ti.cast(0.0, ti.f64)
+    tail = ti.f64(0.0)
     if amplitude >= 0:
         excess = amplitude * amplitude - radio[anchor, THRESHOLD] * radio[anchor, THRESHOLD]
         tail = ti.max(logarithm_of(2 * ti.max(amplitude, 1e-30)) - excess, FLOOR)

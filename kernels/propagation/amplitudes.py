@@ -36,7 +36,7 @@ def weigh(
     measurement without amplitude has the likelihood p_d. All paths have the first one's level of clutter.
     Arguments are those of `evaluation.evaluate`.
     """
-    count, one, known = amplitudes.nodes.shape[0], ti.cast(1.0, ti.f64), -1
+    count, one, known = amplitudes.nodes.shape[0], ti.f64(1.0), -1
     for row in range(amplitudes.probability.shape[0]):
         anchor, late = rows.path[row, ANCHOR], rows.predicted[row, 0] - rows.predicted[row, LENGTH]
         if known < 0 or (known != anchor and spreading > 0.5):
@@ -79,7 +79,7 @@ def weigh(
             scratch.strength[0, row, m] = total
             scratch.strength[1, row, m] = mean / total if total > NEVER else usual
     for m in range(heard.shape[0]):
-        clutter = ti.cast(1.0, ti.f64)
+        clutter = ti.f64(1.0)
         if amplitudes.probability.shape[0] > 0:
             first = rows.path[0, ANCHOR]
             clutter = radio[first, FALSE_ALARMS] * clutter_of(radio, first, heard[m, 6])

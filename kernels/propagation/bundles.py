@@ -37,7 +37,7 @@ def spare_wall(drawn: ti.template(), k, corner, bounces, x, y, depth):
 
     Before a ray meets a wall it runs beside it, the flatter the longer, through cells that hold it, too.
     """
-    early, late = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+    early, late = ti.f64(0.0), ti.f64(0.0)
     if corner > 0:
         rise = ti.abs(drawn[k, 2 * corner + 6] * x + drawn[k, 2 * corner + 7] * y)
         early = depth / ti.max(rise, 1e-9)
@@ -77,7 +77,7 @@ def lay_leg(
             else:
                 skipped = skipped or there[i] > 0
                 there[i] = 0
-    wide, tall = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+    wide, tall = ti.f64(0.0), ti.f64(0.0)
     for i in range(lanes):
         wide += ti.abs(bx[i] - ax[i])
         tall += ti.abs(by[i] - ay[i])
@@ -117,7 +117,7 @@ def lay_leg(
             lower = ti.min(lower, ti.select(is_there, other, UTMOST))
             higher = ti.max(higher, ti.select(is_there, other, -UTMOST))
     one, part = (
-        ti.cast(1.0, ti.f64),
+        ti.f64(1.0),
         ti.cast(1 / FINE, ti.f64),
     )  # whole numbers alone would give single precision
     per_column = part / ti.max(outer - inner, 1)
@@ -217,7 +217,7 @@ def meet_cells(
             if drawn[k, 12] > 0.5:
                 away, up = drawn[k, 2 * b + 8] * frame[2], drawn[k, 2 * b + 9] * frame[2]
                 x, y = drawn[k, 2 * b + 2], drawn[k, 2 * b + 3]
-                clear_v, clear_m = ti.cast(1.0, ti.f64), ti.cast(1.0, ti.f64)
+                clear_v, clear_m = ti.f64(1.0), ti.f64(1.0)
                 one, other = -1, -1
                 for n in range(3):  # in front of the corner, at it, behind
                     ix = cell_of(x + (n - 1) * away, frame[0], per_metre)

@@ -82,7 +82,7 @@ def settle(
     row, most = 3 * slab, ti.cast(clip, ti.f32)
     for n in range(hits + known):
         cell = touched[2 * slab + 1, n] if n < hits else touched[2 * slab, n - hits]
-        o, low, high = ti.cast(occupied[0, cell], ti.f64), ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+        o, low, high = ti.cast(occupied[0, cell], ti.f64), ti.f64(0.0), ti.f64(0.0)
         if n < hits:
             low, high = sums[row + 1, cell], sums[row + 2, cell]
             sums[row + 1, cell], sums[row + 2, cell] = 0.0, 0.0
@@ -125,8 +125,8 @@ def cast(
             row = slab
             while row < paths:
                 count, a = listed.path[row, 0], casting.factor[row, 0]
-                total, known, hits, possible = ti.cast(0.0, ti.f64), 0, 0, 0
-                open_to, middle = ti.cast(0.0, ti.f64), ti.Vector([0.0, 0.0, 0.0, 0.0], dt=ti.f64)
+                total, known, hits, possible = ti.f64(0.0), 0, 0, 0
+                open_to, middle = ti.f64(0.0), ti.Vector([0.0, 0.0, 0.0, 0.0], dt=ti.f64)
                 wanted = casting.products.shape[0] > 0 or casting.factor[row, 1] > 0.5
                 for ray in range(rays if wanted else 0):
                     draw_path(draft.state, listed.path, places, row, ray, casting.drawn)
@@ -158,7 +158,7 @@ def cast(
                         slabs.place,
                     )
                     mark(slabs.place, slab, live, 1, slabs.met)
-                    common, passed = ti.cast(1.0, ti.f64), ti.cast(0.0, ti.f32)
+                    common, passed = ti.f64(1.0), ti.f32(0.0)
                     for walk in range(2 if send else 1):  # 0: V; 1: add it to the cells
                         for corner in range(count + 1 if walk == 0 or passed > 0 else 0):
                             plan = lay_leg(
@@ -242,7 +242,7 @@ def cast(
                                 same, was = one, will
                         if walk == 0:
                             for i in range(live):
-                                k, v = first + i, ti.cast(0.0, ti.f64)
+                                k, v = first + i, ti.f64(0.0)
                                 if casting.drawn[k, 12] > 0.5:
                                     v = through[i] * common
                                     casting.drawn[k, 13] = v * slabs.line[slab, 0, i] * slabs.line[slab, 1, i]

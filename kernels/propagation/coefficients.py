@@ -40,7 +40,7 @@ def local_belief(
             if cell >= 0:
                 for n in range(BINS):
                     at[n] += held[cell, n]
-    most, total = ti.cast(-1e30, ti.f64), ti.cast(0.0, ti.f64)
+    most, total = ti.f64(-1e30), ti.f64(0.0)
     for n in range(BINS):
         at[n] /= ti.max(inside, 1)
         most = ti.max(most, at[n])
@@ -169,7 +169,7 @@ def learn(
     ti.loop_config(serialize=True)
     for _ in range(1):
         for s in range(known.surface.shape[0]):
-            total, known.latest[s] = ti.cast(0.0, ti.f64), -1
+            total, known.latest[s] = ti.f64(0.0), -1
             for n in range(BINS):
                 total += known.surface[s, n] * (n + 0.5) / BINS
             known.usual[s] = total
@@ -186,7 +186,7 @@ def learn(
                 )  # fmt: skip
             tells = (bounces == 1 and (heard or send)) or (bounces == 2 and heard and send)
             for turn in range(bounces if tells else 0):  # the last bounce first
-                other = ti.cast(1.0, ti.f64)
+                other = ti.f64(1.0)
                 if bounces == 2:
                     other = known.usual[first] if turn == 0 else known.usual[last]
                 say(
@@ -194,7 +194,7 @@ def learn(
                     radio, row, other,
                 )  # fmt: skip
                 if bounces == 1:
-                    most, total = ti.cast(-1e30, ti.f64), ti.cast(0.0, ti.f64)
+                    most, total = ti.f64(-1e30), ti.f64(0.0)
                     for n in range(BINS):
                         most = ti.max(most, log[n])
                     for n in range(BINS):
@@ -240,7 +240,7 @@ def learn_ratios(
                     known.latest,
                 )  # fmt: skip
             if bounces == 1 and heard:
-                most, total = ti.cast(-1e30, ti.f64), ti.cast(0.0, ti.f64)
+                most, total = ti.f64(-1e30), ti.f64(0.0)
                 for n in range(BINS):
                     most = ti.max(most, ratio[row, 0, n])
                 for n in range(BINS):

@@ -27,7 +27,7 @@ def note(
     for row in range(rows.path.shape[0]):
         for e in ti.static(range(4)):
             out.noted[n, e] = ti.select(fresh, rows.path[row, e], out.noted[n, e])
-        belief, total = ratios.odds[SURFACES, row] * ratios.odds[EXISTENCE, row], ti.cast(0.0, ti.f64)
+        belief, total = ratios.odds[SURFACES, row] * ratios.odds[EXISTENCE, row], ti.f64(0.0)
         out.factor[n, 0] = ti.select(fresh, belief * ratios.odds[WORTH, row] + 1 - belief, out.factor[n, 0])
         out.factor[n, 1] = 1.0 if belief > LIKELY else 0.0
         for pair in range(pairs.start[row], pairs.start[row + 1]):

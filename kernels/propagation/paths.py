@@ -165,7 +165,7 @@ def draw_path(state: ti.template(), path: ti.template(), places: ti.template(), 
     px, py = ti.cast(state[0, k], ti.f64), ti.cast(state[1, k], ti.f64)
     bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
     x1, y1, x2, y2 = px, py, px, py
-    one, zero = ti.cast(1.0, ti.f64), ti.cast(0.0, ti.f64)
+    one, zero = ti.f64(1.0), ti.f64(0.0)
     mx, my, nx, ny = one, zero, one, zero
     ok = one
     if bounces > 0:

@@ -38,7 +38,7 @@ ROOT_8_PI = 8.885765876316732
 @ti.func
 def listed(kind, s, r, anchor, links: ti.template()):
     """Whether a path over so many surfaces is worth a look; existence of its ray, and of its surfaces."""
-    there, chance, together = True, links.sight[anchor], ti.cast(1.0, ti.f64)
+    there, chance, together = True, links.sight[anchor], ti.f64(1.0)
     if kind == 1:
         there = links.owner[s] == -1 or links.owner[s] == anchor
         chance, together = links.single[anchor, s], links.surface[s]
@@ -106,7 +106,7 @@ def lies_near(m, value, spread, lean, heard: ti.template(), radio: ti.template()
     there = 0.5 * (radio[anchor, THERE] + radio[anchor, THERE + 1])
     here = 0.5 * (radio[anchor, HERE] + radio[anchor, HERE + 1])
     amplitude = heard[m, 6] if heard[m, 6] >= 0 else radio[anchor, THRESHOLD]
-    far = ti.cast(0.0, ti.f64)
+    far = ti.f64(0.0)
     for q in ti.static(range(3)):
         gap, std = heard[m, q] - value[q], heard[m, 3 + q]
         if ti.static(q > 0):

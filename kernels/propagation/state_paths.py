@@ -27,7 +27,7 @@ def trace_paths(
         for q in ti.static(range(3)):
             value[row, q] = told[q]
             for n in range(mean.shape[0]):
-                total = ti.cast(0.0, ti.f64)
+                total = ti.f64(0.0)
                 for k in ti.static(range(7)):
                     total += slope[q, k] * root[entry[k], n]
                 turn[row, q, n] = total
