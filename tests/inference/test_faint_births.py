@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from filter_states import model_of, state_of
-from scene_samples import raised, with_levels
 from scipy.stats import multivariate_normal
 
 import gridslam as gs
@@ -164,33 +163,6 @@ def test_what_leftovers_bear_out_is_in_new_ratios_and_the_old_ones_are_left_alon
     assert ratios.new[0] == pytest.approx(1.5 + found.ratio[0] - 0.5)
     same = recall_leftovers(births, replace(state, leftovers=None), heard, old, model.radio, model)
     assert same == (births, old)
-
-
-@pytest.mark.parametrize(("levels", "louder_known"), [(True, True), (True, False), (False, True)])
-def test_what_a_path_over_a_level_sent_is_not_borne_out_as_a_wall(levels, louder_known):
-    _, state, heard = scene_of(left_over([1, 2], np.tile(at(LINE, POSE), (2, 1)), 3))
-    scene = raised(gs.Scene.load("room"), 0.0)
-    scene = with_levels(scene, (-8.0, 0.5), (8.0, 0.4)) if levels else scene
-    model = scene.filter_model("agent1")
-    places = np.tile(np.array([PLACE[:3], [-3.0, -2.0, 0.0]]), (3 if levels else 1, 1))
-    model = replace(model, anchors=places)
-    twice, own_std = np.repeat(heard.value, 2, 0), np.repeat(heard.own_std, 2, 0)
-    both = AnchorScan.of(0, PLACE[:2], PLACE[2], twice, own_std, np.array([2.4, 9.0]))
-    # the second path sent measurement 0, but might have sent the louder 1, which is the first path's
-    beta = np.array([[0.0, 1e9 if louder_known else 0.0], [500.0, 1e5]])
-    odds, message = np.full((tables.ODDS, 2), 0.5), np.zeros((5, 2, 2))
-    message[tables.BETA] = beta
-    measured = np.zeros((tables.MEASURED_ROWS, 2))
-    measured[tables.NEW], measured[tables.EXPLAINED] = 1.5, [2.5, 1e5]
-    old = LikelihoodRatios(None, None, odds, message, measured)
-    nobody = np.full((1, 2), -1, np.int32)
-    births = Births(np.zeros(1, np.int32), nobody, LINE[None], np.array([0.5]), np.zeros(1, np.int32))
-    found, ratios = recall_leftovers(births, state, both, old, model.radio, model)
-    if levels and louder_known:
-        assert found is births
-        assert ratios is old
-    else:
-        assert found.ratio[0] > 1.0
 
 
 def test_silence_and_strangers_tell_nothing_for_a_line():

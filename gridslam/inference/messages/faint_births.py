@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
-from gridslam.inference.messages.association import associate
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
@@ -61,8 +60,6 @@ def recall_leftovers(
     rows = np.flatnonzero(new)
     if len(rows):
         rows = rows[_has_company(births.line[rows], left, model.places)]
-    if len(rows) and len(model.anchors) > model.senders:
-        rows = rows[_unclaimed(ratios)[births.measurement[rows]]]
     if not len(rows):
         return births, ratios
     support = np.ones((len(births), len(REFLECTION_BINS)))
@@ -78,16 +75,6 @@ def recall_leftovers(
     measured = ratios.measured.copy()
     np.add.at(measured[tables.NEW], births.measurement[rows], ratio[rows] - births.ratio[rows])
     return replace(births, ratio=ratio, support=support, seen=seen), replace(ratios, measured=measured)
-
-
-def _unclaimed(ratios: LikelihoodRatios) -> NDArray[np.bool_]:
-    """Which measurements known paths leave unclaimed where nothing is born, (M,).
-
-    A path over floor or ceiling might also have sent what its wall sends straight, which is louder and lies
-    next to it: by `ratios.explained` it then explains its own little. The association knows whose either is.
-    """
-    claimed = associate(ratios.beta, ratios.missed, np.ones(len(ratios.new)))[1]
-    return np.asarray(claimed < CERTAIN)
 
 
 def _has_company(line: Array, left: Leftovers, places: Array) -> NDArray[np.bool_]:
