@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.checks import time_units
 from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
-from gridslam.checks.rivals import FITTING, offset_beside, range_cure, whole_cure
+from gridslam.checks.rivals import FITTING, STRAIGHT_RAD, offset_beside, range_cure, whole_cure
 from gridslam.checks.unit_hypotheses import ADVICE, ANGLES, Suspicion, absurd, finite, padding, readings
 from gridslam.errors import InputError, located
 from gridslam.measurements import csv_table, hdf5_table, matlab
@@ -198,7 +198,7 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
                     continue  # what explains nearly all is read rightly, but for a heading that never moves
                 values = reading(table[name], keys["anchor"])
                 other = explain(trusted | {name: values}, scene, agent, world)
-                if world and straight and turning_rad(other.position_m) < np.radians(30):
+                if world and straight and turning_rad(other.position_m) < STRAIGHT_RAD:
                     continue  # relative to a heading of 0 is the same as in the world
                 if not world and other.explained < plain.explained + GAINED:
                     continue

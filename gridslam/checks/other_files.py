@@ -66,7 +66,11 @@ def track_line(path: Path) -> str:
     """
     track = Trajectory.from_tum(path)
     long = float(np.linalg.norm(np.diff(track.position_m, axis=0), axis=1).sum())
-    return f"track: {len(track)} poses, {track.time_s[0]:g} to {track.time_s[-1]:g} s, {long:.1f} m long"
+    told = f"track: {len(track)} poses, {track.time_s[0]:g} to {track.time_s[-1]:g} s, {long:.1f} m long"
+    if track.height_m is None:
+        return told
+    low, high = track.height_m.min(), track.height_m.max()
+    return f"{told}, {f'{low:.2f} to {high:.2f}' if high - low > 0.005 else f'{low:.2f}'} m high"
 
 
 def run_line(folder: Path) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from gridslam.errors import InputError
 from gridslam.io.files import get_attributes, reading_h5, subgroup
 from gridslam.runs.network_files import read_clocks
+from gridslam.runs.track_tables import COLUMNS
 from gridslam.systems import checkpoint
 from gridslam.systems.registry import METHODS, method_class
 from gridslam.world.radio import SPEED_OF_LIGHT
@@ -20,6 +21,7 @@ from gridslam.world.radio import SPEED_OF_LIGHT
 LARGEST_BYTES = 2**28
 TABLES = {
     ("step", "time_s", "device", "offset_s", "offset_std_s"): "offsets of clocks",
+    COLUMNS: "a track",
     ("x_m", "y_m", "occupancy", "reflection", "reflection_std"): "observed cells of a map",
     ("identity", "normal_rad", "offset_m", "sfv_x_m"): "surfaces of a map",
     ("scene", "case", "agent", "seed", "first", "last"): "runs of a disturbed filter",

@@ -9,7 +9,7 @@ from itertools import combinations, permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.checks.line_of_sight_filter import Sight, explain
+from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
 from gridslam.checks.range_errors import RangeError
 from gridslam.checks.range_fit import fits
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite
@@ -25,6 +25,8 @@ MOST_BEHIND = 60.0
 """Log likelihood ratio in nats up to which an offset is told of behind another reading."""
 MOST_MISFIT = 4.0
 """Misfit per degree of freedom above which even the best error in the distances explains nothing."""
+STRAIGHT_RAD = np.radians(30)
+"""Change of course below which a way is straight."""
 MOST_PERMUTED = 4
 """Anchors up to which all orders of their names are tried, not only exchanges of two."""
 
@@ -141,6 +143,12 @@ def offset_beside(
         return found
     error = RangeError("offset", tuple(range(len(scene.anchors))))
     rival = explain(table, scene, agent, error=error)
+    if ("aoa_rad", "world frame") in {(item.column, item.kind) for item in found}:
+        # who goes straight ahead along x measures in the world, too: the offset bends the way
+        ahead = explain(table, scene, agent, True, error)
+        bends = min(turning_rad(one.position_m) for one in (rival, ahead))
+        if ahead.evidence > rival.evidence and bends < STRAIGHT_RAD:
+            rival = ahead
     if rival.explained < FITTING or rival.evidence < sight.evidence - MOST_BEHIND:
         return found
     if abs(rival.size_m) < error.least_m:

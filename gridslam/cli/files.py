@@ -70,18 +70,26 @@ def check(
 
 
 def export(
-    map_file: Annotated[Path, typer.Argument(metavar="MAP.h5", help="or a run's folder", callback=map_in)],
+    map_file: Annotated[
+        Path, typer.Argument(metavar="MAP.h5", help="or a run's folder, for its tracks as tables, too")
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", help="folder; other files in it stay")],
     raw: Annotated[bool, flag("--raw", "nav2: the cells alone, no walls drawn in")] = False,
     overwrite: Annotated[bool, flag("--overwrite", "replace files of these names")] = False,
 ) -> None:
-    """Export a map for others: nav2 (yaml, pgm), pictures (png), tables (csv), walls, features (GeoJSON)."""
+    """Export a map for others: nav2 (yaml, pgm), pictures (png), tables (csv), walls, features (GeoJSON).
+
+    Of a run's folder its tracks, too, as tables (csv).
+    """
     from gridslam.importers.geojson import write_features, write_surfaces
     from gridslam.io.files import beside, cannot_write, put_in_place, refuse_taken
     from gridslam.maps.map import Map
+    from gridslam.runs.run_files import read_run
+    from gridslam.runs.track_tables import track_columns, write_track
     from gridslam.viewers.plots import draw_export
 
-    found = Map.load(map_file)
+    run = read_run(map_file) if (map_file / "run.json").is_file() else None
+    found = Map.load(map_in(map_file) or map_file)
     output = output.resolve()
     part = beside(output)
     try:  # all files or none: they are made aside and then moved
@@ -94,6 +102,9 @@ def export(
             write_surfaces(part / "surfaces.geojson", found.surfaces, found.wall_segments())
         if found.features is not None:
             write_features(part / "features.geojson", found.features)
+        for name, own in run.agents.items() if run is not None else ():
+            columns = track_columns(own.estimates, own.trajectory, own.truth)
+            write_track(part / f"{name}-track.csv", columns)
         names = sorted(path.name for path in part.iterdir())
         refuse_taken([output / name for name in names], overwrite)
         output.mkdir(exist_ok=True)

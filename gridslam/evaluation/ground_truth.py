@@ -55,7 +55,8 @@ def with_truth(heard: Known, track: Trajectory | None, where: str) -> Known:
         return replace(heard, truth=replace(way, time_s=time))
     columns = [*way.position_m.T, *way.velocity_mps.T, np.unwrap(way.heading_rad)]
     x, y, vx, vy, heading = (np.interp(time, way.time_s, column) for column in columns)
-    return replace(heard, truth=Trajectory(time, np.stack([x, y], -1), np.stack([vx, vy], -1), heading))
+    high = None if way.height_m is None else np.interp(time, way.time_s, way.height_m)
+    return replace(heard, truth=Trajectory(time, np.stack([x, y], -1), np.stack([vx, vy], -1), heading, high))
 
 
 def truth_of(scene: Scene, agent: str, track: Trajectory | None) -> Truth | Trajectory | None:

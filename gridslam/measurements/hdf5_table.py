@@ -50,6 +50,8 @@ def put_track(group: h5py.Group, track: Trajectory) -> None:
     """Write a true track into a group."""
     for name, unit in (("time_s", "s"), ("position_m", "m"), ("velocity_mps", "m/s"), ("heading_rad", "rad")):
         put(group, name, getattr(track, name), unit)
+    if track.height_m is not None:
+        put(group, "height_m", track.height_m, "m")
 
 
 def read_h5(path: str | os.PathLike[str], checked: bool = True) -> dict[str, Any]:
@@ -132,4 +134,6 @@ def get_track(group: h5py.Group) -> Trajectory:
         "velocity_mps": (len(time), 2),
         "heading_rad": (len(time),),
     }
-    return Trajectory(time, *(get(group, name, shape) for name, shape in shapes.items()))
+    high = get(group, "height_m", (len(time),)) if "height_m" in group else None
+    place, speed, heading = (get(group, name, shape) for name, shape in shapes.items())
+    return Trajectory(time, place, speed, heading, high)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from itertools import islice
 
@@ -131,12 +131,7 @@ def map_scene(
     if not estimates:
         raise InputError("measurements", "no step", "at least one step")
     last = estimates[-1]
-    trajectory = Trajectory(
-        np.array([e.time_s for e in estimates]),
-        np.array([e.position_m for e in estimates]),
-        np.array([e.velocity_mps for e in estimates]),
-        np.array([e.heading_rad for e in estimates]),
-    )
+    trajectory = believed_track(estimates, scene.agent(slam.agent).height_m)
     return Run(
         scene=scene,
         agent=slam.agent,
@@ -152,6 +147,18 @@ def map_scene(
         peak_memory_mb=peak,
         interrupted=len(estimates) < len(measurements),
         start=start.how if start is not None else "exact",
+    )
+
+
+def believed_track(estimates: Sequence[Estimate], height_m: float | None = None) -> Trajectory:
+    """The track that estimates make, at the heights that they hold, else at the one that is known."""
+    high = [e.heights["agent"][0] if "agent" in e.heights else height_m for e in estimates]
+    return Trajectory(
+        np.array([e.time_s for e in estimates]),
+        np.array([e.position_m for e in estimates]),
+        np.array([e.velocity_mps for e in estimates]),
+        np.array([e.heading_rad for e in estimates]),
+        None if any(one is None for one in high) else np.array(high, np.float64),
     )
 
 

@@ -19,7 +19,7 @@ from gridslam.estimates import Estimate
 from gridslam.inference.management.network_readout import NetworkEstimate
 from gridslam.maps.map import Map
 from gridslam.measurements.network import NetworkMeasurements
-from gridslam.runs.map_scene import check_anchors
+from gridslam.runs.map_scene import believed_track, check_anchors
 from gridslam.runs.run import Run
 from gridslam.runs.stopping import asked_to_stop
 from gridslam.runs.unfinished import AgentCheckpoint
@@ -29,7 +29,6 @@ from gridslam.systems.registry import method_class
 from gridslam.world.clocks import ClockTruth
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start
-from gridslam.world.trajectory import Trajectory
 
 SETTLED = 101
 """Step from which on clocks are compared with the bound, as in [Venus2025network], section VI."""
@@ -311,12 +310,7 @@ def _run(
     scene: Scene, name: str, method: str, seed: int, device: str, own: list[Estimate], sheet: Map,
     seconds: float, peak: float, interrupted: bool, how: str,
 ) -> Run:  # fmt: skip
-    track = Trajectory(
-        np.array([e.time_s for e in own]),
-        np.array([e.position_m for e in own]),
-        np.array([e.velocity_mps for e in own]),
-        np.array([e.heading_rad for e in own]),
-    )
+    track = believed_track(own, scene.agent(name).height_m)
     return Run(
         scene, name, method, seed, device, own, track, np.array([e.covariance for e in own]),
         own[-1].surfaces.take(own[-1].detected), sheet, seconds, peak, interrupted, how,

@@ -144,7 +144,8 @@ class Run:
             "peak_memory_mb": float(self.peak_memory_mb),
         }
         if self.estimates and self.estimates[-1].heights:
-            scores["heights"] = self._heights(isinstance(truth, Truth))
+            went = truth.trajectory if isinstance(truth, Truth) else truth
+            scores["heights"] = self._heights(isinstance(truth, Truth), went)
         track = truth.trajectory if isinstance(truth, Truth) else truth
         if track is not None and len(self.trajectory):
             position, heading = track_errors(self.trajectory, track)
@@ -172,12 +173,19 @@ class Run:
                 scores["map"] = map_scores(self.map, whole.segments, whole.paths)
         return scores
 
-    def _heights(self, simulated: bool) -> dict[str, dict[str, float | None]]:
-        """Estimated heights, their deviations, and errors where the scene has the true ones, m."""
-        true = self.scene.uncertain_heights(self.agent)
+    def _heights(self, simulated: bool, went: Trajectory | None) -> dict[str, dict[str, float | None]]:
+        """Estimated heights, their deviations, and errors where scene or true track have them, m."""
+        true = (
+            {name: one[0] for name, one in self.scene.uncertain_heights(self.agent).items()}
+            if simulated
+            else {}
+        )
+        last = self.estimates[-1]
+        if went is not None and went.height_m is not None:
+            true["agent"] = float(np.interp(last.time_s, went.time_s, went.height_m))
         return {
-            name: {"height_m": height, "std_m": std, "error_m": height - true[name][0] if simulated else None}
-            for name, (height, std) in self.estimates[-1].heights.items()
+            name: {"height_m": height, "std_m": std, "error_m": height - true[name] if name in true else None}
+            for name, (height, std) in last.heights.items()
         }
 
 

@@ -247,6 +247,7 @@ def presence(scene: Scene, name: str) -> tuple[int, Trajectory]:
         position_m=track.position_m[:count],
         velocity_mps=track.velocity_mps[:count],
         heading_rad=track.heading_rad[:count],
+        height_m=None if track.height_m is None else track.height_m[:count],
     )
 
 

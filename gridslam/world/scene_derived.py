@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from functools import lru_cache
 
 import numpy as np
@@ -37,7 +36,11 @@ def segments_of(walls: Sequence[Wall], materials: Mapping[str, float]) -> Segmen
 def track_of(agent: Agent) -> Trajectory:
     """Track of an agent with waypoints, cut to its number of steps."""
     whole = smooth_track(agent.way, agent.step_m, agent.interval_s, agent.acceleration_mps2)
-    return Trajectory(*(getattr(whole, f.name)[: agent.steps] for f in fields(whole)))
+    rows = slice(agent.steps)
+    high = None if agent.height_m is None else np.full(len(whole.time_s[rows]), agent.height_m)
+    return Trajectory(
+        whole.time_s[rows], whole.position_m[rows], whole.velocity_mps[rows], whole.heading_rad[rows], high
+    )
 
 
 def start_prior(agent: Agent) -> tuple[Array, Array]:

@@ -28,6 +28,8 @@ class Trajectory:
     velocity_mps : (N, 2) float64
     heading_rad : (N,) float64
         Counter-clockwise from x, in (-pi, pi].
+    height_m : (N,) float64 or None
+        None in a planar world.
 
     Raises
     ------
@@ -39,6 +41,7 @@ class Trajectory:
     position_m: Array
     velocity_mps: Array
     heading_rad: Array
+    height_m: Array | None = None
 
     def __post_init__(self) -> None:
         count = np.size(self.time_s)
@@ -48,6 +51,8 @@ class Trajectory:
             "velocity_mps": (count, 2),
             "heading_rad": (count,),
         }
+        if self.height_m is not None:
+            shapes["height_m"] = (count,)
         for name, shape in shapes.items():
             values = np.array(getattr(self, name), dtype=np.float64)
             if values.shape != shape:
@@ -76,7 +81,7 @@ class Trajectory:
         return all(np.array_equal(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
 
     def to_tum(self, path: str | os.PathLike[str]) -> None:
-        """Write ``timestamp tx ty tz qx qy qz qw`` lines, planar, at full precision.
+        """Write ``timestamp tx ty tz qx qy qz qw`` lines at full precision; ``tz`` is 0 in a plane.
 
         Raises
         ------
@@ -84,16 +89,17 @@ class Trajectory:
             The file can't be written.
         """
         half = 0.5 * self.heading_rad
-        rows = zip(self.time_s, *self.position_m.T, np.sin(half), np.cos(half), strict=True)
+        high = ["0"] * len(self) if self.height_m is None else [repr(z) for z in self.height_m.tolist()]
+        rows = zip(self.time_s, *self.position_m.T, high, np.sin(half), np.cos(half), strict=True)
         lines = [f"# {TUM_COLUMNS}"] + [
-            f"{float(t)!r} {float(x)!r} {float(y)!r} 0 0 0 {float(s)!r} {float(c)!r}"
-            for t, x, y, s, c in rows
+            f"{float(t)!r} {float(x)!r} {float(y)!r} {z} 0 0 {float(s)!r} {float(c)!r}"
+            for t, x, y, z, s, c in rows
         ]
         write_bytes(path, ("\n".join(lines) + "\n").encode())
 
     @classmethod
     def from_tum(cls, path: str | os.PathLike[str]) -> Trajectory:
-        """Read a planar TUM file; velocities come from finite differences.
+        """Read a TUM file without tilts; velocities come from finite differences, heights where one isn't 0.
 
         Raises
         ------
@@ -120,7 +126,8 @@ class Trajectory:
         table = np.array(rows)
         time, position = table[:, 0], table[:, 1:3]
         velocity = np.gradient(position, time, axis=0) if len(time) > 1 else np.zeros_like(position)
-        return cls(time, position, velocity, 2 * np.arctan2(table[:, 6], table[:, 7]))
+        high = table[:, 3] if table[:, 3].any() else None
+        return cls(time, position, velocity, 2 * np.arctan2(table[:, 6], table[:, 7]), high)
 
 
 def _pose(words: list[str], where: str) -> list[float]:

@@ -1,5 +1,7 @@
 """Trajectories and their TUM files."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -43,6 +45,23 @@ def test_tum_lines_are_what_other_tools_expect(tmp_path):
     assert header == "# timestamp tx ty tz qx qy qz qw"
     values = [float(word) for word in line.split()]
     np.testing.assert_allclose(values, [0.5, 1, -2, 0, 0, 0, np.sqrt(0.5), np.sqrt(0.5)])
+
+
+def test_heights_are_the_third_coordinate(tmp_path):
+    low = Trajectory([0.5, 1.0], [[1.0, -2.0], [1.5, -2.0]], np.zeros((2, 2)), [0.0, 0.1])
+    high = replace(low, height_m=[1.25, 1.3])
+    high.to_tum(tmp_path / "high.tum")
+    assert [line.split()[3] for line in (tmp_path / "high.tum").read_text().splitlines()[1:]] == [
+        "1.25",
+        "1.3",
+    ]
+    assert Trajectory.from_tum(tmp_path / "high.tum").height_m.tolist() == [1.25, 1.3]
+    low.to_tum(tmp_path / "low.tum")
+    assert Trajectory.from_tum(tmp_path / "low.tum").height_m is None
+    assert low != high
+    for wrong in ([1.0], [1.0, np.nan]):
+        with pytest.raises(InputError, match="height_m"):
+            replace(low, height_m=wrong)
 
 
 def test_velocity_is_recovered_by_differences(tmp_path):
