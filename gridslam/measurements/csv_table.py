@@ -23,7 +23,7 @@ from gridslam.world.validation import nearest
 IN_DEGREES = {name.replace("_rad", "_deg"): name for name in UNITS if name.endswith("_rad")}
 """Columns of angles by the names that they may have in CSV files if they are in degrees."""
 LENGTHS = {
-    **dict.fromkeys(("range", "dist", "distance", "length"), "distance_m, in metres"),
+    **dict.fromkeys(("range", "dist", "length"), "distance_m, in metres"),
     **dict.fromkeys(("delay", "toa", "tof"), "distance_m: delays times the speed of light"),
 }
 """What distances are called elsewhere (first words), and what they are called here."""
