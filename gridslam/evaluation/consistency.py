@@ -96,6 +96,8 @@ class Steps:
         Estimate minus truth, wrapped.
     position_nees, heading_nees : (N,)
         Normalised squared errors with 2 and 1 degrees of freedom.
+    position_claimed_m : (N,) m
+        What the filter holds that error for: the root of the trace of the position's covariance.
     surface_ospa_m : (N,) m
         Of the surface feature vectors of the detected surfaces (5 m, order 1), against the surfaces that some
         path hit up to that step (`gridslam.evaluation.surface_truth.AudibleSurfaces.ospa`).
@@ -118,6 +120,7 @@ class Steps:
     heading_error_rad: Array
     position_nees: Array
     heading_nees: Array
+    position_claimed_m: Array
     surface_ospa_m: Array
     image_ospa_m: Array
     surfaces: Array
@@ -169,6 +172,7 @@ def follow(estimates: Sequence[Estimate], scene: Scene, truth: Truth, earlier: S
         heading,
         nees(position, covariance[:, :2, :2]),
         nees(heading[:, None], covariance[:, 4:, 4:]),
+        np.sqrt(np.trace(covariance[:, :2, :2], axis1=1, axis2=2)),
         np.array([heard.ospa(f, step) for step, f in enumerate(found)]),
         image,
         np.array([np.where(f.owner < 0, 1.0, 1 / len(rays)).sum() for f in found]),

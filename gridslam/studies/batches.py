@@ -48,6 +48,8 @@ class Benchmark:
         Curved wall of which it is a facet; -1 for a straight one.
     anchors : tuple of str
         Their J names.
+    sight : (J, N) bool
+        Whether each anchor's line of sight is there.
     heading_told : bool
         Whether anything tells which way the agent faces; if not, errors of that are left out.
     """
@@ -59,7 +61,13 @@ class Benchmark:
     surface_since: NDArray[np.intp]
     curve: NDArray[np.intp]
     anchors: tuple[str, ...]
+    sight: NDArray[np.bool_]
     heading_told: bool = True
+
+    @property
+    def hidden(self) -> NDArray[np.bool_]:
+        """At which steps no line of sight is there, (N,)."""
+        return np.asarray(~self.sight.any(0))
 
     @property
     def surfaces(self) -> NDArray[np.intp]:
@@ -217,7 +225,9 @@ def _benchmarks(variant: Variant, takes: Kind, agents: Sequence[str]) -> dict[st
         if not told:
             nothing = np.full_like(known.heading_rad, np.nan)
             known, unknown = replace(known, heading_rad=nothing), replace(unknown, heading_rad=nothing)
-        anchors = tuple(scene.anchor_names)
-        found[name] = Benchmark(known, unknown, rays, likely, heard.first, heard.curve, anchors, told)
+        anchors, sight = tuple(scene.anchor_names), np.zeros(rays.shape, bool)
+        direct = truth.paths.bounces == 0
+        sight[truth.paths.anchor[direct], truth.paths.step[direct]] = True
+        found[name] = Benchmark(known, unknown, rays, likely, heard.first, heard.curve, anchors, sight, told)
         earlier.append(truth)
     return found

@@ -18,6 +18,7 @@ from gridslam.drawing.map_figure import encoded, fonts
 from gridslam.evaluation.consistency import nees_band
 from gridslam.io.files import write_bytes
 from gridslam.studies.batches import Batch
+from gridslam.systems.registry import kind_of
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)))
@@ -30,6 +31,7 @@ ERRORS = ("position_error_m", 100.0, LEAST_CM), ("heading_error_rad", np.degrees
 """Errors that are drawn, with the factor to cm and degrees; the heading only where something tells of it."""
 WHOLE_IN, NARROW_IN = 8.0, 5.0
 """Width for which figures are laid out, and below which there is room for two columns of a legend."""
+HIDDEN = "position_error_m", "position_claimed_m"
 SETTLED = 30
 """Steps after which errors count for where axes end; a third of a shorter run."""
 WILD = 100.0
@@ -63,6 +65,7 @@ def draw_study(
             ("surfaces", draw_surfaces),
             ("rays", draw_rays),
             ("consistency", draw_consistency),
+            ("hidden", draw_hidden),
         ):
             with fonts(width):
                 figure = draw(own)
@@ -232,6 +235,40 @@ def draw_consistency(own: Sequence[Batch]) -> Figure:
         panel.grid(alpha=0.3)
     panels[-1].set_xlabel("step (grey: 95 % band)")
     _legend(figure, panels[0])
+    return figure
+
+
+def draw_hidden(own: Sequence[Batch]) -> Figure | None:
+    """Error and claimed deviation where all lines of sight are hidden; of methods on samples alone.
+
+    As [HybridSlam] compares its map with the line of sight alone, and with a map that is known.
+    """
+    hidden = own[0].benchmark.hidden
+    if not hidden.any() or all(kind_of(batch.method) == "paths" for batch in own):
+        return None
+    figure = _figure(8, 4.4)
+    axes = figure.subplots()
+    for number, batch in enumerate(own):
+        color, _ = _look(number)
+        error, claimed = (np.maximum(100 * batch.rmse(name), LEAST_CM) for name in HIDDEN)
+        then = [float(np.sqrt(np.mean(values[hidden] ** 2))) for values in (error, claimed)]
+        label = f"{_label(batch, own)}: hidden {then[0]:.3g} cm, claimed {then[1]:.3g}"
+        axes.plot(error, color=color, lw=1.4, label=label)
+        axes.plot(claimed, color=color, ls="--", lw=1.0)
+    axes.fill_between(
+        np.arange(len(hidden)),
+        0,
+        1,
+        where=hidden,
+        color="0.9",
+        transform=axes.get_xaxis_transform(),
+        zorder=0,
+    )
+    axes.set(
+        yscale="log", ylabel="position RMSE, dashed: claimed (cm)", xlabel="step (grey: no line of sight)"
+    )
+    axes.grid(alpha=0.3)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", fontsize=8, frameon=False)
     return figure
 
 

@@ -167,6 +167,15 @@ _ENTERED = (
         takes="signal",
         maps=False,
     ),
+    Method(
+        "hybrid-known",
+        "gridslam.systems.published.hybrid_known:KnownHybridSlam",
+        "hybrid SLAM's other reference: told the true walls and scatterers, learns nothing",
+        "docs/model.md#15-hybrid-slam",
+        measures="sampled signals, as hybrid",
+        takes_map=False,
+        takes="signal",
+    ),
 )
 METHODS = {entry.name: entry for entry in _ENTERED}
 """Ours, by name."""

@@ -34,6 +34,7 @@ def made_up(job, position=0.02):
             "heading_error_rad": [-0.01] * size,
             "position_nees": [2.0] * size,
             "heading_nees": [1.0] * size,
+            "position_claimed_m": [0.03] * size,
             "surface_ospa_m": [0.5] * size,
             "image_ospa_m": [0.25] * size,
             "surfaces": [surfaces] * size,

@@ -11,8 +11,8 @@ from tiny import TINY
 from gridslam.errors import InputError
 from gridslam.evaluation.bounds import Bound, MapBound
 from gridslam.studies.batches import Benchmark, batches
-from gridslam.studies.plots import draw_cdf, draw_consistency, draw_errors, draw_study
-from gridslam.studies.study import Outcome, run_study
+from gridslam.studies.plots import draw_cdf, draw_consistency, draw_errors, draw_hidden, draw_study
+from gridslam.studies.study import Outcome, Study, run_study
 from gridslam.studies.tables import step_rows, summary_rows, write_tables
 from gridslam.world.scene import Scene
 
@@ -96,13 +96,42 @@ def test_bound_of_the_map_counts_surfaces_there_and_unknowable_ones_as_the_cutof
     unknown = MapBound(blank, blank, np.arange(3), np.zeros((3, 2)), surface_m, np.zeros((6, 6)))
     rays = np.zeros((2, 3), int)
     mark = Benchmark(
-        Bound(blank, blank), unknown, rays, rays, np.array([0, 0, 2]), np.full(3, -1), ("A", "B")
+        Bound(blank, blank),
+        unknown,
+        rays,
+        rays,
+        np.array([0, 0, 2]),
+        np.full(3, -1),
+        ("A", "B"),
+        np.ones((2, 3), bool),
     )
     assert mark.surfaces.tolist() == [2, 2, 3]
     np.testing.assert_allclose(mark.mospa_m, [3.0, 2.75, 0.6])
     bent = replace(mark, curve=np.array([-1, 7, 7]))  # two facets of one wall
     assert bent.surfaces.tolist() == [2, 2, 2]
     np.testing.assert_allclose(bent.mospa_m, [3.0, 2.75, 0.45])
+
+
+def test_errors_while_hidden_are_drawn_beside_what_is_claimed_of_methods_on_samples():
+    screen = Scene.load("screen")
+    short = screen.model_dump(exclude_none=True)
+    short["agents"][0]["steps"] = 100
+    scene = Scene.checked(short, "short")
+    study = Study((scene,), ("hybrid", "los", "grid"), (0, 1))
+    jobs = study.jobs()
+    records = [made_up(job, 0.02 if job.method == "hybrid" else 0.5) for job in jobs]
+    own = batches(Outcome(study, records))
+    hidden = own[0].benchmark.hidden
+    assert np.flatnonzero(hidden)[[0, -1]].tolist() == [68, 99]
+    (axes,) = draw_hidden(own).axes
+    shown = {line.get_label(): line.get_ydata() for line in axes.lines if "hidden" in line.get_label()}
+    assert [name.partition(" ")[0] for name in shown] == ["hybrid", "los", "grid"]
+    label, error = next(iter(shown.items()))
+    np.testing.assert_allclose(error, 100 * 0.02 * np.sqrt(2.5))
+    assert label.endswith("hidden 3.16 cm, claimed 3")
+    assert draw_hidden([batch for batch in own if batch.method == "grid"]) is None
+    everywhere = [replace(b, benchmark=replace(b.benchmark, sight=np.ones((1, 100), bool))) for b in own]
+    assert draw_hidden(everywhere) is None
 
 
 @pytest.mark.slow
