@@ -213,6 +213,7 @@ def differentiate_features(
     pulse: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [T, 2] correlation of the pulse over length, slope
     per_m: ti.f64,  # rows of the tables per metre
     longest: ti.f64,  # no feature is heard from farther off, m
+    first: ti.i32,  # slopes are found from this feature on; rows before it stay as they are
     solver: pack(Solver),
     out: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [Q, D + 1, 4] out: slopes by the features; last row: A
 ):
@@ -244,7 +245,7 @@ def differentiate_features(
                     for i in range(m, n):
                         value -= solver.gram[lane, n, i] * solver.gram[lane, count + i, m]
                     solver.gram[lane, count + n, m] = value / solver.gram[lane, n, n]
-            for n in range(count):
+            for n in range(first, count):
                 s, length = solver.scratch[lane, n, 1], solver.scratch[lane, n, 0]
                 wr, wi = solver.solved[lane, n, 0], solver.solved[lane, n, 1]
                 by_length = (

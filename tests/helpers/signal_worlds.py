@@ -49,12 +49,12 @@ class SignalWorld(NamedTuple):
         evaluate_features(*given, *self.tables, scratch(many, len(self.element)), out)
         return out
 
-    def slopes(self):
+    def slopes(self, first=0):
         """Slopes (P, D, 4) and A (P,) by the kernel."""
         out, many = np.full((len(self.points), len(self.features) + 1, 4), np.nan), len(self.features)
         step = np.zeros(len(self.points), np.int32)
         given = self.points, step, self.features, self.anchor, self.element
-        differentiate_features(*given, *self.tables, scratch(many, len(self.element)), out)
+        differentiate_features(*given, *self.tables, first, scratch(many, len(self.element)), out)
         return out[:, :-1], out[:, -1, 0]
 
 

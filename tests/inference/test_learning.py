@@ -11,7 +11,8 @@ from gridslam.inference.messages.feature_likelihood import Front
 from gridslam.inference.messages.following import START_STEPS
 from gridslam.inference.messages.joint_update import predict, update
 from gridslam.inference.messages.learning import JUDGED, learn
-from gridslam.inference.messages.rivals import PRICES, UNTOLD, Lesson, extra_slopes, usual_prices
+from gridslam.inference.messages.proposals import UNTOLD, extra_slopes
+from gridslam.inference.messages.rivals import HOPELESS, PRICES, Lesson, usual_prices
 from gridslam.inference.messages.seeding import (
     IMAGE,
     LEAST_GAIN,
@@ -116,6 +117,26 @@ def test_a_feature_that_explains_nothing_costs_its_price():
     more = state.before.with_feature(0, entries(MIRROR, origin), spread, origin, 1e-6, 0, 0)
     scores = [lesson.judge(belief, state.segment).score for belief in (state.before, more)]
     assert scores[0] - scores[1] == pytest.approx(LEAST_GAIN, abs=1.0)
+
+
+def test_a_rival_that_falls_far_behind_is_given_up_and_one_that_keeps_up_is_not():
+    state, model = state_after([MIRROR], [1500.0], 3)
+    lesson, (segment, before) = lesson_of(state, model), (state.segment, state.before)
+    spread, origin = np.diag(np.square([0.3, 0.2, 1e-3])), np.zeros(2)
+    right = lesson.judge(
+        before.with_feature(0, entries(MIRROR, origin), spread, origin, 1500.0, 0, 0), segment
+    )
+    given_up = lesson.judge(before, segment, right)
+    assert given_up.score == -np.inf
+    gone = int(np.flatnonzero(given_up.evidence == -np.inf)[0])
+    plain = lesson.judge(before, segment)
+    assert (given_up.evidence[gone + 1 :] == 0).all()
+    behind = np.cumsum(right.evidence - plain.evidence) - LEAST_GAIN
+    assert behind[gone] > HOPELESS
+    assert (behind[:gone] <= HOPELESS).all()
+    again = lesson.judge(right.start, segment, plain)
+    assert again.score == right.score
+    np.testing.assert_array_equal(again.track, right.track)
 
 
 @pytest.mark.slow

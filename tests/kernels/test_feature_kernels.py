@@ -37,6 +37,10 @@ def test_slopes_are_those_of_the_covariance_of_all_samples(seed, features):
     expected = reference.differentiate_features(*one.known)
     np.testing.assert_allclose(slopes, expected, atol=2e-4 * np.abs(expected).max() + 1e-3)
     np.testing.assert_allclose(value, one.value()[:, 0], rtol=1e-9, atol=1e-9)
+    some, again = one.slopes(first=features - 1)
+    np.testing.assert_array_equal(some[:, -1], slopes[:, -1])
+    np.testing.assert_array_equal(again, value)
+    assert np.isnan(some[:, :-1]).all()  # untouched
 
 
 @pytest.mark.slow

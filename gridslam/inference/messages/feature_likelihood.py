@@ -94,9 +94,16 @@ class Front:
         return out
 
     def slopes(
-        self, points: Array, steps: NDArray[np.int32], features: Array, anchor_m: Array, tables: Tables
-    ) -> tuple[Array, float]:
-        """Slopes (D, 4) of the sum of A over points (Q, 4) by the features, and the sum itself; (M124)."""
+        self, points: Array, steps: NDArray[np.int32], features: Array, anchor_m: Array, tables: Tables,
+        first: int = 0,
+    ) -> tuple[Array, float]:  # fmt: skip
+        """Slopes (D, 4) of the sum of A over points (Q, 4) by the features, and the sum itself; (M124).
+
+        Parameters
+        ----------
+        first : int
+            Of the features: by those before it there is none (0).
+        """
         runtime.start()
         from gridslam.kernels.messages.feature_likelihood import differentiate_features
 
@@ -104,7 +111,7 @@ class Front:
         differentiate_features(
             np.ascontiguousarray(points), steps, np.ascontiguousarray(features),
             np.ascontiguousarray(anchor_m), self.element, tables, self.pulse, self.per_m, self.longest_m,
-            self._solver(len(features)), out,
+            first, self._solver(len(features)), out,
         )  # fmt: skip
         return out[:, :-1].sum(0), float(out[:, -1, 0].sum())
 

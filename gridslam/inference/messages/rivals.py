@@ -15,22 +15,10 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.messages.feature_likelihood import Front
-from gridslam.inference.messages.following import START_STEPS
 from gridslam.inference.messages.joint_update import predict, update
-from gridslam.inference.messages.seeding import (
-    FREE,
-    IMAGE,
-    LEAST_GAIN,
-    NONE_M,
-    SCATTERED,
-    Gains,
-    Stretch,
-    first_gains,
-    propose,
-    stretch_of,
-)
-from gridslam.inference.messages.sight import feature_table
-from gridslam.inference.state.features import MOVING, entries, places
+from gridslam.inference.messages.proposals import surveys, with_proposals
+from gridslam.inference.messages.seeding import LEAST_GAIN
+from gridslam.inference.state.features import MOVING, places
 from gridslam.inference.state.hybrid_state import JointBelief, Segment
 from gridslam.world.signal_model import SignalModel
 
@@ -38,21 +26,17 @@ PRICES = np.array([[0.0, 10.0, 10.0], [10.0, 0.0, 10.0]])
 """Nats that each of these costs, where images are the rule and where scatterers are."""
 CLEAR = 10.0
 """Nats by which one set has to explain a segment better than another to be preferred for it."""
+HOPELESS = 60.0
+"""Nats by which one has to be behind another at some step for the rest of the segment not to matter."""
 ROUNDS = 3
 """Times, at most, that features are proposed along the way that the ones before led."""
 EXTENTS_M = (0.0, 0.05, 0.1)
 """Of features: images are heard at their places, what stands for many scatterers now here, now there."""
-UNTOLD = 0.3
-"""Deviation of an image's extra length, in its length, on a track too short to tell it from a scatterer."""
 MOVED_M = 0.1
 """Ways that are nowhere farther apart lead to the same features."""
 SHIFTS, ASTRAY, SMALL_M, STRONG = 2, 3.0, 0.5, 0.2
 """Times that all is shifted. Deviations of the start within which a feature may be a line of sight seen from
 a wrong place; its largest extra length, and its least power in that of the line of sight."""
-LENGTH_STD_M, DIRECTION_STD_RAD, EXTRA_SHARE = 0.3, 0.2, 0.5
-"""Of a new feature, before the segment is gone through again."""
-TIED_M = 0.1
-"""Deviation of a scatterer's extra length from what its place says."""
 
 
 class Rival(NamedTuple):
@@ -105,8 +89,9 @@ class Lesson:
     model: SignalModel
 
     def rivals(
-        self, segment: Segment, after: JointBelief, prices: Array, taught: Segment | None = None
-    ) -> list[Rival]:
+        self, segment: Segment, after: JointBelief, prices: Array, taught: Segment | None = None,
+        other: Rival | None = None,
+    ) -> list[Rival]:  # fmt: skip
         """What is proposed along the way of the agent in a segment, one set for each row of prices.
 
         Parameters
@@ -115,25 +100,40 @@ class Lesson:
             At the end of the segment, as far as known.
         taught : Segment, optional
             The part of the segment of which features are made, instead of all but what is judged.
+        other : Rival, optional
+            One that all have to keep up with, see `judge`; else the first of them.
         """
         part = segment if taught is None else taught
         looks = surveys(self.before, after, part, self.judged, self.front, self.model)
-        found = []
+        found: list[Rival] = []
         for price in prices:
             wider = with_proposals(self.before, part, looks, price, self.first, self.identity, self.model)
-            rival = self.judge(wider, segment)
+            rival = self.judge(wider, segment, found[0] if found else other)
             doubtful = self.sights(rival.joint)
             if doubtful.any():
-                without = self.judge(wider.keep(~doubtful), segment)
+                without = self.judge(wider.keep(~doubtful), segment, rival)
                 rival = max(rival, without, key=lambda one: one.score)
             found.append(rival)
         return found
 
-    def judge(self, belief: JointBelief, segment: Segment) -> Rival:
-        """What comes of a belief at the segment's beginning."""
-        joint, evidence, track = replay(belief, segment, self.before_s, self.first, self.model)
-        cost = LEAST_GAIN * (len(belief.features) - len(self.before.features))
+    def judge(self, belief: JointBelief, segment: Segment, other: Rival | None = None) -> Rival:
+        """What comes of a belief at the segment's beginning.
+
+        Parameters
+        ----------
+        other : Rival, optional
+            One that is preferred in doubt: who falls `HOPELESS` behind it isn't followed to the end, and
+            scores nothing.
+        """
+        cost, lead = self._cost(belief), None
+        if other is not None:
+            lead = np.cumsum(other.evidence) - self._cost(other.start) + cost - HOPELESS
+        joint, evidence, track = replay(belief, segment, self.before_s, self.first, self.model, least=lead)
         return Rival(float(evidence.sum()) - cost, joint, track, evidence, belief)
+
+    def _cost(self, belief: JointBelief) -> float:
+        """Nats that a belief's new features cost."""
+        return LEAST_GAIN * (len(belief.features) - len(self.before.features))
 
     def climb(self, rival: Rival, segment: Segment, price: Array) -> Rival:
         """The best of a set of features and those that are proposed along the way that it leads.
@@ -144,7 +144,7 @@ class Lesson:
             if apart(rival.track, segment.agent) < MOVED_M:
                 return rival
             segment = replace(segment, agent=rival.track)
-            (following,) = self.rivals(segment, rival.joint, price[None])
+            (following,) = self.rivals(segment, rival.joint, price[None], other=rival)
             if following.score < rival.score + CLEAR:
                 return max(rival, following, key=lambda one: one.score)
             rival = following
@@ -181,10 +181,16 @@ class Lesson:
 
     def settled(self, rival: Rival, segment: Segment) -> Rival:
         """The same set with another extent of features, where that clearly explains the segment better."""
-        along = replace(segment, agent=rival.track)
-        others = [one for one in EXTENTS_M if one != rival.start.extent]
-        found = [self.judge(replace(rival.start, extent=one), along) for one in others]
-        best = max(found, key=lambda one: one.score)
+        along, now, best = replace(segment, agent=rival.track), rival.start.extent, rival
+        larger, smaller = [e for e in EXTENTS_M if e > now], [e for e in EXTENTS_M[::-1] if e < now]
+        for way in (larger, smaller):
+            for extent in way:
+                found = self.judge(replace(rival.start, extent=extent), along, best)
+                if found.score <= best.score:
+                    break
+                best = found
+            if best is not rival:
+                break
         return best if best.score > rival.score + CLEAR else rival
 
     def sights(self, joint: JointBelief) -> NDArray[np.bool_]:
@@ -214,7 +220,7 @@ def apart(one: Array, other: Array) -> float:
 
 def replay(
     belief: JointBelief, segment: Segment, before_s: float | None, first_step: int, model: SignalModel,
-    led: bool = True,
+    led: bool = True, least: Array | None = None,
 ) -> tuple[JointBelief, Array, Array]:  # fmt: skip
     """Go through a segment from its beginning: belief at its end, evidences (K,), track (K, 4).
 
@@ -223,6 +229,8 @@ def replay(
     led : bool
         Whether each maximum is looked for from where the agent was believed to be then, else from where
         it is predicted.
+    least : (K,), optional
+        Sums of the evidence up to each step, below which it is given up: that step's is -inf, the rest 0.
     """
     evidence, earlier, track = np.zeros(len(segment)), before_s, np.zeros((len(segment), MOVING))
     for k in range(len(segment)):
@@ -233,6 +241,9 @@ def replay(
             segment.agent[k] if led else None,
         )  # fmt: skip
         earlier, track[k] = float(segment.time_s[k]), belief.mean[:MOVING]
+        if least is not None and evidence[: k + 1].sum() < least[k]:
+            evidence[k] = -np.inf
+            break
     return belief, evidence, track
 
 
@@ -245,83 +256,3 @@ def usual_prices(belief: JointBelief, model: SignalModel) -> Array:
     far = np.hypot(*(place[:, :2] - model.anchors[bank.anchor, :2]).T)
     scattered = int((place[:, 2] > 0.5 * far).sum())
     return PRICES[[int(2 * scattered > len(bank))]]
-
-
-@dataclass(frozen=True, eq=False)
-class Survey:
-    """What an anchor's part of a segment is, and what places about it would gain.
-
-    Attributes
-    ----------
-    anchor : int
-    stretch : Stretch
-    known : (D, 4)
-        Features that are there already: x, y, extra length (m) and power.
-    gains : Gains
-    """
-
-    anchor: int
-    stretch: Stretch
-    known: Array
-    gains: Gains
-
-
-def surveys(
-    before: JointBelief, after: JointBelief, segment: Segment, judged: int, front: Front, model: SignalModel
-) -> list[Survey]:
-    """One of every anchor that was heard at more than a few steps, but for a segment's last ones.
-
-    Features are where the belief after the segment has them; those that the one before doesn't hold
-    aren't known yet.
-    """
-    known = after.keep(np.isin(after.features.identity, before.features.identity))
-    used, found = slice(0, len(segment) - judged), []
-    for j in range(len(model.anchors)):
-        if segment.heard[used, j].sum() > judged:
-            stretch, table = stretch_of(known, segment, j, judged, front, model), feature_table(known, j)
-            found.append(Survey(j, stretch, table, first_gains(stretch, table)))
-    return found
-
-
-def with_proposals(
-    belief: JointBelief, segment: Segment, looks: list[Survey], price: Array, first: int, identity: int,
-    model: SignalModel,
-) -> JointBelief:  # fmt: skip
-    """The belief with all features that surveys of a segment propose.
-
-    Parameters
-    ----------
-    first, identity : int
-        Number of the segment's first step, and of the next feature.
-    """
-    origin = segment.agent[len(segment) // 2, :2]
-    for look in looks:
-        table, kind = propose(look.stretch, look.known, look.gains, price)
-        for row, what in zip(table, kind, strict=True):
-            entry = entries(row[:3], origin)
-            none = UNTOLD * entry[0] if len(segment) <= START_STEPS else NONE_M
-            width = {IMAGE: none, SCATTERED: TIED_M, FREE: EXTRA_SHARE * row[2]}[int(what)]
-            spread = np.diag(np.square([LENGTH_STD_M, DIRECTION_STD_RAD, width]))
-            if what == SCATTERED:
-                slope = extra_slopes(entry, model.anchors[look.anchor, :2] - origin)
-                spread[2] += slope @ spread[:2]
-                spread[:, 2] += spread[:, :2] @ slope
-            belief = belief.with_feature(look.anchor, entry, spread, origin, row[3], identity, first)
-            identity += 1
-    return belief
-
-
-def extra_slopes(entry: Array, way_m: Array) -> Array:
-    """Slopes (2,) of a scatterer's extra length by its length and direction.
-
-    Parameters
-    ----------
-    entry : (3,)
-        Length, direction, extra length, as seen from an origin.
-    way_m : (2,)
-        From there to the anchor.
-    """
-    length, far, off = entry[0], np.hypot(*way_m), entry[1] - np.arctan2(way_m[1], way_m[0])
-    over, under = length**2 - far**2, length - far * np.cos(off)
-    own = np.array([2 * length * under - over, -over * far * np.sin(off)]) / (2 * under**2)
-    return np.array([1.0, 0.0]) - own

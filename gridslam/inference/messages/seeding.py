@@ -303,7 +303,7 @@ def ascend(stretch: Stretch, table: Array, kind: Kinds, iterations: int) -> tupl
     here = stretch.points, stretch.steps
 
     def rise() -> tuple[Array, float]:
-        return stretch.front.slopes(*here, table, stretch.anchor_m, stretch.tables)
+        return stretch.front.slopes(*here, table, stretch.anchor_m, stretch.tables, len(table) - len(kind))
 
     for i in range(1, iterations + 1):
         slope, own = rise()[0][moving], table[moving]
