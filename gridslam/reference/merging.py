@@ -56,8 +56,9 @@ def find_duplicates(
 
 
 def find_ghosts(
-    mean: Array, covariance: Array, head: int, surface: Array, seen: Whole, single: Array, places: Array
-) -> NDArray[np.bool_]:
+    mean: Array, covariance: Array, head: int, surface: Array, seen: Whole, age: Array, single: Array,
+    places: Array,
+) -> NDArray[np.bool_]:  # fmt: skip
     """Twin of `merging.find_ghosts`: which surfaces are ghosts, (S,)."""
     variance = covariance[head + 1 :: 2, head + 1 :: 2].diagonal()
     sure = np.flatnonzero((surface > SURE) & (seen >= OFTEN) & (variance < SHARP_M**2))
@@ -67,7 +68,11 @@ def find_ghosts(
         return np.zeros(len(surface), dtype=bool)
     lines, good = mean[head:].reshape(-1, 2), np.ones(len(surface), dtype=bool)
     surer = np.minimum(surface[last], surface[first]) > surface[:, None]
-    surer &= np.minimum(seen[last], seen[first]) > OFTENER * seen[:, None]
+    silent, own = single[: len(places)].max(0) < HEARD_ELSEWHERE, OFTENER * seen[:, None]
+    younger = age[:, None] > np.minimum(age[last], age[first])
+    for one in (last, first):
+        younger &= seen[one] * age[:, None] > own * age[one]
+    surer &= (np.minimum(seen[last], seen[first]) > own) | (younger & silent[:, None])
     if not surer.any():
         return ~good
     through = _through_corners(lines, last, first)
@@ -75,7 +80,6 @@ def find_ghosts(
     gap = mirror(lines, at)[:, :, None] - mirror(lines[last], mirror(lines[first], at))[:, None]
     far = np.hypot(gap[..., 0], gap[..., 1])  # (J, S, H)
     # heard loosely, it lies between what AoA and AoD of the double bounce would have it
-    silent = single.max(0) < HEARD_ELSEWHERE
     good &= ~(surer & (far < AROUND_M) & through & silent[:, None]).any((0, 2))
     for anchor, ghost, pair in np.argwhere(surer & (far < NEAR_M)).tolist():
         if np.delete(single[:, ghost], anchor).max(initial=0.0) >= HEARD_ELSEWHERE:

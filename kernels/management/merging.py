@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from gridslam.kernels import OFTEN, OFTENER
+from gridslam.kernels import HEARD_ELSEWHERE, OFTEN, OFTENER
 from gridslam.kernels.primitives.functions import PI, cos_of, dot, sin_of, wrapped
 from gridslam.kernels.primitives.gaussian import mirror_of
 from gridslam.kernels.primitives.launching import quick
@@ -14,8 +14,6 @@ SLACK, LIKELY = (1e-4, 2.5e-5), 9.0
 """Variances of gap and turn that are always allowed; squared distance up to which they are one."""
 SURE, SHARP_M = 0.9, 0.1
 """Existence and deviation of the offset from which on a surface may take another's place."""
-HEARD_ELSEWHERE = 0.3
-"""Existence of another anchor's ray at which a surface isn't a ghost."""
 NEAR_M, SLACK_M, GATE = 0.5, 0.02, 9.0
 """Gap of the virtual anchors that is looked at; what is always allowed; squared in deviations."""
 AROUND_M, THROUGH_M, CROSSING = 1.0, 0.15, 0.2
@@ -85,6 +83,7 @@ def find_ghosts(
     head: ti.i32,  # entry where the lines begin: see `layout`
     surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
     seen: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] detections
+    age: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] chances to be seen
     single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] existence of rays over one surface
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 2] anchors
     ghost: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [S] out: 1 for a ghost
@@ -100,7 +99,10 @@ def find_ghosts(
                 if s != r and fit_for_it(r, covariance, head, surface, seen):
                     chance, often = ti.min(surface[s], surface[r]), ti.min(seen[s], seen[r])
                     for g in range(count):
-                        if ghost[g] == 0 and chance > surface[g] and often > OFTENER * seen[g]:
+                        oftener = often > OFTENER * seen[g]
+                        if not oftener:
+                            oftener = silenced(g, s, r, seen, age, single, places.shape[0])
+                        if ghost[g] == 0 and chance > surface[g] and oftener:
                             if explains(g, s, r, mean, covariance, head, single, places):
                                 ghost[g] = 1
 
@@ -110,6 +112,21 @@ def fit_for_it(s, covariance: ti.template(), head, surface: ti.template(), seen:
     """Whether a surface may take another's place."""
     offset = line_entry(head, s) + 1
     return surface[s] > SURE and seen[s] >= OFTEN and covariance[offset, offset] < SHARP_M * SHARP_M
+
+
+@ti.func
+def silenced(g, s, r, seen: ti.template(), age: ti.template(), single: ti.template(), anchors):
+    """Whether no anchor hears a surface any more that is older than one of two others heard more often."""
+    most, older = ti.cast(0.0, ti.f64), age[g] > ti.min(age[s], age[r])
+    for anchor in range(anchors):
+        most = ti.max(most, single[anchor, g])
+    own = OFTENER * seen[g]
+    return (
+        older
+        and most < HEARD_ELSEWHERE
+        and seen[s] * age[g] > own * age[s]
+        and seen[r] * age[g] > own * age[r]
+    )
 
 
 @ti.func

@@ -222,7 +222,8 @@ def test_ghosts_equal_their_twin(seed, surfaces, clocks):
         lines[ghost] = line
         existence[ghost] = draw.choice([0.5, 0.99])
     ghosts = np.full(surfaces, -1, np.int32)
-    into = mean, covariance, 5 + clocks, existence, seen.astype(np.int64), single, places
+    age = draw.choice([0.0, 20.0, 60.0], surfaces)
+    into = mean, covariance, 5 + clocks, existence, seen.astype(np.int64), age, single, places
     find_ghosts(*into, ghosts)
     np.testing.assert_array_equal(ghosts, reference.find_ghosts(*into))
 

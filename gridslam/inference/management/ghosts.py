@@ -2,7 +2,8 @@
 
 A double bounce has the virtual anchor of a single bounce at some other line. Heard before its walls are known
 it bears a surface there, which lives on beside them: once they explain what is heard, its silence is laid
-to an obstacle. So a surface yields to a pair of surer ones that makes the same virtual anchor.
+to an obstacle. So a surface yields to a pair of surer ones that makes the same virtual anchor and was seen
+more often: in all, or, if the surface is silent and older than one of the pair, in ratio to their ages.
 
 Owner of the kernel that finds them.
 """
@@ -15,7 +16,7 @@ from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief, keep
 from gridslam.inference.state.surface_bank import SurfaceBank
-from gridslam.kernels import OFTEN, OFTENER
+from gridslam.kernels import HEARD_ELSEWHERE, OFTEN, OFTENER
 
 
 def drop_ghosts(bank: SurfaceBank, belief: Belief, places: Array) -> tuple[SurfaceBank, Belief]:
@@ -32,11 +33,15 @@ def drop_ghosts(bank: SurfaceBank, belief: Belief, places: Array) -> tuple[Surfa
     if len(belief.lines) != len(bank) or len(places) > len(bank.single):
         raise ValueError("surfaces or anchors don't belong together")
     often = sorted(bank.seen.tolist())
-    if len(often) < 3 or often[-2] < OFTEN or often[-2] <= OFTENER * often[0]:
-        return bank, belief  # no two that were seen so much more often than a third
-    ghost = np.empty(len(bank), np.int32)
+    if len(often) < 3 or often[-2] < OFTEN:
+        return bank, belief  # no two that were seen often
     head, single = belief.layout.head, bank.single[: len(places)]
-    find_ghosts(belief.mean, belief.covariance, head, bank.existence, bank.seen, single, places, ghost)
+    if often[-2] <= OFTENER * often[0] and single.max(0).min() >= HEARD_ELSEWHERE:
+        return bank, belief  # none that was seen much less often, and none that is silent
+    ghost = np.empty(len(bank), np.int32)
+    find_ghosts(
+        belief.mean, belief.covariance, head, bank.existence, bank.seen, bank.age, single, places, ghost
+    )
     if not ghost.any():
         return bank, belief
     return bank.take(ghost == 0), keep(belief, ghost == 0)
