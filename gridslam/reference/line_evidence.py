@@ -8,6 +8,8 @@ from scipy.special import i0e
 from gridslam.arrays import Array
 from gridslam.world.single_bounces import single_bounces
 
+MOST_LOG = 12.0
+
 
 def weigh_lines(
     power: Array, folding: float, place: Array, pose: Array, offset: Array, level: Array, chance: Array,
@@ -25,10 +27,9 @@ def weigh_lines(
     matched = power[t, r, d]
     strong, loud = level / path.value[..., :1], np.maximum(matched, 0)[..., None]
     bend = 2 * strong * np.sqrt(loud)
-    log = bend + np.log(i0e(bend)) - strong**2
+    own = np.exp(np.minimum(bend - strong**2, MOST_LOG)) * i0e(bend)
     if fades:
-        log = strong**2 * loud / (1 + strong**2) - np.log1p(strong**2)
-    ratio = chance[0] * np.exp(np.minimum(log, 12.0)) + 1 - chance[0]
-    evidence = evidence ** (1 - chance[1])
+        own = np.exp(np.minimum(strong**2 * loud / (1 + strong**2), MOST_LOG)) / (1 + strong**2)
+    ratio = chance[0] * own + 1 - chance[0]
     after = np.clip(ratio * ((1 - chance[1]) * evidence + chance[1]), 1e-6, 1e30)
     return np.where((path.possible & (matched >= 0))[..., None], after, evidence)

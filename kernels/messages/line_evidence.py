@@ -2,13 +2,13 @@
 
 import taichi as ti
 
-from gridslam.kernels.primitives.functions import bearing_of, cos_of, decay_of, logarithm_of, sin_of
+from gridslam.kernels.primitives.functions import bearing_of, cos_of, decay_of, sin_of
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.radio import scaled_bessel
 
 TURN = 6.283185307179586
 MOST_LOG = 12.0
-"""Largest log ratio of one snapshot."""
+"""Largest log ratio of one snapshot, about."""
 LEAST, MOST = 1e-6, 1e30
 """Between which evidence stays."""
 
@@ -28,11 +28,9 @@ def weigh_lines(
     evidence: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [A, O, B] in and out: likelihood that a line has been
     # heard from some step on, over that it hasn't
 ):
-    """Multiply the evidence of all lines by what a snapshot says of their single bounces; old one fades."""
+    """Multiply the evidence of all lines by what a snapshot says of their single bounces."""
+    ti.loop_config(serialize=True)
     for a, o in ti.ndrange(evidence.shape[0], evidence.shape[1]):
-        for b in range(evidence.shape[2]):
-            so_far = evidence[a, o, b]
-            evidence[a, o, b] = decay_of((1 - chance[1]) * logarithm_of(so_far))
         angle = 0.5 * TURN * ti.cast(a, ti.f64) / evidence.shape[0]
         nx, ny = cos_of(angle), sin_of(angle)
         far = offset[o] + nx * pose[3] + ny * pose[4]
@@ -46,22 +44,18 @@ def weigh_lines(
             d = nearest(length / folding, power.shape[2])
             matched = power[t, r, d]
             if matched >= 0:
+                amplitude = ti.sqrt(matched)
                 for b in range(evidence.shape[2]):
                     strong = level[b] / length
-                    ratio = chance[0] * decay_of(log_ratio(strong, matched, fades)) + 1 - chance[0]
+                    square = strong * strong
+                    ratio = decay_of(ti.min(square * matched / (1 + square), MOST_LOG)) / (1 + square)
+                    if fades == 0:
+                        bend = 2 * strong * amplitude
+                        ratio = decay_of(ti.min(bend - square, MOST_LOG)) * scaled_bessel(bend)
+                    ratio = chance[0] * ratio + 1 - chance[0]
                     before = evidence[a, o, b]
                     after = ratio * ((1 - chance[1]) * before + chance[1])
                     evidence[a, o, b] = ti.min(ti.max(after, LEAST), MOST)
-
-
-@ti.func
-def log_ratio(strong, matched, fades):
-    """Log likelihood ratio of a path of an amplitude, docs/model.md, (M152), or fading, (M77)."""
-    log = strong * strong * matched / (1 + strong * strong) - logarithm_of(1 + strong * strong)
-    if fades == 0:
-        bend = 2 * strong * ti.sqrt(ti.max(matched, 0.0))
-        log = bend - strong * strong + logarithm_of(scaled_bessel(bend))
-    return ti.min(log, MOST_LOG)
 
 
 @ti.func

@@ -35,6 +35,8 @@ SURE = 100.0
 """Odds at which a line is taken for a surface."""
 SKIRT = 3.0
 """Evidence is forgotten where paths are less than so many resolutions from those of what was born."""
+FADES = 8
+"""Steps from one fading of old evidence to the next."""
 LOUD, LOUDLY = 0.6, 0.8
 """Coefficient above which a wall is louder than double bounces are, and how probable that has to be."""
 MOST_BORN = 2
@@ -61,14 +63,16 @@ def gather_evidence(
     spread = np.sqrt(state.belief.covariance.diagonal()[POSE])
     if max(float(spread[:2].max()) * band.steepness[0], spread[2] * band.steepness[2]) > STEADY:
         return replace(state, by_line=by_line)
-    ratio = by_line.ratio.copy()
+    ratio, own = by_line.ratio.copy(), snapshot.anchor
+    if state.step % FADES == 0:
+        ratio[own] **= 1 - FADES / MEMORY
     rest = unexplained(band, snapshot.samples, mode.path, likelihood.found.power, snapshot.noise)
     power = MatchedPower.of(band, rest).without(mode.path).power / snapshot.noise
     weigh_lines(
         power, band.folding_m,
-        model.places[snapshot.anchor, :4].copy(), np.concatenate([state.belief.mean[POSE], model.middle]),
+        model.places[own, :4].copy(), np.concatenate([state.belief.mean[POSE], model.middle]),
         by_line.offsets(model.radius_m), REFLECTIONS * snapshot.radio.amplitude_at_1m,
-        np.array([AUDIBLE, 1.0 / MEMORY]), int(snapshot.fades), ratio[snapshot.anchor],
+        np.array([AUDIBLE, 1.0 / MEMORY]), int(snapshot.fades), ratio[own],
     )  # fmt: skip
     return replace(state, by_line=LineEvidence(ratio))
 
