@@ -23,12 +23,18 @@ from gridslam.inference.management.image_readout import (
     note_hits,
 )
 from gridslam.inference.management.image_starts import advance, begun
+from gridslam.inference.management.image_ties import share_walls
 from gridslam.inference.messages.image_births import Found, add_tentative, find_births
 from gridslam.inference.messages.image_prediction import (
     AnchorPaths,
     predict_paths,
     predict_state,
     update_state,
+)
+from gridslam.inference.messages.image_proposals import (
+    confirm_proposals,
+    propose_images,
+    retire_substitutes,
 )
 from gridslam.inference.messages.image_rings import (
     forbid_own_place,
@@ -99,12 +105,15 @@ def step(
         state = learn_rings(state, paths, found)
         state = watch_fit(state, paths, found)
         state = update_levels(state, paths, found)
+        state = retire_substitutes(state, paths, found)
         state = reclaim_line_of_sight(state, paths, found.mode)
         state = add_tentative(state, anchor, found.new, model)
+        state = propose_images(state, paths, found, model)
         every.append(paths)
         findings.append(found)
     state = forbid_own_place(state, model)
-    state = merge_images(join_straight_rings(state))
+    state = confirm_proposals(merge_images(join_straight_rings(state)))
+    state = share_walls(state, model)
     state = note_hits(prune(state), model)
     health = state.watch.assess(state.spread_m, len(model.anchors))
     return replace(state.packed(), step=state.step + 1), DirectInfo(every, findings, health)

@@ -27,7 +27,7 @@ def with_image(state, distance, spread):
     one = np.ones(1)
     image = Images(
         np.array([len(state.images)]), np.array([0]), belief.mean[None, :2], 0.99 * one, 0.9 * one, 50 * one,
-        50 * one, np.array([20]), np.full((1, 2), np.nan),
+        50 * one, np.array([20]), np.full((1, 2), np.nan), np.zeros(1, np.int64),
     )  # fmt: skip
     return replace(state, belief=belief, images=state.images.joined(image))
 

@@ -38,7 +38,8 @@ def state_with(model, *places, spread=0.05):
         one = np.array([1.0])
         images = images.joined(
             Images(np.array([number]), np.array([0]), belief.mean[None, :2], 0.9 * one, 0.8 * one,
-                   50.0 * one, (10.0 - number) * one, np.array([20]), np.full((1, 2), np.nan))
+                   50.0 * one, (10.0 - number) * one, np.array([20]), np.full((1, 2), np.nan),
+                   np.zeros(1, np.int64))
         )  # fmt: skip
     return replace(state, belief=belief, images=images, next_identity=len(places))
 

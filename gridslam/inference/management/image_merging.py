@@ -33,7 +33,9 @@ def _closest(state: DirectState) -> tuple[int, int] | None:
     anchor, place = state.images.anchor, state.places
     gap = np.linalg.norm(place[:, None] - place[None], axis=-1)
     best, found = SAME, None
-    for one, other in np.argwhere(np.triu((gap < NEAR_M) & (anchor[:, None] == anchor[None]), 1)).tolist():
+    proposed = state.images.bounces < 0
+    pairs = (gap < NEAR_M) & (anchor[:, None] == anchor) & ~(proposed[:, None] | proposed)
+    for one, other in np.argwhere(np.triu(pairs, 1)).tolist():
         looking = _difference(state, one, other)
         spread = looking @ state.belief.covariance @ looking.T
         off = place[one] - place[other]

@@ -219,7 +219,7 @@ def _joined(state: DirectState, row: int, origin: Array, polar: _Polar) -> Direc
     fresh = Images(
         np.array([state.next_identity]), rings.anchor[[row]].astype(np.int64), origin[None],
         rings.existence[[row]], np.array([SURE]), tentative.intensity[[row]], tentative.heard[[row]],
-        rings.age[[row]], np.full((1, 2), np.nan),
+        rings.age[[row]], np.full((1, 2), np.nan), np.zeros(1, np.int64),
     )  # fmt: skip
     rest = tentative.take(np.arange(len(tentative)) != row)
     rest = replace(rest, rings=follow(rest.rings, before, belief))

@@ -11,6 +11,7 @@ from gridslam.arrays import Array
 from gridslam.inference.messages.distance_mode import Mode
 from gridslam.inference.messages.image_births import Found
 from gridslam.inference.messages.image_prediction import AnchorPaths
+from gridslam.inference.messages.image_proposals import judge_proposals
 from gridslam.inference.messages.signal_likelihood import Band, log_ratio
 from gridslam.inference.state.images import MEMORY, DirectState, Links
 from gridslam.world.filter_model import FilterModel
@@ -55,7 +56,7 @@ def update_levels(state: DirectState, paths: AnchorPaths, found: Found) -> Direc
     anchor, images, links, tentative = paths.anchor, state.images, state.links, state.tentative
     joint, rows = paths.joint, paths.images
     intensity = np.append(links.intensity[anchor], images.intensity[rows])
-    matched, own = found.inverse.without(mode.distance)
+    matched, own = judge_proposals(state, paths, found, *found.inverse.without(mode.distance))
     ratio = np.exp(np.clip(log_ratio(matched[:joint], own[:joint], intensity), -50.0, 50.0))
     there = paths.visible * ratio
     whole = there + 1 - paths.visible

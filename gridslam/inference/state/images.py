@@ -48,6 +48,9 @@ class Images:
         Steps since birth.
     extent : (S, 2) m
         Stretch of its surface that was hit, along the tangent; NaN before its place was known well.
+    bounces : (S,) int64
+        Over how many walls that other images show, too, its place follows, 1 or 2; 0: over none known.
+        Negative: it was proposed there and isn't confirmed yet.
     """
 
     identity: Whole
@@ -59,6 +62,7 @@ class Images:
     heard: Array
     age: Whole
     extent: Array = field(metadata={"blank": True})
+    bounces: Whole
 
     def __len__(self) -> int:
         return len(self.identity)
@@ -67,7 +71,7 @@ class Images:
     def empty(cls) -> Images:
         """No images."""
         none, whole, pair = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 2))
-        return cls(whole, whole, pair, none, none, none, none, whole, pair)
+        return cls(whole, whole, pair, none, none, none, none, whole, pair, whole)
 
     def take(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> Images:
         """Some of the images."""
@@ -233,6 +237,7 @@ class DirectState:
             ("images", all(len(row) == size for row in rows), "rows of one number"),
             ("images/origin", images.origin.shape == images.extent.shape == (size, 2), "pairs"),
             ("images/identity", len(set(images.identity.tolist())) == size, "a number for each image"),
+            ("images/bounces", bool((np.abs(images.bounces) <= 2).all()), "-2 to 2"),
             ("next_identity", self.next_identity > images.identity.max(initial=-1), "above all identities"),
             ("anchor", bool(((owners >= 0) & (owners < anchors)).all()), "anchors' numbers"),
             ("existence", all(((c >= 0) & (c <= 1)).all() for c in chances), "probabilities"),
