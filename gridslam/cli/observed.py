@@ -18,16 +18,32 @@ if TYPE_CHECKING:
     from gridslam.world.observation import Kind
     from gridslam.world.scene import Scene
 
+ANTENNAS = {"direct": "single antennas", "direct_grid": "arrays", "direct-paper": "single antennas"}
+"""What these methods take."""
 
-def suited_method(method: str, world: Scene, names: list[str], file: Path | None) -> str:
-    """The method that stands for this one on signals of a file, or of the scene: `registry.suited`."""
+
+def suited_method(method: str, world: Scene, names: list[str], files: Sequence[Path]) -> str:
+    """The method that stands for this one on signals of files, or of the scene: `registry.suited`.
+
+    Raises
+    ------
+    InputError
+        Some files are of single antennas, others of arrays.
+    """
     from gridslam.measurements.recording import Recording
     from gridslam.systems.registry import suited
 
-    if method != "direct" or (file is None and world.radio.frequencies is None):
+    if method not in ANTENNAS or (not files and world.radio.frequencies is None):
         return method
-    waveform = world.waveform(names[0]) if file is None else Recording.load(file).waveform
-    return str(suited(method, waveform))
+    if not files:
+        return str(suited(method, world.waveform(names[0])))
+    suits = {file: str(suited("direct", Recording.load(file).waveform)) for file in files}
+    first, *rest = suits
+    for file in rest:
+        if suits[file] != suits[first]:
+            found = f"{first} of {ANTENNAS[suits[first]]}, {file} of {ANTENNAS[suits[file]]}"
+            raise InputError("--signal", found, "files of one kind: another run for the others")
+    return suits[first] if method == "direct" else method
 
 
 def require_map_used(map_file: Path | None, system: type, method: str) -> None:

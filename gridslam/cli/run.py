@@ -64,7 +64,7 @@ def _run_in_turn(asked: Asked) -> None:
     names = agents_of(world, asked.agent, files)
     by_name = {name or names[0]: path for name, path in files.items()}
     file = by_name.get(names[0])
-    method = suited_method(method, world, names, file)
+    method = suited_method(method, world, names, list(by_name.values()))
     system = method_class(method, "--method")
     require_map_used(asked.map_file, system, method)
     if file is None and takes == "signal":

@@ -127,6 +127,20 @@ def test_files_that_do_not_say_whose_they_are_are_refused(say, pair):
         assert says in said.err
 
 
+@pytest.mark.slow
+def test_files_of_unlike_kinds_are_refused_before_the_first_agent_runs(say, pair, tmp_path):
+    chamber = shortened(gs.Scene.load("chamber"), 4)
+    recording = gs.simulate(chamber, chamber.agents[0].name, seed=1, what="signal")
+    recording.to_h5(tmp_path / "array.h5")
+    for method in ("direct", "direct-paper", "direct_grid"):
+        words = (*pair[:3], method, *pair[4:], "--signal", "one=one.h5", "--signal", "two=array.h5")
+        said = say(*words)
+        assert (said.code, len(said.complaints)) == (2, 1), said
+        assert "one.h5 of single antennas" in said.err
+        assert "array.h5 of arrays" in said.err
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(("scene", "method"), [("overlap", "direct"), ("screen", "los"), ("room", "va")])
 def test_a_map_that_the_method_would_leave_aside_is_refused(say, tmp_path, scene, method):
     said = say("run", scene, "--method", method, "--map", "map.h5", "-o", "out")
