@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -65,7 +65,7 @@ class HealthMonitor:
     since: int = 1_000_000
     crowd: int = 0
     dropped: int = 0
-    lost: int = 0
+    lost: int = field(default=0, metadata={"later": True})
 
     def begun(self, scan_size: int) -> Self:
         """A new step with `scan_size` measurements."""
