@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from gridslam.world.observation import Kind
     from gridslam.world.scene import Scene
 
-ANTENNAS = {"direct": "single antennas", "direct_grid": "arrays", "direct-paper": "single antennas"}
-"""What these methods take."""
-
 
 def suited_method(method: str, world: Scene, names: list[str], files: Sequence[Path]) -> str:
     """The method that stands for this one on signals of files, or of the scene: `registry.suited`.
@@ -33,7 +30,8 @@ def suited_method(method: str, world: Scene, names: list[str], files: Sequence[P
     from gridslam.measurements.recording import Recording
     from gridslam.systems.registry import suited
 
-    if method not in ANTENNAS or (not files and world.radio.frequencies is None):
+    of_one_kind = method in METHODS and METHODS[method].antennas != "any"
+    if not of_one_kind or (not files and world.radio.frequencies is None):
         return method
     if not files:
         return str(suited(method, world.waveform(names[0])))
@@ -41,7 +39,7 @@ def suited_method(method: str, world: Scene, names: list[str], files: Sequence[P
     first, *rest = suits
     for file in rest:
         if suits[file] != suits[first]:
-            found = f"{first} of {ANTENNAS[suits[first]]}, {file} of {ANTENNAS[suits[file]]}"
+            found = f"{first} of {METHODS[suits[first]].antennas}, {file} of {METHODS[suits[file]].antennas}"
             raise InputError("--signal", found, "files of one kind: another run for the others")
     return suits[first] if method == "direct" else method
 

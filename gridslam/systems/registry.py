@@ -11,7 +11,7 @@ import sys
 from collections.abc import Iterable, Sized
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Literal, cast
 
 from gridslam.errors import InputError
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from gridslam.world.observation import Kind
     from gridslam.world.waveform import Waveform
 
+Antennas = Literal["single antennas", "arrays", "any"]
 GROUP = "gridslam.methods"
 """Of the entry points by which other packages enter methods of theirs."""
 OWN = "package.module:Class"
@@ -53,6 +54,8 @@ class Method:
         Whether ``filter.particles`` means anything to it.
     maps : bool
         Whether it maps anything at all.
+    antennas : "single antennas", "arrays" or "any"
+        What received the signals that it takes.
     """
 
     name: str
@@ -66,6 +69,7 @@ class Method:
     on_angles: bool = False
     draws_particles: bool = True
     maps: bool = True
+    antennas: Antennas = "any"
 
 
 _ENTERED = (
@@ -106,6 +110,7 @@ _ENTERED = (
         "samples over frequency, one antenna at either end; of arrays it is direct_grid",
         takes_map=False,
         takes="signal",
+        antennas="single antennas",
         draws_particles=False,
     ),
     Method(
@@ -115,6 +120,7 @@ _ENTERED = (
         "docs/model.md#direct-grid-slam",
         "samples over frequency, an array at the agent, one antenna or an array at the anchors",
         takes="signal",
+        antennas="arrays",
         draws_particles=False,
     ),
     Method(
@@ -125,6 +131,7 @@ _ENTERED = (
         "samples over frequency, one antenna at either end",
         takes_map=False,
         takes="signal",
+        antennas="single antennas",
     ),
     Method(
         "network",
