@@ -12,7 +12,7 @@ import numpy as np
 
 import gridslam as gs
 from gridslam.evaluation.signal_bounds import distance_information
-from gridslam.inference.messages.signal_likelihood import Band
+from gridslam.inference.messages.samples.signal_likelihood import Band
 
 FREQUENCY_HZ = 1e7 * (np.arange(41) - 20)
 BAND = Band.of(FREQUENCY_HZ)

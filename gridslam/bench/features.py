@@ -8,8 +8,8 @@ import numpy as np
 
 from gridslam import reference
 from gridslam.bench.kernels import KernelSpeed, race
-from gridslam.inference.messages.feature_likelihood import Front
-from gridslam.inference.messages.seeding import POWERS
+from gridslam.inference.messages.features.feature_likelihood import Front
+from gridslam.inference.messages.features.seeding import POWERS
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 

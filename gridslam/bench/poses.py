@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gridslam.bench.kernels import KernelSpeed, race
-from gridslam.inference.management.pose_score import IN_SIGHT, NEAREST_M, Snapshot, clues_of
+from gridslam.inference.management.poses.pose_score import IN_SIGHT, NEAREST_M, Snapshot, clues_of
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.reference.pose_score import score_poses
 from gridslam.simulation.simulate import simulate

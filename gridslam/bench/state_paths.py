@@ -6,7 +6,7 @@ import numpy as np
 
 from gridslam import reference
 from gridslam.bench.kernels import KernelSpeed, race
-from gridslam.inference.messages.state_mode import paths_at
+from gridslam.inference.messages.samples.state_mode import paths_at
 from gridslam.inference.state.layout import AGENT
 
 NAMES = ("trace_paths",)

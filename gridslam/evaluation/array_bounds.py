@@ -21,7 +21,7 @@ from gridslam.evaluation.bounds import (
     predict_information,
 )
 from gridslam.evaluation.path_slopes import follow_hits, hit_surfaces, path_jacobian, surface_lines
-from gridslam.inference.messages.array_likelihood import ArrayBand, superpose_arrays
+from gridslam.inference.messages.samples.array_likelihood import ArrayBand, superpose_arrays
 from gridslam.inference.state.layout import AGENT, HEADING
 from gridslam.simulation.image_source import TruePaths, true_paths
 from gridslam.world.scene import Scene

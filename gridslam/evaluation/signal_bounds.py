@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.evaluation.bounds import Bound, agent_prior, predict_information
-from gridslam.inference.messages.signal_likelihood import Band, superpose
+from gridslam.inference.messages.samples.signal_likelihood import Band, superpose
 from gridslam.simulation.image_source import TruePaths, true_paths
 from gridslam.world.geometry import mirror
 from gridslam.world.scene import Scene

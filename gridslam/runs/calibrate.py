@@ -6,8 +6,8 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.errors import InputError
-from gridslam.inference.management.surface_features import image_features
-from gridslam.inference.messages.radio_errors import Known, RadioErrors, radio_errors
+from gridslam.inference.management.features.surface_features import image_features
+from gridslam.inference.messages.features.radio_errors import Known, RadioErrors, radio_errors
 from gridslam.maps.frames import SAME_PLACE_M, fitted
 from gridslam.maps.map import Map
 from gridslam.measurements.recording import Recording

@@ -16,7 +16,7 @@ from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
-from gridslam.inference.management.network_readout import NetworkEstimate
+from gridslam.inference.management.network.readout import NetworkEstimate
 from gridslam.maps.map import Map
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.runs.map_scene import believed_track, check_anchors

@@ -16,7 +16,7 @@ import numpy as np
 
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate, Health
-from gridslam.inference.management.network_readout import NetworkEstimate
+from gridslam.inference.management.network.readout import NetworkEstimate
 from gridslam.io.files import write_bytes
 from gridslam.runs.step_files import read_steps, write_steps
 

@@ -14,7 +14,7 @@ from gridslam.estimates import Estimate
 from gridslam.world.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from gridslam.inference.management.network_readout import NetworkEstimate
+    from gridslam.inference.management.network.readout import NetworkEstimate
 
 Tell = Callable[[Estimate, int, int], None]
 LINES, LEAST_STEPS = 10, 100

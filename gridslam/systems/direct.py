@@ -12,8 +12,8 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate, Health
-from gridslam.inference.management.image_merging import merge_images
-from gridslam.inference.management.image_readout import (
+from gridslam.inference.management.samples.image_merging import merge_images
+from gridslam.inference.management.samples.image_readout import (
     image_hypotheses,
     image_paths,
     image_rings,
@@ -22,36 +22,36 @@ from gridslam.inference.management.image_readout import (
     moving_moments,
     note_hits,
 )
-from gridslam.inference.management.image_starts import advance, begun
-from gridslam.inference.management.image_ties import share_walls
-from gridslam.inference.messages.image_births import Found, add_tentative, find_births
-from gridslam.inference.messages.image_prediction import (
+from gridslam.inference.management.samples.image_starts import advance, begun
+from gridslam.inference.management.samples.image_ties import share_walls
+from gridslam.inference.messages.samples.image_births import Found, add_tentative, find_births
+from gridslam.inference.messages.samples.image_prediction import (
     AnchorPaths,
     predict_paths,
     predict_state,
     update_state,
 )
-from gridslam.inference.messages.image_proposals import (
+from gridslam.inference.messages.samples.image_proposals import (
     confirm_proposals,
     propose_images,
     retire_substitutes,
 )
-from gridslam.inference.messages.image_rings import (
+from gridslam.inference.messages.samples.image_rings import (
     forbid_own_place,
     join_straight_rings,
     learn_rings,
     prune,
 )
-from gridslam.inference.messages.path_levels import (
+from gridslam.inference.messages.samples.path_levels import (
     reclaim_line_of_sight,
     start_levels,
     update_levels,
     watch_fit,
 )
-from gridslam.inference.messages.signal_likelihood import Band
-from gridslam.inference.state.images import DirectState
+from gridslam.inference.messages.samples.signal_likelihood import Band
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rings import MOVING
+from gridslam.inference.state.samples.images import DirectState
 from gridslam.maps.frames import stamped
 from gridslam.maps.map import Map
 from gridslam.systems.signal_front import SignalFilter

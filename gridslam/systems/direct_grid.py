@@ -12,11 +12,14 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.errors import InputError
-from gridslam.inference.management.array_starts import advance, begun
 from gridslam.inference.management.merging import merge_and_prune
+from gridslam.inference.management.samples.array_starts import advance, begun
 from gridslam.inference.management.step_info import StepInfo, conclude
-from gridslam.inference.messages.array_births import add_new_surfaces
-from gridslam.inference.messages.array_paths import (
+from gridslam.inference.messages.cells import cast_messages, cast_paths, update_cells
+from gridslam.inference.messages.motion import predict
+from gridslam.inference.messages.reflection import Reflected
+from gridslam.inference.messages.samples.array_births import add_new_surfaces
+from gridslam.inference.messages.samples.array_paths import (
     Snapshot,
     SnapshotLikelihood,
     evaluate_snapshot,
@@ -24,16 +27,13 @@ from gridslam.inference.messages.array_paths import (
     start_noise,
     take_snapshot,
 )
-from gridslam.inference.messages.array_updates import (
+from gridslam.inference.messages.samples.array_updates import (
     SnapshotExchange,
     exchange_of,
     update_coefficients_by_ratios,
     update_existence,
 )
-from gridslam.inference.messages.cells import cast_messages, cast_paths, update_cells
-from gridslam.inference.messages.line_evidence import add_faint_surfaces, gather_evidence
-from gridslam.inference.messages.motion import predict
-from gridslam.inference.messages.reflection import Reflected
+from gridslam.inference.messages.samples.line_evidence import add_faint_surfaces, gather_evidence
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace

@@ -13,16 +13,16 @@ from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.estimates import Estimate
+from gridslam.inference.management.features.surface_features import mirror_surfaces
 from gridslam.inference.management.hypotheses import advance, begun
 from gridslam.inference.management.mixture import agent_moments
 from gridslam.inference.management.readout import described, estimates, surface_estimate
 from gridslam.inference.management.step_info import StepInfo
-from gridslam.inference.management.surface_features import mirror_surfaces
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.belief import append, lines_covariance, with_lines
 from gridslam.inference.state.layout import HEADING
-from gridslam.inference.state.network_state import NetworkState
+from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State

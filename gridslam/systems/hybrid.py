@@ -16,11 +16,11 @@ from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.estimate_tables import PathEstimate
 from gridslam.estimates import Estimate
-from gridslam.inference.management.feature_tables import feature_estimate, with_features
-from gridslam.inference.management.hybrid_info import HybridInfo, conclude
-from gridslam.inference.management.surface_features import image_features
-from gridslam.inference.messages.feature_likelihood import Front, require_hybrid
-from gridslam.inference.messages.following import (
+from gridslam.inference.management.features.feature_tables import feature_estimate, with_features
+from gridslam.inference.management.features.hybrid_info import HybridInfo, conclude
+from gridslam.inference.management.features.surface_features import image_features
+from gridslam.inference.messages.features.feature_likelihood import Front, require_hybrid
+from gridslam.inference.messages.features.following import (
     counted,
     follow_by_particles,
     follow_jointly,
@@ -28,10 +28,10 @@ from gridslam.inference.messages.following import (
     remember,
     snapshot,
 )
-from gridslam.inference.messages.learning import Learned
-from gridslam.inference.messages.lessons import SETTLED, Beside, put_aside, take_up
-from gridslam.inference.state.features import MOVING, FeatureBank
-from gridslam.inference.state.hybrid_state import HybridState, JointBelief, Segment
+from gridslam.inference.messages.features.learning import Learned
+from gridslam.inference.messages.features.lessons import SETTLED, Beside, put_aside, take_up
+from gridslam.inference.state.features.features import MOVING, FeatureBank
+from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
 from gridslam.maps.frames import stamped
 from gridslam.maps.map import Map
 from gridslam.systems.hybrid_soundness import require_sound

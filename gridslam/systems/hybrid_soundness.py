@@ -7,9 +7,9 @@ from dataclasses import fields
 import numpy as np
 
 from gridslam.errors import InputError
-from gridslam.inference.messages.lessons import SETTLED, due
-from gridslam.inference.state.features import ENTRIES, MOVING, FeatureBank
-from gridslam.inference.state.hybrid_state import HybridState, JointBelief, ParticleBelief, Segment
+from gridslam.inference.messages.features.lessons import SETTLED, due
+from gridslam.inference.state.features.features import ENTRIES, MOVING, FeatureBank
+from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, ParticleBelief, Segment
 from gridslam.world.signal_model import SignalModel
 
 SLACK = 1e-6

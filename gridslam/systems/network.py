@@ -14,20 +14,20 @@ import numpy as np
 
 from gridslam.arrays import Array, replace
 from gridslam.errors import InputError
-from gridslam.inference.management.clock_rivals import advance
-from gridslam.inference.management.network_merging import merge_and_prune_shared
-from gridslam.inference.management.network_readout import CONFIRMED, network_estimate
-from gridslam.inference.management.network_recovery import recover_agents
-from gridslam.inference.management.pose_recovery import recover_pose
+from gridslam.inference.management.network.clock_rivals import advance
+from gridslam.inference.management.network.merging import merge_and_prune_shared
+from gridslam.inference.management.network.readout import CONFIRMED, network_estimate
+from gridslam.inference.management.network.recovery import recover_agents
+from gridslam.inference.management.poses.pose_recovery import recover_pose
 from gridslam.inference.management.readout import surface_estimate
 from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.births import add_births
-from gridslam.inference.messages.clock_setting import doubt_clocks, loosened, set_clocks
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
 from gridslam.inference.messages.likelihood_ratios import evaluate
-from gridslam.inference.messages.network_motion import predict_all
+from gridslam.inference.messages.network.clock_setting import doubt_clocks, loosened, set_clocks
+from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.prediction import predict_paths
 from gridslam.inference.messages.ray_amplitudes import (
     predict_amplitudes,
@@ -37,7 +37,7 @@ from gridslam.inference.messages.ray_amplitudes import (
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
 from gridslam.inference.state.anchor_measurements import AnchorScan, split_by_anchor, whole_scan
 from gridslam.inference.state.belief import lines_covariance
-from gridslam.inference.state.network_state import NetworkState
+from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace

@@ -10,21 +10,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from gridslam.inference.management.network_merging import merge_and_prune_shared
-from gridslam.inference.management.network_recovery import recover_agents
+from gridslam.inference.management.network.merging import merge_and_prune_shared
+from gridslam.inference.management.network.recovery import recover_agents
 from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.births import add_births
 from gridslam.inference.messages.cells import cast_paths
-from gridslam.inference.messages.clock_setting import set_clocks
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.likelihood_ratios import evaluate
-from gridslam.inference.messages.network_cells import update_shared_cells
-from gridslam.inference.messages.network_motion import predict_all
+from gridslam.inference.messages.network.cells import update_shared_cells
+from gridslam.inference.messages.network.clock_setting import set_clocks
+from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.reflection import Reflected
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
 from gridslam.inference.state.grid import Grid
-from gridslam.inference.state.network_state import NetworkState
+from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.map import Map

@@ -17,11 +17,11 @@ from gridslam.inference.state.anchor_measurements import LEAST_STD
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.layout import AGENT, StateLayout
 from gridslam.inference.state.leftovers import LEAST_EVIDENCE, MOST_EVIDENCE, REFLECTIONS
-from gridslam.inference.state.network_state import NetworkState
+from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.population import Population
+from gridslam.inference.state.published.state_samples import StateSamples
 from gridslam.inference.state.rings import BEARINGS, MOVING
 from gridslam.inference.state.state import State
-from gridslam.inference.state.state_samples import StateSamples
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import BINS

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam.inference.management.merging import merge_and_prune
-from gridslam.inference.management.pose_recovery import recover_pose
+from gridslam.inference.management.poses.pose_recovery import recover_pose
 from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages import ranging
 from gridslam.inference.messages.birth_proposals import propose_births

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gridslam.arrays import Array
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.estimates import Estimate, Health
-from gridslam.inference.management.network_readout import NetworkEstimate
+from gridslam.inference.management.network.readout import NetworkEstimate
 from gridslam.maps.map import Map
 from gridslam.runs.run_files import RunFiles
 from gridslam.viewers import rerun_target

@@ -23,7 +23,7 @@ from gridslam.drawing.map_figure import (
 )
 from gridslam.estimates import Estimate
 from gridslam.evaluation.image_truth import image_gospa
-from gridslam.inference.messages.signal_likelihood import Band
+from gridslam.inference.messages.samples.signal_likelihood import Band
 from gridslam.measurements.recording import Recording
 from gridslam.simulation.image_source import Truth
 from gridslam.world.geometry import mirror, mirror_derivative

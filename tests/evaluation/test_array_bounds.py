@@ -8,8 +8,8 @@ from gridslam.evaluation.array_bounds import array_bound, snapshot_information
 from gridslam.evaluation.bounds import known_map_bound, unknown_map_bound
 from gridslam.evaluation.ground_truth import known_bound
 from gridslam.evaluation.signal_bounds import distance_information
-from gridslam.inference.messages.array_likelihood import ArrayBand
-from gridslam.inference.messages.signal_likelihood import Band
+from gridslam.inference.messages.samples.array_likelihood import ArrayBand
+from gridslam.inference.messages.samples.signal_likelihood import Band
 
 BAND = band_of(3, 3, 31)
 

@@ -8,7 +8,7 @@ import pytest
 import gridslam as gs
 from gridslam.evaluation.bounds import known_map_bound
 from gridslam.evaluation.signal_bounds import signal_bound
-from gridslam.inference.messages.signal_likelihood import Band
+from gridslam.inference.messages.samples.signal_likelihood import Band
 from gridslam.simulation.image_source import true_paths
 from gridslam.world.radio import SPEED_OF_LIGHT
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gridslam.inference.messages.array_likelihood import ArrayBand
+from gridslam.inference.messages.samples.array_likelihood import ArrayBand
 from gridslam.world.scene_parts import ArraySpec
 from gridslam.world.waveform import Waveform
 

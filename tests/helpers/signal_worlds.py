@@ -4,7 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gridslam.inference.messages.matched_outputs import matched_outputs, pulse_correlation, rows_per_m
+from gridslam.inference.messages.features.matched_outputs import (
+    matched_outputs,
+    pulse_correlation,
+    rows_per_m,
+)
 from gridslam.kernels.messages.feature_likelihood import LANES, differentiate_features, evaluate_features
 from gridslam.reference.feature_likelihood import response
 from gridslam.world.radio import SPEED_OF_LIGHT

@@ -117,7 +117,7 @@ def test_back_projection_gains_what_one_feature_does():
     # far from everything else, the gain of a feature is its A
     from signal_worlds import LONGEST_M
 
-    from gridslam.inference.messages.matched_outputs import coarse_outputs, rows_per_m
+    from gridslam.inference.messages.features.matched_outputs import coarse_outputs, rows_per_m
     from gridslam.kernels.messages.back_projection import POWERS, back_project
 
     one = world(8, features=1)

@@ -9,9 +9,9 @@ from map_samples import random_map
 
 from gridslam.errors import InputError
 from gridslam.estimate_tables import FREE, MIRROR, SCATTERER, FeatureEstimate
-from gridslam.inference.management.feature_tables import classify, feature_estimate, with_features
-from gridslam.inference.state.features import FeatureBank, entries, places
-from gridslam.inference.state.hybrid_state import JointBelief
+from gridslam.inference.management.features.feature_tables import classify, feature_estimate, with_features
+from gridslam.inference.state.features.features import FeatureBank, entries, places
+from gridslam.inference.state.features.hybrid_state import JointBelief
 from gridslam.maps.fusion import fuse
 from gridslam.maps.map import Map
 

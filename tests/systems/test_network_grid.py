@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gridslam as gs
-from gridslam.inference.messages.network_cells import update_shared_cells
+from gridslam.inference.messages.network.cells import update_shared_cells
 from gridslam.systems.grid import GridSlam
 from gridslam.systems.network_grid import NetworkGridSlam
 

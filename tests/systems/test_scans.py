@@ -8,7 +8,7 @@ import pytest
 
 import gridslam as gs
 from gridslam.estimate_tables import SurfaceEstimate
-from gridslam.inference.management import pose_fix
+from gridslam.inference.management.poses import pose_fix
 from gridslam.systems.registry import METHODS, method_class
 
 SCENE = gs.Scene.load("room").with_filter(particles=128)

@@ -20,7 +20,7 @@ reason              said when                                   by              
                     association                                 `signal_watch.assess_particles`
 `crowded`           over 30 loud paths of one anchor            `monitor.HealthMonitor.assess`   section 9
 `left_out`          over 24 surfaces are in sight               `monitor`; of networks           section 9
-                                                                `management.network_merging`
+                                                                `management.network.merging`
 `NOT_FOUND`         a vague start is still searched for         `management.start_search`        (M202), (M91)
 `several_places`    several hypotheses count                    `management.hypotheses`, of      section 14,
                                                                 direct SLAM `image_starts`       (M91)

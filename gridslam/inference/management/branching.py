@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.inference.management.pose_search import Modes
+from gridslam.inference.management.poses.pose_search import Modes
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.layout import AGENT

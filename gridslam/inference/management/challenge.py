@@ -15,9 +15,9 @@ from gridslam.arrays import Array
 from gridslam.inference.health.monitor import SILENT
 from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.mixture import poses, together
-from gridslam.inference.management.pose_fix import Sources
-from gridslam.inference.management.pose_score import Snapshot
-from gridslam.inference.management.pose_search import POSE, find_modes, line_of_sight_poses
+from gridslam.inference.management.poses.pose_fix import Sources
+from gridslam.inference.management.poses.pose_score import Snapshot
+from gridslam.inference.management.poses.pose_search import POSE, find_modes, line_of_sight_poses
 from gridslam.inference.state.anchor_measurements import AnchorScan, split_by_anchor
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State

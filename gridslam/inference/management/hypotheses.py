@@ -17,9 +17,9 @@ from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.management.branching import branches_of, conditioned, linear_width, split, widest
 from gridslam.inference.management.challenge import HANDICAP, challenged, snapshot_of, watched
 from gridslam.inference.management.mixture import CAP, places, reduce
-from gridslam.inference.management.pose_fix import known_sources
-from gridslam.inference.management.pose_recovery import crowd, is_vague
-from gridslam.inference.management.pose_search import Modes, find_modes
+from gridslam.inference.management.poses.pose_fix import known_sources
+from gridslam.inference.management.poses.pose_recovery import crowd, is_vague
+from gridslam.inference.management.poses.pose_search import Modes, find_modes
 from gridslam.inference.management.start_search import PATIENCE, nothing_mapped, waiting
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.motion import predict

@@ -9,11 +9,11 @@ from gridslam.arrays import Array, replace
 from gridslam.inference.management import parking
 from gridslam.inference.messages import births as new_surfaces
 from gridslam.inference.messages import cells, motion, prediction, updates
-from gridslam.inference.messages import sample_updates as particles
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.cells import Visibility
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.prediction import PredictedPaths
+from gridslam.inference.messages.published import sample_updates as particles
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import separated

@@ -16,9 +16,9 @@ from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.leftovers import Leftovers, LineEvidence
 from gridslam.inference.state.parked import Parked
 from gridslam.inference.state.presence import Presence
+from gridslam.inference.state.published.state_samples import StateSamples
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rings import Rings
-from gridslam.inference.state.state_samples import StateSamples
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.filter_model import FilterModel
 

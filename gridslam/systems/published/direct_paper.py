@@ -15,8 +15,8 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.estimate_tables import PathEstimate
 from gridslam.estimates import Estimate
-from gridslam.inference.management.particle_readout import feature_surfaces
-from gridslam.inference.messages.direct_particles import (
+from gridslam.inference.management.published.particle_readout import feature_surfaces
+from gridslam.inference.messages.published.direct_particles import (
     LEAST_EXISTENCE,
     agent_message,
     expect,
@@ -27,8 +27,8 @@ from gridslam.inference.messages.direct_particles import (
     resampled,
     start_particles,
 )
-from gridslam.inference.messages.signal_likelihood import Band
-from gridslam.inference.state.feature_particles import Features, ParticleState
+from gridslam.inference.messages.samples.signal_likelihood import Band
+from gridslam.inference.state.published.feature_particles import Features, ParticleState
 from gridslam.maps.map import Map
 from gridslam.systems.direct import require_single_antennas
 from gridslam.systems.signal_front import SignalFilter

@@ -14,10 +14,10 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.estimate_tables import SCATTERER, FeatureEstimate, SurfaceEstimate
-from gridslam.inference.management.feature_tables import with_features
-from gridslam.inference.management.hybrid_info import HybridInfo, conclude
-from gridslam.inference.management.surface_features import image_features
-from gridslam.inference.messages.following import (
+from gridslam.inference.management.features.feature_tables import with_features
+from gridslam.inference.management.features.hybrid_info import HybridInfo, conclude
+from gridslam.inference.management.features.surface_features import image_features
+from gridslam.inference.messages.features.following import (
     counted,
     follow_by_particles,
     follow_jointly,
@@ -25,9 +25,9 @@ from gridslam.inference.messages.following import (
     remember,
     snapshot,
 )
-from gridslam.inference.messages.learning import Learned
-from gridslam.inference.messages.lessons import SETTLED, put_aside, take_up
-from gridslam.inference.state.hybrid_state import HybridState
+from gridslam.inference.messages.features.learning import Learned
+from gridslam.inference.messages.features.lessons import SETTLED, put_aside, take_up
+from gridslam.inference.state.features.hybrid_state import HybridState
 from gridslam.maps.map import Map
 from gridslam.systems.hybrid import HybridSlam, HybridWork
 from gridslam.world.scene import Scene

@@ -15,13 +15,21 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
-from gridslam.inference.management.network_readout import NetworkEstimate
-from gridslam.inference.management.particle_readout import agent_moments, feature_paths, feature_surfaces
-from gridslam.inference.messages.network_particle_births import add_network_births, propose_network
-from gridslam.inference.messages.network_particle_ratios import evaluate_network
-from gridslam.inference.messages.network_particles import associate_network, move_network, update_network
+from gridslam.inference.management.network.readout import NetworkEstimate
+from gridslam.inference.management.published.particle_readout import (
+    agent_moments,
+    feature_paths,
+    feature_surfaces,
+)
+from gridslam.inference.messages.published.network_particle_births import add_network_births, propose_network
+from gridslam.inference.messages.published.network_particle_ratios import evaluate_network
+from gridslam.inference.messages.published.network_particles import (
+    associate_network,
+    move_network,
+    update_network,
+)
 from gridslam.inference.state.anchor_measurements import of_all_anchors
-from gridslam.inference.state.network_particles import CLOCK, NetworkParticleState
+from gridslam.inference.state.published.network_particles import CLOCK, NetworkParticleState
 from gridslam.maps.map import Map
 from gridslam.systems.front import bare_map
 from gridslam.systems.network import NetworkSlam

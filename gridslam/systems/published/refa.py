@@ -14,8 +14,12 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
-from gridslam.inference.management.particle_readout import agent_moments, feature_paths, feature_surfaces
-from gridslam.inference.messages.image_particles import (
+from gridslam.inference.management.published.particle_readout import (
+    agent_moments,
+    feature_paths,
+    feature_surfaces,
+)
+from gridslam.inference.messages.published.image_particles import (
     agent_logs,
     associate_images,
     born_images,
@@ -27,7 +31,7 @@ from gridslam.inference.messages.image_particles import (
     updated_images,
 )
 from gridslam.inference.state.anchor_measurements import split_by_anchor
-from gridslam.inference.state.feature_particles import Features, ImageState
+from gridslam.inference.state.published.feature_particles import Features, ImageState
 from gridslam.inference.state.state import FRESH_SIGHT
 from gridslam.maps.map import Map
 from gridslam.systems.filter_front import FilterFront

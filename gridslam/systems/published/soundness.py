@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from gridslam.errors import InputError
-from gridslam.inference.state.feature_particles import Features, ImageState
-from gridslam.inference.state.network_particles import CLOCK, NetworkParticleState
+from gridslam.inference.state.published.feature_particles import Features, ImageState
+from gridslam.inference.state.published.network_particles import CLOCK, NetworkParticleState
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.network_model import NetworkModel
 

@@ -1,0 +1,1 @@
+"""Learned features as tables, and as surfaces."""

@@ -1,0 +1,104 @@
+"""Learned features as tables that users get and the next agent starts from; docs/model.md, (M138)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from gridslam.arrays import Array
+from gridslam.estimate_tables import FREE, MIRROR, SCATTERER, FeatureEstimate
+from gridslam.inference.messages.features.joint_update import FORGETS
+from gridslam.inference.state.features.features import ENTRIES, MOVING, FeatureBank, place_jacobian, places
+from gridslam.inference.state.features.hybrid_state import JointBelief
+
+SURE = 2.0
+"""Deviations within which a feature counts as a mirror image or a scatterer."""
+POWER_STD = float(np.sqrt(FORGETS / (2 - FORGETS)))
+"""Deviation of a running mean of exponential powers, in units of their mean."""
+SAME_PLACE_M = 0.01
+NEAREST_M = 0.5
+"""A feature nearer to where an agent starts is counted from beside it."""
+
+
+def feature_estimate(belief: JointBelief, anchors: Array) -> tuple[FeatureEstimate, Array]:
+    """Table of all features, and the covariance of all their x, y and bias together (3 F, 3 F).
+
+    Parameters
+    ----------
+    anchors : (J, 2) m
+    """
+    bank, count = belief.features, len(belief.features)
+    if not count:
+        return FeatureEstimate.empty(), np.zeros((0, 0))
+    place = places(belief.mean, bank.origin_m)
+    jacobian = block_diag(*place_jacobian(belief.mean, bank.origin_m))
+    joint = jacobian @ belief.covariance[MOVING:, MOVING:] @ jacobian.T
+    covariance = np.zeros((count, 4, 4))
+    for n in range(count):
+        at = slice(ENTRIES * n, ENTRIES * (n + 1))
+        covariance[n, :3, :3], covariance[n, 3, 3] = joint[at, at], (POWER_STD * bank.power[n]) ** 2
+    kind = [
+        classify(p, c[:3, :3], anchors[a]) for p, c, a in zip(place, covariance, bank.anchor, strict=True)
+    ]
+    table = FeatureEstimate(
+        bank.identity.copy(), bank.anchor.copy(), anchors[bank.anchor], place[:, :2], place[:, 2],
+        bank.power.copy(), belief.noise[bank.anchor], covariance, np.array(kind, np.int64),
+        bank.steps_seen.copy(), bank.last_step.copy(),
+    )  # fmt: skip
+    return table, joint
+
+
+def classify(place: Array, covariance: Array, anchor_m: Array) -> int:
+    """What a feature [x, y, b] can be: a mirror image has no extra length, a scatterer that to the anchor."""
+    x, y, extra = place
+    way = np.array([x, y]) - anchor_m
+    far = np.hypot(*way)
+    slope = np.array([*(-way / max(far, 1e-9)), 1.0])
+    if abs(extra) <= SURE * np.sqrt(covariance[2, 2]):
+        return MIRROR
+    if abs(extra - far) <= SURE * np.sqrt(slope @ covariance @ slope):
+        return SCATTERER
+    return FREE
+
+
+def with_features(
+    belief: JointBelief, table: FeatureEstimate, joint: Array | None, anchors: Array
+) -> JointBelief:
+    """The belief before the first step with the features that an earlier agent left.
+
+    Parameters
+    ----------
+    joint : (3 F, 3 F), optional
+        Covariance of all x, y, bias; default: each feature's own.
+    anchors : (J, 2) m
+        Features of others are left out.
+    """
+    gap = np.linalg.norm(table.anchor_m[:, None] - anchors, axis=-1).reshape(len(table), len(anchors))
+    whose = np.where(gap.min(1, initial=np.inf) < SAME_PLACE_M, gap.argmin(1), -1)
+    keep = whose >= 0
+    table, whose = table.take(keep), whose[keep]
+    count = len(table)
+    if not count:
+        return belief
+    rows = np.repeat(keep, ENTRIES)
+    square = block_diag(*table.covariance[:, :3, :3]) if joint is None else joint[np.ix_(rows, rows)]
+    origin = np.tile(belief.mean[:2], (count, 1))
+    near = np.hypot(*(table.position_m - origin).T) < NEAREST_M
+    origin[near, 0] += 2 * NEAREST_M
+    way = table.position_m - origin
+    entry = np.stack(
+        [np.hypot(*way.T) + table.bias_m, np.arctan2(way[:, 1], way[:, 0]), table.bias_m], 1
+    ).ravel()
+    mean = np.concatenate([belief.mean, entry])
+    inverse = block_diag(*np.linalg.inv(place_jacobian(mean, origin)))
+    size = len(belief.mean)
+    covariance = np.zeros((len(mean), len(mean)))
+    covariance[:size, :size] = belief.covariance
+    covariance[size:, size:] = inverse @ square @ inverse.T
+    bank = FeatureBank(np.arange(count), whose, origin, table.variance, table.steps_seen, np.full(count, -1))
+    noise = belief.noise.copy()
+    for anchor, level in zip(whose, table.noise, strict=True):
+        noise[anchor] = level if np.isfinite(level) and level > 0 else noise[anchor]
+    return replace(belief, mean=mean, covariance=covariance, features=bank, noise=noise)

@@ -1,0 +1,68 @@
+"""What happened at a step of hybrid SLAM, returned beside the new state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gridslam.arrays import Array
+from gridslam.estimates import Health
+from gridslam.inference.health.signal_watch import assess_particles
+from gridslam.inference.messages.features.learning import Learned
+from gridslam.inference.messages.features.sight import Moments
+from gridslam.inference.state.features.hybrid_state import HybridState
+from gridslam.world.signal_model import SignalModel
+
+
+@dataclass(frozen=True, eq=False)
+class HybridInfo:
+    """Messages, timing and health of one step.
+
+    Attributes
+    ----------
+    agent, agent_covariance : (4,), (4, 4)
+        x, y (m), vx, vy (m/s), before any resampling.
+    heading_rad, heading_variance : float
+        As measured.
+    existence, los_power, noise : (J,)
+        Lines of sight: probability, power at 1 m in units of the samples squared; noise power.
+    log_evidence : float
+        Log density of the step's samples given all before.
+    learned : Learned
+        What the segment taught, at steps that end one.
+    health : Health
+    seconds : mapping of str to float
+    """
+
+    agent: Array
+    agent_covariance: Array
+    heading_rad: float
+    heading_variance: float
+    existence: Array
+    los_power: Array
+    noise: Array
+    log_evidence: float
+    learned: Learned
+    health: Health
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+
+def conclude(
+    state: HybridState, moments: Moments, learned: Learned, heading_rad: float, seconds: Mapping[str, float],
+    model: SignalModel,
+) -> HybridInfo:  # fmt: skip
+    """What a step reports of the state after it."""
+    from gridslam.inference.messages.features.sight import los_power
+
+    cloud, joint = state.particles, state.joint
+    existence, power, noise = joint.existence, joint.los_power, joint.noise
+    if cloud is not None:
+        existence, power, noise = cloud.existence, los_power(cloud), cloud.noise.mean(1)
+    spread_m = float(np.sqrt(np.trace(moments.covariance[:2, :2])))
+    health = assess_particles(spread_m, moments.effective, state.silent, len(existence), cloud is not None)
+    return HybridInfo(
+        moments.mean, moments.covariance, heading_rad, model.waveform.heading_std_rad**2, existence, power,
+        noise, moments.log_evidence, learned, health, seconds,
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Networks: merging, lost agents, rival clocks, estimates for users."""

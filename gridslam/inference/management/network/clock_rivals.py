@@ -1,0 +1,179 @@
+"""Rival modes of clocks, kept as hypotheses where departures aren't measured; docs/model.md, (M106).
+
+A wall behind an anchor explains all of its paths by a longer bias, and arrivals hardly tell. Whole worlds do:
+in the wrong one the line of sight is left over, and no wall explains what comes before it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array
+from gridslam.inference.management.hypotheses import comparable
+from gridslam.inference.messages.network.clock_setting import tells_no_departure
+from gridslam.inference.state.network.clock_search import MODE_COUNTS, NEVER, ClockSearch
+from gridslam.inference.state.network.state import NetworkState
+from gridslam.inference.state.population import Population
+from gridslam.inference.workspace.workspace import Workspace
+from gridslam.world.network_model import NetworkModel
+from gridslam.world.network_scan import NetworkScan
+
+Step = Callable[[NetworkState, NetworkScan, NetworkModel, Any], tuple[NetworkState, Any]]
+Modes = dict[int, list[NDArray[np.bool_]]]
+"""Cells (C,) of every mode of an anchor's clock; the last may be all that is left."""
+REACH_M, MOST = 1.25, 5
+"""Half width of a mode, and modes of one clock at most."""
+HOPELESS, CAP = 30.0, 48
+"""Log weight behind the best at which a hypothesis is pruned; hypotheses at most."""
+PARTICLES = 512
+"""Drawn for each agent in each of several hypotheses, at most."""
+COUNTS, ALIKE_M = 0.01, 1.0
+"""Weight from which on a hypothesis leaves a clock in doubt; offsets of a clock nearer than this are one,
+and so are places of an agent."""
+
+
+def advance(
+    population: Population[NetworkState], scan: NetworkScan, model: NetworkModel, works: Sequence[Workspace],
+    step: Step,
+) -> tuple[Population[NetworkState], Any]:  # fmt: skip
+    """One step of all hypotheses; of one whose clocks have rival modes by then, instead of a branch for each.
+
+    Parameters
+    ----------
+    step : callable
+        The system's, of one state.
+
+    Returns
+    -------
+    (population, info)
+        info: of the likeliest.
+    """
+    states, logs, infos = list[NetworkState](), list[float](), list[Any]()
+    room = CAP - len(population)
+    _limit(works, len(population) > 1)
+    for before, log in zip(population.states, population.log_weight, strict=True):
+        after, info = step(before, scan, model, works)
+        parts = [(before, 0.0)]
+        if room > 0 and tells_no_departure(scan.scans):
+            parts = branches(before, after, rival_modes(after.clocks), room + 1)
+        if len(population) == len(parts) == 1:
+            return replace(population, states=(after,)), info
+        _limit(works, True)
+        room -= len(parts) - 1
+        for branch, share in parts:
+            if len(parts) > 1:
+                after, info = step(branch, scan, model, works)
+            states.append(after)
+            infos.append(info)
+            logs.append(log + share + evidence(after, info, model))
+    return reduced(population.having(states, logs)), infos[int(np.argmax(logs))]
+
+
+def _limit(works: Sequence[Workspace], several: bool) -> None:
+    for work in works:
+        work.particles.limit = PARTICLES if several else None
+
+
+def rival_modes(search: ClockSearch) -> Modes:
+    """Modes of open clocks that have several, the likeliest first, then what is left if it counts."""
+    found: Modes = {}
+    for anchor in np.flatnonzero(search.unset & (search.since > 0)).tolist():
+        left = search.mass[anchor]
+        modes = list[NDArray[np.bool_]]()
+        while len(modes) < MOST and left.max() > 0:
+            near = np.abs(search.centre - search.centre[left.argmax()]) <= REACH_M
+            if left[near].sum() < MODE_COUNTS:
+                break
+            modes.append(near & (left > 0))
+            left = np.where(near, 0.0, left)
+        if left.sum() >= MODE_COUNTS:  # its line of sight may have been missed as yet
+            modes.append(left > 0)
+        if len(modes) > 1:
+            found[anchor] = modes
+    return found
+
+
+def branches(
+    before: NetworkState, after: NetworkState, modes: Modes, most: int
+) -> list[tuple[NetworkState, float]]:
+    """The state before a step with each likely combination of modes, and the log of its prior mass.
+
+    Parameters
+    ----------
+    after : NetworkState
+        After the step: its histograms say what is likely.
+    most : int
+        Combinations at most.
+    """
+    mass = after.clocks.mass
+    likely = [[np.log(mass[anchor, own].sum()) for own in cells] for anchor, cells in modes.items()]
+    ranked = likeliest_choices(likely, most)
+    made, earlier = [], before.clocks.log
+    whole = np.logaddexp.reduce(earlier, axis=1)
+    for sum_of_logs, pick in ranked:
+        if sum_of_logs < ranked[0][0] - HOPELESS:
+            break
+        log, share = earlier.copy(), 0.0
+        for (anchor, cells), k in zip(modes.items(), pick, strict=True):
+            share += float(np.logaddexp.reduce(earlier[anchor, cells[k]]) - whole[anchor])
+            log[anchor] = np.where(cells[k], log[anchor] - log[anchor, cells[k]].max(), NEVER)
+        made.append((replace(before, clocks=replace(before.clocks, log=log)), share))
+    return made
+
+
+def likeliest_choices(likely: list[list[float]], most: int) -> list[tuple[float, tuple[int, ...]]]:
+    """The `most` combinations of one choice each with the largest sums of logs, largest first.
+
+    Choice by choice, since what isn't among the best of some is not among the best of all.
+    """
+    best = [(0.0, tuple[int, ...]())]
+    for own in likely:
+        longer = [(log + float(one), (*pick, k)) for log, pick in best for k, one in enumerate(own)]
+        best = sorted(longer, key=lambda choice: -choice[0])[:most]
+    return best
+
+
+def evidence(state: NetworkState, info: Any, model: NetworkModel) -> float:
+    """Log evidence of a step, of what all agents heard."""
+    told = zip(range(len(model.agents)), info.agents, model.agents, strict=True)
+    return sum(comparable(own, state.part(agent), one) for agent, own, one in told if own is not None)
+
+
+def reduced(population: Population[NetworkState]) -> Population[NetworkState]:
+    """Without hypotheses far behind the best, and those that have become the same as a likelier one."""
+    offset, place, kept = offsets(population), places(population), list[int]()
+    for one in population.likely(HOPELESS):
+        same = (np.abs(offset[kept] - offset[one]) < ALIKE_M).all(1)
+        same &= (np.abs(place[kept] - place[one]) < ALIKE_M).all((1, 2))
+        if population.states[one].clocks.unset.any() or not same.any():
+            kept.append(one)
+    return population if len(kept) == len(population) else population.take(kept)
+
+
+def offsets(population: Population[NetworkState]) -> Array:
+    """Means of the anchors' clocks in every hypothesis, (K, J) m; (K, 0) if they are known."""
+    belief = population.best.belief
+    clocks = belief.layout.devices[: belief.clocks]
+    return np.array([state.belief.mean[clocks] for state in population.states])
+
+
+def places(population: Population[NetworkState]) -> Array:
+    """Where the agents are in every hypothesis, (K, I, 2) m."""
+    layout = population.best.belief.layout
+    first = np.array([layout.pose(agent).start for agent in range(layout.agents)])
+    rows = first[:, None] + np.arange(2)
+    return np.array([state.belief.mean[rows] for state in population.states])
+
+
+def unset_clocks(population: Population[NetworkState]) -> NDArray[np.bool_]:
+    """Anchors (J,) whose clocks the likeliest searches for, or another that counts has set elsewhere."""
+    offset = offsets(population)[np.array(population.log_weight) >= np.log(COUNTS)]
+    searched = population.best.clocks.unset
+    if len(offset) < 2 or not offset.shape[1]:
+        return searched.copy()
+    return np.asarray(searched | (np.abs(offset - offset[0]) > ALIKE_M).any(0))

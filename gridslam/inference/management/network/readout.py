@@ -1,0 +1,112 @@
+"""Estimates for users of several agents: an `Estimate` of each, the clocks, and whose each measurement is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array
+from gridslam.estimates import Estimate
+from gridslam.inference.management.network.clock_rivals import unset_clocks
+from gridslam.inference.management.readout import estimates
+from gridslam.inference.management.step_info import StepInfo
+from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
+from gridslam.inference.state.network.state import NetworkState
+from gridslam.inference.state.population import Population
+from gridslam.inference.workspace.workspace import Workspace
+from gridslam.world.geometry import wrap
+from gridslam.world.network_model import NetworkModel
+from gridslam.world.network_scan import NetworkScan
+from gridslam.world.radio import SPEED_OF_LIGHT
+
+GIVEN = 0.5
+"""Probability of a path from which on a measurement counts as its."""
+CONFIRMED = 3
+"""Detections from which on a surface counts as found: several agents and anchors bear more that are false."""
+
+
+@dataclass(frozen=True, eq=False)
+class NetworkEstimate:
+    """What a filter of several agents believes after one step.
+
+    Attributes
+    ----------
+    step : int
+    time_s : float
+    agents : dict of str to Estimate or None
+        By name; None for one that isn't there.
+    device : tuple of str, D = J + I names
+        Anchors, then agents.
+    offset_s : (D,) s
+        Of their clocks. What all have in common can't be observed.
+    offset_covariance_s2 : (D, D)
+    unset : (J,) bool
+        Anchors whose clocks are still searched for.
+    anchor : dict of str to (M,) int
+        The anchor that each measurement of an agent is believed to be of; -1 for clutter and doubt.
+    """
+
+    step: int
+    time_s: float
+    agents: dict[str, Estimate | None]
+    device: tuple[str, ...]
+    offset_s: Array
+    offset_covariance_s2: Array
+    unset: NDArray[np.bool_]
+    anchor: dict[str, NDArray[np.intp]]
+
+
+def network_estimate(
+    population: Population[NetworkState], scan: NetworkScan, infos: Sequence[StepInfo | None],
+    model: NetworkModel, began: float, *, works: Sequence[Workspace],
+) -> NetworkEstimate:  # fmt: skip
+    """MMSE estimates of agents, surfaces and clocks; the step began at `began`, `time.perf_counter`."""
+    state, found = population.best, dict[str, Estimate | None]()
+    labels = dict[str, NDArray[np.intp]]()
+    for agent, (name, heard, info) in enumerate(zip(model.names, scan.scans, infos, strict=True)):
+        found[name] = None
+        if heard is not None and info is not None:
+            found[name] = _of_agent(state, agent, scan, info, model, began, works[agent])
+            labels[name] = whose(info, heard.anchor)
+    devices = len(model.anchor_names) + len(model.names)
+    offset, covariance = np.zeros(devices), np.zeros((devices, devices))
+    if state.belief.clocks:
+        offset, covariance = state.belief.clock_offsets()
+    return NetworkEstimate(
+        scan.step, scan.time_s, found, (*model.anchor_names, *model.names), offset / SPEED_OF_LIGHT,
+        covariance / SPEED_OF_LIGHT**2, unset_clocks(population), labels,
+    )  # fmt: skip
+
+
+def whose(info: StepInfo, said: NDArray[np.intp]) -> NDArray[np.intp]:
+    """The anchor that each measurement is believed to be of, (M,); what it says of itself where it does."""
+    given = said.copy()
+    for exchange in info.exchanges:
+        if exchange.anchor < 0 and exchange.responsible.size:
+            share = exchange.responsible
+            path = exchange.rays.anchor[share.argmax(0)]
+            given = np.where(given >= 0, given, np.where(share.max(0) > GIVEN, path, -1))
+    return np.asarray(given, np.intp)
+
+
+def _of_agent(
+    state: NetworkState, agent: int, scan: NetworkScan, info: StepInfo, model: NetworkModel, began: float,
+    work: Workspace,
+) -> Estimate:  # fmt: skip
+    part, own = state.part(agent), work.calibrated(model.agents[agent], info.turned)
+    mean, covariance, pose = part.belief.mean, part.belief.covariance, part.belief.layout.pose()
+    strength = None
+    if state.grid is None:  # with a grid, amplitudes follow from coefficients
+        strength = partial(mean_amplitudes, part, signal=own.radio)
+    table, paths = estimates(part, own, own.radio.amplitude_at_1m * info.gain, strength, work=work)
+    sure = (table.existence > own.settings.detect_above) & (part.surfaces.seen >= CONFIRMED)
+    return Estimate(
+        scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[4])),
+        covariance[pose, pose].copy(), table, paths, sure, info.health.effective_sample_size,
+        time.perf_counter() - began, info.health,
+    )  # fmt: skip

@@ -1,0 +1,229 @@
+"""Finding an agent of a network again, where clocks are unknown or nothing says whose a measurement is.
+
+As `pose_recovery`, but that each measurement may be of any anchor whose clock is set, and its distance is as
+much longer as that clock is believed to be ahead of the agent's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam import runtime
+from gridslam.arrays import Array, replace
+from gridslam.inference.health.monitor import MOST_LOUD
+from gridslam.inference.management.poses.pose_fix import (
+    COPIES,
+    LOUDEST,
+    MAP_M,
+    MAP_RAD,
+    Fix,
+    best_pose,
+    known_sources,
+)
+from gridslam.inference.management.poses.pose_recovery import PURPOSE, freed, is_vague, near_paths
+from gridslam.inference.messages.likelihood import DetectionTable, detection_table
+from gridslam.inference.state.anchor_measurements import AnchorScan, deviations, whole_scan
+from gridslam.inference.state.layout import AGENT
+from gridslam.inference.state.network.state import NetworkState
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace.workspace import Workspace, timed
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import direction, level_of, slant, unit, wrap
+from gridslam.world.network_model import NetworkModel
+from gridslam.world.radio import RadioModel
+from gridslam.world.scan import Scan
+
+FLOOR = np.diag([0.05**2, 0.05**2, 0.03**2])
+"""What is added to a fix's covariance: the scan is used once more in the step."""
+BLUR = 3.0
+"""Widening of a fix."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beacons:
+    """Where the paths of all anchors with set clocks seem to come from, L of them.
+
+    Attributes
+    ----------
+    image, line : (L, 2)
+        As of `Sources`.
+    level, chance : (L,)
+    anchor : (L,) int
+    place : (L, 4)
+        Of the anchor: x, y (m), orientation (rad), height (m).
+    shift, variance : (L,) m, m^2
+        By which its distances are longer than they should be, as believed.
+    """
+
+    image: Array
+    line: Array
+    level: Array
+    chance: Array
+    anchor: NDArray[np.intp]
+    place: Array
+    shift: Array
+    variance: Array
+
+    @classmethod
+    def of(cls, state: State, unset: NDArray[np.bool_], model: FilterModel, work: Workspace) -> Beacons:
+        """Lines of sight and single bounces, by an agent's view."""
+        known = known_sources(state, model, work=work)
+        anchor = np.repeat(np.arange(len(known)), [len(own.image) for own in known])
+        image, line, level, chance = (
+            np.concatenate([getattr(own, name) for own in known])
+            for name in ("image", "line", "level", "chance")
+        )
+        late, doubt = np.zeros(len(known)), np.zeros(len(known))
+        if state.belief.clocks:
+            clocks = slice(AGENT, AGENT + state.belief.clocks)
+            late, doubt = state.belief.mean[clocks], np.diagonal(state.belief.covariance)[clocks]
+        keep = ~unset[anchor]
+        anchor = anchor[keep]
+        return cls(
+            image[keep], line[keep], level[keep], chance[keep], anchor, model.places[anchor, :4],
+            late[anchor], doubt[anchor],
+        )  # fmt: skip
+
+    def __len__(self) -> int:
+        return len(self.anchor)
+
+    @property
+    def straight(self) -> NDArray[np.bool_]:
+        """Which are lines of sight, (L,) bool."""
+        return np.asarray((self.image == self.place[:, :2]).all(1))
+
+
+def recover_agents(
+    state: NetworkState, scans: Sequence[Scan | None], earlier_s: float | None, model: NetworkModel,
+    works: Sequence[Workspace],
+) -> NetworkState:  # fmt: skip
+    """Find agents again that can't be followed from the last step on, by what all others have mapped.
+
+    With known clocks and labels each does so in its own turn, see `pose_recovery`.
+    """
+    if state.labelled and not state.belief.clocks:
+        return state
+    for agent, scan in enumerate(scans):
+        if scan is not None and len(scan):
+            state = _recovered(state, agent, scan, earlier_s, model.agents[agent], work=works[agent])
+    return state
+
+
+@timed("recovery")
+def _recovered(
+    state: NetworkState, agent: int, scan: Scan, earlier_s: float | None, model: FilterModel, *,
+    work: Workspace,
+) -> NetworkState:  # fmt: skip
+    heard, part = work.once(whole_scan, scan, model), state.part(agent)
+    count, near = int(np.count_nonzero(heard.loud)), near_paths([heard], part, model)
+    vague, lost = is_vague(part.belief), part.monitor.is_lost(count, near)
+    if not lost:
+        part = replace(part, monitor=part.monitor.followed(count, near))
+        if not vague:
+            return state.recorded(agent, part.monitor)
+    beacons = Beacons.of(part, state.clocks.unset, model, work)
+    unfound = part.monitor.still_lost() if lost else part.monitor
+    if len(np.unique(beacons.anchor)) < min(2, len(state.clocks.unset)):
+        return state.recorded(agent, unfound)
+    belief, now_s = part.belief, part.time_s
+    if lost:
+        elapsed = 0.0 if earlier_s is None or now_s is None else now_s - earlier_s
+        belief = freed(belief, elapsed, model.settings.acceleration_mps2)
+    radio = part.calibration.tuned(model.radio, 0)
+    table, draw = detection_table(radio), np.random.default_rng([work.seed, state.step, agent, PURPOSE])
+    with runtime.one_blas_thread():
+        asked = proposed_poses(beacons, heard, radio, draw)
+        asked = asked[model.grid.holds(asked[:, :2])]
+        fix = best_pose(
+            belief, part.belief, asked, lambda poses: log_likelihood(poses, beacons, heard, table, radio),
+            len(beacons) * len(heard), draw,
+        )  # fmt: skip
+    if fix is None or not fix.clear or not (fix.better or not lost):
+        return state.recorded(agent, unfound)
+    state = state.recorded(agent, part.monitor.found_again() if lost else part.monitor)
+    return placed_at(state, agent, fix, float(model.start_variance[2]))
+
+
+def placed_at(state: NetworkState, agent: int, fix: Fix, velocity: float) -> NetworkState:
+    """The state with an agent at a fix, independent of all else: what it believed teaches nothing.
+
+    Parameters
+    ----------
+    velocity : float
+        Variance of each component, m^2/s^2.
+    """
+    belief = state.belief
+    rows = belief.layout.pose(agent).start + np.arange(AGENT)
+    blurred = BLUR**2 * fix.covariance + FLOOR
+    for row, value, variance in zip(rows.tolist(), (*fix.pose[:2], 0.0, 0.0, wrap(fix.pose[2])),
+                                    (1.0, 1.0, velocity, velocity, 1.0), strict=True):  # fmt: skip
+        belief = belief.independent(row, float(value), variance)
+    covariance = belief.covariance.copy()
+    covariance[np.ix_(rows[[0, 1, 4]], rows[[0, 1, 4]])] = blurred
+    return replace(state, belief=replace(belief, covariance=covariance))
+
+
+def proposed_poses(
+    beacons: Beacons, heard: AnchorScan, radio: RadioModel, draw: np.random.Generator
+) -> Array:
+    """Poses (N, 3) that the loud measurements stand for, had they come from any of the beacons."""
+    rows = np.flatnonzero(~np.isnan(heard.value).any(1) & heard.loud)
+    if not len(rows) or not len(beacons):
+        return np.zeros((0, 3))
+    if len(rows) > MOST_LOUD:  # or poses x measurements would grow with their square
+        rank = np.argsort(-np.nan_to_num(heard.amplitude[rows], nan=radio.threshold), kind="stable")
+        rows = np.sort(rows[rank[:MOST_LOUD]])
+    strength = np.nan_to_num(heard.amplitude[rows], nan=radio.threshold)
+    std = deviations(heard, rows, strength, heard.value[rows, 1:], radio)
+    may = (heard.label[rows] < 0) | (heard.label[rows] == beacons.anchor[:, None])
+    poses = []
+    for copy in range(COPIES):
+        value = heard.value[rows] + (copy > 0) * std * draw.standard_normal((len(rows), 3))
+        leaving = beacons.place[:, 2, None] + value[:, 1]
+        turned = 2 * beacons.line[:, 0, None] - leaving
+        back = np.where(beacons.straight[:, None], leaving + np.pi, turned)
+        length = value[:, 0] - beacons.shift[:, None]
+        allowed = may & (length > 0)
+        level = level_of(np.maximum(length, 0.0), beacons.place[:, 3, None])
+        place = beacons.image[:, None] - level[..., None] * unit(back)
+        poses.append(np.concatenate([place, wrap(back - value[:, 2])[..., None]], -1)[allowed])
+    return np.concatenate(poses)
+
+
+def log_likelihood(
+    poses: Array, beacons: Beacons, heard: AnchorScan, table: DetectionTable, radio: RadioModel
+) -> Array:
+    """Log-likelihood (N,) of all measurements at poses (N, 3), relative to clutter alone."""
+    straight, (place, facing, height) = beacons.straight, (beacons.place[:, :2], *beacons.place[:, 2:].T)
+    back = direction(poses[:, None, :2], beacons.image[None])
+    apart = np.linalg.norm(poses[:, None, :2] - beacons.image[None], axis=-1)
+    distance = slant(apart, height)
+    leaving = np.where(straight, back + np.pi, 2 * beacons.line[:, 0] - back) - facing
+    normal, offset = unit(beacons.line[:, 0]), beacons.line[:, 1]
+    sides = (poses[:, :2] @ normal.T - offset) * ((normal * place).sum(1) - offset)
+    there = beacons.chance * (straight | (sides > 0))
+    strength = radio.amplitude(distance, beacons.level)
+    log = -(there * table(strength)).sum(1)
+    rows, known = np.arange(len(heard)), np.isfinite(heard.amplitude)
+    amplitude = np.where(known, heard.amplitude, radio.threshold)
+    std = deviations(heard, rows, amplitude, np.nan_to_num(heard.value[:, 1:]), radio)
+    measured = np.isfinite(std)
+    variance = np.where(measured, std, 1.0) ** 2 + np.array([MAP_M, MAP_RAD, MAP_RAD]) ** 2
+    wide = variance[None] + beacons.variance[:, None, None] * np.array([1.0, 0.0, 0.0])
+    flat = np.array([radio.span_m, 2 * np.pi, 2 * np.pi])
+    square = np.where(measured, -2 * np.log(flat / np.sqrt(2 * np.pi * wide)), 0.0).sum(-1)[None]
+    predicted = (distance + beacons.shift, leaving, back - poses[:, 2, None])
+    for axis, value in enumerate(predicted):
+        gap = heard.value[:, axis] - value[..., None]
+        gap = gap if axis == 0 else wrap(gap)
+        square = square + np.where(measured[:, axis], gap**2 / wide[..., axis], 0.0)
+    blur = 0.5 + (0.25 * strength[..., None]) ** 2
+    square = square + np.where(known, (amplitude - strength[..., None]) ** 2 / blur, 0.0)
+    tail = np.where(known, np.minimum(amplitude**2 - radio.threshold**2, LOUDEST), 0.0)
+    ratio = np.exp(np.minimum(tail - np.log(radio.false_alarms) - 0.5 * square, 60.0))
+    may = (heard.label < 0) | (heard.label == beacons.anchor[:, None])
+    return np.asarray(log + np.log1p((there[..., None] * may * ratio).sum(1)).sum(1))

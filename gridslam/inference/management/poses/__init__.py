@@ -1,0 +1,1 @@
+"""Poses found afresh: without a map, at a vague start, or after silence."""

@@ -1,0 +1,145 @@
+"""Finding the agent again where the belief can't be followed; owner of the kernel that says whether it can.
+
+A Gaussian belief follows what it can linearise. After a long silence, from a vague start, or after a turn
+that the motion model doesn't know, it can't; then `pose_fix` looks for a pose that explains the scan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gridslam import runtime
+from gridslam.arrays import replace
+from gridslam.inference.health.monitor import ENOUGH, MOST_LOUD
+from gridslam.inference.management.poses.pose_fix import MAP_M, POSE, Fix, find_pose, known_sources
+from gridslam.inference.messages.likelihood import detection_table
+from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.layout import AGENT, HEADING
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace.workspace import Workspace, timed
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import wrap
+
+PURPOSE = 2
+"""Names the stream of random numbers that a search takes."""
+VAGUE_M, VAGUE_RAD = 0.6, 0.4
+"""Standard deviations of position and heading from which on a pose is searched for."""
+FREEDOM, FREE_TURN = 10.0, 1.0
+"""Times the usual acceleration, and turn in rad, that a lost agent may have made."""
+BLUR, TOO_FAR = 3.0, 5.0
+"""Widening of a fix; standard deviations at which it counts as a jump."""
+
+
+@timed("recovery")
+def recover_pose(
+    state: State, scans: Sequence[AnchorScan], earlier_s: float | None, model: FilterModel, *, work: Workspace
+) -> State:
+    """Where the belief can't be followed from the last step on, find the agent by the map.
+
+    Parameters
+    ----------
+    earlier_s : float or None
+        Time of the step before, if there was one.
+    """
+    count = sum(int(np.count_nonzero(heard.loud)) for heard in scans)
+    vague = is_vague(state.belief)
+    if not work.recovers or state.samples is not None or (count < ENOUGH and not vague):
+        return state
+    near = near_paths(scans, state, model)
+    lost = state.monitor.is_lost(count, near)
+    if not lost:
+        state = replace(state, monitor=state.monitor.followed(count, near))
+    if not (lost or vague):
+        return state
+    images = known_sources(state, model, work=work)
+    belief, now_s = state.belief, state.time_s
+    if lost:
+        elapsed = 0.0 if earlier_s is None or now_s is None else now_s - earlier_s
+        belief = freed(belief, elapsed, model.settings.acceleration_mps2)
+    state = replace(state, monitor=replace(state.monitor, crowd=crowd(scans)))
+    with runtime.one_blas_thread():
+        fix = find_pose(
+            belief, state.belief, images, scans, detection_table(model.radio),
+            state.calibration.tuned(model.radio, 0), [work.seed, state.step, len(scans), PURPOSE],
+            model.grid,
+        )  # fmt: skip
+    if fix is None or not fix.clear or not (fix.better or not lost):
+        return replace(state, monitor=state.monitor.still_lost()) if lost else state
+    monitor = state.monitor.found_again() if lost else state.monitor
+    after = moved(belief, fix, float(model.start_variance[2]))
+    state = replace(state, monitor=monitor)
+    if state.parked is not None and not after.covariance[:AGENT, AGENT:].any():  # put elsewhere
+        return replace(state, belief=after, parked=state.parked.unlinked())
+    return state.believing(after, belief)
+
+
+def near_paths(scans: Sequence[AnchorScan], state: State, model: FilterModel) -> int:
+    """How many loud measurements lie where their anchor's line of sight or a single bounce is predicted."""
+    runtime.start()
+    from gridslam.kernels.propagation.rays import near
+
+    belief, bank = state.belief, state.surfaces
+    bank.check(belief, len(model.anchors), len(state.los))
+    table = np.concatenate([heard.table for heard in scans])
+    claimed = np.empty(len(table), np.int32)
+    near(
+        belief.mean, belief.covariance, belief.layout.head, model.places, bank.existence, bank.owner, table,
+        model.radio.numbers, claimed,
+    )  # fmt: skip
+    return int(claimed.sum())
+
+
+def is_vague(belief: Belief) -> bool:
+    """Whether the pose is known too badly to linearise paths about it."""
+    x, y, _, _, heading = belief.covariance.diagonal()[:AGENT].tolist()
+    return bool(x + y > VAGUE_M**2 or heading > VAGUE_RAD**2)
+
+
+def freed(belief: Belief, elapsed: float, acceleration: float) -> Belief:
+    """The belief with room for a turn and a push that the motion model doesn't allow for."""
+    covariance = belief.covariance.copy()
+    push = np.array([0.5 * elapsed**2, elapsed])
+    for axis in range(2):
+        entry = np.array([axis, axis + 2])
+        covariance[np.ix_(entry, entry)] += (FREEDOM * acceleration) ** 2 * np.outer(push, push)
+        covariance[axis, axis] += MAP_M**2
+    covariance[HEADING, HEADING] += FREE_TURN**2
+    return replace(belief, covariance=covariance)
+
+
+def moved(belief: Belief, fix: Fix, velocity: float) -> Belief:
+    """The belief with the agent at the fix; widened, since the scan is used once more in the step.
+
+    Parameters
+    ----------
+    velocity : float
+        Variance of each component (m^2/s^2) where the fix is too far off for the motion to lead there.
+    """
+    blurred = BLUR**2 * fix.covariance + np.diag([0.02**2, 0.02**2, 0.02**2])
+    gap = fix.pose - belief.mean[POSE]
+    gap[2] = wrap(gap[2])
+    own = belief.covariance[np.ix_(POSE, POSE)] + blurred
+    if gap @ np.linalg.solve(own, gap) < TOO_FAR**2:
+        select = np.zeros((3, len(belief.mean)))
+        select[range(3), POSE] = 1.0
+        gain = belief.covariance @ select.T @ np.linalg.inv(own)
+        mean = belief.mean + gain @ gap
+        rest = np.eye(len(mean)) - gain @ select
+        covariance = rest @ belief.covariance @ rest.T + gain @ blurred @ gain.T
+    else:
+        mean, covariance = belief.mean.copy(), belief.covariance.copy()
+        mean[POSE], mean[2:4] = fix.pose, 0.0
+        covariance[:AGENT], covariance[:, :AGENT] = 0.0, 0.0
+        covariance[np.ix_(POSE, POSE)] = blurred
+        covariance[2, 2] = covariance[3, 3] = velocity
+    mean[HEADING] = wrap(mean[HEADING])
+    return replace(belief, mean=mean, covariance=0.5 * (covariance + covariance.T))
+
+
+def crowd(scan: Sequence[AnchorScan]) -> int:
+    """Loud measurements of the anchor with most of them, if too many for all to propose poses; else 0."""
+    most = max((int(np.count_nonzero(heard.loud)) for heard in scan), default=0)
+    return most if most > MOST_LOUD else 0

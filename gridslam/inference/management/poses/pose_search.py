@@ -1,0 +1,236 @@
+"""Where the agent may be, by one scan and no map: all poses that explain it, as Gaussians with weights.
+
+docs/model.md, section 14. Uniform poses and those that measurements stand for, taken as lines of sight, are
+scored; the best of each neighbourhood are refined by importance sampling.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array
+from gridslam.inference.management.poses.pose_score import Snapshot, SnapshotTerms
+from gridslam.inference.state.belief import Belief
+from gridslam.world.geometry import level_of, unit, wrap
+from gridslam.world.scene_parts import GridSpec
+
+POSE = np.array([0, 1, 4])
+"""Entries of the agent's pose in the state."""
+POSES, COPIES, BEARINGS = 200_000, 20, 720
+"""Uniform poses; draws per measurement that may be a line of sight, and bearings where it tells none."""
+REACH = 2.2
+"""Standard deviations to which a prior is searched: a uniform one's half width is 1.7 of them."""
+WIDEN = 2.0
+"""Deviations are doubled while the poses are few."""
+APART_M, APART_RAD = 0.5, 0.25
+"""Poses nearer than this are one candidate."""
+ROUNDS, SAMPLES, BROADER = 3, 400, 1.5
+BEHIND, SHORTLIST = 14.0, 22.0
+"""Log-likelihood behind the best at which a mode is dropped, and a candidate with doubled deviations."""
+LEAST = np.array([0.01, 0.01, 0.005]) ** 2
+"""Variances of a mode at least, m^2 and rad^2."""
+COVER = 0.5
+"""Power of the likelihood that a mode's Gaussian covers: the scan is taken in once more, by the filter."""
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Poses that explain a scan, best first.
+
+    Attributes
+    ----------
+    pose : (K, 3) m, m, rad
+    covariance : (K, 3, 3)
+        Of the Gaussian that covers what the scan says near there.
+    log_prior : (K,)
+        Log of the prior's mass of that Gaussian: the weight before the scan is taken in.
+    score : (K,)
+        Log-likelihood of the scan at the best pose, in ratio to clutter.
+    complete : bool
+        Whether these are all; else there were too many to list.
+    """
+
+    pose: Array
+    covariance: Array
+    log_prior: Array
+    score: Array
+    complete: bool
+
+    def __len__(self) -> int:
+        return len(self.score)
+
+
+def find_modes(
+    snapshot: Snapshot, prior: Belief, region: GridSpec, cap: int, stream: Sequence[int], poses: int = POSES
+) -> Modes:
+    """All poses that explain a scan, within a prior and the region.
+
+    Parameters
+    ----------
+    prior : Belief
+        Of which the agent's pose is used.
+    cap : int
+        Modes listed at most.
+    stream : sequence of int
+        Names the stream of random numbers.
+    """
+    draw = np.random.default_rng(list(stream))
+    mean, covariance = prior.mean[POSE], prior.covariance[np.ix_(POSE, POSE)]
+    within = Bounds.of(mean, covariance, region)
+    asked = [within.uniform(draw, poses)]
+    asked += [line_of_sight_poses(terms, draw) for terms in snapshot.terms]
+    asked += [reflected_poses(terms, draw) for terms in snapshot.terms if terms.known is not None]
+    every = np.concatenate([part[within.holds(part)] for part in asked])
+    log = snapshot.score(every, WIDEN)
+    chosen, more = _candidates(every, log, 2 * cap)
+    found = [_refined(snapshot, within, every[row], draw) for row in chosen]
+    score = np.array([mode[2] for mode in found])
+    order = np.argsort(-score, kind="stable")
+    kept: list[int] = []
+    for one in order.tolist():
+        near = [_near(found[one][0][None], found[other][0], 0.5)[0] for other in kept]
+        if score[one] > score[order[0]] - BEHIND and not any(near):
+            kept.append(one)
+    pose, spread = np.array([found[k][0] for k in kept]), np.array([found[k][1] for k in kept])
+    unlikely = score[-(len(found) // 10 + 1) :].max() < score[order[0]] - BEHIND  # and so are those left out
+    complete = len(kept) <= cap and (unlikely or not more)
+    kept, pose, spread = kept[:cap], pose[:cap], spread[:cap]
+    gap = pose - mean
+    gap[:, 2] = wrap(gap[:, 2])
+    known = covariance + np.diag(LEAST)
+    far = np.einsum("ki,ij,kj->k", gap, np.linalg.inv(known), gap)
+    mass = 0.5 * np.linalg.slogdet(spread)[1] - 0.5 * np.linalg.slogdet(known)[1] - 0.5 * far
+    return Modes(pose, spread, np.minimum(mass, 0.0), score[kept], complete)
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Box of poses, m, m, rad.
+
+    Attributes
+    ----------
+    low, high : (3,)
+        The angle's may reach beyond pi.
+    """
+
+    low: Array
+    high: Array
+
+    @classmethod
+    def of(cls, mean: Array, covariance: Array, region: GridSpec) -> Bounds:
+        """What a Gaussian reaches of the region, all of the region if it reaches none."""
+        reach = REACH * np.sqrt(np.diagonal(covariance)) + np.sqrt(LEAST)
+        reach[2] = min(reach[2], np.pi)
+        low, high = mean - reach, mean + reach
+        edges = np.transpose([region.x_m, region.y_m])
+        low[:2], high[:2] = np.maximum(low[:2], edges[0]), np.minimum(high[:2], edges[1])
+        if (low >= high).any():
+            low[:2], high[:2] = edges
+        return cls(low, high)
+
+    def uniform(self, draw: np.random.Generator, count: int) -> Array:
+        """Poses (count, 3)."""
+        return draw.uniform(self.low, self.high, (count, 3))
+
+    def holds(self, poses: Array) -> NDArray[np.bool_]:
+        """Whether poses (N, 3) lie within, (N,)."""
+        there = (poses[:, :2] >= self.low[:2]).all(1) & (poses[:, :2] <= self.high[:2]).all(1)
+        middle = 0.5 * (self.low[2] + self.high[2])
+        return np.asarray(there & (np.abs(wrap(poses[:, 2] - middle)) <= 0.5 * (self.high[2] - self.low[2])))
+
+
+def line_of_sight_poses(
+    terms: SnapshotTerms, draw: np.random.Generator, copies: int = COPIES, bearings: int = BEARINGS
+) -> Array:
+    """Poses (N, 3) from which an anchor's measurements would be lines of sight.
+
+    Parameters
+    ----------
+    copies, bearings : int
+        Draws per measurement, and bearings where it tells none.
+    """
+    measured = np.isfinite(terms.variance)
+    parts = [np.zeros((0, 3))]
+    for rows, count in (
+        (np.flatnonzero(measured.all(1)), copies),
+        (np.flatnonzero(measured[:, 0] & ~measured[:, 1] & measured[:, 2]), bearings),
+    ):
+        std = np.sqrt(np.where(measured[rows], terms.variance[rows], 0.0))[:, None]
+        noise = draw.standard_normal((len(rows), count, 3))
+        noise[:, 0] = 0.0  # as it was measured, to begin with
+        value = terms.value[rows][:, None] + std * noise
+        if rows.size and not measured[rows[0], 1]:
+            value[..., 1] = 2 * np.pi * (np.arange(count) + draw.random()) / count
+        value = value.reshape(-1, 3)
+        place = terms.position + level_of(value[:, :1], terms.height) * unit(value[:, 1])
+        parts.append(np.column_stack([place, wrap(value[:, 1] + np.pi - value[:, 2])]))
+    return np.concatenate(parts)
+
+
+def reflected_poses(terms: SnapshotTerms, draw: np.random.Generator, copies: int = 5) -> Array:
+    """Poses (N, 3) from which an anchor's measurements would be single bounces over known surfaces."""
+    assert terms.known is not None
+    parts, measured = [np.zeros((0, 3))], np.isfinite(terms.variance)
+    rows = np.flatnonzero(measured.all(1))
+    std = np.sqrt(terms.variance[rows])[:, None]
+    for image, line in zip(terms.known.image, terms.known.line, strict=True):
+        if (image == terms.position).all():
+            continue
+        noise = draw.standard_normal((len(rows), copies, 3))
+        noise[:, 0] = 0.0
+        value = (terms.value[rows][:, None] + std * noise).reshape(-1, 3)
+        back = 2 * line[0] - value[:, 1]  # towards the image, by the law of reflection
+        place = image - level_of(value[:, :1], terms.height) * unit(back)
+        parts.append(np.column_stack([place, wrap(back - value[:, 2])]))
+    return np.concatenate(parts)
+
+
+def _near(poses: Array, centre: Array, scale: float = 1.0) -> NDArray[np.bool_]:
+    apart = np.hypot(poses[:, 0] - centre[0], poses[:, 1] - centre[1])
+    return np.asarray((apart < scale * APART_M) & (np.abs(wrap(poses[:, 2] - centre[2])) < scale * APART_RAD))
+
+
+def _candidates(poses: Array, log: Array, most: int) -> tuple[list[int], bool]:
+    """The best pose of each neighbourhood, best first, and whether there are more than `most`."""
+    rows = np.flatnonzero(log > log.max() - SHORTLIST)
+    rows = rows[np.argsort(-log[rows], kind="stable")]
+    chosen: list[int] = []
+    while len(rows):
+        if len(chosen) == most:
+            return chosen, True
+        chosen.append(int(rows[0]))
+        rows = rows[~_near(poses[rows], poses[rows[0]])]
+    return chosen, False
+
+
+def _refined(
+    snapshot: Snapshot, within: Bounds, pose: Array, draw: np.random.Generator
+) -> tuple[Array, Array, float]:
+    """Mean, covariance and best score of the mode about a pose."""
+    mean, covariance = pose, np.diag(np.array([0.5 * APART_M, 0.5 * APART_M, 0.5 * APART_RAD]) ** 2)
+    best = -np.inf
+    for turn in range(ROUNDS):
+        fresh = draw.multivariate_normal(mean, covariance, SAMPLES, method="cholesky")
+        fresh[0] = mean
+        gap = fresh - mean
+        density = -0.5 * np.einsum("ni,ij,nj->n", gap, np.linalg.inv(covariance), gap)
+        value = snapshot.score(fresh, WIDEN if turn == 0 else 1.0)
+        value = np.where(within.holds(fresh), value, -np.inf)
+        if not np.isfinite(value).any():
+            break
+        log = (1.0 if turn == 0 else COVER) * value - density
+        weight = np.exp(log - log.max())
+        weight /= weight.sum()
+        mean = weight @ fresh
+        gap = fresh - mean
+        covariance = (weight[:, None] * gap).T @ gap + np.diag(LEAST)
+        if turn:
+            best = max(best, float(value.max()))
+        if turn < ROUNDS - 1:
+            covariance = BROADER * covariance
+    mean[2] = wrap(mean[2])
+    return mean, covariance, best

@@ -1,0 +1,1 @@
+"""Sampled signals: vague starts, merging of images, estimates for users."""

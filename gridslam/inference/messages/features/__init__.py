@@ -1,0 +1,1 @@
+"""Messages of hybrid SLAM: samples, learned features, and how they are learned."""

@@ -1,0 +1,102 @@
+"""One step of samples into whichever belief hybrid SLAM has: particles at the start, the joint one after."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.errors import InputError
+from gridslam.inference.messages.features import sight
+from gridslam.inference.messages.features.feature_likelihood import Front
+from gridslam.inference.messages.features.joint_update import predict, update
+from gridslam.inference.messages.features.sight import Moments
+from gridslam.inference.state.features.features import MOVING
+from gridslam.inference.state.features.hybrid_state import HybridState
+from gridslam.world.signal_model import SignalModel
+from gridslam.world.signal_scan import SignalScan
+
+START_STEPS = 10
+"""For which particles look for the agent; then the joint belief goes through them again."""
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """Samples of one step as messages take them.
+
+    Attributes
+    ----------
+    samples : (J, N, M) complex128
+    heard : (J,) bool
+    heading_rad : float
+    """
+
+    samples: NDArray[np.complex128]
+    heard: NDArray[np.bool_]
+    heading_rad: float
+
+
+def snapshot(scan: SignalScan, model: SignalModel) -> Snapshot:
+    """The samples of anchors of one element each.
+
+    Raises
+    ------
+    InputError
+        No heading, where an array needs one.
+    """
+    heading = scan.heading_rad
+    if heading is None:
+        if len(model.waveform.agent_element_m) > 1:
+            raise InputError("signal: heading_rad", "none", "a heading, which the agent's array needs")
+        heading = 0.0
+    return Snapshot(scan.samples[:, 0], scan.heard, heading)
+
+
+def predict_agent(state: HybridState, time_s: float, model: SignalModel, seed: int) -> HybridState:
+    """The belief at the time of a scan, (M133); at the first step nothing has moved yet."""
+    if state.time_s is None:
+        return replace(state, time_s=time_s)
+    seconds, jolt = time_s - state.time_s, model.settings.acceleration_mps2
+    if state.particles is not None:
+        cloud = sight.predict_particles(state.particles, seconds, jolt, seed, state.step)
+        return replace(state, particles=cloud, time_s=time_s)
+    return replace(state, joint=predict(state.joint, seconds, jolt), time_s=time_s)
+
+
+def follow_by_particles(
+    state: HybridState, got: Snapshot, front: Front, model: SignalModel, seed: int
+) -> tuple[HybridState, Moments]:
+    """Particles of agent and noise after the samples, (M134)-(M136)."""
+    tables = [front.tables(z[None]) for z in got.samples]
+    cloud = state.particles
+    if cloud is None:
+        state = replace(state, before=sight.rescaled(state.before, tables, got.heard))
+        state = replace(state, joint=state.before)
+        cloud = sight.start_particles(state.joint, tables, got.heard, model, seed)
+    cloud, moments = sight.update_particles(
+        cloud, state.joint, got.samples, tables, got.heard, got.heading_rad, front, model, seed, state.step
+    )
+    return replace(state, particles=cloud), moments
+
+
+def follow_jointly(state: HybridState, got: Snapshot, model: SignalModel) -> tuple[HybridState, Moments]:
+    """The joint belief after the samples, (M126)-(M130)."""
+    joint, evidence = update(state.joint, got.samples, got.heard, got.heading_rad, model, state.step)
+    moments = Moments(joint.mean[:MOVING], joint.agent_covariance, evidence, np.inf)
+    return replace(state, joint=joint), moments
+
+
+def remember(state: HybridState, got: Snapshot, moments: Moments) -> HybridState:
+    """The segment with this step."""
+    assert state.time_s is not None
+    segment = state.segment.add(
+        state.time_s, got.heading_rad, got.heard, got.samples, moments.mean, moments.log_evidence
+    )
+    return replace(state, segment=segment)
+
+
+def counted(state: HybridState, got: Snapshot) -> HybridState:
+    """The state with one more step taken."""
+    silent = 0 if got.heard.any() else state.silent + 1
+    return replace(state, step=state.step + 1, silent=silent)

@@ -1,0 +1,56 @@
+"""New features out of what nothing explains yet; docs/model.md, (M132), (M137).
+
+Rival sets of them join the joint belief of the segment's beginning; the one that explains the segment best is
+kept if it foretells the last steps, of which it wasn't made.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from gridslam.inference.messages.features.feature_likelihood import Front
+from gridslam.inference.messages.features.rivals import CLEAR, Lesson, usual_prices
+from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
+from gridslam.world.signal_model import SignalModel
+
+JUDGED = 5
+"""Last steps of a segment, which new features aren't learned from, but have to foretell."""
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """What learning did: features proposed and taken, and what they gain on the steps that judge, nats."""
+
+    proposed: int = 0
+    taken: int = 0
+    gain: float = 0.0
+
+
+def learn(state: HybridState, front: Front, model: SignalModel) -> tuple[HybridState, Learned]:
+    """The state with what the segment teaches, and a new segment begun."""
+    segment, old = state.segment, len(state.before.features)
+    if len(segment) <= 2 * JUDGED:
+        return state, Learned()
+    first, prices = state.step - len(segment), usual_prices(state.before, model)
+    lesson = Lesson(state.before, state.before_s, first, state.next_identity, JUDGED, front, model)
+    best, price = None, prices[0]
+    for rival, kind in zip(lesson.rivals(segment, state.joint, prices), prices, strict=True):
+        # in doubt, images are the rule
+        if best is None or rival.score > best.score + CLEAR:
+            best, price = rival, kind
+    assert best is not None
+    best = lesson.settled(lesson.best([best], [segment], price), segment)
+    proposed, gain = len(best.joint.features) - old, float((best.evidence - segment.evidence)[-JUDGED:].sum())
+    if not proposed or gain <= 0:
+        return begun(state, state.joint), Learned(proposed, 0, gain if proposed else 0.0)
+    heard = best.joint.features.steps_seen > 0
+    heard[:old] = True
+    identity = int(best.joint.features.identity.max()) + 1
+    taught = begun(state, best.joint.keep(heard))
+    return replace(taught, next_identity=identity), Learned(proposed, int(heard.sum()) - old, gain)
+
+
+def begun(state: HybridState, joint: JointBelief) -> HybridState:
+    """The state with this belief, and an empty segment from here on."""
+    empty = Segment.empty(*state.segment.samples.shape[1:])
+    return replace(state, joint=joint, before=joint, segment=empty, before_s=state.time_s)

@@ -1,0 +1,113 @@
+"""What is proposed as new features of one segment, along the way that the agent is believed to have gone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gridslam.arrays import Array
+from gridslam.inference.messages.features.feature_likelihood import Front
+from gridslam.inference.messages.features.following import START_STEPS
+from gridslam.inference.messages.features.seeding import (
+    FREE,
+    IMAGE,
+    NONE_M,
+    SCATTERED,
+    Gains,
+    Stretch,
+    first_gains,
+    propose,
+    stretch_of,
+)
+from gridslam.inference.messages.features.sight import feature_table
+from gridslam.inference.state.features.features import entries
+from gridslam.inference.state.features.hybrid_state import JointBelief, Segment
+from gridslam.world.signal_model import SignalModel
+
+UNTOLD = 0.3
+"""Deviation of an image's extra length, in its length, on a track too short to tell it from a scatterer."""
+LENGTH_STD_M, DIRECTION_STD_RAD, EXTRA_SHARE = 0.3, 0.2, 0.5
+"""Of a new feature, before the segment is gone through again."""
+TIED_M = 0.1
+"""Deviation of a scatterer's extra length from what its place says."""
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """What an anchor's part of a segment is, and what places about it would gain.
+
+    Attributes
+    ----------
+    anchor : int
+    stretch : Stretch
+    known : (D, 4)
+        Features that are there already: x, y, extra length (m) and power.
+    gains : Gains
+    """
+
+    anchor: int
+    stretch: Stretch
+    known: Array
+    gains: Gains
+
+
+def surveys(
+    before: JointBelief, after: JointBelief, segment: Segment, judged: int, front: Front, model: SignalModel
+) -> list[Survey]:
+    """One of every anchor that was heard at more than a few steps, but for a segment's last ones.
+
+    Features are where the belief after the segment has them; those that the one before doesn't hold
+    aren't known yet.
+    """
+    known = after.keep(np.isin(after.features.identity, before.features.identity))
+    used, found = slice(0, len(segment) - judged), []
+    for j in range(len(model.anchors)):
+        if segment.heard[used, j].sum() > judged:
+            stretch, table = stretch_of(known, segment, j, judged, front, model), feature_table(known, j)
+            found.append(Survey(j, stretch, table, first_gains(stretch, table)))
+    return found
+
+
+def with_proposals(
+    belief: JointBelief, segment: Segment, looks: list[Survey], price: Array, first: int, identity: int,
+    model: SignalModel,
+) -> JointBelief:  # fmt: skip
+    """The belief with all features that surveys of a segment propose.
+
+    Parameters
+    ----------
+    first, identity : int
+        Number of the segment's first step, and of the next feature.
+    """
+    origin = segment.agent[len(segment) // 2, :2]
+    for look in looks:
+        table, kind = propose(look.stretch, look.known, look.gains, price)
+        for row, what in zip(table, kind, strict=True):
+            entry = entries(row[:3], origin)
+            none = UNTOLD * entry[0] if len(segment) <= START_STEPS else NONE_M
+            width = {IMAGE: none, SCATTERED: TIED_M, FREE: EXTRA_SHARE * row[2]}[int(what)]
+            spread = np.diag(np.square([LENGTH_STD_M, DIRECTION_STD_RAD, width]))
+            if what == SCATTERED:
+                slope = extra_slopes(entry, model.anchors[look.anchor, :2] - origin)
+                spread[2] += slope @ spread[:2]
+                spread[:, 2] += spread[:, :2] @ slope
+            belief = belief.with_feature(look.anchor, entry, spread, origin, row[3], identity, first)
+            identity += 1
+    return belief
+
+
+def extra_slopes(entry: Array, way_m: Array) -> Array:
+    """Slopes (2,) of a scatterer's extra length by its length and direction.
+
+    Parameters
+    ----------
+    entry : (3,)
+        Length, direction, extra length, as seen from an origin.
+    way_m : (2,)
+        From there to the anchor.
+    """
+    length, far, off = entry[0], np.hypot(*way_m), entry[1] - np.arctan2(way_m[1], way_m[0])
+    over, under = length**2 - far**2, length - far * np.cos(off)
+    own = np.array([2 * length * under - over, -over * far * np.sin(off)]) / (2 * under**2)
+    return np.array([1.0, 0.0]) - own

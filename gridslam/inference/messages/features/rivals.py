@@ -1,0 +1,258 @@
+"""Rival sets of new features for one segment, each with the way that it leads: evidence chooses.
+
+What is proposed depends on where the agent is believed to have been, and leads it elsewhere in turn. So
+features are proposed again along the way that came of them, for as long as that explains the segment better.
+If one stands beside an anchor, all may be beside where it belongs: that is tried, too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array
+from gridslam.inference.messages.features.feature_likelihood import Front
+from gridslam.inference.messages.features.joint_update import predict, update
+from gridslam.inference.messages.features.proposals import surveys, with_proposals
+from gridslam.inference.messages.features.seeding import LEAST_GAIN
+from gridslam.inference.state.features.features import MOVING, places
+from gridslam.inference.state.features.hybrid_state import JointBelief, Segment
+from gridslam.world.signal_model import SignalModel
+
+PRICES = np.array([[0.0, 10.0, 10.0], [10.0, 0.0, 10.0]])
+"""Nats that each of these costs, where images are the rule and where scatterers are."""
+CLEAR = 10.0
+"""Nats by which one set has to explain a segment better than another to be preferred for it."""
+HOPELESS = 60.0
+"""Nats by which one has to be behind another at some step for the rest of the segment not to matter."""
+ROUNDS = 3
+"""Times, at most, that features are proposed along the way that the ones before led."""
+EXTENTS_M = (0.0, 0.05, 0.1)
+"""Of features: images are heard at their places, what stands for many scatterers now here, now there."""
+MOVED_M = 0.1
+"""Ways that are nowhere farther apart lead to the same features."""
+SHIFTS, ASTRAY, SMALL_M, STRONG = 2, 3.0, 0.5, 0.2
+"""Times that all is shifted. Deviations of the start within which a feature may be a line of sight seen from
+a wrong place; its largest extra length, and its least power in that of the line of sight."""
+
+
+class Rival(NamedTuple):
+    """A set of features, and what the segment says of it.
+
+    Attributes
+    ----------
+    score : float
+        Log of the segment's evidence, less what so many features cost, nats.
+    joint : JointBelief
+        At the segment's end.
+    track : (K, 4)
+    evidence : (K,)
+        Log of each step's.
+    start : JointBelief
+        With the set at the segment's beginning.
+    """
+
+    score: float
+    joint: JointBelief
+    track: Array
+    evidence: Array
+    start: JointBelief
+
+
+@dataclass(frozen=True, eq=False)
+class Lesson:
+    """What rival sets of features have in common.
+
+    Attributes
+    ----------
+    before : JointBelief
+        At the beginning of the segment.
+    before_s : float or None
+        Time of the step before it.
+    first, identity : int
+        Number of its first step; of the next feature.
+    judged : int
+        Its last steps, of which no feature is made.
+    front : Front
+    model : SignalModel
+    """
+
+    before: JointBelief
+    before_s: float | None
+    first: int
+    identity: int
+    judged: int
+    front: Front
+    model: SignalModel
+
+    def rivals(
+        self, segment: Segment, after: JointBelief, prices: Array, taught: Segment | None = None,
+        other: Rival | None = None,
+    ) -> list[Rival]:  # fmt: skip
+        """What is proposed along the way of the agent in a segment, one set for each row of prices.
+
+        Parameters
+        ----------
+        after : JointBelief
+            At the end of the segment, as far as known.
+        taught : Segment, optional
+            The part of the segment of which features are made, instead of all but what is judged.
+        other : Rival, optional
+            One that all have to keep up with, see `judge`; else the first of them.
+        """
+        part = segment if taught is None else taught
+        looks = surveys(self.before, after, part, self.judged, self.front, self.model)
+        found: list[Rival] = []
+        for price in prices:
+            wider = with_proposals(self.before, part, looks, price, self.first, self.identity, self.model)
+            rival = self.judge(wider, segment, found[0] if found else other)
+            doubtful = self.sights(rival.joint)
+            if doubtful.any():
+                without = self.judge(wider.keep(~doubtful), segment, rival)
+                rival = max(rival, without, key=lambda one: one.score)
+            found.append(rival)
+        return found
+
+    def judge(self, belief: JointBelief, segment: Segment, other: Rival | None = None) -> Rival:
+        """What comes of a belief at the segment's beginning.
+
+        Parameters
+        ----------
+        other : Rival, optional
+            One that is preferred in doubt: who falls `HOPELESS` behind it isn't followed to the end, and
+            scores nothing.
+        """
+        cost, lead = self._cost(belief), None
+        if other is not None:
+            lead = np.cumsum(other.evidence) - self._cost(other.start) + cost - HOPELESS
+        joint, evidence, track = replay(belief, segment, self.before_s, self.first, self.model, least=lead)
+        return Rival(float(evidence.sum()) - cost, joint, track, evidence, belief)
+
+    def _cost(self, belief: JointBelief) -> float:
+        """Nats that a belief's new features cost."""
+        return LEAST_GAIN * (len(belief.features) - len(self.before.features))
+
+    def climb(self, rival: Rival, segment: Segment, price: Array) -> Rival:
+        """The best of a set of features and those that are proposed along the way that it leads.
+
+        The segment has the way along which the set itself was proposed.
+        """
+        for _ in range(ROUNDS):
+            if apart(rival.track, segment.agent) < MOVED_M:
+                return rival
+            segment = replace(segment, agent=rival.track)
+            (following,) = self.rivals(segment, rival.joint, price[None], other=rival)
+            if following.score < rival.score + CLEAR:
+                return max(rival, following, key=lambda one: one.score)
+            rival = following
+        return rival
+
+    def best(self, rivals: list[Rival], ways: list[Segment], price: Array) -> Rival:
+        """The best of several sets, after each has climbed, and of what a shift of the best makes of it.
+
+        Before any feature is known, nothing but the start and the lines of sight says where all of it is.
+
+        Parameters
+        ----------
+        ways : list of Segment
+            With the way along which each set was proposed.
+        """
+        climbed: list[Rival] = []
+        for rival, segment in zip(rivals, ways, strict=True):
+            known = any(apart(rival.track, one.track) < MOVED_M for one in climbed)
+            climbed.append(rival if known else self.climb(rival, segment, price))
+        found = max(climbed, key=lambda one: one.score)
+        if len(self.before.features):
+            return found
+        for _ in range(SHIFTS):
+            shift = self.shift(found)
+            if shift is None:
+                return found
+            along = replace(ways[0], agent=found.track + np.append(shift, np.zeros(2)))
+            (rival,) = self.rivals(along, found.joint, price[None])
+            rival = self.climb(rival, along, price)
+            if rival.score <= found.score:
+                return found
+            found = rival
+        return found
+
+    def settled(self, rival: Rival, segment: Segment) -> Rival:
+        """The same set with another extent of features, where that clearly explains the segment better."""
+        along, now, best = replace(segment, agent=rival.track), rival.start.extent, rival
+        larger, smaller = [e for e in EXTENTS_M if e > now], [e for e in EXTENTS_M[::-1] if e < now]
+        for way in (larger, smaller):
+            for extent in way:
+                found = self.judge(replace(rival.start, extent=extent), along, best)
+                if found.score <= best.score:
+                    break
+                best = found
+            if best is not rival:
+                break
+        return best if best.score > rival.score + CLEAR else rival
+
+    def sights(self, joint: JointBelief) -> NDArray[np.bool_]:
+        """Which new features may be a line of sight that is seen from a wrong place, (F,)."""
+        place, bank = places(joint.mean, joint.features.origin_m), joint.features
+        reach = ASTRAY * np.sqrt(np.trace(self.before.agent_covariance[:2, :2]) / 2)
+        gap = np.hypot(*(self.model.anchors[bank.anchor, :2] - place[:, :2]).T)
+        strong = bank.power > STRONG * joint.los_power[bank.anchor]
+        near: NDArray[np.bool_] = (gap < reach) & (place[:, 2] < SMALL_M) & strong
+        near[: len(self.before.features)] = False
+        return near
+
+    def shift(self, rival: Rival) -> Array | None:
+        """How far (2,) m all has to move for the strongest feature of `sights` to be an anchor."""
+        near, bank = self.sights(rival.joint), rival.joint.features
+        if not near.any():
+            return None
+        top = int(np.argmax(np.where(near, bank.power, 0.0)))
+        shift: Array = self.model.anchors[bank.anchor[top], :2]
+        return shift - places(rival.joint.mean, bank.origin_m)[top, :2]
+
+
+def apart(one: Array, other: Array) -> float:
+    """Largest distance (m) between two ways (K, 4) at the same step."""
+    return float(np.hypot(*(one - other)[:, :2].T).max())
+
+
+def replay(
+    belief: JointBelief, segment: Segment, before_s: float | None, first_step: int, model: SignalModel,
+    led: bool = True, least: Array | None = None,
+) -> tuple[JointBelief, Array, Array]:  # fmt: skip
+    """Go through a segment from its beginning: belief at its end, evidences (K,), track (K, 4).
+
+    Parameters
+    ----------
+    led : bool
+        Whether each maximum is looked for from where the agent was believed to be then, else from where
+        it is predicted.
+    least : (K,), optional
+        Sums of the evidence up to each step, below which it is given up: that step's is -inf, the rest 0.
+    """
+    evidence, earlier, track = np.zeros(len(segment)), before_s, np.zeros((len(segment), MOVING))
+    for k in range(len(segment)):
+        if earlier is not None:
+            belief = predict(belief, segment.time_s[k] - earlier, model.settings.acceleration_mps2)
+        belief, evidence[k] = update(
+            belief, segment.samples[k], segment.heard[k], segment.heading_rad[k], model, first_step + k,
+            segment.agent[k] if led else None,
+        )  # fmt: skip
+        earlier, track[k] = float(segment.time_s[k]), belief.mean[:MOVING]
+        if least is not None and evidence[: k + 1].sum() < least[k]:
+            evidence[k] = -np.inf
+            break
+    return belief, evidence, track
+
+
+def usual_prices(belief: JointBelief, model: SignalModel) -> Array:
+    """What kinds of features cost, (1 or 2, 3): by the kind of most that are known, or either to be tried."""
+    bank = belief.features
+    if not len(bank):
+        return PRICES
+    place = places(belief.mean, bank.origin_m)
+    far = np.hypot(*(place[:, :2] - model.anchors[bank.anchor, :2]).T)
+    scattered = int((place[:, 2] > 0.5 * far).sum())
+    return PRICES[[int(2 * scattered > len(bank))]]

@@ -1,0 +1,1 @@
+"""Messages of several agents, and of clocks that nobody set."""

@@ -1,0 +1,217 @@
+"""What one agent's measurements say of the offset of an anchor's clock; docs/model.md, (M103)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array
+from gridslam.inference.messages.prediction import predict_every_path
+from gridslam.inference.state.anchor_measurements import AnchorScan, deviations, whole_scan
+from gridslam.inference.state.network.clock_search import CELL_M
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace.workspace import Workspace
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import lean, wrap
+from gridslam.world.radio import REFLECTION_BINS, RadioModel
+from gridslam.world.scan import Scan
+
+TURN_DENSITY = 1 / (2 * np.pi)
+UNMEASURED = 2 * np.pi
+"""Variance of an angle of residual 0 whose normal density is that of any angle at all."""
+SURE_SURFACE = 0.9
+"""Existence from which on a surface's single bounces tell of clocks, too."""
+LIKELY = 0.1
+"""Chance from which on a path of another anchor counts as what caused a measurement."""
+NOTHING = 1e-9
+"""Share of a path's being missed below which a measurement says nothing of it, at an offset or at all."""
+LEVEL_SHARE, WEAKENED = 0.12, 0.02
+"""Deviation of a path's amplitude from what its length makes it (1 dB), and share of those far off it."""
+
+
+def agent_evidence(
+    bare: State,
+    part: State,
+    sought: NDArray[np.bool_],
+    known: NDArray[np.bool_],
+    centre: Array,
+    scan: Scan,
+    model: FilterModel,
+    work: Workspace,
+) -> Array:
+    """Log evidence of one agent's measurements about some anchors' clocks.
+
+    What a path of another anchor, whose clock is set, may have caused says that much less.
+
+    Parameters
+    ----------
+    bare, part : State
+        The agent's view without the clocks that are sought, and as believed.
+    sought, known : (J,) bool
+        Anchors whose clocks are sought, and set.
+    centre : (C,) m
+        Offsets.
+
+    Returns
+    -------
+    (J, C)
+    """
+    radio = model.radio
+    believed = predict_every_path(part, model, work=work).prediction
+    value, width = believed.value.copy(), believed.spread.copy()  # the next prediction takes their buffer
+    paths = predict_every_path(bare, model, work=work)
+    rays, length, predicted = paths.rays, paths.prediction.length, paths.prediction.value
+    level = np.append(bare.surfaces.reflection @ REFLECTION_BINS, 1.0)[rays.last]
+    amplitude = radio.amplitude(length, level)
+    chance = rays.existence * rays.surfaces * radio.detection_probability(amplitude)
+    sure = (rays.bounces == 0) | ((rays.bounces == 1) & (rays.surfaces > SURE_SURFACE))
+    heard, total = work.once(whole_scan, scan, model), np.zeros((len(sought), len(centre)))
+    steep = lean(length, np.asarray(model.anchor_heights)[rays.anchor])
+    ratio = amplitude_ratio(heard.amplitude, amplitude, radio)
+    spread = paths.prediction.spread
+
+    def accuracy(chosen: NDArray[np.intp]) -> Array:
+        return _deviations(heard, amplitude[chosen], predicted[chosen, 1:], steep[chosen], radio)
+
+    caused = np.zeros((len(sought), len(heard)))
+    rows = np.flatnonzero(known[rays.anchor] & (chance > LIKELY))
+    if len(rows):
+        density = joint_density(value[rows], width[rows], heard.value, accuracy(rows))
+        may = (heard.label < 0) | (heard.label == rays.anchor[rows, None])
+        share = np.where(may, chance[rows, None] * ratio[rows] * density, 0.0)
+        caused = by_anchor(share, rays.anchor[rows], len(sought))
+    clutter = radio.false_alarms / (radio.span_m * 4 * np.pi**2) + caused.sum(0) - caused
+    mine = np.flatnonzero(sure & sought[rays.anchor] & (chance > 0))
+    if len(mine):
+        sender = rays.anchor[mine]
+        able = (heard.label < 0) | (heard.label == sender[:, None])
+        others = np.where(able, clutter[sender] / ratio[mine], np.inf)
+        each = clock_evidence(
+            predicted[mine], spread[mine], chance[mine], heard.value, accuracy(mine), others, centre
+        )
+        total = by_anchor(each, sender, len(sought))
+    return total
+
+
+def by_anchor(value: Array, sender: NDArray[np.integer[Any]], anchors: int) -> Array:
+    """Sums (J, ...) of the rows of each anchor's paths."""
+    return np.array([value[sender == anchor].sum(0) for anchor in range(anchors)])
+
+
+def clock_evidence(
+    predicted: Array, spread: Array, chance: Array, measured: Array, std: Array, clutter: Array, centre: Array
+) -> Array:
+    """Log evidence of one agent's measurements about the offset of each path's anchor's clock.
+
+    Over its paths l and the measurements m, ``sum_l log(1 - c_l + sum_m c_l r_lm N(angles of m)
+    N(distance of m; d_l + beta | angles) / (mu f))``, with c the probability that path l is there and
+    detected. Angles and amplitude recognise the path; what the angles say of the pose is taken into its
+    length.
+
+    Parameters
+    ----------
+    predicted : (L, 3)
+        Distance (m, without the anchor's clock), AoD and AoA (rad) of paths.
+    spread : (L, 3, 3)
+        Their covariance by the belief, without that clock.
+    chance : (L,)
+        c.
+    measured : (M, 3)
+        NaN where not measured.
+    std : (L, M, 3)
+        Deviations, if path l caused m.
+    clutter : (L, M)
+        mu f / r: density of clutter over distance and both angles, 1 / (m rad^2), by what the amplitude
+        says for the path, see `amplitude_ratio`; infinite for a measurement that isn't of its anchor.
+    centre : (C,) m
+        Offsets beta.
+
+    Returns
+    -------
+    (L, C)
+        That of an anchor is the sum over its paths.
+    """
+    heard = np.isfinite(measured[:, 0])
+    shift, variance, weight = _given_angles(predicted, spread, measured[heard], std[:, heard])
+    variance = variance + CELL_M**2 / 12
+    height = chance[:, None] * weight / clutter[:, heard] / np.sqrt(2 * np.pi * variance)
+    nothing = NOTHING * (1 - chance[:, None])
+    told = height > nothing
+    path, late, width, height = np.nonzero(told)[0], shift[told], 2 * variance[told], height[told]
+    reach = np.sqrt(width * np.log(height / np.broadcast_to(nothing, told.shape)[told]))
+    begin, end = np.searchsorted(centre, late - reach), np.searchsorted(centre, late + reach, "right")
+    pair = np.repeat(np.arange(len(path)), end - begin)
+    cell = np.arange(len(pair)) - np.repeat(np.cumsum(end - begin) - end, end - begin)
+    density = height[pair] * np.exp(-((centre[cell] - late[pair]) ** 2) / width[pair])
+    caused = np.bincount(path[pair] * len(centre) + cell, density, len(chance) * len(centre))
+    return np.asarray(np.log(1 - chance[:, None] + caused.reshape(len(chance), -1)))
+
+
+def joint_density(predicted: Array, spread: Array, measured: Array, std: Array) -> Array:
+    """Density of measurements (M, 3) over distance and both angles, had one of L paths caused them, (L, M).
+
+    Parameters
+    ----------
+    predicted, spread, measured, std
+        As of `clock_evidence`; 0 where no distance was measured.
+    """
+    heard = np.isfinite(measured[:, 0])
+    density = np.zeros((len(predicted), len(measured)))
+    shift, variance, weight = _given_angles(predicted, spread, measured[heard], std[:, heard])
+    density[:, heard] = weight * np.exp(-0.5 * shift**2 / variance) / np.sqrt(2 * np.pi * variance)
+    return density
+
+
+def _given_angles(value: Array, own: Array, measured: Array, deviation: Array) -> tuple[Array, Array, Array]:
+    """Distance left over given the angles, its variance, and the angles' density, (L, M) each."""
+    residual = measured - value[:, None]
+    residual[..., 1:] = wrap(residual[..., 1:])
+    missing = ~(np.isfinite(measured[:, 1:]) & np.isfinite(deviation[..., 1:]))
+    turn, twist = np.where(missing, 0.0, residual[..., 1:]).transpose(2, 0, 1)
+    noise = np.square(deviation)
+    # joint covariance of the distance, one angle and the other; an angle without measurement has its own
+    one = np.where(missing[..., 0], UNMEASURED, own[:, 1, 1, None] + noise[..., 1])
+    other = np.where(missing[..., 1], UNMEASURED, own[:, 2, 2, None] + noise[..., 2])
+    both = np.where(missing.any(-1), 0.0, own[:, 1, 2, None])
+    near = np.where(missing[..., 0], 0.0, own[:, 0, 1, None])
+    far = np.where(missing[..., 1], 0.0, own[:, 0, 2, None])
+    size = one * other - both**2
+    first, last = (near * other - far * both) / size, (far * one - near * both) / size
+    shift = first * turn + last * twist
+    variance = own[:, 0, 0, None] + noise[..., 0] - first * near - last * far
+    exponent = (turn**2 * other - 2 * turn * twist * both + twist**2 * one) / size
+    weight = TURN_DENSITY * np.exp(-0.5 * exponent) / np.sqrt(size)
+    return residual[..., 0] - shift, variance, weight
+
+
+def amplitude_ratio(measured: Array, expected: Array, radio: RadioModel) -> Array:
+    """What amplitudes say for paths of known strength, against any amplitude up to twice theirs.
+
+    A reflection may well have a line of sight's angles, but hardly its strength. One path in fifty counts as
+    weakened by something unknown, so that no amplitude rules a path out.
+
+    Parameters
+    ----------
+    measured : (M,)
+        NaN where not measured.
+    expected : (L,)
+
+    Returns
+    -------
+    (L, M)
+    """
+    level = np.asarray(expected)[:, None]
+    deviation = np.hypot(radio.amplitude_std(level), LEVEL_SHARE * level)
+    density = np.exp(-0.5 * ((measured - level) / deviation) ** 2) / (np.sqrt(2 * np.pi) * deviation)
+    return np.where(np.isnan(measured), 1.0, WEAKENED + (1 - WEAKENED) * 2 * level * density)
+
+
+def _deviations(heard: AnchorScan, amplitude: Array, angles: Array, steep: Array, radio: RadioModel) -> Array:
+    """Deviations (L, M, 3) of all measurements, if paths of these amplitudes and angles caused them."""
+    paths, count = len(amplitude), len(heard)
+    every, each = np.tile(np.arange(count), paths), np.repeat(np.arange(paths), count)
+    return deviations(heard, every, amplitude[each], angles[each], radio, steep[each]).reshape(
+        paths, count, 3
+    )

@@ -1,0 +1,136 @@
+"""Setting clocks: what all agents heard, as evidence about each open offset; docs/model.md, (M103)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array, replace
+from gridslam.inference.messages.network.clock_evidence import agent_evidence
+from gridslam.inference.messages.updates import Exchange
+from gridslam.inference.state.network.clock_search import NARROW_M, SET_VARIANCE
+from gridslam.inference.state.network.state import NetworkState
+from gridslam.inference.workspace.workspace import Workspace
+from gridslam.kernels.primitives import tables
+from gridslam.world.network_model import NetworkModel
+from gridslam.world.scan import Scan
+
+CHALLENGE_STEPS = 5
+"""From one look at set clocks to the next; in as many first steps, each looks at them."""
+EXPECTED, SILENT_SHARE, HEARD_SHARE, DOUBTED = 0.5, 0.2, 0.5, 12.0
+"""Chance from which on a path is expected; shares of the expected paths that count as silence and as being
+heard; nats of surprise by silence after which a clock is opened again."""
+
+
+def set_clocks(
+    state: NetworkState,
+    scans: Sequence[Scan | None],
+    model: NetworkModel,
+    *,
+    works: Sequence[Workspace],
+) -> NetworkState:
+    """Take in, before the agents' turns, what all of them heard about open clocks, and set the sure ones.
+
+    An open clock stands in the belief by the moments of its histogram, independent of all else: its
+    anchor's paths correct the agents by their angles.
+    """
+    state = challenge_clocks(state, scans, model, works=works)
+    if not state.clocks.unset.any():
+        return state
+    search = state.clocks.updated(evidence_of(state, state.clocks.unset, scans, model, works=works))
+    belief, first = state.belief, state.belief.layout.devices
+    for anchor, offset in search.decided(tells_no_departure(scans)):
+        belief, search = belief.independent(int(first[anchor]), offset, SET_VARIANCE), search.closed(anchor)
+    state = replace(state, belief=belief, clocks=search)
+    return loosened(state)
+
+
+def tells_no_departure(scans: Sequence[Scan | None]) -> bool:
+    """Whether something was heard, and no departure of it measured: then clocks have rival modes."""
+    heard = [scan.aod_rad for scan in scans if scan is not None and len(scan)]
+    return bool(heard) and not any(np.isfinite(angle).any() for angle in heard)
+
+
+def challenge_clocks(
+    state: NetworkState,
+    scans: Sequence[Scan | None],
+    model: NetworkModel,
+    *,
+    works: Sequence[Workspace],
+) -> NetworkState:
+    """Open a set clock again where measurements stand for another offset, as they do for an unknown one's.
+
+    A clock that was set by too little fits itself: surfaces are born about it, and what contradicts it
+    counts as clutter.
+    """
+    wide = model.clocks.half_width_m[: model.clocks.anchors] > NARROW_M
+    closed = wide & ~state.clocks.unset
+    later = state.step > CHALLENGE_STEPS and state.step % CHALLENGE_STEPS
+    if later or not closed.any() or tells_no_departure(scans):  # rival modes are hypotheses then
+        return state
+    evidence = evidence_of(state, closed, scans, model, works=works)
+    devices = state.belief.layout.devices
+    mean, variance = state.belief.mean[devices], np.diagonal(state.belief.covariance)[devices]
+    return replace(state, clocks=state.clocks.challenged(closed, evidence, mean, np.sqrt(variance)))
+
+
+def evidence_of(
+    state: NetworkState,
+    sought: NDArray[np.bool_],
+    scans: Sequence[Scan | None],
+    model: NetworkModel,
+    *,
+    works: Sequence[Workspace],
+) -> Array:
+    """Log evidence (J, C) of all agents' measurements about some anchors' clocks, as if unknown."""
+    bare, first = state.belief, state.belief.layout.devices
+    for anchor in np.flatnonzero(sought).tolist():
+        bare = bare.independent(int(first[anchor]), 0.0, 0.0)
+    whole, search, evidence = replace(state, belief=bare), state.clocks, np.zeros_like(state.clocks.log)
+    for agent, scan in enumerate(scans):
+        if scan is not None and len(scan):
+            evidence += agent_evidence(
+                whole.part(agent), state.part(agent), sought, ~search.unset, search.centre, scan,
+                model.agents[agent], works[agent],
+            )  # fmt: skip
+    return evidence
+
+
+def loosened(state: NetworkState) -> NetworkState:
+    """The state with open clocks independent of all else, by the moments of their histograms."""
+    if not state.clocks.unset.any():
+        return state
+    belief, devices = state.belief, state.belief.layout.devices
+    for anchor in np.flatnonzero(state.clocks.unset):
+        mean, variance = state.clocks.moments(int(anchor))
+        belief = belief.independent(int(devices[anchor]), mean, variance)
+    return replace(state, belief=belief)
+
+
+def doubt_clocks(state: NetworkState, exchanges: Sequence[Exchange], model: NetworkModel) -> NetworkState:
+    """Open a set clock again once all paths of its anchor fall silent to an agent, while others are heard.
+
+    A clock that jumped is wrong while everything else looks right. What is summed is how unlikely such
+    silence is by chance.
+    """
+    search = state.clocks
+    wide = model.clocks.half_width_m[: model.clocks.anchors] > NARROW_M
+    if not (wide & ~search.unset).any():
+        return state
+    expected, received, surprise = np.zeros((3, len(wide)))
+    for exchange in exchanges:
+        likely = exchange.odds[tables.THERE] > EXPECTED
+        missed, sender = exchange.odds[tables.MISSED, likely], exchange.rays.anchor[likely]
+        expected += np.bincount(sender, 1 - missed, len(wide))
+        received += np.bincount(sender, exchange.responsible[likely].sum(1), len(wide))
+        surprise += np.bincount(sender, -np.log(missed), len(wide))
+    silent = (expected > 0) & (received < SILENT_SHARE * expected)
+    others = received.sum() - received >= HEARD_SHARE * (expected.sum() - expected)
+    doubt = np.where(received > HEARD_SHARE * expected, 0.0, search.doubt)
+    doubt = np.where(silent & others & ~search.unset, doubt + surprise, doubt)
+    search = replace(search, doubt=doubt)
+    for anchor in np.flatnonzero(wide & (doubt > DOUBTED)):
+        search = search.opened(int(anchor), model.clocks)
+    return loosened(replace(state, clocks=search))

@@ -1,0 +1,1 @@
+"""Messages of the representations that the papers published: particles of agent and features, each apart."""

@@ -1,0 +1,1 @@
+"""Messages of sampled signals: images heard by one antenna, surfaces heard by arrays."""

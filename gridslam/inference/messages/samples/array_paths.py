@@ -1,0 +1,193 @@
+"""Messages between a snapshot of arrays and the filter's paths; docs/model.md, (M152), (M153)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import i0e, logsumexp
+
+from gridslam.arrays import Array
+from gridslam.inference.messages.cells import Visibility
+from gridslam.inference.messages.prediction import PredictedPaths
+from gridslam.inference.messages.reflection import Reflected
+from gridslam.inference.messages.samples.array_likelihood import ArrayBand, Complex, one_more
+from gridslam.inference.messages.samples.array_search import Found, find_paths
+from gridslam.inference.messages.samples.signal_likelihood import log_ratio
+from gridslam.inference.messages.samples.state_mode import PathsPrior, paths_at
+from gridslam.inference.state.rays import Rays
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace.workspace import Workspace, timed
+from gridslam.world.radio import RadioModel
+from gridslam.world.signal_model import SignalModel
+from gridslam.world.signal_scan import SignalScan
+
+LEAST_CHANCE, MOST_PATHS = 1e-3, 40
+"""Chance below which a path isn't followed in the mode, and how many are at most."""
+NOISE_GAIN = 0.03
+"""Share of a step's noise estimate that enters, in the long run."""
+SUREST = 40.0
+"""Log ratio beyond which nothing more counts."""
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """One anchor's snapshot, and what is predicted of it.
+
+    Attributes
+    ----------
+    anchor : int
+    band : ArrayBand
+    samples : (A, B, M) complex128
+    noise : float
+        Power of the noise in each sample.
+    fades : bool
+        Whether amplitudes are drawn anew at each step; else they are steady.
+    rays : Rays
+        L paths, with their existence one step ahead.
+    open_ : (L,)
+        Chance that each is possible and open.
+    length : (L,) m
+    amplitude, probability : (L, K)
+        Nodes of each path's amplitude, square root of SNR, and belief over them.
+    radio : RadioModel
+        As the radio seems to be.
+    """
+
+    anchor: int
+    band: ArrayBand
+    samples: Complex
+    noise: float
+    fades: bool
+    rays: Rays
+    open_: Array
+    length: Array
+    amplitude: Array
+    probability: Array
+    radio: RadioModel
+
+    @property
+    def chance(self) -> Array:
+        """That each path is there, (L,), (M24)."""
+        return self.rays.existence * self.rays.surfaces * self.open_
+
+    @property
+    def power(self) -> Array:
+        """Mean power of each path if it is there, in the scale of the samples, (L,)."""
+        return np.asarray(self.noise * (self.probability * self.amplitude**2).sum(1))
+
+
+@dataclass(frozen=True, eq=False)
+class SnapshotLikelihood:
+    """What a snapshot says of the L paths.
+
+    Attributes
+    ----------
+    followed : (N,) intp
+        Which of them took part in the mode.
+    found : Found
+    matched, own : (L,)
+        |y|^2 and g of each, in units in which the noise has power 1, as if it were one more on top of all
+        others.
+    log_worth : (L,)
+        Log likelihood ratio of each path, over what is believed of its place and amplitude (M153).
+    """
+
+    followed: NDArray[np.intp]
+    found: Found
+    matched: Array
+    own: Array
+    log_worth: Array
+
+
+def start_noise(state: State, anchor: int, scan: SignalScan, model: SignalModel) -> State:
+    """The noise's power where none is known yet: given, or by the median over delays (M86)."""
+    noise = np.zeros(len(model.anchors)) if state.noise is None else state.noise.copy()
+    if noise[anchor] <= 0:
+        given = model.waveform.noise_std
+        samples, pulse = scan.samples[anchor], np.conj(model.waveform.pulse)
+        power = np.abs(np.fft.fft(samples * pulse, axis=-1)) ** 2
+        noise[anchor] = np.median(power) / np.log(2) if given is None else given[anchor] ** 2
+        noise[anchor] = max(float(noise[anchor]), 1e-12 * float(np.mean(np.abs(samples) ** 2)))
+    return replace(state, noise=noise)
+
+
+def learn_noise(state: State, anchor: int, likelihood: SnapshotLikelihood) -> State:
+    """The noise's power by what the paths leave over (M86)."""
+    assert state.noise is not None
+    noise, gain = state.noise.copy(), max(NOISE_GAIN, 1 / (2.0 + state.step))
+    ratio = float(np.clip(likelihood.found.mode.noise_ratio, 0.1, 10.0))
+    noise[anchor] *= 1 + gain * (ratio - 1)
+    return replace(state, noise=noise)
+
+
+def take_snapshot(
+    state: State, anchor: int, scan: SignalScan, paths: PredictedPaths, visible: Visibility,
+    amplitudes: Reflected, model: SignalModel, *, work: Workspace,
+) -> Snapshot:  # fmt: skip
+    """One anchor's snapshot, beside what is predicted of it."""
+    assert state.noise is not None
+    band: ArrayBand = work.buffers(ArrayBand.of, anchor, model.waveform, anchor)
+    length = np.maximum(paths.prediction.length, 1e-3)
+    rays = Rays(paths.rays.table.copy(), paths.rays.existence.copy(), paths.rays.surfaces.copy())
+    return Snapshot(
+        anchor, band, scan.samples[anchor], float(state.noise[anchor]), model.fades, rays,
+        visible.validity * visible.possible, length, amplitudes.nodes / length[:, None],
+        amplitudes.probability.copy(), amplitudes.signal,
+    )  # fmt: skip
+
+
+@timed("evaluation")
+def evaluate_snapshot(
+    state: State, snapshot: Snapshot, model: SignalModel, *, work: Workspace
+) -> tuple[State, SnapshotLikelihood]:
+    """Find the joint mode of agent and surfaces, and what it tells of every path's being there."""
+    chance, power = snapshot.chance, snapshot.power
+    order = np.argsort(-chance * power, kind="stable")
+    followed = np.sort(order[chance[order] > LEAST_CHANCE][:MOST_PATHS])
+    place, head = model.anchors[snapshot.anchor], state.belief.layout.head
+    prior = PathsPrior(
+        state.belief,
+        place,
+        snapshot.rays.table[followed],
+        chance[followed] * power[followed],
+        np.zeros((0, 3)),
+    )
+    found = find_paths(snapshot.band, snapshot.samples, prior, snapshot.noise, power[followed])
+    mode = found.mode
+    matched, own, log_mean = np.zeros(len(chance)), np.zeros(len(chance)), np.zeros(len(chance))
+    inside, among = mode.paths.without(found.prior.weight)
+    count = len(followed)
+    matched[followed], own[followed] = inside[:count], among[:count]
+    log_mean[followed] = mode.log_evidence()[:count]
+    rest = np.setdiff1d(np.arange(len(chance)), followed)
+    if len(rest):
+        path, _ = paths_at(mode.belief.mean, place, snapshot.rays.table[rest], head)
+        output, left = one_more(
+            snapshot.band, snapshot.samples, path, mode.path, found.prior.weight, snapshot.noise
+        )
+        matched[rest], own[rest] = snapshot.noise * np.abs(output) ** 2, snapshot.noise * left
+    logs = log_amplitudes(matched, own, snapshot.amplitude, snapshot.fades)
+    with np.errstate(divide="ignore"):
+        worth = logsumexp(logs + np.log(snapshot.probability), axis=1)
+    worth = np.clip(worth + log_mean, -SUREST, SUREST)
+    return replace(state, belief=mode.belief), SnapshotLikelihood(followed, found, matched, own, worth)
+
+
+def log_amplitudes(matched: Array, own: Array, amplitude: Array, fades: bool) -> Array:
+    """Log likelihood ratio of one more path of given amplitudes and unknown phase, (L, K) (M152).
+
+    Parameters
+    ----------
+    matched, own : (L,)
+        |y|^2 and g, in units in which the noise has power 1.
+    amplitude : (L, K)
+        Square roots of the SNR.
+    fades : bool
+        Whether the amplitude is that of a complex Gaussian, of which this is the root mean square.
+    """
+    if fades:
+        return log_ratio(matched[:, None], own[:, None], amplitude**2)
+    bend = 2 * amplitude * np.sqrt(matched)[:, None]
+    return np.asarray(bend + np.log(i0e(bend)) - amplitude**2 * own[:, None])

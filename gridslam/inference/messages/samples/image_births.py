@@ -1,0 +1,262 @@
+"""New images of direct SLAM: paths that a snapshot holds and the model doesn't (M81), (M82)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array
+from gridslam.inference.messages.samples.distance_mode import Mode, PathPrior, joint_mode
+from gridslam.inference.messages.samples.path_search import take_in
+from gridslam.inference.messages.samples.signal_likelihood import Band, Inverse, Sweep
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.rings import BEARINGS, MOVING, Rings, outer
+from gridslam.inference.state.samples.images import DirectState, Tentative
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import line_between, unit
+
+Complex = NDArray[np.complex128]
+INTENSITIES_DB = np.arange(3.0, 34.0, 5.0)
+"""Intensities of a new path over the noise, equally likely."""
+MOST_NEW, MOST_TENTATIVE = 4, 8
+"""New images per anchor and step; tentative ones per anchor."""
+BIRTHS, FIRST_BIRTHS, FIRST_STEPS = 1e-4, 0.05, 8.0
+"""Probability of a new path per delay cell: of a running filter; at the first step, and for how many
+steps. At the start several cells hold paths; with the rate of a running filter the line of sight is
+dragged towards reflections that aren't in the model yet."""
+POINTS = 2048
+"""Of the folding range, at which one more path is tried."""
+LEAST_EXISTENCE = 0.01
+"""Existence below which a tentative image isn't begun."""
+NEAR_M, BESIDE_M = 0.05, 0.2
+"""By how much an image must be farther than its anchor; how near to a known path a weak one is none."""
+DEVIATIONS = 2.0
+"""Deviations of the line of sight that come on top."""
+OVERLAP = 0.6
+"""Deviation of a hypothesis along the ring at birth, in spacings."""
+ACCEPTED = np.log(8.0) - 2.0
+"""What a gain in log posterior is worth more than a ratio of likelihoods: searched at 8 points of a cell,
+less what fitting a distance and an intensity gains in noise."""
+SOLVED_AGAIN = 1.0
+"""What solving everything again may gain on top of what the others' present fit shows; 0.5 is usual."""
+WIDEST_M = 0.3
+"""Deviation of a predicted distance beyond which it isn't broadened any more."""
+OWN_PLACE_M = 0.6
+"""An image so near to its anchor is the anchor itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class NewPath:
+    """A path that may come from a new image.
+
+    Attributes
+    ----------
+    existence : float
+    distance, variance : float; m, m^2
+    intensity : float
+    """
+
+    existence: float
+    distance: float
+    variance: float
+    intensity: float
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a snapshot holds.
+
+    Attributes
+    ----------
+    prior : PathPrior
+        Of the known paths, and of new ones that were taken in.
+    mode : Mode
+        Of them.
+    new : list of NewPath
+        All new ones. Those taken in come first, in the order of the prior's last rows, all above 0.5.
+    inverse : Inverse
+        C^-1 at the mode.
+    table : Sweep
+        What one more path would be worth.
+    known : int
+        How many of the prior's rows are known paths.
+    """
+
+    prior: PathPrior
+    mode: Mode
+    new: list[NewPath]
+    inverse: Inverse
+    table: Sweep
+    known: int
+
+
+def find_births(band: Band, samples: Complex, prior: PathPrior, noise: float, step: int) -> Found:
+    """The joint mode of the known paths, and of new ones that these leave unexplained; see `take_in`.
+
+    Parameters
+    ----------
+    step : int
+        Steps taken before this one.
+    """
+    rate = max(BIRTHS, FIRST_BIRTHS * float(np.exp(-step / FIRST_STEPS)))
+    births, known = _Births(band, samples, prior, noise, rate), len(prior.mean)
+    prior, mode = take_in(births, prior)
+    inverse, table = births.explained(prior, mode)
+    return Found(prior, mode, births.taken + births.weak, inverse, table, known)
+
+
+class _Births:
+    """Peaks over distance; see `path_search.Candidates`. A peak is a distance (m) and an intensity.
+
+    Parameters
+    ----------
+    prior : PathPrior
+        Of the known paths.
+    rate : float
+        Probability of a new path per delay cell.
+
+    Attributes
+    ----------
+    taken, weak : list of NewPath
+        Those taken in; those that aren't sure enough.
+    """
+
+    tries = MOST_NEW
+
+    def __init__(self, band: Band, samples: Complex, prior: PathPrior, noise: float, rate: float) -> None:
+        self.band, self.samples, self.noise, self.rate = band, samples, noise, rate
+        self.taken, self.weak = list[NewPath](), list[NewPath]()
+        self.nearest = float(prior.mean[0] + NEAR_M + DEVIATIONS * np.sqrt(1 / prior.precision[0, 0]))
+        grid = band.folding_m / POINTS * np.arange(POINTS)
+        self.grid = grid + band.folding_m * (grid < self.nearest)
+        self.open = self.grid < self.nearest + band.folding_m - band.resolution_m
+        self.intensities = noise * 10 ** (INTENSITIES_DB / 10)
+        self._latest: tuple[Mode, Inverse, Sweep] | None = None
+        self._solved: list[tuple[PathPrior, Mode]] = []
+        self._predicted: tuple[PathPrior, Sweep] | None = None
+
+    def solve(self, prior: PathPrior) -> Mode:
+        for known, mode in self._solved:
+            if known is prior:
+                return mode
+        return joint_mode(self.band, self.samples, prior, self.noise)
+
+    def explained(self, prior: PathPrior, mode: Mode) -> tuple[Inverse, Sweep]:
+        """All paths at their mode, broadened by their variance, and what one more would be worth on top.
+
+        An error of 1 cm would else leave -24 dB of a strong path to be explained.
+        """
+        if self._latest is None or self._latest[0] is not mode:
+            inverse = Inverse.of(
+                self.band, self.samples, prior.weight, mode.distance, mode.variance, self.noise
+            )
+            self._latest = mode, inverse, inverse.sweep(POINTS)
+        return self._latest[1:]
+
+    def strongest(self, prior: PathPrior, mode: Mode) -> tuple[float, float] | None:
+        """Of two peaks the one with which all is likelier: beside the mode, or beside the prediction.
+
+        Where two paths lie within the resolution, the one that is known may stand in for both at the mode,
+        and nothing is left over.
+        """
+        _, table = self.explained(prior, mode)
+        peaks = [peak for peak in map(self._peak, (table, self._before(prior))) if peak is not None]
+        wider = [prior.with_path(*peak) for peak in peaks]
+        self._solved = [(each, self.solve(each)) for each in wider]
+        if not peaks:
+            return None
+        best = int(np.argmax([trial.log_posterior for _, trial in self._solved]))
+        self._solved = [self._solved[best]]
+        return peaks[best]
+
+    def _before(self, prior: PathPrior) -> Sweep:
+        """What one more path would be worth, with the others as broad as they were predicted."""
+        if self._predicted is None or self._predicted[0] is not prior:
+            spread = np.minimum(np.linalg.inv(prior.precision).diagonal(), WIDEST_M**2)
+            inverse = Inverse.of(self.band, self.samples, prior.weight, prior.mean, spread, self.noise)
+            self._predicted = prior, inverse.sweep(POINTS)
+        return self._predicted[1]
+
+    def _peak(self, table: Sweep) -> tuple[float, float] | None:
+        """The likeliest distance of one more path, and its intensity; None where it isn't worth a look."""
+        logs = table.log_ratio(self.intensities[:, None])
+        best = logs.max(0)
+        score = np.where(self.open, best + np.log(np.exp(logs - best).mean(0)), -np.inf)
+        peak = int(score.argmax())
+        if score[peak] < np.log(LEAST_EXISTENCE) - np.log(self.rate) - ACCEPTED - SOLVED_AGAIN:
+            return None
+        share = np.exp(logs[:, peak] - best[peak])
+        return float(self.grid[peak]), float(share @ self.intensities / share.sum())
+
+    def widened(self, prior: PathPrior, mode: Mode, peak: tuple[float, float]) -> PathPrior:
+        return self._solved[0][0]
+
+    def takes(self, prior: PathPrior, mode: Mode, trial: Mode, peak: tuple[float, float]) -> bool:
+        log_odds = trial.log_posterior - mode.log_posterior + np.log(self.rate) + ACCEPTED
+        existence = float(1 / (1 + np.exp(-np.clip(log_odds, -50, 50))))
+        new = NewPath(existence, float(trial.distance[-1]), float(trial.variance[-1]), peak[1])
+        possible = existence >= LEAST_EXISTENCE and new.distance >= self.nearest
+        if possible and existence > 0.5:
+            self.taken.append(new)
+            return True
+        self.open &= np.abs(self.grid - peak[0]) > BESIDE_M
+        known = np.append(mode.distance, [path.distance for path in self.weak])
+        if possible and (np.abs(known - new.distance) > BESIDE_M).all():
+            self.weak.append(new)
+        return False
+
+
+def add_tentative(state: DirectState, anchor: int, new: list[NewPath], model: FilterModel) -> DirectState:
+    """Begin a ring for every new path, and keep the likeliest few of the anchor."""
+    begun, belief = list[NewPath](), state.belief
+    toward = _toward()
+    position, weights = model.anchor_positions[anchor], list[Array]()
+    for path in new:
+        image = belief.mean[:2] + path.distance * toward
+        weight = _density(image, position, model)
+        if weight.sum() > 0:
+            begun.append(path)
+            weights.append(weight / weight.sum())
+    if begun:
+        fresh = _rings(belief, anchor, begun, np.array(weights))
+        intensity = np.array([path.intensity for path in begun])
+        tentative = state.tentative.joined(Tentative(fresh, intensity, np.ones(len(begun))))
+        state = replace(state, tentative=tentative)
+    return state
+
+
+def _density(image: Array, position: Array, model: FilterModel) -> Array:
+    """Of images (K, 2): surfaces are uniform over the lines that cross the region."""
+    line, span = line_between(position, image), np.linalg.norm(image - position, axis=-1)
+    crosses = np.abs((unit(line[:, 0]) @ model.middle) - line[:, 1]) < model.radius_m
+    return np.asarray(crosses * (span > OWN_PLACE_M) / np.maximum(span, 0.1))
+
+
+def _toward() -> Array:
+    """Unit vectors of the hypotheses, (K, 2)."""
+    return unit(np.asarray(2 * np.pi / BEARINGS * np.arange(BEARINGS), np.float64))
+
+
+def _rings(belief: Belief, anchor: int, new: list[NewPath], weight: Array) -> Rings:
+    """Rings (n) about the agent."""
+    count = len(new)
+    distance = np.array([path.distance for path in new])[:, None]
+    variance = np.array([path.variance for path in new])[:, None]
+    toward = np.broadcast_to(_toward(), (count, BEARINGS, 2))
+    across = np.stack([-toward[..., 1], toward[..., 0]], -1)
+    arc = np.square(OVERLAP * 2 * np.pi / BEARINGS * distance)[..., None, None]
+    mean = np.zeros((count, BEARINGS, MOVING + 2))
+    mean[..., :MOVING] = belief.mean[:MOVING]
+    mean[..., MOVING:] = belief.mean[:2] + distance[..., None] * toward
+    entry = np.array([0, 1, 2, 3, 0, 1])  # the image shares the error of the agent's position
+    covariance = np.broadcast_to(belief.covariance[np.ix_(entry, entry)], (*mean.shape, MOVING + 2)).copy()
+    covariance[..., MOVING:, MOVING:] += variance[..., None, None] * outer(toward, toward) + arc * outer(
+        across, across
+    )
+    whole = np.zeros(count, np.int64)
+    return Rings(
+        np.full(count, anchor, np.intp), np.array([path.existence for path in new]), whole, whole + 1, weight,
+        mean, covariance,
+    )  # fmt: skip

@@ -1,0 +1,142 @@
+"""Images proposed where walls that others have shown put them, and paths that stand in for them (M294)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array
+from gridslam.inference.messages.samples.common_walls import SPREAD_M, image_there, places_by_walls, widest
+from gridslam.inference.messages.samples.image_births import Found
+from gridslam.inference.messages.samples.image_prediction import AnchorPaths
+from gridslam.inference.messages.samples.signal_likelihood import Inverse, log_ratio
+from gridslam.inference.state.samples.images import DirectState
+from gridslam.world.filter_model import FilterModel
+
+Flags = NDArray[np.bool_]
+PROPOSED, VISIBLE, HEARD = 0.1, 0.5, 3.0
+"""Existence of a proposed image, how visible it is, and as if heard how often."""
+CONFIRMED, CONFIRMED_HEARD = 0.9, 13.0
+"""Existence above which it is there, and how often it must have been heard then to count as any other."""
+SHARP_M = 0.08
+"""Deviation of a path's length beyond which no image is proposed."""
+APART_M = 0.5
+"""How near to a known image none is."""
+GATE, GATE_M = 2.0, 0.03
+"""Paths within so many deviations, and so much more, are at one place."""
+WORTH = 3.0
+"""Log ratio at which an image is proposed."""
+MOST = 3
+"""Images proposed per anchor and step."""
+HALVED, SUREST = 0.5, 20.0
+"""What a step in a confirmed image's place does to the odds of what stood there, which are at most this."""
+POINTS = np.linspace(-2, 2, 9)
+"""Where a proposed image's path is tried, in deviations."""
+
+
+def propose_images(state: DirectState, paths: AnchorPaths, found: Found, model: FilterModel) -> DirectState:
+    """Begin images where walls put them, of those whose path may be there now."""
+    mode, anchor = found.mode, paths.anchor
+    places = places_by_walls(state, anchor, model, proven=True)
+    if not len(places):
+        return state
+    places = replace(places, bounces=-places.bounces)
+    away = state.belief.mean[:2] - places.place
+    distance = np.linalg.norm(away, axis=1)
+    toward = away / distance[:, None]
+    slope = -np.einsum("ci,cin->cn", toward, places.slope)
+    slope[:, :2] += toward
+    spread = np.sqrt(np.einsum("cn,nm,cm->c", slope, state.belief.covariance, slope))
+    known = (widest(state.place_covariances) < SPREAD_M) | (state.images.bounces != 0)
+    taken = state.places[known & (state.images.anchor == anchor)]
+    apart = np.linalg.norm(places.place[:, None] - taken, axis=-1).min(1, initial=np.inf)
+    untied, tries = _untied(state, paths, found), list[tuple[float, float, int]]()
+    possible = (spread < SHARP_M) & (apart > APART_M) & (distance > mode.distance[0])
+    for row in np.flatnonzero(possible).tolist():
+        near = np.abs(mode.distance - distance[row]) < GATE * spread[row] + GATE_M
+        matched, own = _alone(found, untied & near, distance[row] + spread[row] * POINTS)
+        best = int((matched / own).argmax())
+        power = max(float(matched[best] / own[best] ** 2), 2 * mode.noise)
+        tries.append((float(log_ratio(matched[best], own[best], power)), power, row))
+    for log, power, row in sorted(tries, reverse=True)[:MOST]:
+        if log > WORTH:
+            state = image_there(state, anchor, places, row, PROPOSED, VISIBLE, power, HEARD)
+            places = replace(places, slope=np.pad(places.slope, ((0, 0), (0, 0), (0, 2))))
+    return state
+
+
+def confirm_proposals(state: DirectState) -> DirectState:
+    """Proposed images that have been heard for long are images as others."""
+    images = state.images
+    done = (images.bounces < 0) & (images.existence > CONFIRMED) & (images.heard > CONFIRMED_HEARD)
+    return replace(state, images=replace(images, bounces=np.where(done, -images.bounces, images.bounces)))
+
+
+def judge_proposals(
+    state: DirectState, paths: AnchorPaths, found: Found, matched: Array, own: Array
+) -> tuple[Array, Array]:
+    """|y|^2 and g (1 + S,) of each path, those of proposed images as if nothing stood in for them.
+
+    A ring whose bearing is wrong follows any path, and would explain that of a proposed image for ever.
+    """
+    images, rows, mode = state.images, paths.images, found.mode
+    open_ones = np.flatnonzero((images.bounces[rows] != 0) & (images.existence[rows] < CONFIRMED))
+    matched, own, untied = matched.copy(), own.copy(), _untied(state, paths, found)
+    for row in (1 + open_ones).tolist():
+        out = untied & _beside(found, row)
+        if out.any():
+            out[row] = True
+            (matched[row],), (own[row],) = _alone(found, out, mode.distance[[row]])
+    return matched, own
+
+
+def retire_substitutes(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
+    """Rings, and images known badly, that stand where a confirmed image's path is are hardly there."""
+    images, rows, joint = state.images, paths.images, paths.joint
+    sure = (images.bounces[rows] != 0) & (images.existence[rows] > CONFIRMED) & (images.visible[rows] > 0.5)
+    stands = np.zeros(len(found.mode.distance), bool)
+    for row in (1 + np.flatnonzero(sure)).tolist():
+        stands |= _beside(found, row)
+    stands &= _untied(state, paths, found)
+    loose = rows[stands[1:joint] & (widest(state.place_covariances)[rows] > SPREAD_M)]
+    rings = state.tentative.rings
+    idle = paths.tentative[stands[joint : joint + len(paths.tentative)]]
+    images = replace(images, existence=_halved(images.existence, loose))
+    rings = replace(rings, existence=_halved(rings.existence, idle))
+    return replace(state, images=images, tentative=replace(state.tentative, rings=rings))
+
+
+def _untied(state: DirectState, paths: AnchorPaths, found: Found) -> Flags:
+    """Which of the mode's paths no common wall stands behind: rings, new paths, most images."""
+    untied = np.ones(len(found.mode.distance), bool)
+    untied[0] = False
+    untied[1 : paths.joint] = state.images.bounces[paths.images] == 0
+    return untied
+
+
+def _beside(found: Found, row: int) -> Flags:
+    """Which of the mode's paths are where this one is."""
+    mode = found.mode
+    reach = GATE * np.sqrt(mode.variance[row]) + GATE_M
+    return np.asarray(np.abs(mode.distance - mode.distance[row]) < reach)
+
+
+def _alone(found: Found, out: Flags, distance: Array) -> tuple[Array, Array]:
+    """|y|^2 and g at distances, on top of all paths but some."""
+    mode, inverse = found.mode, found.inverse
+    if out.any():
+        weight = np.where(out, 0.0, found.prior.weight)
+        inverse = Inverse.of(inverse.band, inverse.samples, weight, mode.distance, mode.variance, mode.noise)
+    response = inverse.band.response(distance)
+    back = np.conj(response)
+    own = ((back @ inverse.matrix) * response).sum(-1).real
+    return np.abs(back @ (inverse.matrix @ inverse.samples)) ** 2, np.maximum(own, 1e-300)
+
+
+def _halved(chance: Array, rows: NDArray[np.intp]) -> Array:
+    fresh = chance.copy()
+    odds = HALVED * np.minimum(chance[rows] / np.maximum(1 - chance[rows], 1e-9), SUREST)
+    fresh[rows] = odds / (1 + odds)
+    return fresh

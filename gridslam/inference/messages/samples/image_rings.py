@@ -1,0 +1,234 @@
+"""Messages of a snapshot to tentative images, and how these join the joint belief (M83), (M84)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr
+
+from gridslam.arrays import Array
+from gridslam.inference.messages.samples.distance_mode import BEHIND_M
+from gridslam.inference.messages.samples.image_births import (
+    LEAST_EXISTENCE,
+    MOST_TENTATIVE,
+    OWN_PLACE_M,
+    Found,
+)
+from gridslam.inference.messages.samples.image_prediction import P_STAY, AnchorPaths, hypothesis_distances
+from gridslam.inference.state.belief import Belief, give_birth
+from gridslam.inference.state.rings import MOVING, Rings, follow, outer, symmetric
+from gridslam.inference.state.samples.images import DirectState, Images
+from gridslam.world.filter_model import FilterModel
+
+NODES = np.linspace(-4.0, 4.0, 41)
+"""Where a hypothesis integrates the likelihood, in its deviations."""
+NODE_WEIGHTS = np.exp(-0.5 * NODES**2) / np.exp(-0.5 * NODES**2).sum()
+JOIN_BEARING_RAD, JOIN_RANGE_M, SURE = 0.15, 0.3, 0.95
+"""Deviations below which a ring is a straight arc, and the existence that it must have to join."""
+LEAST_WEIGHT = 1e-7
+"""A hypothesis less likely than this within its ring is given up."""
+
+
+def learn_rings(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
+    """Update existence and hypotheses of an anchor's rings by their likelihood ratios (M83).
+
+    Every ring is judged as one more path on top of all others, which stand at their mode.
+    """
+    rows = paths.tentative
+    if not len(rows):
+        return state
+    own = state.tentative.take(rows)
+    rings = own.rings
+    several = np.arange(paths.joint, paths.joint + len(rows))  # after those of the joint state
+    tables = found.inverse.sweeps_without(found.table, several)
+    logs = tables.log_ratio(own.intensity[:, None])
+    distance, spread, gain = hypothesis_distances(rings)
+    live = rings.weight > 0
+    ring = np.nonzero(live)[0]
+    level, moved, left = _integrate(
+        logs, ring, tables.spacing_m, distance[live], np.sqrt(spread[live]),
+        found.mode.distance[0], np.sqrt(BEHIND_M**2 + found.mode.variance[0]),
+    )  # fmt: skip
+    # the path may have gone for now
+    log_there = np.log(P_STAY) + level
+    log_factor = np.logaddexp(log_there, np.log1p(-P_STAY))
+    there = np.exp(log_there - log_factor)
+    narrower = there * (spread[live] - left - (1 - there) * moved**2)
+    scaled = gain[live] / spread[live][:, None]
+    mean, covariance = rings.mean.copy(), rings.covariance.copy()
+    mean[live] += (there * moved)[:, None] * scaled
+    covariance[live] = symmetric(covariance[live] - narrower[:, None, None] * outer(scaled, scaled))
+
+    weight = np.full(rings.weight.shape, -np.inf)
+    weight[live] = np.log(rings.weight[live]) + log_factor
+    top = weight.max(-1, keepdims=True)
+    weight = np.exp(weight - top)
+    evidence = weight.sum(-1)
+    log_odds = np.log(rings.existence / (1 - rings.existence)) + np.log(evidence) + top[:, 0]
+    weight = np.where(weight > LEAST_WEIGHT * evidence[:, None], weight, 0.0)
+    seen = np.bincount(ring, rings.weight[live] * there, len(rows)) > 0.5
+    fresh = replace(
+        rings,
+        existence=1 / (1 + np.exp(-np.clip(log_odds, -16.0, 16.0))),
+        seen=rings.seen + seen,
+        weight=weight / weight.sum(-1, keepdims=True),
+        mean=mean,
+        covariance=covariance,
+    )
+    return replace(state, tentative=replace(state.tentative, rings=state.tentative.rings.put(rows, fresh)))
+
+
+def _integrate(
+    logs: Array,
+    ring: NDArray[np.intp],
+    spacing: float,
+    distance: Array,
+    deviation: Array,
+    nearest: float,
+    doubt: float,
+) -> tuple[Array, Array, Array]:
+    """Log mean of exp(logs) over each N(distance, deviation^2); the product's shift and variance.
+
+    Parameters
+    ----------
+    logs : (R, G)
+        Periodic tables.
+    ring : (H,) int
+        Which of them each hypothesis looks at.
+    distance, deviation : (H,) m
+    nearest, doubt : float, m
+        Distance of the anchor and its deviation: nothing reflected is nearer.
+    """
+    points = logs.shape[1]
+    node = distance[:, None] + deviation[:, None] * NODES
+    at = node / spacing
+    low = np.floor(at)
+    share = at - low
+    first = low.astype(np.int64)
+    row, flat = points * ring[:, None], logs.reshape(-1)
+    before, here, after, beyond = (flat[row + (first + step) % points] for step in (-1, 0, 1, 2))
+    # cubic: a strong path's ratio is sharper than the table is fine
+    rise, bend = 0.5 * (after - before), before - 2.5 * here + 2 * after - 0.5 * beyond
+    twist = 1.5 * (here - after) + 0.5 * (beyond - before)
+    value = here + share * (rise + share * (bend + share * twist))
+    value = value + log_ndtr((node - nearest) / doubt)
+    top = value.max(-1, keepdims=True)
+    mass = NODE_WEIGHTS * np.exp(value - top)
+    whole = mass.sum(-1)
+    mean, second = (mass @ NODES) / whole, (mass @ NODES**2) / whole
+    left = deviation**2 * np.maximum(second - mean**2, 1e-6)
+    return np.log(whole) + top[:, 0], deviation * mean, left
+
+
+def forbid_own_place(state: DirectState, model: FilterModel) -> DirectState:
+    """An image at its anchor is the line of sight itself: such hypotheses and images go."""
+    rings = state.tentative.rings
+    if len(rings):
+        far = _apart(rings.mean[..., MOVING:], model.anchor_positions[rings.anchor][:, None])
+        weight = rings.weight * far
+        whole = weight.sum(-1)
+        some = whole > 1e-12
+        weight = weight[some] / whole[some, None]
+        state = replace(state, tentative=state.tentative.take(some))
+        rings = replace(state.tentative.rings, weight=weight)
+        state = replace(state, tentative=replace(state.tentative, rings=rings))
+    return state.keep(_apart(state.places, model.anchor_positions[state.images.anchor]))
+
+
+def _apart(place: Array, anchor: Array) -> NDArray[np.bool_]:
+    return np.asarray(np.linalg.norm(place - anchor, axis=-1) > OWN_PLACE_M)
+
+
+def prune(state: DirectState) -> DirectState:
+    """Drop unlikely images and rings, and the least likely rings of an anchor beyond those that are kept."""
+    state = state.keep(state.images.existence > LEAST_EXISTENCE)
+    rings = state.tentative.rings
+    order = np.argsort(-rings.existence, kind="stable")
+    place = np.zeros(len(rings), np.intp)
+    for anchor in np.unique(rings.anchor):
+        own = order[rings.anchor[order] == anchor]
+        place[own] = np.arange(len(own))
+    stays = (rings.existence > LEAST_EXISTENCE) & (place < MOST_TENTATIVE)
+    return replace(state, tentative=state.tentative.take(stays))
+
+
+@dataclass(frozen=True, eq=False)
+class _Polar:
+    """A ring as one Gaussian of [agent (4), bearing, range] about a place."""
+
+    mean: Array
+    covariance: Array
+
+
+def _polar(rings: Rings, row: int, origin: Array) -> _Polar:
+    """Match a ring's hypotheses in polar coordinates, where its arc is straight."""
+    weight, mean, covariance = rings.weight[row], rings.mean[row], rings.covariance[row]
+    away = mean[:, MOVING:] - origin
+    span = np.maximum(np.linalg.norm(away, axis=-1), 1e-3)
+    toward = away / span[:, None]
+    pull = weight @ toward
+    middle = np.arctan2(pull[1], pull[0])
+    turned = np.arctan2(toward[:, 1], toward[:, 0]) - middle
+    bearing = middle + np.remainder(turned + np.pi, 2 * np.pi) - np.pi
+    slope = np.zeros((len(weight), MOVING + 2, MOVING + 2))
+    slope[:, range(MOVING), range(MOVING)] = 1.0
+    slope[:, MOVING, MOVING:] = np.stack([-toward[:, 1], toward[:, 0]], -1) / span[:, None]
+    slope[:, MOVING + 1, MOVING:] = toward
+    each = np.concatenate([mean[:, :MOVING], bearing[:, None], span[:, None]], -1)
+    matched = weight @ each
+    off = each - matched
+    own = slope @ covariance @ np.swapaxes(slope, 1, 2)
+    return _Polar(matched, np.einsum("k,kij->ij", weight, own + outer(off, off)))
+
+
+def join_straight_rings(state: DirectState) -> DirectState:
+    """Rings that have shrunk to a short arc become settled images, correlated with the agent (M84)."""
+    for row in _narrow(state.tentative.rings, state.belief.mean[:2])[::-1].tolist():
+        origin = state.belief.mean[:2].copy()
+        polar = _polar(state.tentative.rings, row, origin)
+        deviation = np.sqrt(np.diag(polar.covariance)[MOVING:])
+        if deviation[0] < JOIN_BEARING_RAD and deviation[1] < JOIN_RANGE_M:
+            state = _joined(state, row, origin, polar)
+    return state
+
+
+def _narrow(rings: Rings, origin: Array) -> NDArray[np.intp]:
+    """Sure rings whose hypotheses' bearings alone don't spread too far already."""
+    away = rings.mean[..., MOVING:] - origin
+    toward = away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-3)
+    pull = np.linalg.norm(np.einsum("rk,rki->ri", rings.weight, toward), axis=-1)
+    # 1 - |mean unit vector| is half the bearings' variance where that is small, and less where it isn't
+    return np.flatnonzero((rings.existence > SURE) & (2 * (1 - pull) < JOIN_BEARING_RAD**2))
+
+
+def _joined(state: DirectState, row: int, origin: Array, polar: _Polar) -> DirectState:
+    """Give the joint belief what one ring knows: agent, image, and how they hang together."""
+    before, tentative = state.belief, state.tentative
+    agent, image = slice(0, MOVING), slice(MOVING, None)
+    own = before.covariance[agent, agent]
+    lean = np.linalg.solve(own, before.covariance[agent]).T  # the rest follows the agent
+    belief = Belief(
+        before.mean + lean @ (polar.mean[agent] - before.mean[agent]),
+        symmetric(before.covariance + lean @ (polar.covariance[agent, agent] - own) @ lean.T),
+    )
+    by_agent = np.linalg.solve(polar.covariance[agent, agent], polar.covariance[agent, image]).T
+    by_state = np.zeros((2, len(belief.mean)))
+    by_state[:, agent] = by_agent
+    value, vector = np.linalg.eigh(
+        symmetric(polar.covariance[image, image] - by_agent @ polar.covariance[agent, image])
+    )
+    belief = give_birth(belief, polar.mean[image], by_state, vector, np.maximum(value, 1e-12))
+    rings = tentative.rings
+    fresh = Images(
+        np.array([state.next_identity]), rings.anchor[[row]].astype(np.int64), origin[None],
+        rings.existence[[row]], np.array([SURE]), tentative.intensity[[row]], tentative.heard[[row]],
+        rings.age[[row]], np.full((1, 2), np.nan), np.zeros(1, np.int64),
+    )  # fmt: skip
+    rest = tentative.take(np.arange(len(tentative)) != row)
+    rest = replace(rest, rings=follow(rest.rings, before, belief))
+    return replace(
+        state, belief=belief, images=state.images.joined(fresh), tentative=rest,
+        next_identity=state.next_identity + 1,
+    )  # fmt: skip

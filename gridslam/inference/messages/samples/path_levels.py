@@ -1,0 +1,154 @@
+"""Levels of direct SLAM: which paths are there, how strong they are, how loud the noise is (M85), (M86)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array
+from gridslam.inference.messages.samples.distance_mode import Mode
+from gridslam.inference.messages.samples.image_births import Found
+from gridslam.inference.messages.samples.image_prediction import AnchorPaths
+from gridslam.inference.messages.samples.image_proposals import judge_proposals
+from gridslam.inference.messages.samples.signal_likelihood import Band, log_ratio
+from gridslam.inference.state.samples.images import MEMORY, DirectState, Links
+from gridslam.world.filter_model import FilterModel
+
+Complex = NDArray[np.complex128]
+FIRST_SHARE, FIRST_HEARD = 0.5, 3.0
+"""An anchor's own path begins with no less than this share of the strongest, as if heard so often: it may
+have faded, and a reflection next to it that is believed to be stronger would take its place."""
+NOISE_GAIN = 0.03
+"""Share of a step's noise estimate that enters."""
+CERTAIN = 1 - 1e-7
+USURPED_BELOW, USURPER_ABOVE, USURPER_M, USURPED_STEPS = 0.3, 0.5, 0.2, 5
+"""When another path has taken the line of sight's place: visibility below, existence above, gap, steps."""
+RECLAIMED = 0.9
+
+
+def start_levels(
+    state: DirectState, anchor: int, band: Band, samples: Complex, model: FilterModel
+) -> DirectState:
+    """Noise, by the median over delays, and the line of sight's intensity, where none is known yet (M86)."""
+    links = state.links
+    cells = band.folding_m / len(band) * np.arange(len(band))
+    power = np.abs(np.conj(band.response(cells)) @ samples) ** 2
+    if links.noise[anchor] <= 0:
+        links = replace(links, noise=_put(links.noise, anchor, float(np.median(power)) / np.log(2)))
+    if links.intensity[anchor] <= 0:
+        away = float(np.linalg.norm(state.belief.mean[:2] - model.anchor_positions[anchor]))
+        near = away + 0.25 * band.resolution_m * np.linspace(-1, 1, 9)
+        heard = float((np.abs(np.conj(band.response(near)) @ samples) ** 2).max())
+        floor = max(2.0 * float(links.noise[anchor]), FIRST_SHARE * float(power.max()))
+        links = replace(
+            links,
+            intensity=_put(links.intensity, anchor, max(heard, floor)),
+            heard=_put(links.heard, anchor, FIRST_HEARD),
+        )
+    return replace(state, links=links)
+
+
+def update_levels(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
+    """Visibility and intensity of all paths of an anchor, and its noise."""
+    mode = found.mode
+    anchor, images, links, tentative = paths.anchor, state.images, state.links, state.tentative
+    joint, rows = paths.joint, paths.images
+    intensity = np.append(links.intensity[anchor], images.intensity[rows])
+    matched, own = judge_proposals(state, paths, found, *found.inverse.without(mode.distance))
+    ratio = np.exp(np.clip(log_ratio(matched[:joint], own[:joint], intensity), -50.0, 50.0))
+    there = paths.visible * ratio
+    whole = there + 1 - paths.visible
+    visible = np.minimum(there / whole, CERTAIN)
+    exists = images.existence[rows] * whole[1:]
+    exists = np.minimum(exists / (exists + 1 - images.existence[rows]), CERTAIN)
+
+    noise = float(links.noise[anchor])
+    power, count = np.maximum(mode.paths.power, 0.0), np.append(links.heard[anchor], images.heard[rows])
+    strength, heard = _averaged(intensity, count, power[:joint], visible, noise)
+    ring_rows = paths.tentative
+    ring_strength, ring_heard = _averaged(
+        tentative.intensity[ring_rows], tentative.heard[ring_rows],
+        power[joint : joint + len(ring_rows)], tentative.rings.existence[ring_rows], noise,
+    )  # fmt: skip
+    gain = max(NOISE_GAIN, 1 / (2.0 + state.step))
+    links = Links(
+        _put(links.visible, anchor, visible[0]), _put(links.intensity, anchor, strength[0]),
+        _put(links.heard, anchor, heard[0]),
+        _put(links.noise, anchor, noise * (1 + gain * (float(np.clip(mode.noise_ratio, 0.1, 10.0)) - 1))),
+        links.usurped,
+    )  # fmt: skip
+    images = replace(
+        images, visible=_put(images.visible, rows, visible[1:]),
+        existence=_put(images.existence, rows, exists),
+        intensity=_put(images.intensity, rows, strength[1:]), heard=_put(images.heard, rows, heard[1:]),
+    )  # fmt: skip
+    tentative = replace(
+        tentative, intensity=_put(tentative.intensity, ring_rows, ring_strength),
+        heard=_put(tentative.heard, ring_rows, ring_heard),
+    )  # fmt: skip
+    return replace(state, links=links, images=images, tentative=tentative)
+
+
+def _averaged(level: Array, count: Array, power: Array, chance: Array, noise: float) -> tuple[Array, Array]:
+    """Running means of power, weighted by the chance that it was there; at least the noise."""
+    heard = np.minimum(count + chance, MEMORY)
+    return np.maximum(level + chance / np.maximum(heard, 1.0) * (power - level), noise), heard
+
+
+def watch_fit(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
+    """How well an anchor's samples fitted: shifts of distances, and the power that known paths explain.
+
+    Known are the paths of the joint belief. Tentative ones tell nothing of the agent: where it is lost, they
+    alone explain what is received.
+    """
+    joint, mode = paths.joint, found.mode
+    power = np.maximum(mode.paths.power / float(state.links.noise[paths.anchor]) - 1, 0.0)
+    watch = state.watch.fitted(
+        mode.distance[:joint] - paths.prior.mean[:joint], paths.covariance, mode.covariance[:joint, :joint],
+        float(power[:joint].sum()), float(power.sum()),
+    )  # fmt: skip
+    return replace(state, watch=watch)
+
+
+def reclaim_line_of_sight(state: DirectState, paths: AnchorPaths, mode: Mode) -> DirectState:
+    """Where another path has stood in the line of sight's place for some steps, it was the line of sight.
+
+    Of two paths within the resolution either may settle on the other's energy at the start, and what holds
+    the larger intensity then wins for good.
+    """
+    anchor, links, joint = paths.anchor, state.links, paths.joint
+    chances = np.concatenate(
+        [state.images.existence[paths.images] * state.images.visible[paths.images],
+         state.tentative.rings.existence[paths.tentative]]
+    )  # fmt: skip
+    gap = np.abs(mode.distance[1 : 1 + len(chances)] - paths.prior.mean[0])
+    beside = (gap < USURPER_M) & (chances > USURPER_ABOVE)
+    if links.visible[anchor] >= USURPED_BELOW or not beside.any():
+        return replace(state, links=replace(links, usurped=_put(links.usurped, anchor, 0)))
+    steps = int(links.usurped[anchor]) + 1
+    links = replace(links, usurped=_put(links.usurped, anchor, steps))
+    if steps < USURPED_STEPS:
+        return replace(state, links=links)
+    which = int(np.flatnonzero(beside)[gap[beside].argmin()])
+    if which < joint - 1:
+        row = paths.images[which]
+        intensity = state.images.intensity[row]
+        state = state.keep(np.arange(len(state.images)) != row)
+    else:
+        ring = paths.tentative[which - (joint - 1)]
+        intensity = state.tentative.intensity[ring]
+        state = replace(state, tentative=state.tentative.take(np.arange(len(state.tentative)) != ring))
+    links = replace(
+        links, visible=_put(links.visible, anchor, RECLAIMED), usurped=_put(links.usurped, anchor, 0),
+        intensity=_put(links.intensity, anchor, float(intensity)), heard=_put(links.heard, anchor, 1.0),
+    )  # fmt: skip
+    return replace(state, links=links)
+
+
+def _put(array: NDArray, rows: int | NDArray[np.intp], value: Array | float) -> NDArray:
+    """A copy with other values in some rows."""
+    fresh = array.copy()
+    fresh[rows] = value
+    return fresh

@@ -1,0 +1,251 @@
+"""Joint mode of agent and surfaces, given a snapshot of antenna arrays; docs/model.md, (M151), (M152).
+
+Lengths and angles of all paths of an anchor are functions of one state of fewer numbers, so that their
+covariance is singular. The mode is sought over the state, in coordinates in which its prior is unit Gaussian.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam import runtime
+from gridslam.arrays import Array
+from gridslam.inference.messages.samples.array_likelihood import (
+    ArrayBand,
+    ArraySuperposition,
+    Complex,
+    superpose_arrays,
+)
+from gridslam.inference.messages.samples.path_search import climb
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.layout import HEADING
+from gridslam.world.geometry import wrap
+
+FARTHEST = 0.36
+"""Longest step of a path that matters, as a root mean square turn of phase, rad: 0.2 of c/B in length."""
+FREE = np.array([1e-2, 1e-1, 1e-1])
+"""Prior precision (1/m, 1/rad; its root) of a path of which nothing is known."""
+WIDE, STARTS = 0.7, 48
+"""Turn of phase (rms, rad) within a deviation of a path's prediction, from which on the posterior may have
+several modes; states that are tried then, drawn from the belief."""
+Whole = NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class PathsPrior:
+    """What is predicted of one anchor's paths: functions of the state, and free ones.
+
+    Attributes
+    ----------
+    belief : Belief
+        Of agent and surfaces.
+    place : (3,)
+        x, y (m) and orientation (rad) of the anchor.
+    table : (N, 4) int32
+        Rows of `Rays.table`.
+    weight : (N + F,)
+        Mean power of each path, times the probability that it is there.
+    free : (F, 3) m, rad, rad
+        Paths of which nothing is known: where the search for them begins.
+    """
+
+    belief: Belief
+    place: Array
+    table: Whole
+    weight: Array
+    free: Array
+
+    def with_path(self, path: Array, weight: float) -> PathsPrior:
+        """One free path (3,) more."""
+        free = np.concatenate([self.free, path[None]])
+        return replace(self, free=free, weight=np.append(self.weight, weight))
+
+    def reweighted(self, row: int, weight: float) -> PathsPrior:
+        """The same with another weight of one path."""
+        fresh = self.weight.copy()
+        fresh[row] = weight
+        return replace(self, weight=fresh)
+
+
+@dataclass(frozen=True, eq=False)
+class StateMode:
+    """Where the posterior is highest, and its Gaussian there.
+
+    Attributes
+    ----------
+    belief : Belief
+        Of agent and surfaces after the snapshot.
+    path : (N + F, 3) m, rad, rad
+        Its paths, the free ones last.
+    spread : (N + F, 3, 3)
+        Covariance of each.
+    paths : ArraySuperposition
+        The paths at the mode.
+    shift : (n,)
+        Of the state, in prior deviations.
+    information : (n, n)
+        Information of the snapshot about these.
+    log_posterior : float
+        log CN(z; 0, C) + log prior but for constants.
+    """
+
+    belief: Belief
+    path: Array
+    spread: Array
+    paths: ArraySuperposition
+    shift: Array
+    information: Array
+    log_posterior: float
+
+    @property
+    def noise_ratio(self) -> float:
+        """Power left over in ratio to what is expected, less what fitting the paths took."""
+        block = np.einsum("npq,nqp->", self.spread, _blocks(self.paths.whole_information))
+        taken = 0.5 * min(float(block), float(self.spread.size) / 3)
+        return self.paths.rest_power / (self.paths.noise * max(self.paths.unexplained - taken, 1.0))
+
+    def log_evidence(self) -> Array:
+        """What a ratio of likelihoods at the mode is worth as a mean over what was believed, (N + F,) logs.
+
+        Laplace's approximation of the integral over each path's parameters, as all other paths predict them:
+        with S its covariance at the mode and Lambda its own information, S (I - Lambda S)^-1 is that
+        prediction's (M153).
+        """
+        own, gradient = _blocks(self.paths.whole_information), self.paths.gradient
+        kept = np.eye(3) - own @ self.spread
+        share = np.maximum(np.linalg.det(kept), 1e-9)
+        cavity = self.spread @ np.linalg.inv(kept + 1e-9 * np.eye(3))
+        pulled = np.einsum("np,npq,nq->n", gradient, cavity, gradient)
+        return np.asarray(0.5 * np.log(np.minimum(share, 1.0)) - 0.5 * np.clip(pulled, 0.0, 50.0))
+
+
+def _blocks(whole: Complex) -> Array:
+    """Each path's own information (N, 3, 3)."""
+    rows = np.arange(len(whole))
+    return np.asarray(whole[rows, :, rows, :].real)
+
+
+def paths_at(
+    mean: Array, place: Array, table: Whole, head: int, root: Array | None = None
+) -> tuple[Array, Array]:
+    """Lengths, departures, arrivals (N, 3) of paths at a state (n,), and derivatives by it (N, 3, n).
+
+    Parameters
+    ----------
+    root : (n, n), optional
+        Derivatives of the state by numbers that it is a function of: then those are by these.
+    """
+    runtime.start()
+    from gridslam.kernels.propagation.state_paths import trace_paths
+
+    size = len(mean)
+    path, slope = np.empty((len(table), 3)), np.empty((len(table), 3, size))
+    spot = np.array([place[0], place[1], place[2], 0.0, 0.0])
+    by = np.eye(size) if root is None else root
+    trace_paths(head, np.ascontiguousarray(mean), by, spot, np.ascontiguousarray(table), path, slope)
+    return path, slope
+
+
+def state_mode(band: ArrayBand, samples: Complex, prior: PathsPrior, noise: float) -> StateMode:
+    """Find the mode by Gauss-Newton steps with the information of the whole snapshot (M151).
+
+    Parameters
+    ----------
+    samples : (A, B, M) complex128
+    noise : float
+        Power of the noise in each sample.
+    """
+    posterior = _States(band, samples, prior, noise)
+    numbers = np.zeros(posterior.size + prior.free.size)
+    place = posterior.at(numbers)
+    if posterior.is_wide(place):
+        numbers, place = posterior.likeliest(numbers, place)
+    return posterior.mode(*climb(posterior, numbers, place))
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Paths (N + F, 3) of a state, their slopes (3 N + 3 F, n) by it, and the log posterior."""
+
+    path: Array
+    slope: Array
+    paths: ArraySuperposition
+    value: float
+
+
+class _States:
+    """Log posterior of a state in deviations of its prior, and of free paths; see `path_search.Posterior`."""
+
+    def __init__(self, band: ArrayBand, samples: Complex, prior: PathsPrior, noise: float) -> None:
+        self.band, self.samples, self.prior, self.noise = band, samples, prior, noise
+        self.root, self.head = np.ascontiguousarray(prior.belief.root), prior.belief.layout.head
+        self.size = len(self.root)
+        self.matters = prior.weight > noise
+        self.precision = np.concatenate([np.ones(self.size), np.tile(FREE**2, len(prior.free))])
+
+    def at(self, numbers: Array) -> _Place:
+        prior, size = self.prior, self.size
+        mean = prior.belief.mean + self.root @ numbers[:size]
+        known, by_numbers = paths_at(mean, prior.place, prior.table, self.head, self.root)
+        off = numbers[size:].reshape(-1, 3)
+        path = np.concatenate([known, prior.free + off])
+        paths = superpose_arrays(self.band, self.samples, path, prior.weight, self.noise)
+        value = paths.log_density - 0.5 * float(numbers[:size] @ numbers[:size] + ((FREE * off) ** 2).sum())
+        slope = np.zeros((len(path), 3, len(numbers)))
+        slope[: len(known), :, :size] = by_numbers
+        free = np.arange(len(off))
+        for side in range(3):
+            slope[len(known) + free, side, size + 3 * free + side] = 1.0
+        return _Place(path, slope.reshape(-1, len(numbers)), paths, value)
+
+    def is_wide(self, place: _Place) -> bool:
+        """Whether a path that matters is known less well than within a wave of its correlation."""
+        spread = np.sqrt((place.slope[:, : self.size] ** 2).sum(1)).reshape(-1, 3) * self.band.steepness
+        known = len(self.prior.table)
+        return bool((spread[:known][self.matters[:known]] > WIDE).any())
+
+    def likeliest(self, numbers: Array, place: _Place) -> tuple[Array, _Place]:
+        """The likeliest of states drawn from the belief and of its mean."""
+        for drawn in _points(self.size):
+            tried = np.concatenate([drawn, numbers[self.size :]])
+            trial = self.at(tried)
+            if trial.value > place.value:
+                numbers, place = tried, trial
+        return numbers, place
+
+    def slopes(self, numbers: Array, place: _Place) -> tuple[Array, Array]:
+        gradient = place.slope.T @ place.paths.gradient.reshape(-1) - self.precision * numbers
+        return gradient, self.information(place) + np.diag(self.precision)
+
+    def information(self, place: _Place) -> Array:
+        """Information of the snapshot about all numbers."""
+        return np.asarray(place.slope.T @ place.paths.information @ place.slope)
+
+    def shortened(self, place: _Place, step: Array) -> Array:
+        moved = np.abs((place.slope @ step).reshape(-1, 3)) * self.band.steepness
+        farthest = float(moved[self.matters].max(initial=0.0))
+        return step * min(1.0, FARTHEST / max(farthest, 1e-12))
+
+    def mode(self, numbers: Array, place: _Place) -> StateMode:
+        """What is believed at a place."""
+        information, size = self.information(place), self.size
+        covariance = np.linalg.inv(information + np.diag(self.precision))
+        mean = self.prior.belief.mean + self.root @ numbers[:size]
+        mean[HEADING] = wrap(mean[HEADING])
+        own = self.root @ covariance[:size, :size] @ self.root.T
+        belief = replace(self.prior.belief, mean=mean, covariance=0.5 * (own + own.T))
+        slope = place.slope.reshape(-1, 3, len(numbers))
+        return StateMode(
+            belief, place.path, slope @ covariance @ np.swapaxes(slope, 1, 2), place.paths, numbers[:size],
+            information[:size, :size], place.value,
+        )  # fmt: skip
+
+
+@lru_cache(64)
+def _points(size: int) -> Array:
+    """Standard normal points, (STARTS, size)."""
+    return np.random.default_rng(size).standard_normal((STARTS, size))

@@ -1,0 +1,1 @@
+"""The state of hybrid SLAM: learned features, and the agent among them."""

@@ -1,0 +1,189 @@
+"""The state of hybrid SLAM: particles for the start, the joint belief with the features, and a segment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array
+from gridslam.inference.state.features.features import ENTRIES, MOVING, FeatureBank
+
+
+@dataclass(frozen=True, eq=False)
+class ParticleBelief:
+    """Particles of agent and noise, and the lines of sight, [HybridSlam], section III.
+
+    Attributes
+    ----------
+    agent : (P, 4) float64
+        x, y (m), vx, vy (m/s), of equal weight.
+    noise : (J, P) float64
+        Noise power of every anchor's samples.
+    existence : (J,) float64
+        Probability that the line of sight is there.
+    node, weight : (J, G) float64
+        Grid of its power at 1 m, and the probabilities of its nodes.
+    """
+
+    agent: Array
+    noise: Array
+    existence: Array
+    node: Array
+    weight: Array
+
+
+@dataclass(frozen=True, eq=False)
+class JointBelief:
+    """Agent and features in one Gaussian, with the powers that belong to them.
+
+    Attributes
+    ----------
+    mean, covariance : (4 + 3 F,), (4 + 3 F, 4 + 3 F) float64
+        x, y, vx, vy of the agent; length (m), direction (rad) and extra length (m) of each feature.
+    features : FeatureBank
+    existence, los_power, noise : (J,) float64
+        Of the lines of sight: probability, power at 1 m; noise power of the samples.
+    extent : float
+        Deviation by which what is heard of a feature stands beside its place, at each step anew, m; see
+        `joint_update.TURNS_RAD`.
+    """
+
+    mean: Array
+    covariance: Array
+    features: FeatureBank
+    existence: Array
+    los_power: Array
+    noise: Array
+    extent: float = 0.0
+
+    @property
+    def agent_covariance(self) -> Array:
+        """Of x, y, vx, vy, (4, 4)."""
+        return self.covariance[:MOVING, :MOVING]
+
+    def with_feature(
+        self,
+        anchor: int,
+        entry: Array,
+        spread: Array,
+        origin_m: Array,
+        power: float,
+        identity: int,
+        step: int,
+    ) -> Self:
+        """One more feature, independent of all else: entries (3,) and their covariance (3, 3)."""
+        size = len(self.mean)
+        covariance = np.zeros((size + ENTRIES, size + ENTRIES))
+        covariance[:size, :size], covariance[size:, size:] = self.covariance, spread
+        return replace(
+            self,
+            mean=np.concatenate([self.mean, entry]),
+            covariance=covariance,
+            features=self.features.add(identity, anchor, origin_m, power, step),
+        )
+
+    def keep(self, mask: NDArray[np.bool_]) -> Self:
+        """Only these of the features."""
+        rows = np.concatenate([np.ones(MOVING, bool), np.repeat(mask, ENTRIES)])
+        return replace(
+            self,
+            mean=self.mean[rows],
+            covariance=self.covariance[np.ix_(rows, rows)],
+            features=self.features.take(mask),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """What was received since features were last learned, and where the agent was believed to be then.
+
+    Attributes
+    ----------
+    time_s, heading_rad : (K,) float64
+    heard : (K, J) bool
+    samples : (K, J, N, M) complex128
+    agent : (K, 4) float64
+        Means of x, y, vx, vy when a step was processed.
+    evidence : (K,) float64
+        Log of each step's evidence then.
+    """
+
+    time_s: Array
+    heading_rad: Array
+    heard: NDArray[np.bool_]
+    samples: NDArray[np.complex128]
+    agent: Array
+    evidence: Array
+
+    @classmethod
+    def empty(cls, anchors: int, elements: int, frequencies: int) -> Self:
+        """Nothing yet."""
+        return cls(
+            np.zeros(0), np.zeros(0), np.zeros((0, anchors), bool),
+            np.zeros((0, anchors, elements, frequencies), np.complex128), np.zeros((0, MOVING)),
+            np.zeros(0),
+        )  # fmt: skip
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def first(self, steps: int) -> Self:
+        """Its first steps alone."""
+        return type(self)(*(getattr(self, f.name)[:steps] for f in fields(self)))
+
+    def last(self, steps: int) -> Self:
+        """Its last steps alone."""
+        return type(self)(*(getattr(self, f.name)[len(self) - steps :] for f in fields(self)))
+
+    def joined(self, later: Self) -> Self:
+        """These steps and later ones."""
+        return type(self)(
+            *(np.concatenate([getattr(one, f.name) for one in (self, later)]) for f in fields(self))
+        )
+
+    def add(
+        self, time_s: float, heading_rad: float, heard: NDArray[np.bool_], samples: NDArray[np.complex128],
+        agent: Array, evidence: float,
+    ) -> Self:  # fmt: skip
+        """One more step."""
+        return type(self)(
+            np.append(self.time_s, time_s), np.append(self.heading_rad, heading_rad),
+            np.concatenate([self.heard, heard[None]]), np.concatenate([self.samples, samples[None]]),
+            np.concatenate([self.agent, agent[None]]), np.append(self.evidence, evidence),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class HybridState:
+    """What is believed after a step. A value: nothing of it is changed once a step has returned it.
+
+    Attributes
+    ----------
+    joint : JointBelief
+        While particles are in use, the belief before the first step.
+    before : JointBelief
+        The joint belief at the beginning of the segment.
+    segment : Segment
+    particles : ParticleBelief or None
+        For the start, and of methods that have nothing else.
+    step, next_identity, silent : int
+        Steps taken; number of the next feature; for how many steps nothing was heard.
+    time_s, before_s : float or None
+        Of the latest step, and of the one before the segment; None before the first.
+    lesson : HybridState or None
+        The state at the end of the segment that is being learned from, see `messages.lessons`.
+    """
+
+    joint: JointBelief
+    before: JointBelief
+    segment: Segment
+    particles: ParticleBelief | None = None
+    step: int = 0
+    next_identity: int = 0
+    silent: int = 0
+    time_s: float | None = None
+    before_s: float | None = None
+    lesson: HybridState | None = None

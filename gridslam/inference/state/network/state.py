@@ -1,0 +1,144 @@
+"""The state of a filter of several agents: what a step needs of the steps before, and a checkpoint holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array, replace
+from gridslam.inference.health.monitor import HealthMonitor
+from gridslam.inference.state.calibration import Calibration
+from gridslam.inference.state.grid import Grid
+from gridslam.inference.state.network.belief import NetworkBelief
+from gridslam.inference.state.network.clock_search import ClockSearch
+from gridslam.inference.state.ray_amplitudes import RayAmplitudes
+from gridslam.inference.state.state import FRESH_SIGHT, State
+from gridslam.inference.state.surface_bank import FRESH_DOUBLE, FRESH_SINGLE, SurfaceBank
+from gridslam.world.network_model import NetworkModel
+
+
+@dataclass(frozen=True, eq=False)
+class AgentRecord:
+    """What is kept of one agent beside the joint belief, the surfaces and the rays.
+
+    Attributes
+    ----------
+    calibration : Calibration
+        Of the radio, as this agent hears it.
+    monitor : HealthMonitor
+    amplitudes : RayAmplitudes
+        Of the paths to this agent.
+    """
+
+    calibration: Calibration
+    monitor: HealthMonitor
+    amplitudes: RayAmplitudes
+
+
+@dataclass(frozen=True, eq=False)
+class NetworkState:
+    """What is believed of I agents and J anchors after a step. A value, as `State` is.
+
+    Attributes
+    ----------
+    belief : NetworkBelief
+        Of all agents, clocks and lines.
+    surfaces : SurfaceBank
+        Potential surfaces, with the rays of all links: ``single`` is (I J, S), the first agent's first.
+    los : (I J,)
+        Existence of the lines of sight.
+    records : tuple of AgentRecord
+    clocks : ClockSearch
+        Clocks of anchors that aren't set yet.
+    here : (I,) bool
+        Which agents were there at the latest step.
+    labelled : bool
+        Whether the latest measurements said whose they are.
+    step, next_identity : int
+        Steps taken; number of the next new surface.
+    time_s : float or None
+        Of the latest step; None before the first.
+    grid : Grid, optional
+        Occupancy and coefficients of cells, of all agents (network grid SLAM).
+    """
+
+    belief: NetworkBelief
+    surfaces: SurfaceBank
+    los: Array
+    records: tuple[AgentRecord, ...]
+    clocks: ClockSearch
+    here: NDArray[np.bool_]
+    labelled: bool = True
+    step: int = 0
+    next_identity: int = 0
+    time_s: float | None = None
+    grid: Grid | None = None
+
+    @classmethod
+    def start(cls, model: NetworkModel) -> Self:
+        """Before the first step: the priors of agents and clocks, and no surfaces."""
+        anchors, agents = len(model.anchor_names), len(model.agents)
+        record = AgentRecord(Calibration.start(anchors), HealthMonitor(), RayAmplitudes())
+        return cls(
+            NetworkBelief.start(model.agents, model.clocks), SurfaceBank.empty(agents * anchors),
+            np.full(agents * anchors, FRESH_SIGHT), (record,) * agents, ClockSearch.start(model.clocks),
+            np.zeros(agents, bool),
+        )  # fmt: skip
+
+    def links(self, agent: int) -> slice:
+        """Rows of an agent's rays."""
+        anchors = len(self.los) // len(self.records)
+        return slice(agent * anchors, (agent + 1) * anchors)
+
+    @property
+    def teaches(self) -> NDArray[np.bool_]:
+        """Which agents' measurements say something of what all share, (I,) bool: those that aren't astray.
+
+        If all are, it is the map or a clock that is wrong, and all are heard.
+        """
+        astray = np.array([record.monitor.astray for record in self.records])
+        return np.asarray(~astray | astray.all())
+
+    def part(self, agent: int) -> State:
+        """What one agent's messages work on: its view, the surfaces with its own rays, its record."""
+        own, record = self.links(agent), self.records[agent]
+        single, double = self.surfaces.single[own].copy(), self.surfaces.double[own].copy()
+        return State(
+            self.belief.view(agent), replace(self.surfaces, single=single, double=double),
+            self.los[own].copy(), record.calibration, record.monitor, self.step, self.next_identity,
+            self.time_s, self.grid, record.amplitudes,
+        )  # fmt: skip
+
+    def recorded(self, agent: int, monitor: HealthMonitor) -> Self:
+        """The whole with an agent's health as it was found to be."""
+        records = list(self.records)
+        records[agent] = replace(records[agent], monitor=monitor)
+        return replace(self, records=tuple(records))
+
+    def apart(self, agent: int, part: State) -> Self:
+        """The whole after the messages of an agent that is lost: its pose and health, nothing shared."""
+        return replace(self.recorded(agent, part.monitor), belief=self.belief.apart(agent, part.belief))
+
+    def having(self, agent: int, part: State) -> Self:
+        """The whole after an agent's messages; new surfaces have fresh rays to all others."""
+        own, bank, count = self.links(agent), part.surfaces, len(part.surfaces)
+        before = len(self.surfaces)
+        single = np.full((len(self.los), count), FRESH_SINGLE)
+        double = np.full((len(self.los), count, count), FRESH_DOUBLE)
+        single[:, :before], double[:, :before, :before] = self.surfaces.single, self.surfaces.double
+        single[own], double[own] = bank.single, bank.double
+        los, records = self.los.copy(), list(self.records)
+        los[own] = part.los
+        records[agent] = AgentRecord(part.calibration, part.monitor, part.amplitudes or RayAmplitudes())
+        return replace(
+            self,
+            belief=self.belief.absorb(agent, part.belief),
+            surfaces=replace(bank, single=single, double=double),
+            los=los,
+            records=tuple(records),
+            next_identity=part.next_identity,
+            grid=part.grid,
+        )

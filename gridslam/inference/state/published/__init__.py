@@ -1,0 +1,1 @@
+"""The states that the papers published: particles of agent and features, each apart."""

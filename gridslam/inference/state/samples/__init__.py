@@ -1,0 +1,1 @@
+"""The state of direct SLAM: images, and whether samples fit."""

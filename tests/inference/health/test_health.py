@@ -1,0 +1,341 @@
+"""What a filter says of itself, what it learns of its radio, and finding the agent again."""
+
+import copy
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from filter_states import model_of, state_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import chi2
+
+import gridslam as gs
+from gridslam.estimates import Health
+from gridslam.evaluation.bounds import known_map_bound
+from gridslam.evaluation.consistency import complaints
+from gridslam.inference.health.monitor import innovation_band
+from gridslam.inference.management.merging import merge_and_prune
+from gridslam.inference.management.poses import pose_fix, pose_recovery
+from gridslam.inference.messages.likelihood import DetectionTable
+from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios, Pairs
+from gridslam.inference.state.anchor_measurements import anchor_scans
+from gridslam.inference.state.belief import Belief, append
+from gridslam.inference.state.calibration import LEAST_CLUTTER, MOST_CLUTTER, Calibration
+from gridslam.kernels.primitives import tables
+from gridslam.simulation import disturbances
+from gridslam.studies import robustness
+from gridslam.world import geometry
+from gridslam.world.geometry import wrap
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+
+def scan_of(case, step):
+    scan, world = case.heard.scan(step), case.believed
+    threshold = world.signal_model(case.agent).threshold
+    return anchor_scans(scan, world.filter_model(case.agent).places, threshold)
+
+
+@pytest.fixture(scope="module")
+def room():
+    return disturbances.undisturbed(gs.Scene.load("room"), seed=1)
+
+
+@pytest.fixture(scope="module")
+def signal(room):
+    return room.scene.signal_model(room.agent)
+
+
+@pytest.fixture(scope="module")
+def followed(room):
+    """Estimates of forty steps, ten of them silent from step 20 on."""
+    slam, heard = gs.GridSlam(room.believed, seed=1), disturbances.silence(room, 20, 10).heard
+    return [slam.step(heard.scan(step)) for step in range(40)]
+
+
+def numbers(health):
+    return np.concatenate(
+        [
+            [health.effective_sample_size, health.innovation, health.explained, health.amplitude],
+            health.innovation_band, health.clutter, health.turned_rad,
+        ]
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_health_is_good_and_finite_where_nothing_is_amiss(followed):
+    assert all(e.health.ok and not e.health.why for e in followed[:20])
+    assert all(np.isfinite(numbers(e.health)).all() for e in followed)
+    assert all(1 <= e.effective_sample_size <= 10_048 for e in followed)
+
+
+def test_silence_is_told_of_and_forgotten_when_it_ends(followed):
+    assert ["nothing heard" in e.health.why for e in followed[20:30]] == [False] * 4 + [True] * 6
+    assert all(e.health.ok for e in followed[31:])
+    assert [e.health.silent_steps for e in followed[18:32]] == [0, 0, *range(1, 11), 0, 0]
+
+
+def test_a_filter_that_never_hears_anything_says_so_and_gives_no_nan(room):
+    slam = gs.GridSlam(room.believed, seed=1)
+    none = np.zeros(0)
+    for step in range(12):
+        estimate = slam.step(gs.Scan(step, float(step), np.zeros(0, np.intp), none, none, none, none))
+        assert np.isfinite(numbers(estimate.health)).all()
+        assert np.isfinite(estimate.covariance).all()
+    assert not estimate.health.ok
+    assert "nothing heard for 12 steps" in estimate.health.why
+
+
+def test_complaints_keep_figures_and_names():
+    said = [
+        "anchor A1 seems turned by -4.5 degrees; nothing heard for 5 steps",
+        "anchor A1 seems turned by -6.0 degrees",
+        "anchor A1 seems turned by -3.0 degrees",
+        "anchor A2 seems turned by 2.0 degrees",
+        "",
+    ]
+    estimates = [SimpleNamespace(health=Health(not why, why)) for why in said]
+    assert list(complaints(estimates).items()) == [
+        ("anchor A1 seems turned by -4.5 degrees, median of -6.0 to -3.0", 3),
+        ("nothing heard for 5 steps", 1),
+        ("anchor A2 seems turned by 2.0 degrees", 1),
+    ]
+
+
+@pytest.mark.slow
+def test_run_tells_the_figure_and_the_anchor_by_name(say, no_figures, tmp_path):
+    scene = gs.Scene.load("room")
+    data = scene.model_dump(exclude_none=True)
+    data["agents"] = [{**data["agents"][0], "steps": 40}]
+    heard = gs.simulate(gs.Scene.checked(data, "room"), "agent1", 1)
+    heard.to_csv(tmp_path / "heard.csv")
+    data["anchors"][0]["orientation_deg"] += 6.0
+    (tmp_path / "turned.toml").write_text(gs.Scene.checked(data, "room").to_toml())
+    said = say("run", "turned.toml", "--measurements", "heard.csv")
+    assert said.code == 0, said.err
+    (note,) = [line for line in said.out.splitlines() if "seems turned" in line]
+    assert note.startswith("note: agent1: anchor A seems turned by -")
+    assert note.endswith("of 40 steps)")
+    assert "#" not in note
+
+
+def test_health_of_a_file_is_the_default():
+    assert Health().ok
+    assert Health().why == ""
+    assert np.isfinite(numbers(Health())).all()
+
+
+@pytest.mark.parametrize("freedom", [3, 30, 300])
+def test_the_band_of_innovations_is_that_of_chi_square(freedom):
+    expected = chi2.ppf([0.001, 0.999], freedom) / freedom
+    np.testing.assert_allclose(innovation_band(freedom), expected, rtol=0.05, atol=0.01)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.integers(0, 400), max_size=30), st.floats(0.1, 10, allow_subnormal=False))
+def test_the_clutter_level_is_bounded_whatever_is_heard(counts, told):
+    signal = gs.Scene.load("room").signal_model()
+    signal = type(signal)(**{**vars(signal), "false_alarms": told})
+    calibration = Calibration.start(1)
+    for count in counts:
+        calibration = calibration.faded().with_clutter(0, count, signal)
+        level = calibration.level(0, told)
+        assert LEAST_CLUTTER * told <= level <= MOST_CLUTTER * told
+
+
+def test_the_clutter_level_follows_a_burst_within_three_steps_and_back(signal):
+    calibration, levels = Calibration.start(1), []
+    for count in [2] * 20 + [20] * 5 + [2] * 15:
+        calibration = calibration.faded().with_clutter(0, count, signal)
+        levels.append(calibration.level(0, signal.false_alarms))
+    assert levels[19] == 2
+    assert levels[22] > 10
+    assert levels[-1] < 4
+
+
+def test_a_deep_copy_of_a_filter_goes_on_as_the_filter_does(room):
+    slam = gs.GridSlam(room.believed, seed=1)
+    for step in range(6):
+        slam.step(room.heard.scan(step))
+    other = copy.deepcopy(slam)
+    for step in range(6, 9):
+        one, two = slam.step(room.heard.scan(step)), other.step(room.heard.scan(step))
+        np.testing.assert_array_equal(one.covariance, two.covariance)
+    assert slam.state.monitor == other.state.monitor
+
+
+def test_an_evaluation_against_more_clutter_is_worth_less():
+    odds, message, measured = np.ones((12, 2)), np.ones((5, 2, 3)), np.ones((4, 3))
+    pairs = Pairs(2, np.array([0, 1, 2], np.int32), np.zeros((4, 2), np.int32), np.ones((4, 8)))
+    said = LikelihoodRatios(pairs, np.ones((4, 1), np.float32), odds, message, measured)
+    less = said.against(4.0)
+    np.testing.assert_array_equal(less.pairs.pair[:, 6], [0.25, 0.25, 1.0, 1.0])
+    np.testing.assert_array_equal(less.message[tables.RATIO], 0.25)
+    np.testing.assert_array_equal(less.beta, 0.25)
+    np.testing.assert_array_equal(less.explained, 0.25)
+    assert (odds == 1).all()
+    assert (message == 1).all(), "what it was is as it was"
+    assert less.clutter == pytest.approx(3 / 1.25)
+    assert said.clutter == 1.5
+
+
+@pytest.mark.slow
+def test_unsure_surfaces_do_not_hide_the_clutter():
+    scene, levels = gs.Scene.load("room"), []
+    for seed in (4, 5, 6):  # of seed 4, two false surfaces at the start once covered most of the clutter
+        slam = gs.AdaptiveSlam(scene, seed=seed)
+        heard = gs.simulate(scene, scene.agents[0].name, seed=seed)
+        levels += [slam.step(heard.scan(step)).health.clutter for step in range(100)]
+        assert len(slam.map().surfaces) == 4
+    assert np.mean(levels) == pytest.approx(scene.radio.false_alarms, rel=0.25)
+
+
+@pytest.mark.slow
+def test_a_wrong_clutter_level_and_snr_are_learned(room, signal):
+    told = disturbances.stated_snr(disturbances.stated_clutter(room, 0.5), 2.0)
+    slam = gs.GridSlam(told.believed, seed=1)
+    for step in range(40):
+        estimate = slam.step(told.heard.scan(step))
+    assert estimate.health.amplitude == pytest.approx(np.sqrt(0.5), abs=0.05)
+    # Poisson of mean 2 over some ten steps, pulled by three steps at 1, and what no known path explains
+    assert (estimate.health.clutter > 1.1).all()
+
+
+@pytest.mark.slow
+def test_a_turned_anchor_is_noticed(room):
+    case = disturbances.stated_orientation(room, 4.0)
+    slam = gs.GridSlam(case.believed, seed=1)
+    for step in range(40):
+        estimate = slam.step(case.heard.scan(step))
+    assert estimate.health.turned_rad[1] == 0
+    assert -5.0 < np.degrees(estimate.health.turned_rad[0]) < -1.5
+    assert "anchor A seems turned by -" in estimate.health.why
+
+
+def mapped(room, pose, std):
+    """Belief at a wrong pose, with the true walls."""
+    mean = np.array([pose[0], pose[1], 0.0, 0.0, pose[2]])
+    belief = Belief(mean, np.diag([std[0] ** 2, std[0] ** 2, 0.01, 0.01, std[1] ** 2]))
+    for line in room.scene.segments().line:
+        belief = append(belief, line, np.diag([1e-6, 1e-4]))
+    return belief
+
+
+@pytest.mark.parametrize("off", [(1.5, -0.8, 0.4), (-1.0, 2.0, 3.0)])
+def test_the_agent_is_found_wherever_it_was_believed(room, signal, off):
+    step = 70
+    truth = np.array([*room.track.position_m[step], room.track.heading_rad[step]])
+    belief = mapped(room, truth + off, (2.0, 1.5))
+    lines = belief.lines
+    sources = [
+        pose_fix.Sources(
+            np.concatenate([heard.position[None], geometry.mirror(lines, heard.position)]),
+            np.concatenate([np.zeros((1, 2)), lines]), np.array([1, 0.7, 0.7, 0.7, 0.7]), np.full(5, 0.9),
+        )
+        for heard in scan_of(room, step)
+    ]  # fmt: skip
+    fix = pose_fix.find_pose(
+        belief, belief, sources, scan_of(room, step), DetectionTable(signal), signal, [1, 2]
+    )
+    assert np.linalg.norm(fix.pose[:2] - truth[:2]) < 0.15
+    assert abs(wrap(fix.pose[2] - truth[2])) < 0.1
+    assert fix.lead > pose_fix.CLEAR
+    assert fix.gain > pose_fix.WORTH
+    after = pose_recovery.moved(pose_recovery.freed(belief, 1.0, 0.03), fix, 0.01)
+    assert np.linalg.norm(after.mean[:2] - truth[:2]) < 0.3
+    assert np.linalg.eigvalsh(after.covariance).min() > -1e-12
+
+
+def test_no_measurement_gives_no_fix(room, signal):
+    belief = mapped(room, (0.0, 0.0, 0.0), (1.0, 1.0))
+    assert pose_fix.find_pose(belief, belief, [], [], DetectionTable(signal), signal, [1]) is None
+
+
+def test_a_jump_cuts_the_agent_from_the_map_and_keeps_the_map(room):
+    belief = mapped(room, (0.0, 0.0, 0.0), (0.01, 0.01))
+    fix = pose_fix.Fix(np.array([2.0, 1.0, 1.0]), np.diag([1e-3, 1e-3, 1e-3]), 50.0, 50.0)
+    after = pose_recovery.moved(belief, fix, 0.04)
+    np.testing.assert_allclose(after.mean[[0, 1, 4]], fix.pose)
+    np.testing.assert_array_equal(after.mean[5:], belief.mean[5:])
+    np.testing.assert_array_equal(after.covariance[5:, 5:], belief.covariance[5:, 5:])
+    assert not after.covariance[:5, 5:].any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["strides", "start"])
+def test_what_used_to_diverge_recovers(room, kind):
+    case = {
+        "strides": lambda: disturbances.strides(room, steps=40),
+        "start": lambda: disturbances.vague_start(room),
+    }[kind]()
+    slam = gs.GridSlam(case.believed, seed=1)
+    error = [
+        np.linalg.norm(slam.step(case.heard.scan(n)).position_m - case.track.position_m[n]) for n in range(40)
+    ]
+    bound = known_map_bound(case.scene, case.agent, case.paths, case.track).position_m[10:40]
+    assert np.sqrt(np.square(error[10:]).mean()) < 2 * np.sqrt((bound**2).mean())
+
+
+def test_a_result_is_good_if_the_filter_recovers_or_says_that_it_has_not(room, followed):
+    case = disturbances.silence(room, 20, 10)
+    result = robustness.judged(
+        disturbances.Case(
+            case.scene, case.believed, case.agent, 1, short(case.track),
+            case.paths.take(case.paths.step < 40), case.heard, 20, 30,
+        ),
+        "silence", followed,
+    )  # fmt: skip
+    assert result.recovered_after == 0
+    assert result.unwell_during == 0.6
+    assert result.why.startswith("nothing heard for 8 steps, median of 5 to 10")
+    assert result.finite
+    lost = robustness.Result(**{**vars(result), "after": 9.0, "unwell_after": 0.0})
+    assert not lost.good
+    assert robustness.Result(**{**vars(lost), "unwell_after": 0.7}).good
+    lines = robustness.table([result, lost]).decode().splitlines()
+    assert len(lines) == 3
+    assert lines[0].startswith("scene,case,agent,seed")
+
+
+def short(track):
+    return gs.Trajectory(
+        *(getattr(track, n)[:40] for n in ("time_s", "position_m", "velocity_mps", "heading_rad"))
+    )
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--case", "flood"],
+        ["--scene", "hall"],
+        ["--method", "none"],
+        ["--scene", "canyon", "--case", "burst"],
+    ],
+)
+def test_bad_words_to_robustness_are_one_line(say, words):
+    said = say("robustness", *words)
+    assert said.code == 2
+    assert len(said.complaints) == 1
+
+
+@pytest.mark.parametrize(("walls", "sure", "said"), [(24, 24, 0), (27, 27, 3), (27, 20, 0)])
+def test_surfaces_that_are_dropped_for_want_of_room_are_told(walls, sure, said):
+    """Of 24 at most, those believed in; a tentative one that goes is no loss."""
+    draw = np.random.default_rng(1)
+    mean = np.concatenate(
+        [np.zeros(5), np.stack([np.linspace(-3, 3, walls), np.full(walls, 5.0)], -1).ravel()]
+    )
+    state = state_of(Belief(mean, 1e-6 * np.eye(len(mean))))
+    bank = state.surfaces
+    existence = np.where(np.arange(walls) < sure, draw.uniform(0.8, 0.99, walls), 0.4)
+    seen = np.full(walls, 100)
+    state = replace(state, surfaces=replace(bank, existence=existence, seen=seen, age=seen))
+    after = merge_and_prune(state, model_of(anchors=[[0.0, 0.0, 0.0]]))
+    assert len(after.surfaces) == 24
+    assert after.monitor.dropped == said
+    assert after.monitor.begun(3).dropped == 0
+    model = model_of(anchors=[[0.0, 0.0, 0.0]])
+    health, _ = after.monitor.assess(after.calibration, np.zeros(1), model, 0.1, 100.0)
+    assert ("want of room" in health.why) == (said > 0)

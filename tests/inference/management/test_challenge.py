@@ -1,0 +1,149 @@
+"""Doubt about worlds that fit themselves: a fresh start's word against them, and challengers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scene_samples import shortened
+
+import gridslam as gs
+from gridslam.inference.health.doubt import ELSEWHERE, LOW_LEAD, ONE_ALONE, Doubt
+from gridslam.inference.management.branching import placed
+from gridslam.inference.management.challenge import (
+    DOUBT_STEPS,
+    EVERY,
+    best_snapshot,
+    challenged,
+    snapshot_of,
+    watched,
+)
+from gridslam.inference.management.mixture import poses
+from gridslam.inference.management.poses.pose_search import POSE
+from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.state.population import Population
+from gridslam.systems.grid import GridSlam, start
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return shortened(gs.Scene.load("room"), 31).with_filter(particles=256)
+
+
+@pytest.fixture(scope="module")
+def scans(scene):
+    return list(gs.simulate(scene, "agent1", seed=2))
+
+
+@pytest.fixture(scope="module")
+def mapped(scene, scans):
+    """A filter after twenty steps, and its leads until then."""
+    slam, leads = GridSlam(scene, seed=3), []
+    for scan in scans[:20]:
+        slam.step(scan)
+        leads.append(slam.population.watch)
+    return slam, leads
+
+
+def moved(state, by, turn=0.0):
+    """The state with its agent elsewhere, and sure of it."""
+    pose = state.belief.mean[POSE] + np.array([*by, turn])
+    return placed(state, pose, np.diag([1e-4, 1e-4, 1e-4]), 1e-4)
+
+
+def test_the_best_snapshot_is_about_what_the_true_pose_scores(scene, scans):
+    slam, track = GridSlam(scene, seed=3), scene.track("agent1")
+    for step in (0, 7, 19):
+        snapshot = snapshot_of(split_by_anchor(scans[step], slam.model), slam.state, slam.model)
+        true = np.array([*track.position_m[step], track.heading_rad[step]])
+        far = np.array([3.0, 2.5, 2.0])
+        score = snapshot.score(np.stack([true, far]))
+        best, there = best_snapshot(snapshot, far, np.random.default_rng(1))
+        assert best - there > 30
+        assert score[1] < score[0] - 30
+        assert score[0] - 4 < best < score[0] + 20
+        best, here = best_snapshot(snapshot, true, np.random.default_rng(1))
+        assert here >= score[0]
+        assert best - here < 1
+
+
+def test_a_right_world_leads_a_fresh_start_and_is_well(mapped):
+    slam, leads = mapped
+    known = [watch for watch in leads if watch.loud]
+    assert known
+    assert all(watch.lead > 1.5 * LOW_LEAD * watch.loud for watch in known)
+    assert slam.info.health.ok
+    assert not slam.population.watch.doubtful
+
+
+def test_a_world_that_a_fresh_start_explains_as_well_is_doubted_and_said_so(mapped, scans):
+    slam, _ = mapped
+    before = Doubt(lead=10.0 * LOW_LEAD, loud=10.0)
+    population = replace(slam.population, watch=before)
+    now = slam.state.step
+    assert now % EVERY == 0
+    scan, model = scans[now - 1], slam.model
+    loud = sum(int(own.loud.sum()) for own in split_by_anchor(scan, model))
+    good, bad = (
+        watched(population, lambda worth=worth: float(worth * loud), scan, model, slam.work).watch
+        for worth in (40.0, 18.5)
+    )
+    assert not good.reasons()
+    assert good.doubtful == 0
+    assert "a fresh start" in bad.reasons()[0]
+    assert bad.doubtful == DOUBT_STEPS
+    later = replace(slam.state, step=now + 1)
+    kept = watched(Population((later,), watch=bad), lambda: np.nan, scan, model, slam.work).watch
+    assert kept.lead == bad.lead, "compared every few steps alone"
+    assert kept.doubtful == DOUBT_STEPS - 1
+    silent = replace(
+        scan, **{n: getattr(scan, n)[:0] for n in ("anchor", "distance_m", "aod_rad", "aoa_rad")}
+    )
+    silent = replace(silent, amplitude=scan.amplitude[:0])
+    assert watched(population, lambda: np.nan, silent, model, slam.work).watch == before
+
+
+def test_a_place_that_few_loud_measurements_contradict_is_doubted(mapped, scans):
+    """However well the map fits itself there; and not the right place."""
+    slam, _ = mapped
+    scan, leading = scans[19], 100.0 * LOW_LEAD
+    wrong = moved(slam.state, (2.0, 1.0), 1.0)
+    right, lost = (
+        watched(Population((state,)), lambda: leading, scan, slam.model, slam.work).watch
+        for state in (slam.state, wrong)
+    )
+    assert right.elsewhere == 0.0
+    assert not right.reasons()
+    assert "fits another place better" in lost.reasons()[0]
+    assert lost.doubtful == DOUBT_STEPS
+    only = np.flatnonzero(scan.amplitude == scan.amplitude.max())
+    names = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
+    single = replace(scan, **{name: getattr(scan, name)[only] for name in names})
+    one = watched(Population((wrong,)), lambda: leading, single, slam.model, slam.work).watch
+    assert one.elsewhere < lost.elsewhere - ONE_ALONE, "one measurement says less than all"
+    assert not Doubt(elsewhere=ELSEWHERE).reasons()
+
+
+@pytest.mark.slow
+def test_an_agent_that_is_surely_elsewhere_is_challenged_and_found(mapped, scene, scans):
+    """Two metres off and sure: one scan lists the true place, as a restart and with the map that there is."""
+    slam, _ = mapped
+    track, model = scene.track("agent1"), slam.model
+    wrong = moved(slam.state, (2.0, 1.0), 1.0)
+    lost = Population((wrong,), watch=Doubt(doubtful=DOUBT_STEPS))
+    assert challenged(replace(lost, watch=Doubt()), scans[20], start(model), model, slam.work).states == (
+        wrong,
+    )
+    several = challenged(lost, scans[20], start(model), model, slam.work)
+    assert several.states[0] is wrong, "challengers begin with a handicap"
+    here = np.linalg.norm(poses(several)[1:, :2] - track.position_m[20], axis=1)
+    sizes = [len(state.surfaces) for state, off in zip(several.states[1:], here, strict=True) if off < 0.3]
+    assert sorted(sizes) == [0, len(wrong.surfaces)]
+    right = challenged(replace(lost, states=(slam.state,)), scans[20], start(model), model, slam.work)
+    near = np.linalg.norm(poses(right)[:, :2] - track.position_m[20], axis=1)
+    assert np.count_nonzero(near < 0.3) == 1, "what is believed already is no challenge"
+    slam.now = slam.now._replace(believed=several)
+    for scan in scans[20:]:
+        slam.step(scan)
+    off = np.linalg.norm(slam.state.belief.mean[:2] - track.position_m[30])
+    assert off < 0.15
+    assert len(slam.state.surfaces) >= 4

@@ -1,0 +1,112 @@
+"""Finding an agent of a network again, where clocks are unknown and nothing says whose a measurement is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.inference.management.network.recovery import Beacons, log_likelihood, placed_at, proposed_poses
+from gridslam.inference.management.poses.pose_fix import Fix, _log_likelihood, known_sources
+from gridslam.inference.messages.likelihood import detection_table
+from gridslam.inference.state.anchor_measurements import of_all_anchors, split_by_anchor
+from gridslam.simulation.network import simulate_network
+from gridslam.systems.network import NetworkSlam
+
+AGENTS = ["agent1", "agent2"]
+
+
+@pytest.fixture(scope="module")
+def room():
+    """A network that has mapped the room for some steps, and the next scan, with labels."""
+    whole = gs.Scene.load("room").model_dump(exclude_none=True)
+    whole["filter"]["particles"] = 500
+    whole["agents"][0]["steps"] = 9
+    scene = gs.Scene.checked(whole, "test")
+    slam = NetworkSlam(scene, agents=["agent1"], seed=1)
+    scans = [scan.scans[0] for scan in simulate_network(scene, ["agent1"], 1)[0]]
+    for scan in scans[:-1]:
+        slam.step(scan)
+    return slam, scans[-1]
+
+
+def test_with_labels_and_known_clocks_a_pose_is_as_likely_as_anchor_by_anchor(room):
+    slam, scan = room
+    model, part = slam.model.agents[0], slam.state.part(0)
+    beacons = Beacons.of(part, np.zeros(2, bool), model, slam.work[0])
+    assert len(beacons) >= 4
+    poses = part.belief.mean[[0, 1, 4]] + np.random.default_rng(2).normal(0, [0.5, 0.5, 0.2], (40, 3))
+    radio, heard = model.radio, of_all_anchors(scan, model.radio.threshold)
+    table = detection_table(radio)
+    per_anchor = zip(known_sources(part, model, work=slam.work[0]), split_by_anchor(scan, model), strict=True)
+    apart = sum(_log_likelihood(poses, own, one, table, radio) for own, one in per_anchor)
+    np.testing.assert_allclose(log_likelihood(poses, beacons, heard, table, radio), apart, atol=1e-6)
+    nobody = replace(heard, label=np.full(len(heard), -1))
+    assert (log_likelihood(poses, beacons, nobody, table, radio) >= apart - 1e-6).all()
+
+
+def test_a_clock_ahead_makes_distances_longer_and_nothing_else(room):
+    slam, scan = room
+    model, part = slam.model.agents[0], slam.state.part(0)
+    beacons = Beacons.of(part, np.zeros(2, bool), model, slam.work[0])
+    late = np.array([7.0, -2.5])[beacons.anchor]
+    shifted = replace(beacons, shift=late)
+    heard = of_all_anchors(scan, model.radio.threshold)
+    value = heard.value.copy()
+    value[:, 0] += np.array([7.0, -2.5])[heard.label]
+    moved = replace(heard, value=value)
+    table, poses = detection_table(model.radio), part.belief.mean[[0, 1, 4]][None]
+    one = log_likelihood(poses, beacons, heard, table, model.radio)
+    np.testing.assert_allclose(log_likelihood(poses, shifted, moved, table, model.radio), one, atol=1e-9)
+    drawn = [
+        proposed_poses(own, said, model.radio, np.random.default_rng(3))
+        for own, said in ((beacons, heard), (shifted, moved))
+    ]
+    np.testing.assert_allclose(*drawn, atol=1e-9)
+    doubtful = replace(beacons, variance=np.full(len(beacons), 4.0))
+    assert log_likelihood(poses, doubtful, heard, table, model.radio)[0] < one[0]
+
+
+def test_an_agent_that_is_placed_anew_teaches_the_others_nothing():
+    scene = gs.Scene.load("exchange")
+    slam = NetworkSlam(scene, agents=AGENTS, seed=1)
+    data, _ = simulate_network(scene, AGENTS, 1, unlabelled=True)
+    for scan in (data.scan(0), data.scan(1)):
+        slam.step(scan)
+    before, pose = slam.state, np.array([3.0, -1.0, 0.5])
+    after = placed_at(before, 1, Fix(pose, 0.01 * np.eye(3), 9.0, 9.0), 0.04)
+    rows = before.belief.layout.pose(1).start + np.array([0, 1, 4])
+    np.testing.assert_allclose(after.belief.mean[rows], pose)
+    own = np.arange(before.belief.layout.pose(1).start, before.belief.layout.pose(1).start + 5)
+    rest = np.setdiff1d(np.arange(len(before.belief.mean)), own)
+    np.testing.assert_array_equal(after.belief.mean[rest], before.belief.mean[rest])
+    np.testing.assert_array_equal(
+        after.belief.covariance[np.ix_(rest, rest)], before.belief.covariance[np.ix_(rest, rest)]
+    )
+    assert not after.belief.covariance[np.ix_(own, rest)].any()
+    assert np.linalg.eigvalsh(after.belief.covariance).min() > -1e-9
+
+
+@pytest.mark.slow
+def test_an_agent_that_is_carried_off_in_silence_is_found_where_it_is():
+    whole = gs.Scene.load("exchange").model_dump(exclude_none=True)
+    whole["filter"]["particles"] = 500
+    scene = gs.Scene.checked(whole, "test")
+    data, truth = simulate_network(scene, AGENTS, 2, unlabelled=True)
+    track, slam = truth.agents["agent2"].trajectory.position_m, NetworkSlam(scene, agents=AGENTS, seed=2)
+    off, back, carried = 10, 13, 140
+    assert np.linalg.norm(track[back + carried] - track[off]) > 5
+    for step in range(back + 3):
+        here, elsewhere = data.scan(step), data.scan(step + carried).scans[1]
+        if step >= off:
+            mute = {key: column[:0] for key, column in vars(elsewhere).items() if np.ndim(column)}
+            heard = elsewhere if step >= back else replace(elsewhere, **mute)
+            heard = replace(heard, step=step, time_s=here.time_s)
+            here = replace(here, scans=(here.scans[0], heard))
+        estimate = slam.step(here)
+        if step == back:
+            assert "found again" in estimate.agents["agent2"].health.why
+    error = estimate.agents["agent2"].position_m - track[step + carried]
+    assert np.linalg.norm(error) < 0.3
+    assert np.linalg.norm(estimate.agents["agent1"].position_m - data.tracks["agent1"].position_m[step]) < 0.3
+    assert not estimate.unset.any()

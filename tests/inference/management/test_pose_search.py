@@ -1,0 +1,227 @@
+"""Where one scan says that the agent may be, without any map."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import norm
+
+import gridslam as gs
+from gridslam.inference.management.poses.pose_fix import Sources
+from gridslam.inference.management.poses.pose_score import IN_SIGHT, NEAREST_M, TWICE, Snapshot
+from gridslam.inference.management.poses.pose_search import find_modes, line_of_sight_poses, reflected_poses
+from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.state.belief import Belief
+from gridslam.world.geometry import course, line_between, mirror, unit, wrap
+from gridslam.world.radio import REFLECTION_BINS
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return gs.Scene.load("room")
+
+
+@pytest.fixture(scope="module")
+def heard(scene):
+    return list(gs.simulate(scene, "agent1", seed=4))[:4]
+
+
+def snapshot_of(scan, model):
+    scans = split_by_anchor(scan, model)
+    return Snapshot.of(scans, [model.radio] * len(scans), model), scans
+
+
+def slowly(pose, heard, model):
+    """The score of one pose and one anchor, path by path, by the geometry of drawn paths."""
+    radio, place = model.radio, heard.position
+    distance = np.linalg.norm(pose[:2] - place)
+    away = np.arctan2(*(pose[:2] - place)[::-1])
+    strength = radio.amplitude(distance)
+    log = -IN_SIGHT * float(radio.detection_probability(strength))
+    for value, amplitude in zip(heard.value, heard.amplitude, strict=True):
+        std = np.array([
+            radio.distance_std(amplitude),
+            radio.angle_std(amplitude, value[1], radio.anchor_aperture[heard.anchor]),
+            radio.angle_std(amplitude, value[2], radio.agent_aperture),
+        ])  # fmt: skip
+        straight = np.array([distance, away - heard.orientation, away + np.pi - pose[2]])
+        gap = value - straight
+        gap[1:] = wrap(gap[1:])
+        seen = IN_SIGHT * np.prod(norm.pdf(gap, scale=std)) * np.exp(radio.log_rician(amplitude, strength))
+        image = pose[:2] + value[0] * unit(pose[2] + value[2])
+        line = line_between(place, image)
+        path = course(pose[None, :2], place[None], line[None], line[None], np.array([1]))
+        born = 0.0
+        if path.valid[0]:
+            off = wrap(value[1] - (path.departure[0] - heard.orientation))
+            fits = (1 - TWICE) * norm.pdf(off, scale=np.hypot(*std[1:])) + TWICE / (2 * np.pi)
+            level = radio.amplitude(value[0], REFLECTION_BINS)
+            rice = np.exp(radio.log_rician(amplitude, level)).mean()
+            born = model.birth_rate * value[0] * rice * fits / max(np.linalg.norm(image - place), NEAREST_M)
+        clutter = radio.false_alarms * np.exp(radio.log_clutter(amplitude))
+        log += np.log1p((seen + born) / clutter)
+    return float(log)
+
+
+@pytest.mark.slow
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_scores_equal_those_worked_out_path_by_path(scene, heard, seed):
+    draw, model = np.random.default_rng(seed), scene.filter_model("agent1")
+    snapshot, scans = snapshot_of(heard[seed % 4], model)
+    track = scene.track("agent1")
+    near = np.array([*track.position_m[0], track.heading_rad[0]]) + draw.normal(0, [0.1, 0.1, 0.05])
+    poses = np.stack([near, draw.uniform([-4, -3, -3], [4, 3, 3])])
+    found = snapshot.score(poses)
+    for pose, score in zip(poses, found, strict=True):
+        # p_d comes from a table there
+        assert score == pytest.approx(sum(slowly(pose, own, model) for own in scans), abs=2e-3)
+
+
+def test_poses_of_lines_of_sight_hear_what_was_heard(scene, heard):
+    model = scene.filter_model("agent1")
+    snapshot, scans = snapshot_of(heard[0], model)
+    for terms, own in zip(snapshot.terms, scans, strict=True):
+        poses = line_of_sight_poses(terms, np.random.default_rng(1))
+        first = poses[:: len(poses) // len(own)]
+        away = first[:, :2] - own.position
+        np.testing.assert_allclose(np.linalg.norm(away, axis=1), own.value[:, 0])
+        bearing = np.arctan2(away[:, 1], away[:, 0])
+        np.testing.assert_allclose(wrap(bearing - own.orientation - own.value[:, 1]), 0, atol=1e-9)
+        np.testing.assert_allclose(wrap(bearing + np.pi - first[:, 2] - own.value[:, 2]), 0, atol=1e-9)
+
+
+def whole_room(model):
+    """A belief that knows nothing but the region."""
+    return Belief(model.start_mean, np.diag([21.0, 21.0, 1e-3, 1e-3, 3.3]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "measures", [("distance", "aod", "aoa", "amplitude"), ("distance", "aoa", "amplitude")]
+)
+def test_the_true_pose_is_listed_of_a_start_that_is_known_to_nothing(scene, measures):
+    radio = scene.radio.model_copy(update={"measures": measures})
+    scene = scene.model_copy(update={"radio": radio})
+    model, track = scene.filter_model("agent1"), scene.track("agent1")
+    scan = list(gs.simulate(scene, "agent1", seed=4))[2]
+    snapshot, _ = snapshot_of(scan, model)
+    modes = find_modes(snapshot, whole_room(model), model.grid, 60, [1, 2], poses=40_000)
+    assert modes.complete
+    gap = modes.pose - np.array([*track.position_m[2], track.heading_rad[2]])
+    gap[:, 2] = wrap(gap[:, 2])
+    far = np.einsum("ki,ij,kj->k", gap, np.diag([1, 1, 1]), gap)
+    right = int(far.argmin())
+    assert modes.score[right] > modes.score[0] - 8
+    assert gap[right] @ np.linalg.solve(modes.covariance[right], gap[right]) < 16
+    assert (modes.log_prior < 0).all(), "a mode has less than all of the prior"
+    assert (np.diff(modes.score) <= 0).all()
+
+
+def test_a_scan_that_tells_nothing_has_no_complete_list(scene, heard):
+    model = scene.filter_model("agent1")
+    scan = heard[0]
+    quiet = np.argsort(scan.amplitude)[:1]
+    names = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
+    faint = replace(scan, **{name: getattr(scan, name)[quiet] for name in names})
+    snapshot, _ = snapshot_of(faint, model)
+    modes = find_modes(snapshot, whole_room(model), model.grid, 10, [1], poses=4000)
+    assert not modes.complete
+    assert len(modes) <= 10
+
+
+def test_the_order_of_measurements_and_what_is_not_heard_change_no_score(scene, heard):
+    model = scene.filter_model("agent1")
+    scan, draw = heard[1], np.random.default_rng(3)
+    order = draw.permutation(len(scan))
+    names = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
+    mixed = replace(scan, **{name: getattr(scan, name)[order] for name in names})
+    poses = draw.uniform([-4, -3, -3], [4, 3, 3], (50, 3))
+    here, there = (snapshot_of(one, model)[0].score(poses) for one in (scan, mixed))
+    np.testing.assert_allclose(here, there, atol=1e-9)
+    silent = replace(scan, **{name: getattr(scan, name)[:0] for name in names})
+    assert (snapshot_of(silent, model)[0].score(poses) < 0).all(), "lines of sight that nobody heard"
+
+
+@pytest.mark.parametrize("name", ["aod_rad", "aoa_rad", "amplitude", "distance_m"])
+def test_what_was_not_measured_scores_finitely(scene, heard, name):
+    model, scan = scene.filter_model("agent1"), heard[0]
+    column = getattr(scan, name).copy()
+    column[::2] = np.nan
+    snapshot, _ = snapshot_of(replace(scan, **{name: column}), model)
+    poses = np.random.default_rng(5).uniform([-4, -3, -3], [4, 3, 3], (50, 3))
+    assert np.isfinite(snapshot.score(poses)).all()
+
+
+def of_map(place, chance=0.8):
+    """Sources of an anchor's line of sight and of single bounces over two walls of the room."""
+    line = np.array([[0.0, 0.0], [np.pi / 2, 3.0], [0.0, -4.0]])
+    image = np.stack([place, mirror(line[1], place), mirror(line[2], place)])
+    return Sources(image, line, np.array([1.0, 0.7, 0.6]), np.array([0.9, chance, 0.5]))
+
+
+def test_scores_with_a_map_add_what_its_surfaces_explain(scene, heard):
+    model, track = scene.filter_model("agent1"), scene.track("agent1")
+    own = split_by_anchor(heard[1], model)[0]
+    radio, over = model.radio, of_map(own.position)
+    with_map, without = (Snapshot.of([own], [radio], model, known).terms[0] for known in ([over], None))
+    poses = np.stack([[*track.position_m[1], track.heading_rad[1]], [1.0, -1.0, 0.5], [3.9, 3.9, 2.0]])
+    found, plain = with_map.score(poses, 1.0), without.score(poses, 1.0)
+    assert found[0] > plain[0] + 5, "two walls explain their bounces"
+    for pose, score, alone in zip(poses, found, plain, strict=True):
+        missed, ratio = 0.0, np.zeros(len(own))
+        for image, line, level, chance in list(
+            zip(over.image, over.line, over.level, over.chance, strict=True)
+        )[1:]:
+            path = course(pose[None, :2], own.position[None], line[None], line[None], np.array([1]))
+            if not path.valid[0]:
+                continue
+            strength = radio.amplitude(np.linalg.norm(image - pose[:2]), level)
+            missed += chance * float(radio.detection_probability(strength))
+            for m, (value, amplitude) in enumerate(zip(own.value, own.amplitude, strict=True)):
+                std = np.array([
+                    radio.distance_std(amplitude),
+                    radio.angle_std(amplitude, value[1], radio.anchor_aperture[0]),
+                    radio.angle_std(amplitude, value[2], radio.agent_aperture),
+                ])  # fmt: skip
+                std = np.hypot(std, [0.03, 0.02, 0.02])
+                gap = value - [
+                    path.distance[0],
+                    path.departure[0] - own.orientation,
+                    path.arrival[0] - pose[2],
+                ]
+                gap[1:] = wrap(gap[1:])
+                density = np.prod(norm.pdf(gap, scale=std)) * np.exp(radio.log_rician(amplitude, strength))
+                ratio[m] += chance * density / (radio.false_alarms * np.exp(radio.log_clutter(amplitude)))
+        base = np.array([
+            Snapshot.of([replace_rows(own, m)], [radio], model).terms[0].score(pose[None], 1.0)[0]
+            for m in range(len(own))
+        ])  # fmt: skip
+        sight = Snapshot.of([replace_rows(own, None)], [radio], model).terms[0].score(pose[None], 1.0)[0]
+        wanted = sight - missed + np.log(np.exp(base - sight) + ratio).sum()
+        assert alone == pytest.approx(base.sum() - (len(own) - 1) * sight, abs=1e-6)
+        assert score == pytest.approx(wanted, abs=0.01)
+
+
+def replace_rows(own, row):
+    """An anchor's scan with one of its measurements, or none."""
+    rows = slice(0, 0) if row is None else slice(row, row + 1)
+    names = ("value", "own_std", "amplitude", "table")
+    return replace(own, **{name: getattr(own, name)[rows] for name in names})
+
+
+def test_poses_by_a_map_hear_single_bounces_as_they_were_heard(scene, heard):
+    model = scene.filter_model("agent1")
+    own = split_by_anchor(heard[1], model)[0]
+    terms = Snapshot.of([own], [model.radio], model, [of_map(own.position)]).terms[0]
+    poses = reflected_poses(terms, np.random.default_rng(1), copies=1)
+    assert len(poses) == 2 * len(own)
+    line = of_map(own.position).line[1]
+    for pose, value in zip(poses[: len(own)], own.value, strict=True):
+        path = course(pose[None, :2], own.position[None], line[None], line[None], np.array([1]))
+        if path.valid[0]:
+            there = [path.distance[0], path.departure[0] - own.orientation, path.arrival[0] - pose[2]]
+            np.testing.assert_allclose(there[0], value[0], atol=1e-9)
+            np.testing.assert_allclose(wrap(np.array(there[1:]) - value[1:]), 0, atol=1e-9)

@@ -1,0 +1,198 @@
+"""Open clocks: histograms choose the mode that all agents' paths agree on, and only when they are sure."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal, norm
+
+import gridslam as gs
+from gridslam.inference.messages.network.clock_evidence import (
+    agent_evidence,
+    amplitude_ratio,
+    clock_evidence,
+    joint_density,
+)
+from gridslam.inference.state.network.clock_search import ClockSearch
+from gridslam.systems.network import NetworkSlam
+from gridslam.world.clocks import ClockModel
+from gridslam.world.scan import Scan
+
+CLOCKS = ClockModel(2, 1, np.array([30.0, 0.0, 0.0]), walk_m=0.03)
+LITTLE = np.array([[0.01]])
+"""Density of clutter."""
+CENTRE = ClockSearch.start(CLOCKS).centre
+
+
+def test_evidence_of_one_path_and_one_measurement_is_the_textbook_ratio():
+    draw = np.random.default_rng(1)
+    root = draw.normal(size=(3, 3)) * [[0.5], [0.1], [0.1]]
+    value, spread, noise = np.array([8.0, 0.3, -2.9]), root @ root.T, np.array([0.2, 0.05, 0.08])
+    measured, chance, clutter = np.array([[4.7, 0.35, 3.1]]), np.array([0.7]), 5 / 130 / (4 * np.pi**2)
+    others = np.array([[clutter]])
+    found = clock_evidence(value[None], spread[None], chance, measured, noise[None, None], others, CENTRE)[0]
+    whole = spread + np.diag(noise**2 + np.array([0.1**2 / 12, 0, 0]))
+    residual = [(measured[0] - value)[0], 0.05, 3.1 + 2.9 - 2 * np.pi]
+    density = [multivariate_normal.pdf(residual - np.array([b, 0, 0]), cov=whole) for b in CENTRE]
+    np.testing.assert_allclose(found, np.log(0.3 + 0.7 * np.array(density) / clutter), rtol=1e-9)
+
+
+def test_an_angle_that_was_not_measured_says_nothing():
+    value, spread = np.array([[8.0, 0.3, -2.9]]), np.diag([0.04, 0.01, 0.01])[None]
+    std, chance = np.full((1, 1, 3), 0.1), np.array([0.7])
+    found = clock_evidence(
+        value, spread, chance, np.array([[4.7, np.nan, -2.8]]), std, np.array([[0.01]]), CENTRE
+    )
+    by_hand = norm.pdf(-3.3 - CENTRE, 0, np.sqrt(0.05 + 0.1**2 / 12)) * norm.pdf(0.1, 0, np.sqrt(0.02))
+    np.testing.assert_allclose(found[0], np.log(0.3 + 0.7 * by_hand / (2 * np.pi) / 0.01), rtol=1e-9)
+    nothing = clock_evidence(
+        value, spread, chance, np.array([[np.nan, 0.3, -2.9]]), std, np.array([[0.01]]), CENTRE
+    )
+    np.testing.assert_allclose(nothing, np.log(0.3))
+
+
+def test_density_of_a_measurement_is_the_textbook_normal():
+    draw = np.random.default_rng(2)
+    root = draw.normal(size=(3, 3)) * [[0.5], [0.1], [0.1]]
+    value, spread, noise = np.array([8.0, 0.3, -2.9]), root @ root.T, np.array([0.2, 0.05, 0.08])
+    measured = np.array([[8.4, 0.35, 3.2], [np.nan, 0.3, -2.9], [8.4, np.nan, np.nan]])
+    found = joint_density(value[None], spread[None], measured, np.tile(noise, (1, 3, 1)))[0]
+    whole = spread + np.diag(noise**2)
+    off = np.array([0.4, 0.05, 3.2 + 2.9 - 2 * np.pi])
+    alone = norm.pdf(0.4, 0, np.sqrt(whole[0, 0])) / (4 * np.pi**2)
+    np.testing.assert_allclose(found, [multivariate_normal.pdf(off, cov=whole), 0, alone], rtol=1e-9)
+
+
+def test_what_another_anchor_may_have_caused_says_less(annex):
+    """A measurement of anchor 0's line of sight, where anchor 1's could have any offset."""
+    slam, scan = annex
+    state, model, work = slam.state, slam.model, slam.work[0]
+    work.begin()
+    centre, count = state.clocks.centre, len(slam.model.anchors)
+    sought, known = np.arange(count) == 1, np.arange(count) == 0
+    part = state.part(0)
+    both = [
+        agent_evidence(part, part, sought, claims, centre, scan, model.agents[0], work)
+        for claims in (known, np.zeros(count, bool))
+    ]
+    assert both[0][1].max() < both[1][1].max() - 2
+    assert not both[0][[0, 2]].any()
+    labelled = replace(scan, anchor=np.array([1]))  # nobody else's
+    same = [
+        agent_evidence(part, part, sought, claims, centre, labelled, model.agents[0], work)
+        for claims in (known, np.zeros(count, bool))
+    ]
+    np.testing.assert_array_equal(*same)
+
+
+@pytest.fixture(scope="module")
+def annex():
+    """Network SLAM before its first step, and a measurement: anchor 0's line of sight and 1's."""
+    whole = gs.Scene.load("annex").model_dump(exclude_none=True)
+    whole["anchors"][1]["position_m"] = whole["anchors"][0]["position_m"]
+    whole["anchors"][1]["orientation_deg"] = whole["anchors"][0]["orientation_deg"]
+    whole["filter"] |= {"particles": 100}
+    scene = gs.Scene.checked(whole, "test")
+    slam = NetworkSlam(scene, agents=["agent1"], seed=1)
+    off = scene.anchor_positions[0] - scene.track("agent1").position_m[0]
+    aod = np.arctan2(*-off[::-1]) - scene.anchor_orientations[0]
+    length = float(np.hypot(*off))
+    scan = Scan(
+        0, 0.0, np.array([-1]), np.array([length]), np.array([aod]), np.array([np.arctan2(*off[::-1])]),
+        scene.signal_model("agent1").amplitude(np.array([length])),
+    )  # fmt: skip
+    return slam, scan
+
+
+def test_an_amplitude_far_off_a_path_counts_against_it_but_rules_nothing_out():
+    radio = gs.Scene.load("exchange").signal_model("agent1")
+    ratio = amplitude_ratio(np.array([10.0, 2.15, 5.0, np.nan]), np.array([10.0, 1e-3]), radio)
+    # sigma_u^2 = 0.5 + 100 / (4 * samples), and 1.2 for the dB: 0.02 + 0.98 * 20 / sqrt(2 pi s^2)
+    scale = np.sqrt(0.5 + 25 / radio.samples + 1.44)
+    assert ratio[0, 0] == pytest.approx(0.02 + 0.98 * 20 / np.sqrt(2 * np.pi) / scale)
+    np.testing.assert_allclose(ratio[0, 1:3], 0.02, atol=0.01)
+    assert (ratio[:, 3] == 1).all()
+    # a path of unknown strength: the mean over amplitudes that are as likely as each other is 1
+    grid = np.linspace(0, 20, 4001)
+    assert amplitude_ratio(grid, np.array([10.0]), radio).mean() == pytest.approx(1, abs=0.01)
+
+
+def test_a_clock_is_set_once_its_rivals_are_gone():
+    search = replace(ClockSearch.start(CLOCKS), since=np.array([5, 0]))  # beyond the first steps
+    assert search.unset.tolist() == [True, False]
+    peaks = -0.5 * ((CENTRE - 7.3) / 0.2) ** 2, -0.5 * ((CENTRE + 12) / 0.2) ** 2 - 3.0
+    both = np.tile(np.logaddexp(*peaks), (2, 1))
+    search = search.updated(both)
+    assert search.decided() == []  # the rival still has 5 %
+    mean, variance = search.moments(0)
+    assert -12 < mean < 7.3
+    assert variance > 10
+    search = search.updated(both)
+    assert search.decided() == []  # 0.25 %
+    search = search.updated(both)
+    ((anchor, offset),) = search.decided()
+    assert anchor == 0
+    assert offset == pytest.approx(7.3, abs=0.02)
+    assert not search.closed(0).unset.any()
+
+
+def gaussian(centre, std, level):
+    """Log evidence of one offset, over a flat rest with so much of the mass."""
+    peak = norm.pdf(CENTRE, centre, std)
+    flat = level / (1 - level) * 10 / len(CENTRE)  # of 10 a metre, as the peak's
+    return np.tile(np.log(peak + flat), (2, 1))
+
+
+def test_one_mode_as_wide_as_the_pose_is_decided_and_two_are_not():
+    fresh = ClockSearch.start(CLOCKS)
+    ((anchor, offset),) = fresh.updated(gaussian(7.3, 0.5, 1e-5)).decided()
+    assert (anchor, round(offset, 1)) == (0, 7.3)
+    assert fresh.updated(gaussian(7.3, 0.9, 1e-5)).decided() == []
+    two = np.logaddexp(*(gaussian(7.3 + side, 0.2, 1e-9) for side in (-1, 1)))
+    assert fresh.updated(two).decided() == []
+
+
+def test_a_doubtful_mode_is_decided_in_the_first_steps_alone():
+    search = ClockSearch.start(CLOCKS)
+    doubtful = search.updated(gaussian(7.3, 0.5, 5e-3))
+    assert len(doubtful.decided()) == 1
+    assert search.updated(gaussian(7.3, 0.5, 2e-2)).decided() == []
+    assert replace(doubtful, since=np.array([4, 0])).decided() == []
+
+
+def test_walks_blur_and_nothing_leaves_the_prior():
+    search = ClockSearch.start(CLOCKS).updated(np.tile(-0.5 * ((CENTRE - 5.0) / 0.3) ** 2, (2, 1)))
+    before = search.moments(0)[1]
+    after = search.walked(0.25)
+    assert after.moments(0)[1] - before == pytest.approx(0.25, rel=0.02)
+    assert after.mass[0].sum() == pytest.approx(1)
+    assert after.mass[1].max() == 1  # the other anchor's prior is a point
+
+
+def test_an_opened_clock_knows_nothing():
+    search = ClockSearch.start(CLOCKS).updated(np.tile(-(CENTRE**2), (2, 1))).closed(0).opened(0, CLOCKS)
+    assert search.unset[0]
+    np.testing.assert_allclose(search.mass[0], 1 / len(CENTRE))
+
+
+def test_a_set_clock_is_opened_again_by_what_stands_for_another_offset():
+    closed, none = np.array([True, False]), np.zeros((2, len(CENTRE)))
+    search = ClockSearch.start(CLOCKS).closed(0)
+    mean, deviation = np.array([7.3, 0.0]), np.array([0.1, 0.0])
+    peak = np.exp(-0.5 * ((CENTRE + 12) / 0.2) ** 2)
+    opened, sums = [], search
+    for _ in range(4):  # 6, then 6 + 0.7 * 6, ... = 6, 10.2, 13.1, 15.2 nats
+        sums = sums.challenged(closed, none + 6 * peak, mean, deviation)
+        opened.append(bool(sums.unset.any()))
+    assert opened == [False, False, False, True]
+    assert abs(sums.moments(0)[0] + 12) < 0.1
+    for weak in (
+        4 * peak,
+        9 * np.exp(-0.5 * ((CENTRE - 7.0) / 0.2) ** 2),
+    ):  # at most 13.3 nats; its own offset
+        held = search
+        for _ in range(50):
+            held = held.challenged(closed, none + weak, mean, deviation)
+        assert not held.unset.any()
+    gone = search.challenged(closed, none + 40 * peak, np.array([45.0, 0.0]), deviation)
+    assert not gone.unset.any()  # out of the prior's reach: not looked for

@@ -1,0 +1,190 @@
+"""Images in walls that other images show: where they are, and what is tied, settled, proposed or dropped."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.inference.management.samples.image_merging import merge_images
+from gridslam.inference.management.samples.image_ties import share_walls
+from gridslam.inference.messages.samples.common_walls import TIE_M, places_by_walls
+from gridslam.inference.messages.samples.image_births import NewPath, add_tentative, find_births
+from gridslam.inference.messages.samples.image_prediction import predict_paths
+from gridslam.inference.messages.samples.image_proposals import (
+    confirm_proposals,
+    judge_proposals,
+    propose_images,
+    retire_substitutes,
+)
+from gridslam.inference.messages.samples.path_levels import update_levels
+from gridslam.inference.messages.samples.signal_likelihood import Band
+from gridslam.inference.state.belief import append
+from gridslam.inference.state.samples.images import DirectState, Images
+from gridslam.world.geometry import mirror
+
+BAND = Band.of(1e7 * (np.arange(41) - 20))
+FLOOR, SIDE = np.array([-0.5 * np.pi, 0.0]), np.array([0.0, 9.0])  # y = 0, x = 9
+
+
+@pytest.fixture(scope="module")
+def model():
+    scene = gs.Scene.load("overlap")
+    return replace(scene.filter_model("agent1"), max_bounces=2)
+
+
+def with_images(model, *images, spread=0.03):
+    """A state with settled images: (anchor, place, bounces) each, independent of each other."""
+    noise = np.ones(len(model.anchors))
+    state = DirectState.start(model.start_mean[:4], model.start_variance[:4], len(model.anchors), noise)
+    for number, (anchor, place, bounces) in enumerate(images):
+        away = np.asarray(place) - state.belief.mean[:2]
+        span, one = np.hypot(*away), np.ones(1)
+        polar = np.array([np.arctan2(away[1], away[0]), span])
+        belief = append(state.belief, polar, spread**2 * np.diag([1 / span**2, 1]))
+        image = Images(
+            np.array([number]), np.array([anchor]), belief.mean[None, :2], 0.99 * one, 0.9 * one, 50 * one,
+            20 * one, np.array([20]), np.full((1, 2), np.nan), np.array([bounces]),
+        )  # fmt: skip
+        state = replace(state, belief=belief, images=state.images.joined(image), next_identity=number + 1)
+    return state
+
+
+def images_of(model, anchor):
+    """In the floor, in the side wall, and over both."""
+    position = model.anchor_positions[anchor]
+    one, other = mirror(FLOOR, position), mirror(SIDE, position)
+    return one, other, mirror(SIDE, one)
+
+
+def test_a_wall_that_one_anchor_shows_mirrors_the_other_one(model):
+    state = with_images(model, (0, images_of(model, 0)[0], 0))
+    places = places_by_walls(state, 1, model)
+    np.testing.assert_allclose(places.place, [images_of(model, 1)[0]], atol=1e-9)
+    assert len(places_by_walls(state, 0, model)) == 0  # its own wall tells an anchor nothing
+
+
+def test_the_farthest_of_three_places_is_the_double_bounce(model):
+    floor, side, both = images_of(model, 1)
+    places = places_by_walls(with_images(model, (1, floor, 0), (1, side, 0)), 1, model)
+    np.testing.assert_allclose(places.place, [both], atol=1e-9)
+    assert places.bounces.tolist() == [2]
+    assert len(places_by_walls(with_images(model, (1, floor, 0), (1, both, 0)), 1, model)) == 0
+    assert len(places_by_walls(with_images(model, (1, floor, 0), (1, side, 0)), 1, model, proven=True)) == 0
+    single = replace(model, max_bounces=1)
+    assert len(places_by_walls(with_images(model, (1, floor, 0), (1, side, 0)), 1, single)) == 0
+
+
+def test_slopes_of_places_are_those_of_differences(model):
+    state = with_images(model, (0, images_of(model, 0)[0], 0), (1, images_of(model, 1)[1], 0), spread=0.01)
+    for anchor, count in ((0, 2), (1, 2)):
+        places = places_by_walls(state, anchor, model)
+        assert len(places) == count
+        for entry in range(len(state.belief.mean)):
+            ahead, back = (
+                places_by_walls(
+                    replace(state, belief=replace(state.belief, mean=state.belief.mean + step)), anchor, model
+                ).place
+                for step in (s * np.eye(len(state.belief.mean))[entry] for s in (1e-6, -1e-6))
+            )
+            np.testing.assert_allclose(places.slope[..., entry], (ahead - back) / 2e-6, atol=1e-5)
+
+
+def test_images_in_one_wall_are_tied_once_and_narrow_each_other(model):
+    here, there = images_of(model, 0)[0], images_of(model, 1)[0]
+    state = with_images(model, (0, here, 0), (1, there + np.array([0.03, -0.04]), 0))
+    tied = share_walls(state, model)
+    assert tied.images.bounces.tolist() == [1, 1]
+    gap = tied.places[1] - places_by_walls(tied, 1, model).place[0]
+    assert np.linalg.norm(gap) < 2 * TIE_M
+    before, after = (np.linalg.eigvalsh(s.place_covariances).max(-1) for s in (state, tied))
+    assert (after < before).all()
+    assert after[1] < 0.75 * before[1]
+    for _ in range(3):  # as seen from the other anchor they may differ by more
+        tied = share_walls(tied, model)
+    assert share_walls(tied, model) is tied
+
+
+def test_images_of_different_walls_are_not_tied(model):
+    state = with_images(model, (0, images_of(model, 0)[0], 0), (1, images_of(model, 1)[0] + 0.4, 0))
+    assert share_walls(state, model) is state
+
+
+def ring_at(state, model, anchor, distance):
+    return add_tentative(state, anchor, [NewPath(0.99, distance, 0.01**2, 50.0)], model)
+
+
+def test_a_ring_where_a_known_wall_puts_an_image_settles_there(model):
+    state = with_images(model, (0, images_of(model, 0)[0], 0))
+    place = images_of(model, 1)[0]
+    away = float(np.linalg.norm(place - state.belief.mean[:2]))
+    other = ring_at(state, model, 1, away + 0.6)
+    assert len(share_walls(other, model).tentative) == 1
+    # a fresh ring may be another wall's: it must lean towards the place
+    fresh = ring_at(state, model, 1, away)
+    rings = fresh.tentative.rings
+    near = np.linalg.norm(rings.mean[0, :, 4:] - place, axis=-1) < 1.0
+    weight = np.where(near, 1.0, 0.0)[None]
+    rings = replace(rings, weight=weight / weight.sum())
+    settled = share_walls(replace(fresh, tentative=replace(fresh.tentative, rings=rings)), model)
+    assert len(settled.tentative) == 0
+    assert settled.images.bounces.tolist() == [1, 1]
+    np.testing.assert_allclose(settled.places[1], place, atol=1e-9)
+    # its error is that of the image that showed the wall
+    difference = settled.places[1] - places_by_walls(settled, 1, model).place[0]
+    np.testing.assert_allclose(difference, 0, atol=1e-9)
+
+
+def heard(state, model, anchor, places, seed, snr_db=25.0):
+    """Samples of line of sight and images, and what a step finds in them."""
+    rng, start = np.random.default_rng(seed), model.start_mean[:2]
+    span = [np.linalg.norm(start - p) for p in (model.anchor_positions[anchor], *places)]
+    amplitude = 10 ** (snr_db / 20) * np.exp(2j * np.pi * rng.random(len(span)))
+    samples = amplitude @ BAND.response(np.array(span))
+    samples += np.sqrt(0.5) * (rng.normal(size=41) + 1j * rng.normal(size=41))
+    links = replace(state.links, intensity=np.full(2, 10 ** (snr_db / 10)), heard=np.full(2, 10.0))
+    state = replace(state, links=links)
+    paths = predict_paths(state, anchor, model)
+    return state, paths, find_births(BAND, samples, paths.prior, 1.0, 100)
+
+
+def test_an_image_is_proposed_where_its_path_is_heard_only(model):
+    place = images_of(model, 1)[0]
+    state = with_images(model, (0, images_of(model, 0)[0], 0))
+    for places, count in (([place], 2), ([], 1), ([place - np.array([0.0, 2.0])], 1)):
+        begun = propose_images(*heard(state, model, 1, places, 1), model)
+        assert len(begun.images) == count, places
+    begun = propose_images(*heard(state, model, 1, [place], 1), model)
+    assert begun.images.bounces.tolist() == [0, -1]
+    assert merge_images(begun) is begun
+
+
+def test_a_proposed_image_is_judged_without_what_stands_in_for_it(model):
+    """A loose image on the same path explains it; the proposed one is believed all the same, and stays."""
+    place = images_of(model, 1)[0]
+    state = with_images(model, (0, images_of(model, 0)[0], 0))
+    state = propose_images(*heard(state, model, 1, [place], 1), model)
+    away = float(np.linalg.norm(place - state.belief.mean[:2]))
+    state = ring_at(state, model, 1, away)
+    state, paths, found = heard(state, model, 1, [place], 2)
+    plain = found.inverse.without(found.mode.distance)
+    matched, own = judge_proposals(state, paths, found, *plain)
+    assert matched[1] / own[1] > 5 * plain[0][1] / plain[1][1]
+    assert matched[0] == plain[0][0]
+    assert own[0] == plain[1][0]
+    for seed in range(3, 6):
+        state = update_levels(*heard(state, model, 1, [place], seed))
+        state = retire_substitutes(*heard(state, model, 1, [place], seed))
+    assert state.images.existence[1] > 0.9
+    assert state.tentative.rings.existence[0] < 0.95
+    assert confirm_proposals(state).images.bounces.tolist() == [0, -1]  # not heard for long yet
+    long = replace(state, images=replace(state.images, heard=np.full(2, 20.0)))
+    assert confirm_proposals(long).images.bounces.tolist() == [0, 1]
+
+
+def test_a_proposed_image_without_a_path_is_given_up(model):
+    state = with_images(model, (0, images_of(model, 0)[0], 0))
+    state = propose_images(*heard(state, model, 1, [images_of(model, 1)[0]], 1), model)
+    for seed in range(10):
+        state = update_levels(*heard(state, model, 1, [], seed))
+    assert state.images.existence[1] < 0.06

@@ -1,0 +1,132 @@
+"""Images of direct SLAM: joining, merging, reclaiming the line of sight, and the mode against sampling."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.inference.management.samples.image_merging import merge_images
+from gridslam.inference.messages.samples.distance_mode import PathPrior, joint_mode
+from gridslam.inference.messages.samples.image_births import NewPath, add_tentative
+from gridslam.inference.messages.samples.image_prediction import image_distances, predict_paths
+from gridslam.inference.messages.samples.image_rings import forbid_own_place, join_straight_rings
+from gridslam.inference.messages.samples.path_levels import reclaim_line_of_sight
+from gridslam.inference.messages.samples.signal_likelihood import Band, log_densities
+from gridslam.inference.state.belief import append
+from gridslam.inference.state.samples.images import DirectState, Images
+from gridslam.world.geometry import unit
+
+BAND = Band.of(1e7 * (np.arange(41) - 20))
+
+
+@pytest.fixture(scope="module")
+def model():
+    return gs.Scene.load("overlap").filter_model("agent1")
+
+
+def state_with(model, *places, spread=0.05):
+    """A state with settled images of anchor 0 at given places, independent of each other."""
+    state = DirectState.start(model.start_mean[:4], model.start_variance[:4], len(model.anchors))
+    belief, images = state.belief, state.images
+    for number, place in enumerate(places):
+        away = np.asarray(place) - state.belief.mean[:2]
+        span = np.hypot(*away)
+        belief = append(
+            belief, np.array([np.arctan2(away[1], away[0]), span]), spread**2 * np.diag([1 / span**2, 1])
+        )
+        one = np.array([1.0])
+        images = images.joined(
+            Images(np.array([number]), np.array([0]), belief.mean[None, :2], 0.9 * one, 0.8 * one,
+                   50.0 * one, (10.0 - number) * one, np.array([20]), np.full((1, 2), np.nan),
+                   np.zeros(1, np.int64))
+        )  # fmt: skip
+    return replace(state, belief=belief, images=images, next_identity=len(places))
+
+
+def test_slopes_of_distances_are_those_of_differences(model):
+    state = state_with(model, [9.0, 3.0], [1.0, -6.0])
+    rows, position = np.arange(2), model.anchor_positions[0]
+    _, slope = image_distances(state, rows, position)
+    for entry in range(8):
+        ahead, back = (
+            image_distances(
+                replace(state, belief=replace(state.belief, mean=state.belief.mean + step)), rows, position
+            )[0]
+            for step in (1e-6 * np.eye(8)[entry], -1e-6 * np.eye(8)[entry])
+        )
+        np.testing.assert_allclose(slope[:, entry], (ahead - back) / 2e-6, atol=1e-6)
+
+
+def test_two_images_of_one_place_become_one_between_them(model):
+    state = state_with(model, [9.0, 3.0], [9.06, 3.0], [1.0, -6.0])
+    merged = merge_images(state)
+    assert merged.images.identity.tolist() == [0, 2]
+    np.testing.assert_allclose(merged.places, [[9.03, 3.0], [1.0, -6.0]], atol=2e-3)
+    np.testing.assert_allclose(merged.place_covariances[0], 0.5 * 0.05**2 * np.eye(2), atol=1e-4)
+    apart = state_with(model, [9.0, 3.0], [9.4, 3.0])
+    assert len(merge_images(apart).images) == 2
+
+
+def test_a_ring_joins_where_it_is_once_its_arc_is_short(model):
+    state = state_with(model)
+    state = add_tentative(state, 0, [NewPath(0.99, 6.0, 1e-4, 50.0)], model)
+    assert len(join_straight_rings(state).images) == 0
+    rings = state.tentative.rings
+    away = rings.mean[0, :, 4:] - state.belief.mean[:2]
+    bearing = np.arctan2(away[:, 1], away[:, 0])
+    short = np.exp(-0.5 * ((bearing - 0.7) / 0.05) ** 2)
+    short = replace(rings, weight=(short / short.sum())[None])
+    joined = join_straight_rings(replace(state, tentative=replace(state.tentative, rings=short)))
+    assert (len(joined.images), len(joined.tentative)) == (1, 0)
+    np.testing.assert_allclose(joined.places[0], state.belief.mean[:2] + 6 * unit(0.7), atol=0.1)
+    # the image hangs together with the agent: its distance is surer than the agent's place
+    _, slope = image_distances(joined, np.array([0]), model.anchor_positions[0])
+    variance = slope[1] @ joined.belief.covariance @ slope[1]
+    assert variance == pytest.approx(1e-4, rel=0.2)
+    assert joined.belief.covariance[0, 0] > 10 * variance
+
+
+def test_an_image_at_its_anchor_goes(model):
+    state = state_with(model, model.anchor_positions[0] + [0.3, 0.0], [9.0, 3.0])
+    assert forbid_own_place(state, model).images.identity.tolist() == [1]
+
+
+def test_the_line_of_sight_is_reclaimed_from_what_stands_in_its_place(model):
+    agent, anchor = model.start_mean[:2], model.anchor_positions[0]
+    far = np.linalg.norm(agent - anchor)
+    state = state_with(model, agent + (far + 0.05) * unit(0.3), agent + 9 * unit(1.0))
+    links = replace(state.links, visible=np.array([0.1, 0.9]), intensity=np.ones(2), noise=np.ones(2))
+    state = replace(state, links=links)
+    for _ in range(5):
+        assert len(state.images) == 2
+        paths = predict_paths(state, 0, model)
+        mode = joint_mode(BAND, 20 * BAND.response(far), paths.prior, 1.0)
+        state = reclaim_line_of_sight(state, paths, mode)
+    assert state.images.identity.tolist() == [1]
+    assert state.links.visible[0] == 0.9
+    assert state.links.intensity[0] == 50.0
+
+
+def test_mode_and_covariance_are_those_of_the_posterior():
+    """Three overlapping paths, against importance sampling of their distances."""
+    rng = np.random.default_rng(3)
+    distance, weight = np.array([4.0, 4.45, 6.0]), np.array([400.0, 300.0, 100.0])
+    amplitude = np.sqrt(weight) * np.exp(1j * np.array([0.3, 1.9, -2.0]))
+    noise = np.sqrt(0.5) * (rng.normal(size=41) + 1j * rng.normal(size=41))
+    samples = amplitude @ BAND.response(distance) + noise
+    prior = PathPrior(distance + np.array([0.02, -0.01, 0.03]), np.diag([400.0, 400.0, 100.0]), weight)
+    mode = joint_mode(BAND, samples, prior, 1.0)
+    root = np.linalg.cholesky(2 * mode.covariance)
+    drawn = rng.normal(size=(4_000, 3))
+    tried = mode.distance + drawn @ root.T
+    off = tried - prior.mean
+    logs = log_densities(BAND, samples, tried, weight, 1.0) - 0.5 * ((off @ prior.precision) * off).sum(1)
+    logs += 0.5 * (drawn**2).sum(1)
+    share = np.exp(logs - logs.max())
+    share /= share.sum()
+    mean = share @ tried
+    covariance = (share[:, None] * (tried - mean)).T @ (tried - mean)
+    deviation = np.sqrt(np.diag(mode.covariance))
+    assert (np.abs(mode.distance - mean) < 0.3 * deviation).all()
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), deviation, rtol=0.15)

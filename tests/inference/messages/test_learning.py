@@ -1,0 +1,286 @@
+"""New features: found where they are, refused where they foretell nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from signal_worlds import received, signal_model
+
+from gridslam import runtime
+from gridslam.inference.messages.features.feature_likelihood import Front
+from gridslam.inference.messages.features.following import START_STEPS
+from gridslam.inference.messages.features.joint_update import predict, update
+from gridslam.inference.messages.features.learning import JUDGED, learn
+from gridslam.inference.messages.features.proposals import UNTOLD, extra_slopes
+from gridslam.inference.messages.features.rivals import HOPELESS, PRICES, Lesson, usual_prices
+from gridslam.inference.messages.features.seeding import (
+    IMAGE,
+    LEAST_GAIN,
+    NONE_M,
+    POWERS,
+    SCATTERED,
+    candidates,
+    first_gains,
+    propose,
+    stretch_of,
+)
+from gridslam.inference.state.features.features import MOVING, FeatureBank, entries, places
+from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
+
+runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
+LOS, LOS_POWER = np.array([3.0, 4.0, 0.0]), 3000.0
+MIRROR, SCATTERER = np.array([-6.0, 2.0, 0.0]), np.array([2.0, -4.0, 8.06])
+STEPS = 20
+
+
+def state_after(points, powers, seed, elsewhere_from=STEPS, spread=(0.1, 0.1, 0.1, 0.1)):
+    """A state whose segment is a way past the points; from `elsewhere_from` on, they are 5 m off."""
+    model, draw = signal_model(spread=spread), np.random.default_rng(seed)
+    belief = JointBelief(
+        model.start_mean[:4], np.diag(model.start_variance[:4]), FeatureBank.empty(), np.array([0.9]),
+        np.array([LOS_POWER]), np.ones(1),
+    )  # fmt: skip
+    segment, heard, at = Segment.empty(1, 4, 41), np.array([True]), belief
+    for k in range(STEPS):
+        place = np.array([0.1 * k, 0.5 * np.sin(0.2 * k)])
+        rows = points if k < elsewhere_from else [point + np.array([0.0, 5.0, 0.0]) for point in points]
+        z = received(model, place, 0.1 * k, [LOS, *rows], [LOS_POWER, *powers], draw)
+        at, evidence = update(predict(at, 0.1, 2.0) if k else at, z, heard, 0.1 * k, model, k)
+        segment = segment.add(0.1 * k, 0.1 * k, heard, z, np.array([*place, 1.0, 0.0]), evidence)
+    return HybridState(belief, belief, segment, step=STEPS, time_s=0.1 * (STEPS - 1)), model
+
+
+@pytest.mark.slow
+def test_a_mirror_image_is_found_where_it_is():
+    state, model = state_after([MIRROR], [1500.0], 0)
+    found, learned = learn(state, Front(model.waveform), model)
+    assert learned.taken >= 1
+    assert learned.gain > 0
+    place = places(found.joint.mean, found.joint.features.origin_m)
+    strongest = np.argmax(found.joint.features.power)
+    assert np.hypot(*(place[strongest] - MIRROR)[:2]) < 0.5
+    assert abs(place[strongest, 2]) < 0.01
+    assert len(found.segment) == 0
+    assert found.before is found.joint
+    assert found.next_identity >= 1
+
+
+@pytest.mark.slow
+def test_nothing_is_learned_of_a_line_of_sight_and_noise_alone():
+    for seed in range(2):
+        state, model = state_after([], [], seed)
+        found, learned = learn(state, Front(model.waveform), model)
+        assert learned.taken == 0
+        assert len(found.joint.features) == 0
+
+
+@pytest.mark.slow
+def test_features_that_do_not_foretell_the_last_steps_are_refused():
+    state, model = state_after([MIRROR], [1500.0], 0, elsewhere_from=STEPS - JUDGED)
+    found, learned = learn(state, Front(model.waveform), model)
+    assert learned.proposed >= 1
+    assert learned.taken == 0
+    assert found.joint is state.joint
+
+
+def lesson_of(state, model):
+    return Lesson(state.before, None, 0, 0, JUDGED, Front(model.waveform), model)
+
+
+@pytest.mark.slow
+def test_a_line_of_sight_that_was_taken_for_a_feature_pulls_all_back_where_it_belongs():
+    """Seen from a way 0.7 m off, a feature beside the anchor explains what the line of sight does."""
+    state, model = state_after([MIRROR], [1500.0], 4, spread=(0.5, 0.5, 0.1, 0.1))
+    off = np.array([0.5, -0.5])
+    beside = replace(state.segment, agent=state.segment.agent + np.append(off, [0.0, 0.0]))
+    lesson, price = lesson_of(state, model), usual_prices(state.before, model)
+    astray = state.before
+    for n, point in enumerate([LOS, MIRROR]):
+        place = point + np.append(off, 0.0)
+        spread = np.diag(np.square([0.05, 0.02, 1e-3]))
+        astray = astray.with_feature(0, entries(place, off), spread, off, LOS_POWER / (n + 1), n, 0)
+    believed = replace(astray, mean=np.append(astray.mean[:2] + off, astray.mean[2:]))
+    wrong = lesson.judge(replace(believed, existence=np.array([0.01])), beside)
+    np.testing.assert_array_equal(lesson.sights(wrong.joint), [True, False])
+    np.testing.assert_allclose(lesson.shift(wrong), -off, atol=0.15)
+    right = lesson.best([wrong], [beside], price[0])
+    assert np.hypot(*(right.track - state.segment.agent)[-1, :2]) < 0.2
+    assert right.joint.existence[0] > 0.9
+    assert not lesson.sights(right.joint).any()
+    assert lesson.shift(right) is None
+
+
+def test_a_feature_that_explains_nothing_costs_its_price():
+    state, model = state_after([], [], 5)
+    lesson = lesson_of(state, model)
+    spread, origin = np.diag(np.square([0.3, 0.2, 1e-3])), np.zeros(2)
+    more = state.before.with_feature(0, entries(MIRROR, origin), spread, origin, 1e-6, 0, 0)
+    scores = [lesson.judge(belief, state.segment).score for belief in (state.before, more)]
+    assert scores[0] - scores[1] == pytest.approx(LEAST_GAIN, abs=1.0)
+
+
+def test_a_rival_that_falls_far_behind_is_given_up_and_one_that_keeps_up_is_not():
+    state, model = state_after([MIRROR], [1500.0], 3)
+    lesson, (segment, before) = lesson_of(state, model), (state.segment, state.before)
+    spread, origin = np.diag(np.square([0.3, 0.2, 1e-3])), np.zeros(2)
+    right = lesson.judge(
+        before.with_feature(0, entries(MIRROR, origin), spread, origin, 1500.0, 0, 0), segment
+    )
+    given_up = lesson.judge(before, segment, right)
+    assert given_up.score == -np.inf
+    gone = int(np.flatnonzero(given_up.evidence == -np.inf)[0])
+    plain = lesson.judge(before, segment)
+    assert (given_up.evidence[gone + 1 :] == 0).all()
+    behind = np.cumsum(right.evidence - plain.evidence) - LEAST_GAIN
+    assert behind[gone] > HOPELESS
+    assert (behind[:gone] <= HOPELESS).all()
+    again = lesson.judge(right.start, segment, plain)
+    assert again.score == right.score
+    np.testing.assert_array_equal(again.track, right.track)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("beside_m", [0.0, 0.15])
+def test_features_have_an_extent_where_that_explains_the_segment(beside_m):
+    """A path whose point is elsewhere at each step is explained by one that may be; an image stays."""
+    model, draw = signal_model(spread=(0.1, 0.1, 0.1, 0.1)), np.random.default_rng(6)
+    state, _ = state_after([MIRROR], [1500.0], 6)
+    samples, segment = state.segment.samples.copy(), state.segment
+    for k in range(STEPS):
+        way = np.append(beside_m * draw.normal(size=2), 0.0)
+        place, heading = segment.agent[k, :2], segment.heading_rad[k]
+        samples[k] = received(model, place, heading, [LOS, MIRROR + way], [LOS_POWER, 1500.0], draw)
+    spread, origin = np.diag(np.square([0.05, 0.02, 1e-3])), np.zeros(2)
+    start = state.before.with_feature(0, entries(MIRROR, origin), spread, origin, 1500.0, 0, 0)
+    lesson, heard = lesson_of(state, model), replace(segment, samples=samples)
+    found = lesson.settled(lesson.judge(start, heard), heard)
+    assert (found.joint.extent > 0) == (beside_m > 0)
+    assert found.start.extent == found.joint.extent
+
+
+@pytest.mark.parametrize("steps", [START_STEPS, START_STEPS + 1])
+def test_a_short_track_does_not_tell_that_an_image_is_one(steps):
+    state, model = state_after([MIRROR], [1500.0], 5)
+    lesson = Lesson(state.before, None, 0, 0, 0, Front(model.waveform), model)
+    (one, _) = lesson.rivals(state.segment, state.joint, PRICES, state.segment.first(steps))
+    extra = one.start.covariance[MOVING + 2, MOVING + 2] ** 0.5
+    length = one.start.mean[MOVING]
+    assert extra == pytest.approx(UNTOLD * length if steps <= START_STEPS else NONE_M)
+
+
+def test_the_noise_is_what_features_leave():
+    state, model = state_after([MIRROR], [1500.0], 2)
+    stretch = stretch_of(state.joint, state.segment, 0, JUDGED, Front(model.waveform), model)
+    assert stretch.points[0, 3] > 1.5, "nothing explains the mirror's path yet"
+    assert stretch.quieter(np.array([[*MIRROR, 1500.0]])).points[:, 3] == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_segment_that_is_too_short_is_kept_for_later():
+    state, model = state_after([MIRROR], [1500.0], 0)
+    short = replace(state.segment, **{name: value[:8] for name, value in vars(state.segment).items()})
+    found, learned = learn(replace(state, segment=short), Front(model.waveform), model)
+    assert len(found.segment) == 8
+    assert learned.proposed == 0
+
+
+def stretch_and_gains(points, powers):
+    state, model = state_after(points, powers, 2)
+    stretch = stretch_of(state.joint, state.segment, 0, JUDGED, Front(model.waveform), model)
+    return stretch, first_gains(stretch, np.zeros((0, 4)))
+
+
+def test_samples_less_what_features_explain_are_those_of_the_covariance_of_all():
+    # by the whole covariance, with a line of sight of which nothing is known
+    from gridslam import reference
+
+    stretch, _ = stretch_and_gains([MIRROR], [1500.0])
+    front, table = stretch.front, np.array([[*MIRROR, 1500.0], [1.0, -5.0, 2.0, 300.0]])
+    wave = front.waveform
+    rate = 2 * np.pi * wave.offset_hz / 299792458.0
+    expected = []
+    for point, z in zip(stretch.points, stretch.samples, strict=True):
+        given = stretch.anchor_m, front.element, wave.pulse, rate
+        los, each = reference.columns(point[:3], table, *given)
+        covariance = point[3] * np.eye(z.size) + (each * table[:, 3]) @ each.conj().T
+        clear = z.ravel() - los * (np.vdot(los, z.ravel()) / np.vdot(los, los))
+        expected.append(np.linalg.solve(covariance, clear).reshape(z.shape))
+    found, right = stretch.unexplained(table), front.coarse(np.array(expected))
+    np.testing.assert_allclose(found, right, atol=3e-3 * np.abs(right).max())
+
+
+def test_gains_that_are_older_than_the_latest_feature_lead_to_the_same_best_place():
+    stretch, gains = stretch_and_gains([MIRROR, SCATTERER], [1500.0, 1000.0])
+    left = stretch.unexplained(np.array([[*MIRROR, 1500.0]]))
+    gains.age()
+    found = gains.best(PRICES[0], None, stretch, left)
+    everywhere = stretch.front.gains(gains.places, stretch.points, left, stretch.unit * POWERS)
+    total = everywhere[:, 0] - PRICES[0][gains.kinds]
+    assert found == np.argmax(total)
+    assert gains.fresh.sum() < 0.2 * len(total), "most places needn't be looked at again"
+
+
+@pytest.mark.slow
+def test_what_is_proposed_is_nearer_than_the_grid():
+    stretch, gains = stretch_and_gains([MIRROR], [1500.0])
+    table, kind = propose(stretch, np.zeros((0, 4)), gains, PRICES[0])
+    assert kind[0] == IMAGE
+    off = table[0, :2] - MIRROR[:2]
+    along = MIRROR[:2] / np.hypot(*MIRROR[:2])
+    assert abs(off @ along) < 0.05
+    assert table[0, 3] == pytest.approx(1500.0, rel=0.3)
+
+
+def test_candidates_of_scatterers_have_the_length_to_the_anchor_as_extra():
+    centre, anchor = np.array([1.0, -2.0]), np.array([3.0, 4.0])
+    rows, kinds = candidates(centre, 20.0, anchor)
+    tied = rows[kinds == SCATTERED]
+    far = np.hypot(*(tied[:, :2] - centre).T)
+    np.testing.assert_allclose(tied[:, 2], np.hypot(*(tied[:, :2] - anchor).T))
+    length = far + tied[:, 2]
+    assert length.min() > np.hypot(2, 6)
+    assert length.max() < 20
+    assert not rows[kinds == IMAGE, 2].any()
+
+
+def test_slopes_of_a_scatterers_extra_length_agree_with_differences():
+    origin, anchor, place = np.array([1.0, -2.0]), np.array([3.0, 4.0]), np.array([-5.0, 1.0])
+
+    def extra(length, direction):
+        """By bisection: where in this direction both ways have this length."""
+        low, high = 0.0, length
+        for _ in range(60):
+            far = 0.5 * (low + high)
+            spot = origin + far * np.array([np.cos(direction), np.sin(direction)])
+            low, high = (far, high) if far + np.hypot(*(spot - anchor)) < length else (low, far)
+        return length - far
+
+    entry = entries(np.array([*place, np.hypot(*(place - anchor))]), origin)
+    assert extra(*entry[:2]) == pytest.approx(entry[2])
+    step = 1e-5
+    expected = [
+        (extra(entry[0] + step, entry[1]) - extra(entry[0] - step, entry[1])) / (2 * step),
+        (extra(entry[0], entry[1] + step) - extra(entry[0], entry[1] - step)) / (2 * step),
+    ]
+    np.testing.assert_allclose(extra_slopes(entry, anchor - origin), expected, rtol=1e-5)
+
+
+def test_what_most_features_are_is_the_rule_for_new_ones():
+    _, model = state_after([], [], 0)
+    belief = state_after([], [], 0)[0].joint
+    assert len(usual_prices(belief, model)) == 2
+    spread, origin = 0.01 * np.eye(3), np.array([0.5, 0.0])
+    for place, cheapest in ((MIRROR, IMAGE), (SCATTERER, SCATTERED)):
+        known = belief.with_feature(0, entries(place, origin), spread, origin, 1.0, 0, 0)
+        (price,) = usual_prices(known, model)
+        assert np.argmin(price) == cheapest
+
+
+@pytest.mark.slow
+def test_a_scatterer_is_taken_for_one():
+    way = SCATTERER[:2] - LOS[:2]
+    point = np.array([*SCATTERER[:2], np.hypot(*way)])
+    state, model = state_after([point], [3000.0], 3)
+    found, _ = learn(state, Front(model.waveform), model)
+    place = places(found.joint.mean, found.joint.features.origin_m)
+    assert np.hypot(*(place[0] - point)[:2]) < 0.5
+    assert abs(place[0, 2] - np.hypot(*(place[0, :2] - LOS[:2]))) < 0.3
