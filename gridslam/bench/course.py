@@ -13,7 +13,7 @@ from typing import Any
 import psutil
 import tomli_w
 
-from gridslam.simulation.simulate import heard_by
+from gridslam.simulation.simulate import observations_of
 from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
 
@@ -52,7 +52,7 @@ def changed(scene: Scene, **sections: dict[str, Any]) -> Scene:
 def heard(scene: Scene, steps: int, takes: Kind = "paths") -> list[Any]:
     """What the scene's first agent hears in its first steps, of the kind that a method takes."""
     name = scene.agents[0].name
-    return list(heard_by(changed(scene, agents={"steps": steps}), name, 1, takes))
+    return list(observations_of(changed(scene, agents={"steps": steps}), name, 1, takes))
 
 
 @dataclass(frozen=True)

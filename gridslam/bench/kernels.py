@@ -201,7 +201,7 @@ class IdleLaunches:
     """
 
     def __init__(self, cases: dict[str, Case]) -> None:
-        from gridslam.kernels.primitives.launching import MOST_KEPT
+        from gridslam.kernels.primitives.launching import MOST_LAUNCHES
 
         self._cases: dict[str, list[Case]] = {}
         for name, case in cases.items():
@@ -209,7 +209,7 @@ class IdleLaunches:
             # arrays are others than the time before, if they are in a filter
             self._cases[name] = [
                 Case((key, value if key in case.lasting else _copy(value)) for key, value in idle.items())
-                for _ in range(MOST_KEPT + 1)
+                for _ in range(MOST_LAUNCHES + 1)
             ]
 
     def seconds(self, each: float = 0.01) -> dict[str, float]:

@@ -35,13 +35,13 @@ import contextlib, sys, time
 import gridslam.runs.progress
 
 @contextlib.contextmanager
-def told(*_):
+def stop_at_first_step(*_):
     def tell(*_):
         sys.stdout.write(repr(time.time()))
         raise SystemExit(0)
     yield tell
 
-gridslam.runs.progress.progress_bar = told
+gridslam.runs.progress.progress_bar = stop_at_first_step
 from gridslam.cli.main import main
 main()
 """

@@ -78,7 +78,7 @@ def fits(
     list of RangeFit
         The first without an error; empty if the anchors don't say more than the poses take.
     """
-    heard = _heard(columns, sight, scene)
+    heard = _sight_measurements(columns, sight, scene)
     if heard is None:
         return []
     places = np.column_stack([scene.anchor_positions, scene.heights(agent)])
@@ -95,7 +95,7 @@ def fits(
     return found
 
 
-def _heard(columns: Mapping[str, NDArray], sight: Sight, scene: Scene) -> Array | None:
+def _sight_measurements(columns: Mapping[str, NDArray], sight: Sight, scene: Scene) -> Array | None:
     """Distance, direction from the anchor in the world, AoA (N, J, 3), where several anchors tell."""
     rows = sight.row[sight.probability > SURE]
     if not len(rows) or "distance_m" not in columns:

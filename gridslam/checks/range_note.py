@@ -6,12 +6,12 @@ import numpy as np
 
 from gridslam.checks.line_of_sight_filter import explain
 from gridslam.checks.rivals import CERTAIN, FITTING, both_measured, range_cure, range_errors
-from gridslam.measurements.heard import Heard
+from gridslam.measurements.observations import Observations
 from gridslam.measurements.table import Measurements
 from gridslam.world.scene import Scene
 
 
-def range_note(scene: Scene, agent: str, heard: Heard) -> str | None:
+def range_note(scene: Scene, agent: str, heard: Observations) -> str | None:
     """One line on an error that all distances of an anchor have, or of all anchors; None if there is none.
 
     A filter can't tell: it puts agent and walls where such distances fit. So lines of sight are followed on

@@ -99,7 +99,7 @@ def describe_signal(
         return lines  # whoever reads the file is told
     lines += _band(waveform, scene)
     lines += _units(raw, waveform)
-    heard = _heard(raw, samples)
+    heard = _usable_snapshots(raw, samples)
     if not heard.any():
         return lines
     lines += _levels(raw, samples, heard, waveform)
@@ -145,7 +145,7 @@ def _units(raw: dict[str, Any], waveform: Waveform) -> list[str]:
     return []
 
 
-def _heard(raw: dict[str, Any], samples: Array) -> NDArray[np.bool_]:
+def _usable_snapshots(raw: dict[str, Any], samples: Array) -> NDArray[np.bool_]:
     """Snapshots (K, J) that are there and can be looked at."""
     flat = samples.reshape(*samples.shape[:2], -1)
     good = np.isfinite(flat).all(-1) & flat.any(-1)

@@ -116,7 +116,7 @@ class Asked(RunOptions):
             found[name] = path
         return found
 
-    def told_start(self, file: Path | None) -> str:
+    def start_how(self, file: Path | None) -> str:
         """What agents are told of their start: of what was recorded, the scene's own is all that is known.
 
         Raises

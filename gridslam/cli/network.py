@@ -35,13 +35,13 @@ def run_network(asked: Asked) -> None:
     from gridslam.runs.network_files import clock_files
     from gridslam.runs.network_run import map_network
     from gridslam.runs.progress import network_progress_bar
-    from gridslam.world.start import told_start
+    from gridslam.world.start import assumed_start
 
     world, file = asked.world, asked.measurements
     if asked.signal:
         found = f"{asked.signal[0]}, with method {asked.method!r}, which takes path measurements"
         raise InputError("--signal", found, "--measurements FILE")
-    how = asked.told_start(file)
+    how = asked.start_how(file)
     if file is None and not world.walls:
         raise InputError(f"{world.name}: walls", "none", "walls to simulate from, or --measurements FILE")
     if file is None and asked.truth:
@@ -50,7 +50,7 @@ def run_network(asked: Asked) -> None:
         interruptible() as termination,
         reserved(asked.output, world.name, asked.overwrite, asked.resume is not None) as (folder, place),
     ):
-        heard, truth = _heard(asked)
+        heard, truth = _network_observations(asked)
         prior = Map.load(asked.map_file) if asked.map_file else None
         note = None
         if prior is not None:
@@ -67,7 +67,7 @@ def run_network(asked: Asked) -> None:
             own = kept.agent(0, ", ".join(heard.agents), heard) if kept is not None else None
             starts = None
             if how != "exact":
-                starts = {name: told_start(world, name, asked.seed) for name in heard.agents}
+                starts = {name: assumed_start(world, name, asked.seed) for name in heard.agents}
             with network_progress_bar(heard.tracks, err) as tell:
                 done = map_network(
                     world, heard, asked.seed, prior, starts=starts, progress=tell, method=asked.method,
@@ -95,7 +95,7 @@ def run_network(asked: Asked) -> None:
             finish(folder, place, world, end, stopped, termination)
 
 
-def _heard(asked: Asked) -> tuple[NetworkMeasurements, NetworkTruth | None]:
+def _network_observations(asked: Asked) -> tuple[NetworkMeasurements, NetworkTruth | None]:
     """What all agents heard, from a file with the tracks that are given, or simulated with the truth."""
     from gridslam.simulation.network import simulate_network
 

@@ -13,7 +13,7 @@ from gridslam.systems.registry import METHODS
 
 if TYPE_CHECKING:
     from gridslam.cli.asked import Asked
-    from gridslam.measurements.heard import Heard
+    from gridslam.measurements.observations import Observations
     from gridslam.viewers.rerun_view import RunView
     from gridslam.world.observation import Kind
     from gridslam.world.scene import Scene
@@ -58,7 +58,7 @@ def require_map_used(map_file: Path | None, system: type, method: str) -> None:
         raise InputError("--map", found, f"none, or a method that does: {able}")
 
 
-def recorded(world: Scene, file: Path | None, truth: Path | None, takes: Kind) -> Heard | None:
+def recorded(world: Scene, file: Path | None, truth: Path | None, takes: Kind) -> Observations | None:
     """What was heard by a file, with the truth that goes with it.
 
     Raises
@@ -114,7 +114,7 @@ def source(files: Sequence[Path]) -> dict[str, Any]:
     return {"source": known[0] if len(known) == 1 else known}
 
 
-def angles_hint(world: Scene, method: str, heard: Heard | None) -> str | None:
+def angles_hint(world: Scene, method: str, heard: Observations | None) -> str | None:
     """What to say where a method that lives on angles gets none."""
     import numpy as np
 

@@ -27,7 +27,7 @@ from gridslam.systems.registry import METHODS, method_class, taken_by
 
 if TYPE_CHECKING:
     from gridslam.maps.map import Map
-    from gridslam.measurements.heard import Heard
+    from gridslam.measurements.observations import Observations
     from gridslam.runs.run import Run
     from gridslam.runs.unfinished import Unfinished
     from gridslam.viewers.rerun_view import RunView
@@ -69,7 +69,7 @@ def _run_in_turn(asked: Asked) -> None:
     require_map_used(asked.map_file, system, method)
     if file is None and takes == "signal":
         world.waveform(names[0])
-    how = asked.told_start(file)
+    how = asked.start_how(file)
     with (
         interruptible() as termination,
         reserved(asked.output, world.name, asked.overwrite, asked.resume is not None) as (folder, place),
@@ -89,21 +89,24 @@ def _run_in_turn(asked: Asked) -> None:
             resolved = {"agent": names, "particles": world.filter.particles, "start": how}
             kept = unfinished(asked.context, place, world, system, resolved)
             turns = Turns(world, method, asked.seed, how, known, given, view, kept)
-            runs, heards = _explore(turns, names)
+            runs, observations = _explore(turns, names)
             stopped = len(runs) < len(names) or runs[-1].interrupted
             scores = []
             try:
                 if not (stopped and kept):
                     with busy("scoring"):
-                        scores = _scores(world, runs, heards, given)
+                        scores = _scores(world, runs, observations, given)
             except KeyboardInterrupt:
                 scores, stopped = [done.score() for done in runs], True
             if stopped and kept:
                 go_on_later(folder, kept, termination)
-            progress = f"{len(runs[-1].estimates)} of {len(heards[-1])} steps of {runs[-1].agent}"
-            told = [*_height_notes(runs), *(_range_notes(world, runs, heards) if file is not None else [])]
+            progress = f"{len(runs[-1].estimates)} of {len(observations[-1])} steps of {runs[-1].agent}"
+            notes = [
+                *_height_notes(runs),
+                *(_range_notes(world, runs, observations) if file is not None else []),
+            ]
             given_files = source([by_name[one.agent] for one in runs if by_name])
-            done = Done(runs, heards, scores, given_files, progress, lines=told)
+            done = Done(runs, observations, scores, given_files, progress, lines=notes)
             finish(folder, place, world, done, stopped, termination)
 
 
@@ -132,41 +135,41 @@ class Turns:
     method: str
     seed: int
     how: str
-    recorded: Mapping[str, Heard]
+    recorded: Mapping[str, Observations]
     given: Map | None
     view: RunView | None
     kept: Unfinished | None
 
 
-def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Heard]]:
+def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observations]]:
     """Run the agents one after the other; Ctrl-C ends the list early.
 
     It raises only if that is empty and nothing is kept to go on from.
     """
     from gridslam.runs.map_scene import map_scene
     from gridslam.runs.progress import progress_bar
-    from gridslam.simulation.simulate import heard_by
-    from gridslam.world.start import told_start
+    from gridslam.simulation.simulate import observations_of
+    from gridslam.world.start import assumed_start
 
     world, method, seed, kept, view = turns.world, turns.method, turns.seed, turns.kept, turns.view
     takes = taken_by(method_class(method))
     runs: list[Run] = []
-    heards: list[Heard] = []
+    observations: list[Observations] = []
     try:
         for number, name in enumerate(names):
             with busy(f"simulating {name}"):
                 heard = kept.measurements(number) if kept else None
                 heard = turns.recorded.get(name) if heard is None else heard
-                heard = heard_by(world, name, seed, takes) if heard is None else heard
+                heard = observations_of(world, name, seed, takes) if heard is None else heard
             own = kept.agent(number, name, heard) if kept else None
             watch = view.follow(name, heard.truth) if view else None
             with progress_bar(name, heard.truth, err) as tell:
                 prior = runs[-1].map if runs else turns.given
-                start = told_start(world, name, seed, turns.how)
+                start = assumed_start(world, name, seed, turns.how)
                 done = map_scene(
                     world, heard, method, name, seed, prior, tell, watch=watch, start=start, checkpoint=own
                 )
-            heards.append(heard)
+            observations.append(heard)
             runs.append(done)
             if view:
                 view.show_map(done.map)
@@ -175,7 +178,7 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Heard]]:
     except KeyboardInterrupt:
         if not (runs or kept):
             raise
-    return runs, heards[: len(runs)]
+    return runs, observations[: len(runs)]
 
 
 def _height_notes(runs: list[Run]) -> list[str]:
@@ -188,23 +191,27 @@ def _height_notes(runs: list[Run]) -> list[str]:
     ]
 
 
-def _range_notes(world: Scene, runs: list[Run], heards: list[Heard]) -> list[str]:
+def _range_notes(world: Scene, runs: list[Run], observations: list[Observations]) -> list[str]:
     """What measurements that weren't simulated show of their distances: clocks, or heights."""
     from gridslam.checks.range_note import range_note
 
     with busy("looking at the distances"):
-        notes = [(done.agent, range_note(world, done.agent, h)) for done, h in zip(runs, heards, strict=True)]
+        notes = [
+            (done.agent, range_note(world, done.agent, h)) for done, h in zip(runs, observations, strict=True)
+        ]
     return [f"note: {agent}: {note}" for agent, note in notes if note]
 
 
-def _scores(world: Scene, runs: list[Run], heards: list[Heard], given: Map | None) -> list[dict[str, Any]]:
+def _scores(
+    world: Scene, runs: list[Run], observations: list[Observations], given: Map | None
+) -> list[dict[str, Any]]:
     """Score each run against its own track and the walls that any agent so far could hear of."""
     from gridslam.evaluation.ground_truth import inherited_truth, truth_of
     from gridslam.simulation.image_source import Truth
 
     earlier = inherited_truth(world, given) if given is not None else []
     scores = []
-    for done, heard in zip(runs, heards, strict=True):
+    for done, heard in zip(runs, observations, strict=True):
         truth = truth_of(world, done.agent, heard.truth)
         scores.append(done.score(truth, earlier))
         if isinstance(truth, Truth):

@@ -16,7 +16,7 @@ from gridslam.cli.output import ended
 from gridslam.errors import InputError
 
 if TYPE_CHECKING:
-    from gridslam.measurements.heard import Heard
+    from gridslam.measurements.observations import Observations
     from gridslam.runs.reservation import Place
     from gridslam.runs.run import Run
     from gridslam.runs.stopping import Termination
@@ -34,7 +34,7 @@ class Done:
 
     Attributes
     ----------
-    runs, heards, scores : list, one item for each agent
+    runs, observations, scores : list, one item for each agent
     settings : dict
         More entries of ``run.json``.
     progress : str
@@ -46,7 +46,7 @@ class Done:
     """
 
     runs: list[Run]
-    heards: list[Heard]
+    observations: list[Observations]
     scores: list[dict[str, Any]]
     settings: dict[str, Any]
     progress: str
@@ -95,8 +95,8 @@ def _written(folder: Path, place: Place, world: Scene, done: Done) -> bool:
     fault: InputError | None = None
     try:
         write_run(
-            folder, world, done.runs, done.heards, done.scores, done.settings, place.overwrite, draw, place,
-            done.more,
+            folder, world, done.runs, done.observations, done.scores, done.settings, place.overwrite, draw,
+            place, done.more,
         )  # fmt: skip
     except KeyboardInterrupt:
         whole = False

@@ -15,7 +15,7 @@ from gridslam.errors import InputError
 from gridslam.estimates import Estimate
 from gridslam.maps.frames import SAME_PLACE_M, fitted, stamped
 from gridslam.maps.map import Map
-from gridslam.measurements.heard import Heard, require_kind
+from gridslam.measurements.observations import Observations, require_kind
 from gridslam.measurements.recording import Recording
 from gridslam.runs.run import Run
 from gridslam.runs.stopping import asked_to_stop
@@ -34,7 +34,7 @@ SAME_FACING_RAD = 1e-3
 
 def map_scene(
     scene: Scene,
-    measurements: Heard,
+    measurements: Observations,
     method: str | type[Slam] = DEFAULT,
     agent: str | None = None,
     seed: int = 0,
@@ -72,7 +72,7 @@ def map_scene(
     same_frame : bool
         The user's word that `prior_map` is in the scene's frame, where it shares no anchor with it.
     start : Start, optional
-        Told instead of the scene's own start, e.g. `gridslam.world.start.told_start(scene, agent, seed)`:
+        Told instead of the scene's own start, e.g. `gridslam.world.start.assumed_start(scene, agent, seed)`:
         drawn from the agent's prior, as `gridslam run` and `study` do where they simulate.
     checkpoint : AgentCheckpoint, optional
         Where the run goes on from, if it was interrupted, and keeps what it needs to do so again: of
@@ -183,7 +183,7 @@ def _started(
     return slam
 
 
-def check_anchors(scene: Scene, measurements: Heard) -> None:
+def check_anchors(scene: Scene, measurements: Observations) -> None:
     """Refuse measurements of other anchors than the scene's.
 
     Raises
@@ -212,7 +212,7 @@ def check_anchors(scene: Scene, measurements: Heard) -> None:
 
 
 def _watcher(
-    progress: bool | Callable[[Estimate, int, int], None], name: str, measurements: Heard
+    progress: bool | Callable[[Estimate, int, int], None], name: str, measurements: Observations
 ) -> AbstractContextManager[Callable[[Estimate, int, int], None] | None]:
     """Whoever is told of each step, if anyone."""
     if progress is True:

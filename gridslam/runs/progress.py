@@ -28,12 +28,12 @@ def network_progress_bar(
     """The same of several agents at once: of the first that is there at a step."""
     with progress_bar(" ".join(tracks) or "agents", None, console) as tell:
 
-        def told(estimate: NetworkEstimate, done: int, total: int) -> None:
+        def step_done(estimate: NetworkEstimate, done: int, total: int) -> None:
             there = [own for own in estimate.agents.values() if own is not None]
             if there:
                 tell(there[0], done, total)
 
-        yield told
+        yield step_done
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from gridslam.errors import InputError, Unwritten
 from gridslam.estimates import Estimate
 from gridslam.io.files import cannot_write, write_bytes
 from gridslam.maps.map import Map
-from gridslam.measurements.heard import NAMES, Heard, kind_of, read_observations
+from gridslam.measurements.observations import NAMES, Observations, kind_of, read_observations
 from gridslam.runs.parts import holds_checkpoint
 from gridslam.runs.reservation import Place, reserve
 from gridslam.runs.run import Run
@@ -51,7 +51,7 @@ class AgentFiles:
         Map at the end.
     """
 
-    measurements: Heard
+    measurements: Observations
     trajectory: Trajectory
     truth: Trajectory | None
     estimates: list[Estimate]
@@ -81,7 +81,7 @@ def write_run(
     directory: str | os.PathLike[str],
     scene: Scene,
     runs: Sequence[Run],
-    measurements: Sequence[Heard],
+    measurements: Sequence[Observations],
     scores: Sequence[Mapping[str, Any] | None],
     settings: Mapping[str, Any],
     overwrite: bool = False,
@@ -203,7 +203,7 @@ def _fill(
     place: Place,
     scene: Scene,
     runs: Sequence[Run],
-    measurements: Sequence[Heard],
+    measurements: Sequence[Observations],
     scores: Sequence[Mapping[str, Any] | None],
     settings: Mapping[str, Any],
     more: Mapping[str, Callable[[Path], None]],

@@ -19,8 +19,8 @@ from typing import Any, Protocol
 
 from gridslam.errors import InputError
 from gridslam.io.files import cannot_write, put_in_place, settle_folder, write_bytes
-from gridslam.measurements.heard import NAMES, Heard, kind_of, read_observations
 from gridslam.measurements.network import NetworkMeasurements
+from gridslam.measurements.observations import NAMES, Observations, kind_of, read_observations
 from gridslam.runs.parts import INDEX, UNFINISHED, unfinished_part
 from gridslam.runs.pieces import OfOne, OfSeveral, Pieces, exact_json
 from gridslam.runs.reservation import Place
@@ -165,7 +165,7 @@ class Unfinished:
             _require(self.folder / name, known, "damaged content", ANEW)
         self._sweep()
 
-    def measurements(self, number: int) -> Heard | None:
+    def measurements(self, number: int) -> Observations | None:
         """What agent `number` hears, if it has begun."""
         if number >= len(self.agents):
             return None
@@ -175,7 +175,7 @@ class Unfinished:
         """What all agents of a run at once hear, if it has begun."""
         return NetworkMeasurements.from_h5(self.folder / f"0-{NAMES['paths']}") if self.agents else None
 
-    def agent(self, number: int, name: str, heard: Heard | NetworkMeasurements) -> AgentCheckpoint:
+    def agent(self, number: int, name: str, heard: Observations | NetworkMeasurements) -> AgentCheckpoint:
         """Keep agent `number`, from its beginning or from where it has got to; several at once are one.
 
         Raises

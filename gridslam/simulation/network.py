@@ -130,7 +130,9 @@ def shared_air(
     times = _times(interval, 0, steps)
     paths = {name: true_paths(scene, name, track) for name, (_, track) in there.items()}
     present = {name: (first, first + len(track) - 1) for name, (first, track) in there.items()}
-    rows, cause, agent = _heard(scene, paths, present, times, seed, scene.radio.false_alarms / sharing)
+    rows, cause, agent = _received_rows(
+        scene, paths, present, times, seed, scene.radio.false_alarms / sharing
+    )
     source = np.where(cause < 0, -1, rows["anchor"])
     clocks = clock_truth(scene, names, times, seed)
     table = Measurements(
@@ -183,7 +185,7 @@ def receive_network(
     parts = {name: clean[name] for name in clean.agents}
     paths = {name: replace(part, step=part.step - present[name][0]) for name, part in parts.items()}
     rate = scene.radio.false_alarms / (len(scene.anchors) if unlabelled else 1)
-    rows, _, agent = _heard(scene, paths, present, times, seed, rate)
+    rows, _, agent = _received_rows(scene, paths, present, times, seed, rate)
     known = scene.clocks is not None
     changes = {**dict.fromkeys(DEVIATIONS), **rows, "steps": len(clean), "pseudo": known}
     clocks = clock_truth(scene, clean.agents, times, seed) if known else None
@@ -191,7 +193,7 @@ def receive_network(
     return heard.without_labels() if unlabelled else heard
 
 
-def _heard(
+def _received_rows(
     scene: Scene,
     paths: Mapping[str, TruePaths | Measurements],
     present: Mapping[str, tuple[int, int]],

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Literal, overload
 
 from gridslam.errors import InputError
-from gridslam.measurements.heard import Heard
 from gridslam.measurements.network import NetworkMeasurements
+from gridslam.measurements.observations import Observations
 from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements
 from gridslam.simulation import image_source, network
@@ -17,7 +17,7 @@ from gridslam.world.scene import Scene
 Names = list[str] | tuple[str, ...]
 
 
-def heard_by(scene: Scene, agent: str, seed: int, takes: Kind) -> Heard:
+def observations_of(scene: Scene, agent: str, seed: int, takes: Kind) -> Observations:
     """What an agent hears on its track, of the kind that a method takes."""
     return (
         simulate_samples(scene, agent, seed)

@@ -18,7 +18,7 @@ from gridslam.measurements.network import NetworkMeasurements
 from gridslam.runs.network_run import SETTLED, map_network
 from gridslam.simulation.network import NetworkTruth, shared_air
 from gridslam.world.scene import Scene
-from gridslam.world.start import told_start
+from gridslam.world.start import assumed_start
 
 VARIANTS = {
     "unsynchronised, unlabelled": (False, False),
@@ -92,7 +92,7 @@ def run_variants(
     for seed in seeds:
         for variant in variants:
             told, heard, truth = variant_of(scene, names, seed, variant)
-            starts = {name: told_start(told, name, seed) for name in names}
+            starts = {name: assumed_start(told, name, seed) for name in names}
             done = map_network(told, heard, seed, starts=starts, method=method)
             scores: dict[str, Any] = done.score(truth.clocks, truth)
             first = min(SETTLED, len(heard) // 2)

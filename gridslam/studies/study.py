@@ -22,12 +22,12 @@ from gridslam.evaluation.consistency import follow
 from gridslam.maps.map import Map
 from gridslam.runs.map_scene import map_scene
 from gridslam.simulation.image_source import Truth, ground_truth
-from gridslam.simulation.simulate import heard_by
+from gridslam.simulation.simulate import observations_of
 from gridslam.studies.files import FORMAT, VERSION, Results
 from gridslam.studies.workers import LocalWorkers, Workers
 from gridslam.systems.registry import DEFAULT, method_class, portable_name, taken_by
 from gridslam.world.scene import Scene
-from gridslam.world.start import HOWS, told_start
+from gridslam.world.start import HOWS, assumed_start
 
 COST = ("seconds_per_step", "peak_memory_mb")
 """Scores that differ from one repetition of a run to the next."""
@@ -280,8 +280,8 @@ def run_job(job: Job) -> dict[str, Any]:
         earlier: list[Truth] = []
         found = {}
         for name in job.agents:
-            heard = heard_by(scene, name, job.seed, takes)
-            start = told_start(scene, name, job.seed, job.start)
+            heard = observations_of(scene, name, job.seed, takes)
+            start = assumed_start(scene, name, job.seed, job.start)
             done = map_scene(scene, heard, job.method, name, job.seed, carried, start=start)
             if done.interrupted:
                 raise KeyboardInterrupt

@@ -24,7 +24,7 @@ from gridslam.world.observation import Kind, Observation
 from gridslam.world.scene import Scene
 from gridslam.world.start import require_seed
 
-Heard = TypeVar("Heard", bound=Observation)
+Observed = TypeVar("Observed", bound=Observation)
 Believed = TypeVar("Believed")
 
 
@@ -36,7 +36,7 @@ class Moment(NamedTuple):
     info: Any = None
 
 
-class FilterFront(ABC, Generic[Heard, Believed]):
+class FilterFront(ABC, Generic[Observed, Believed]):
     """A state, what the filter knows of the scene, and a workspace.
 
     A system adds `start`, `advance`, `estimate` and `map`, and `moved` if it can be told another start. Its
@@ -122,7 +122,7 @@ class FilterFront(ABC, Generic[Heard, Believed]):
         """One step: the state after it, and what happened. The state before stays as it is."""
 
     @abstractmethod
-    def estimate(self, believed: Believed, scan: Heard, info: Any, began: float) -> Estimate:
+    def estimate(self, believed: Believed, scan: Observed, info: Any, began: float) -> Estimate:
         """What users get of what is believed after a step; the step began at `began`, `time.perf_counter`."""
 
     @abstractmethod
@@ -166,7 +166,7 @@ class FilterFront(ABC, Generic[Heard, Believed]):
         moved = self._begun(self.moved(state, pose[:2], float(pose[2])))
         self.now = self.now._replace(believed=moved)
 
-    def step(self, scan: Heard) -> Estimate:
+    def step(self, scan: Observed) -> Estimate:
         """Process what was heard at one step and return the estimates after it.
 
         Raises
@@ -182,11 +182,11 @@ class FilterFront(ABC, Generic[Heard, Believed]):
         self.now = Moment(believed, self.now.identity.after(scan), info)
         return estimate
 
-    def _checked(self, scan: Heard, after: float | None) -> Heard:
+    def _checked(self, scan: Observed, after: float | None) -> Observed:
         """What was heard, if it is of the kind that the system takes and makes sense."""
         return scan.checked(len(self.scene.anchors), after)
 
-    def _advanced(self, scan: Heard) -> tuple[Believed, Any]:
+    def _advanced(self, scan: Observed) -> tuple[Believed, Any]:
         """What is believed after a scan, and what happened."""
         return self.advance(self.state, scan, self.model, self.work)
 

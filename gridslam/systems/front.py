@@ -42,10 +42,10 @@ from gridslam.world.scene import Scene
 from gridslam.world.signal_scan import SignalScan
 
 Mapped = TypeVar("Mapped", State, NetworkState)
-Heard = TypeVar("Heard", bound=Observation)
+Observed = TypeVar("Observed", bound=Observation)
 
 
-class SurfaceFront(FilterFront[Heard, Population[State]]):
+class SurfaceFront(FilterFront[Observed, Population[State]]):
     """The front of systems whose state is `State`, on measurements of any kind.
 
     A system adds its `start` and `advance`, of one state.
@@ -98,7 +98,7 @@ class SurfaceFront(FilterFront[Heard, Population[State]]):
         """Refuse hypotheses from a file whose numbers can't be."""
         require_sound_population(believed, model, where)
 
-    def _advanced(self, scan: Heard) -> tuple[Population[State], StepInfo]:
+    def _advanced(self, scan: Observed) -> tuple[Population[State], StepInfo]:
         state, info = self.advance(self.state, scan, self.model, self.work)
         return Population.of(state), info
 
@@ -117,7 +117,7 @@ class SurfaceFront(FilterFront[Heard, Population[State]]):
         radio = self.model.radio
         return lambda rays, distance: mean_amplitudes(state, rays, distance, radio)
 
-    def estimate(self, believed: Population[State], scan: Heard, info: StepInfo, began: float) -> Estimate:
+    def estimate(self, believed: Population[State], scan: Observed, info: StepInfo, began: float) -> Estimate:
         """MMSE estimates of the agent; surfaces and paths of the likeliest hypothesis; all hypotheses."""
         state, population = believed.best, believed
         model = self.work.calibrated(self.model, info.turned, state.belief.higher)

@@ -88,13 +88,13 @@ def step(
     earlier_s = state.time_s
     state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
     state = recover_agents(state, scan.scans, earlier_s, model, work)
-    state = set_clocks(state, heard_by_teachers(state, scan), model, works=work)  # (M103)
+    state = set_clocks(state, scans_of_teachers(state, scan), model, works=work)  # (M103)
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
     state, told = merge_and_prune_shared(state, model, infos)
     return replace(state, step=state.step + 1), NetworkInfo(told)
 
 
-def heard_by_teachers(state: NetworkState, scan: NetworkScan) -> list[Scan | None]:
+def scans_of_teachers(state: NetworkState, scan: NetworkScan) -> list[Scan | None]:
     """What was heard by the agents that aren't lost; None for the others."""
     return [own if teaches else None for own, teaches in zip(scan.scans, state.teaches, strict=True)]
 

@@ -34,7 +34,7 @@ from gridslam.systems.network import (
     NetworkSlam,
     Works,
     by_anchor,
-    heard_by_teachers,
+    scans_of_teachers,
     take_turns,
 )
 from gridslam.world.filter_model import FilterModel
@@ -60,7 +60,7 @@ def step(
     earlier_s = state.time_s
     state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
     state = recover_agents(state, scan.scans, earlier_s, model, work)
-    state = set_clocks(state, heard_by_teachers(state, scan), model, works=work)  # (M103)
+    state = set_clocks(state, scans_of_teachers(state, scan), model, works=work)  # (M103)
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
     used = [
         own.calibrated(one, info.turned) if info is not None and teaches else None

@@ -52,8 +52,8 @@ def require_seed(seed: int) -> None:
         raise InputError("seed", repr(seed), "a whole number, 0 or more")
 
 
-def told_start(scene: Scene, agent: str, seed: int, how: str = "drawn") -> Start:
-    """The start that a filter is told, for an agent of the scene.
+def assumed_start(scene: Scene, agent: str, seed: int, how: str = "drawn") -> Start:
+    """The start that a filter assumes for an agent of the scene.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ _verdict: list[bool] = []
 Launch = Callable[..., Any]
 Place = tuple[int]
 ndarray, NOTHING = np.ndarray, object()
-MOST_KEPT, KEYS = 8, ("only", "start", "whose", "anchor", "path", "radio")
+MOST_LAUNCHES, KEYS = 8, ("only", "start", "whose", "anchor", "path", "radio")
 """Launches of a kernel that a thread keeps side by side; arguments that tell them apart, anchors mostly."""
 PRIVATE = ("arguments", "compiled_kernels", "runtime")
 """What a kernel of Taichi 1.7 keeps of itself."""
@@ -147,7 +147,7 @@ def _hurrying(kernel: Any) -> Launch:
         if len(values) != len(kinds):
             return plain(*arguments)
         (code,) = compiled.values()
-        kept = _kept(own, code, primal.runtime.prog, values, key, spare, places)
+        kept = _reused_launch(own, code, primal.runtime.prog, values, key, spare, places)
         context, handed = kept.context, kept.handed
         if not ON_CPU:
             context, handed = _context(code, kept.empty), [NOTHING] * len(handed)
@@ -173,14 +173,14 @@ def _key(names: list[str], places: Sequence[Place]) -> tuple[int, int] | None:
     return None if chosen is None else (chosen, places[chosen][0])
 
 
-def _kept(
+def _reused_launch(
     own: threading.local, code: Any, program: Any, values: Sequence[Any], key: tuple[int, int] | None,
     spare: Mapping[int, Any], places: Sequence[Place],
-) -> "_Kept":  # fmt: skip
+) -> "_ReusedLaunch":  # fmt: skip
     """The launch that a thread keeps for such a key; else a new one, or the one not used for longest."""
-    launches: list[_Kept] | None = own.__dict__.get("launches")
+    launches: list[_ReusedLaunch] | None = own.__dict__.get("launches")
     if not launches or launches[-1].code is not code or launches[-1].program is not program:
-        launches = own.launches = [_Kept.first(code, program, spare, places)]
+        launches = own.launches = [_ReusedLaunch.first(code, program, spare, places)]
     if key is None:
         return launches[0]
     number, place = key or (0, 0)
@@ -189,12 +189,12 @@ def _kept(
             launches.remove(one)
             break
     else:
-        one = launches.pop(0) if len(launches) == MOST_KEPT else launches[0].another()
+        one = launches.pop(0) if len(launches) == MOST_LAUNCHES else launches[0].another()
     launches.append(one)
     return one
 
 
-class _Kept:
+class _ReusedLaunch:
     """What one thread keeps of a kernel: machine code, a launch, and the arguments that this holds."""
 
     def __init__(self, code: Any, program: Any, machine: Any, empty: Mapping[int, Any], most: int) -> None:
@@ -202,15 +202,17 @@ class _Kept:
         self.context, self.handed = _context(code, empty), [NOTHING] * most
 
     @classmethod
-    def first(cls, code: Any, program: Any, spare: Mapping[int, Any], places: Sequence[Place]) -> "_Kept":
+    def first(
+        cls, code: Any, program: Any, spare: Mapping[int, Any], places: Sequence[Place]
+    ) -> "_ReusedLaunch":
         """The first of a kernel: its machine code, and packs that hold nothing."""
         machine = program.compile_kernel(program.config(), program.get_device_caps(), code)
         empty = {place: kind(**dict.fromkeys(kind.members)) for place, kind in spare.items()}
         return cls(code, program, machine, empty, max((place for (place,) in places), default=0) + 1)
 
-    def another(self) -> "_Kept":
+    def another(self) -> "_ReusedLaunch":
         """Another one of the same kernel, to which nothing is handed over yet."""
-        return _Kept(self.code, self.program, self.machine, self.empty, len(self.handed))
+        return _ReusedLaunch(self.code, self.program, self.machine, self.empty, len(self.handed))
 
 
 def _first(kernel: Launch, arguments: Sequence[Any]) -> Any:

@@ -106,7 +106,7 @@ def some_run(scene, agent, error=0.0, **changes):
     )
 
 
-def heard_by(scene, agent, truth=True):
+def some_measurements(scene, agent, truth=True):
     track = scene.track(agent)
     nan = np.full(2, np.nan)
     return Measurements(
@@ -129,7 +129,7 @@ def heard_by(scene, agent, truth=True):
 def write(directory, scene, agents=("agent1", "agent2"), truth=True, **options):
     runs = [some_run(scene, agent) for agent in agents]
     scores = [run.score(ground_truth(scene, run.agent) if truth else None) for run in runs]
-    heard = [heard_by(scene, agent, truth) for agent in agents]
+    heard = [some_measurements(scene, agent, truth) for agent in agents]
     write_run(directory, scene, runs, heard, scores, {"threads": 2}, **options)
 
 

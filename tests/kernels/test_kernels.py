@@ -163,13 +163,13 @@ def test_a_launch_takes_what_it_is_given_whatever_it_was_given_before():
 
 
 def test_launches_that_are_kept_side_by_side_are_not_mixed_up():
-    from gridslam.kernels.primitives.launching import MOST_KEPT
+    from gridslam.kernels.primitives.launching import MOST_LAUNCHES
     from gridslam.kernels.propagation.paths import polylines
 
     draw, places = np.random.default_rng(6), np.zeros((1, 6))
     worlds = [
         (draw.normal(size=(9, 3 + n % 2)), np.array([[1, n % 2, n % 2, 0]] * (1 + n % 3), np.int32))
-        for n in range(MOST_KEPT + 2)
+        for n in range(MOST_LAUNCHES + 2)
     ]
     for turn in range(3):  # more of them than are kept, and the first twice as often
         for number, (state, path) in enumerate([*worlds, *worlds[:2]]):

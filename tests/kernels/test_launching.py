@@ -66,7 +66,7 @@ def no_such_method(launching, monkeypatch):
     def refuse(*_):
         raise AttributeError("no such method")
 
-    monkeypatch.setattr(launching, "_Kept", refuse)
+    monkeypatch.setattr(launching, "_ReusedLaunch", refuse)
 
 
 def another_order(launching, monkeypatch):

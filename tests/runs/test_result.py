@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import run_samples
-from run_samples import hall, heard_by, some_run, tree, write
+from run_samples import hall, some_measurements, some_run, tree, write
 
 from gridslam.errors import InputError, Unwritten
 from gridslam.maps.map import Map
@@ -50,7 +50,7 @@ def test_folder_holds_what_the_contract_names(tmp_path, scene):
 
 def test_methods_that_draw_no_particles_say_so(tmp_path, scene):
     run = some_run(scene, "agent1", method="direct")
-    write_run(tmp_path / "out", scene, [run], [heard_by(scene, "agent1")], [None], {})
+    write_run(tmp_path / "out", scene, [run], [some_measurements(scene, "agent1")], [None], {})
     assert json.loads((tmp_path / "out/run.json").read_text())["particles"] is None
 
 
@@ -163,7 +163,9 @@ def test_old_run_returns_when_the_new_one_cannot_take_its_place(tmp_path, scene,
 
 def test_number_that_is_none_is_null_in_json(tmp_path, scene):
     run = replace(some_run(scene, "agent1"), seconds_per_step=float("nan"), peak_memory_mb=np.float64("inf"))
-    write_run(tmp_path / "out", scene, [run], [heard_by(scene, "agent1")], [None], {"threads": np.int64(2)})
+    write_run(
+        tmp_path / "out", scene, [run], [some_measurements(scene, "agent1")], [None], {"threads": np.int64(2)}
+    )
     summary = json.loads((tmp_path / "out/run.json").read_text())
     assert summary["agents"]["agent1"]["seconds_per_step"] is None
     assert summary["agents"]["agent1"]["peak_memory_mb"] is None
@@ -211,7 +213,7 @@ def test_folder_or_score_that_fails_costs_no_other_agent(tmp_path, scene, monkey
         return score(run, *words)
 
     agents = ("agent1", "agent2")
-    runs, heard = [some_run(scene, a) for a in agents], [heard_by(scene, a) for a in agents]
+    runs, heard = [some_run(scene, a) for a in agents], [some_measurements(scene, a) for a in agents]
     monkeypatch.setattr(Path, "mkdir", full)
     monkeypatch.setattr(Run, "score", scored)
     with pytest.raises(Unwritten) as caught:
@@ -240,7 +242,7 @@ def test_figure_that_fails_does_not_cost_the_results(tmp_path, scene):
 def test_agent_whose_name_is_no_folder_is_refused(tmp_path, scene, name):
     run = replace(some_run(scene, "agent1"), agent=name)
     with pytest.raises(InputError, match="agent"):
-        write_run(tmp_path / "out", scene, [run], [heard_by(scene, "agent1")], [None], {})
+        write_run(tmp_path / "out", scene, [run], [some_measurements(scene, "agent1")], [None], {})
     assert list(tmp_path.iterdir()) == []
 
 

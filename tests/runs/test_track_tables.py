@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from run_samples import hall, heard_by, write
+from run_samples import hall, some_measurements, write
 from scene_samples import raised
 
 import gridslam as gs
@@ -35,7 +35,7 @@ def test_export_of_a_folder_writes_tracks_beside_the_map(say, tmp_path):
 
 def test_heights_go_through_all_files(say, tmp_path):
     scene = raised(hall(), [2.5] * len(hall().anchors))
-    heard = heard_by(scene, "agent1")
+    heard = some_measurements(scene, "agent1")
     told = scene.agent("agent1").height_m
     assert set(heard.truth.height_m.tolist()) == {told}
     heard.to_h5(tmp_path / "heard.h5")
@@ -45,7 +45,7 @@ def test_heights_go_through_all_files(say, tmp_path):
 
 
 def test_estimated_heights_and_their_deviations_are_columns():
-    scan = next(iter(heard_by(hall(), "agent1")))
+    scan = next(iter(some_measurements(hall(), "agent1")))
     poses = [replace(gs.Estimate.of_pose(scan, [n, 0], 0.1, np.eye(3)), time_s=float(n)) for n in range(3)]
     assert believed_track(poses).height_m is None
     assert believed_track(poses, 1.2).height_m.tolist() == [1.2] * 3

@@ -10,7 +10,7 @@ from gridslam import runtime
 from gridslam.errors import InputError
 from gridslam.systems import values
 from gridslam.systems.hybrid import HybridSlam, SightSlam
-from gridslam.world.start import told_start
+from gridslam.world.start import assumed_start
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 HIDDEN = slice(68, 126)
@@ -32,7 +32,7 @@ def heard(screen):
 
 def begun(system, scene, recording, **more):
     slam = system(scene, seed=1, waveform=recording.waveform, **more)
-    told = told_start(scene, "agent1", 1)
+    told = assumed_start(scene, "agent1", 1)
     slam.start_at(told.position_m, told.heading_rad)
     return slam
 
@@ -181,7 +181,7 @@ def test_scattered_paths_as_strong_as_the_sight_do_not_carry_the_agent_off_at_th
     scene = gs.Scene.load("scatter").with_filter(particles=2000)
     recording = gs.simulate(scene, "agent1", 5, what="signal")
     slam = HybridSlam(scene, seed=5, waveform=recording.waveform)
-    told = told_start(scene, "agent1", 5)
+    told = assumed_start(scene, "agent1", 5)
     slam.start_at(told.position_m, told.heading_rad)
     for step in range(16):
         found = slam.step(recording.scan(step))

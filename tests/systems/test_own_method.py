@@ -136,9 +136,9 @@ def test_our_methods_are_what_a_method_has_to_be(name):
 
 
 def test_a_method_without_start_at_is_told_its_start_by_the_scene():
-    from gridslam.world.start import told_start
+    from gridslam.world.start import assumed_start
 
-    start = told_start(SCENE, "agent2", 3)
+    start = assumed_start(SCENE, "agent2", 3)
     run = gs.map_scene(SCENE, gs.simulate(SCENE, "agent2", 3), Least, "agent2", start=start)
     np.testing.assert_allclose(run.trajectory.position_m[0], start.position_m)
     assert (run.agent, run.start, run.scene) == ("agent2", "drawn", SCENE)

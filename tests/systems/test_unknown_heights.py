@@ -11,7 +11,7 @@ from gridslam.evaluation.consistency import nees
 from gridslam.runs.map_scene import map_scene
 from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.world.filter_model import FIXED
-from gridslam.world.start import told_start
+from gridslam.world.start import assumed_start
 
 
 def unsure(scene, agent_m=0.05, floor_m=None, ceiling_m=None):
@@ -39,7 +39,7 @@ def test_an_unknown_height_costs_no_more_than_the_bound_says(scene, method, seed
     scene = shortened(scene, 100)
     track = scene.track("agent1")
     bound = unknown_map_bound(scene, "agent1").position_m
-    start = told_start(scene, "agent1", seed)
+    start = assumed_start(scene, "agent1", seed)
     assert start.heights_m["agent"] != scene.agents[0].height_m
     run = map_scene(scene, gs.simulate(scene, "agent1", seed), method, "agent1", seed, start=start)
     gap = run.trajectory.position_m - track.position_m
@@ -56,7 +56,7 @@ def test_an_unknown_height_costs_no_more_than_the_bound_says(scene, method, seed
 @pytest.mark.slow
 def test_floor_and_ceiling_of_unknown_height_are_found():
     scene = unsure(shortened(with_levels(gs.Scene.load("ceiling")), 60), 0.05, 0.05, 0.05)
-    start = told_start(scene, "agent1", 47)
+    start = assumed_start(scene, "agent1", 47)
     assert set(start.heights_m) == {"agent", "floor", "ceiling"}
     run = map_scene(scene, gs.simulate(scene, "agent1", 47), "grid", "agent1", 47, start=start)
     for (height, std), true in zip(run.estimates[-1].heights.values(), (1.1, 0.0, 3.0), strict=True):
@@ -135,12 +135,12 @@ def test_particles_and_planar_scenes_refuse_deviations():
         gs.Scene.checked(data, "room")
 
 
-def test_a_told_start_draws_heights_last_and_exact_ones_never():
-    one, other = told_start(ROOM, "agent1", 5), told_start(unsure(ROOM), "agent1", 5)
+def test_an_assumed_start_draws_heights_last_and_exact_ones_never():
+    one, other = assumed_start(ROOM, "agent1", 5), assumed_start(unsure(ROOM), "agent1", 5)
     np.testing.assert_array_equal(one.position_m, other.position_m)
     assert not one.heights_m
-    assert not told_start(unsure(ROOM), "agent1", 5, "exact").heights_m
-    told = [told_start(unsure(ROOM), "agent1", seed).heights_m["agent"] - 1.0 for seed in range(150)]
+    assert not assumed_start(unsure(ROOM), "agent1", 5, "exact").heights_m
+    told = [assumed_start(unsure(ROOM), "agent1", seed).heights_m["agent"] - 1.0 for seed in range(150)]
     assert abs(np.mean(told)) < 0.015
     assert abs(np.std(told) - 0.05) < 0.01
 

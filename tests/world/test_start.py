@@ -11,7 +11,7 @@ import gridslam as gs
 from gridslam.cli.main import main
 from gridslam.studies.study import Study, run_study
 from gridslam.world.geometry import wrap
-from gridslam.world.start import told_start
+from gridslam.world.start import assumed_start
 
 
 def call(monkeypatch, words):
@@ -42,7 +42,7 @@ def test_heights_that_are_drawn_stay_between_floor_and_ceiling():
     low = gs.Scene.checked(data, "low")
     agent, found = low.agents[0].name, []
     for seed in range(60):
-        heights = told_start(low, agent, seed).heights_m
+        heights = assumed_start(low, agent, seed).heights_m
         gs.Scene.from_toml(low.at_heights(agent, heights).to_toml(), "told")  # as a checkpoint holds it
         found.append(heights["ceiling"])
     assert 2.7 < min(found) < 2.8
@@ -50,7 +50,7 @@ def test_heights_that_are_drawn_stay_between_floor_and_ceiling():
 
 
 def test_starts_are_drawn_uniformly_about_the_true_one_within_the_prior(scene):
-    drawn = [told_start(scene, "agent1", seed) for seed in range(2000)]
+    drawn = [assumed_start(scene, "agent1", seed) for seed in range(2000)]
     track, prior = scene.track("agent1"), scene.agent("agent1").prior
     gap = np.array([start.position_m for start in drawn]) - track.position_m[0]
     turn = np.degrees(wrap(np.array([start.heading_rad for start in drawn]) - track.heading_rad[0]))
@@ -71,7 +71,7 @@ def test_starts_are_drawn_uniformly_about_the_true_one_within_the_prior(scene):
 def test_seed_that_is_none_is_told_as_such(seed):
     scene = gs.Scene.load("room")
     calls = (
-        lambda: told_start(scene, "agent1", seed),
+        lambda: assumed_start(scene, "agent1", seed),
         lambda: gs.simulate(scene, "agent1", seed),
         lambda: gs.GridSlam(scene, seed=seed),
         lambda: gs.VirtualAnchorSlam(scene, seed=seed),
@@ -79,34 +79,34 @@ def test_seed_that_is_none_is_told_as_such(seed):
     for call in calls:
         with pytest.raises(gs.InputError, match=r"^seed: found .*; allowed: a whole number, 0 or more$"):
             call()
-    assert told_start(scene, "agent1", np.int64(3)).how == "drawn"
+    assert assumed_start(scene, "agent1", np.int64(3)).how == "drawn"
 
 
 def test_a_start_repeats_by_seed_and_differs_by_seed_and_agent(scene):
-    one, two = told_start(scene, "agent1", 3), told_start(scene, "agent1", 3)
+    one, two = assumed_start(scene, "agent1", 3), assumed_start(scene, "agent1", 3)
     assert one.position_m.tolist() == two.position_m.tolist()
     assert one.heading_rad == two.heading_rad
     off = [
-        told_start(scene, name, 3).position_m - scene.track(name).position_m[0]
+        assumed_start(scene, name, 3).position_m - scene.track(name).position_m[0]
         for name in ("agent1", "agent2")
     ]
     assert (off[0] != off[1]).all()
-    assert (one.position_m != told_start(scene, "agent1", 4).position_m).all()
+    assert (one.position_m != assumed_start(scene, "agent1", 4).position_m).all()
 
 
 def test_a_drawn_start_stays_in_the_region_and_an_exact_one_is_the_scenes(scene):
     data = scene.model_dump(exclude_none=True)
     data["agents"] = [{"name": "agent1", "start_m": [-4.79, 0.0], "prior": {"position_m": 2.0}}]
     edge = gs.Scene.checked({**data, "walls": []}, "edge")
-    assert min(told_start(edge, "agent1", seed).position_m[0] for seed in range(20)) == -4.8
-    exact = told_start(edge, "agent1", 5, "exact")
+    assert min(assumed_start(edge, "agent1", seed).position_m[0] for seed in range(20)) == -4.8
+    exact = assumed_start(edge, "agent1", 5, "exact")
     assert (exact.how, exact.position_m.tolist(), exact.heading_rad) == ("exact", [-4.79, 0.0], 0.0)
     with pytest.raises(gs.InputError, match="start: found 'vague'; allowed: drawn or exact"):
-        told_start(edge, "agent1", 5, "vague")
+        assumed_start(edge, "agent1", 5, "vague")
 
 
 def test_the_filter_begins_where_it_is_told(scene):
-    heard, start = gs.simulate(scene, "agent1", 1), told_start(scene, "agent1", 1)
+    heard, start = gs.simulate(scene, "agent1", 1), assumed_start(scene, "agent1", 1)
     slam = gs.GridSlam(scene, seed=1)
     slam.start_at(start.position_m, start.heading_rad)
     np.testing.assert_array_equal(slam.state.belief.mean, [*start.position_m, 0, 0, start.heading_rad])

@@ -18,7 +18,7 @@ from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.population import Population
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
-from gridslam.world.start import told_start
+from gridslam.world.start import assumed_start
 
 
 @pytest.fixture(scope="module")
@@ -198,7 +198,7 @@ def test_vague_starts_end_right_and_never_silently_wrong():
         radio = scene.radio.model_copy(update={"measures": measures})
         scene = vague(scene.model_copy(update={"radio": radio, "anchors": scene.anchors[:anchors]}))
         track, slam, wrong = scene.track("agent1"), GridSlam(scene, seed=seed), 0
-        start = told_start(scene, "agent1", seed)
+        start = assumed_start(scene, "agent1", seed)
         slam.start_at(start.position_m, start.heading_rad)
         for step, scan in enumerate(gs.simulate(scene, "agent1", seed=seed + 900)):
             estimate = slam.step(scan)

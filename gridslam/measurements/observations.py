@@ -9,17 +9,17 @@ from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements
 from gridslam.world.observation import Kind
 
-Heard = Measurements | Recording
+Observations = Measurements | Recording
 NAMES: dict[Kind, str] = {"paths": "measurements.h5", "signal": "signal.h5"}
 """Names of their files in folders of runs."""
 
 
-def kind_of(heard: Heard) -> Kind:
+def kind_of(heard: Observations) -> Kind:
     """Which of the two it is."""
     return "signal" if isinstance(heard, Recording) else "paths"
 
 
-def read_observations(folder: Path, prefix: str = "") -> Heard:
+def read_observations(folder: Path, prefix: str = "") -> Observations:
     """Read what a folder has of the two.
 
     Raises
