@@ -145,14 +145,15 @@ def evidence(state: NetworkState, info: Any, model: NetworkModel) -> float:
 
 
 def reduced(population: Population[NetworkState]) -> Population[NetworkState]:
-    """Without hypotheses far behind the best, and those that have become the same as a likelier one."""
-    offset, place, kept = offsets(population), places(population), list[int]()
-    for one in population.likely(HOPELESS):
-        same = (np.abs(offset[kept] - offset[one]) < ALIKE_M).all(1)
-        same &= (np.abs(place[kept] - place[one]) < ALIKE_M).all((1, 2))
-        if population.states[one].clocks.unset.any() or not same.any():
-            kept.append(one)
-    return population if len(kept) == len(population) else population.take(kept)
+    """Without hypotheses far behind the best; those that have become the same merge into the likelier one.
+
+    Weights are added. One that still searches for a clock isn't the same as another yet.
+    """
+    population = population.pruned(HOPELESS)
+    offset, place = offsets(population), places(population)
+    near = np.asarray((np.abs(offset[:, None] - offset) < ALIKE_M).all(-1))
+    near &= (np.abs(place[:, None] - place) < ALIKE_M).all((-1, -2))
+    return population.merged(lambda _, other: not other.clocks.unset.any(), near)
 
 
 def offsets(population: Population[NetworkState]) -> Array:
