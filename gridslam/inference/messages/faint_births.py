@@ -26,6 +26,7 @@ from gridslam.world.radio import REFLECTION_BINS, RadioModel
 from gridslam.world.single_bounces import single_bounces
 
 POSE = np.array([0, 1, 4])
+OF_POSE = np.ix_(POSE, POSE)
 NEAR_M, NEAR_RAD = 0.6, 0.6
 """By how much distance and angles of an earlier measurement may miss what a new line predicts, roughly."""
 OPEN = 0.5
@@ -142,7 +143,7 @@ def _corrected(
     std = np.minimum(deviations(heard, m, heard.amplitude[m], value[:, 1:], radio), WIDEST)
     here = single_bounces(line, model.places[heard.anchor], state.belief.mean[POSE])
     by_line, by_pose = here.slopes()
-    spread = _spread(by_pose, state.belief.covariance[np.ix_(POSE, POSE)], std)
+    spread = _spread(by_pose, state.belief.covariance[OF_POSE], std)
     weighed = np.linalg.solve(spread, by_line)
     covariance = np.linalg.inv(by_line.transpose(0, 2, 1) @ weighed + 1e-9 * np.eye(2))
     gap = value - here.value
@@ -188,7 +189,7 @@ def remember_leftovers(
         rows = np.flatnonzero(free)
         anchor = np.full(len(rows), heard.anchor, np.int64)
         parts.append((anchor, heard.value[rows], std[rows], heard.amplitude[rows]))
-    own = state.belief.covariance[np.ix_(POSE, POSE)]
+    own = state.belief.covariance[OF_POSE]
     columns = (np.concatenate(column) for column in zip(*parts, strict=True))
     return replace(state, leftovers=state.leftovers.joined(state.belief.mean[POSE], own, *columns))
 

@@ -184,7 +184,7 @@ def deviations(
     height = heard.height if heard.anchor >= 0 else 0.0
     if steep is None:
         steep = lean(np.nan_to_num(value[:, 0], nan=np.inf), height) if height else 1.0
-    fisher[:, 1] = signal.angle_std(amplitude, angles[:, 0], aperture, steep)
-    fisher[:, 2] = signal.angle_std(amplitude, angles[:, 1], signal.agent_aperture, steep)
+    apertures = np.array([aperture, signal.agent_aperture])
+    fisher[:, 1:] = signal.angle_std(amplitude[:, None], angles, apertures, np.asarray(steep)[..., None])
     std = np.where(np.isnan(own_std), fisher, own_std)
     return np.where(np.isnan(value), np.inf, std)
