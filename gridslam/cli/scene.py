@@ -80,7 +80,8 @@ def import_plan(
 ) -> None:
     """Make a scene file of a floor plan, and a picture of it beside it."""
     from gridslam.importers import dxf, geojson
-    from gridslam.importers.floorplans import plan_of, write_plan
+    from gridslam.importers.floorplans import plan_of
+    from gridslam.importers.plan_files import write_plan
     from gridslam.world.names import label_fault
 
     if output.suffix != ".toml":

@@ -1,31 +1,24 @@
 """Floor plans of other programs as scene files that a person can go on editing.
 
 A reader (`geojson`, `dxf`) makes lines of a file, `Plan` puts them together, and its text is a scene file
-with every assumption said in a comment.
+with every assumption said in a comment; `plan_files` writes it.
 """
 
 from __future__ import annotations
 
-import io
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import tomli_w
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
-from gridslam.io.files import write_bytes
 from gridslam.world.grid_memory import CELL_BYTES, MOST_BYTES, in_gb
 from gridslam.world.scene import Scene
 from gridslam.world.scene_parts import SAME_PLACE_M, Wall
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 KNOWN = {"concrete": 0.7, "glass": 0.3}
 ASSUMED = 0.7
@@ -136,8 +129,9 @@ class Plan:
         """
         x, y = self.region
         materials = self.materials
+        source = printable(self.source)
         lines = [
-            f"# Walls from {_plain(self.source)}: {len(self.lines)} of them. Edit freely; `gridslam check`",
+            f"# Walls from {source}: {len(self.lines)} of them. Edit freely; `gridslam check`",
             "# says whether it is still a scene. Lengths in m, angles in degrees, counter-clockwise from x.",
             *_pairs(name=self.name),
             "",
@@ -149,7 +143,7 @@ class Plan:
         lines += [f"{_pairs(**{n: value})[0]}  # {why}" for n, (value, why) in materials.items()]
         for number, (px, py, facing) in enumerate(self.anchors):
             lines += ["", "[[anchors]]"]
-            lines += _pairs(name=_letters(number), position_m=[px, py], orientation_deg=facing)
+            lines += _pairs(name=letters(number), position_m=[px, py], orientation_deg=facing)
         if not self.anchors:
             lines += [
                 "",
@@ -282,79 +276,11 @@ def _pairs(**values: Any) -> list[str]:
     return lines
 
 
-def _plain(text: str) -> str:
+def printable(text: str) -> str:
+    """A name that comments and figures can show."""
     return "".join(c if c.isprintable() else "?" for c in text)[:80]
 
 
-def _letters(number: int) -> str:
-    """A, B, ... Z, then A1, B1, ..."""
+def letters(number: int) -> str:
+    """Name of an anchor by its number: A, B, ... Z, then A1, B1, ..."""
     return chr(ord("A") + number % 26) + (str(number // 26) if number >= 26 else "")
-
-
-def write_plan(plan: Plan, path: str | os.PathLike[str]) -> Path:
-    """Write the scene file and a picture of it beside it.
-
-    Returns
-    -------
-    Path
-        The picture.
-
-    Raises
-    ------
-    InputError
-        The scene has a fault, or the folder can't be written to.
-    """
-    path = Path(path)
-    text, picture = plan.toml(), path.with_suffix(".png")
-    image = _picture(plan)
-    write_bytes(path, text.encode("utf-8"))
-    write_bytes(picture, image)
-    return picture
-
-
-def _picture(plan: Plan) -> bytes:
-    """Walls by material, anchors and start, as PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    x, y = plan.region
-    wide, high = x[1] - x[0], y[1] - y[0]
-    scale = 7.0 / max(wide, high)
-    figure = Figure(
-        figsize=(max(wide * scale, 3) + 1, max(high * scale, 3) + 1), layout="constrained", dpi=120
-    )
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    _draw(axes, plan)
-    axes.set(xlim=x, ylim=y, aspect="equal", xlabel="x (m)", ylabel="y (m)")
-    axes.set_title(
-        f"{plan.name}: {len(plan.lines)} walls, {wide:g} m x {high:g} m to map".replace("$", r"\$"),
-        fontsize=9,
-    )
-    figure.legend(loc="outside lower center", ncols=3, fontsize=8, frameon=False)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()
-
-
-def _draw(axes: Axes, plan: Plan) -> None:
-    from matplotlib.collections import LineCollection
-
-    palette = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-    for number, (material, (value, _)) in enumerate(plan.materials.items()):
-        own = [line for line in plan.lines if line.material == material]
-        walls = [Wall.checked(line.wall, plan.source).corners for line in own]
-        label = f"{_plain(material)} ({value:g})".replace("$", r"\$") if number < 12 else None
-        axes.add_collection(LineCollection(walls, colors=palette[number % len(palette)], lw=1.4, label=label))
-    for number, (px, py, facing) in enumerate(plan.anchors):
-        axes.plot(px, py, "k^", ms=6, label="anchors" if number == 0 else None)
-        axes.annotate(_letters(number), (px, py), (4, 4), textcoords="offset points", fontsize=8)
-        _arrow(axes, px, py, facing)
-    if plan.start:
-        axes.plot(*plan.start[:2], "ko", mfc="w", ms=6, label="start")
-        _arrow(axes, *plan.start)
-
-
-def _arrow(axes: Axes, x: float, y: float, facing: float) -> None:
-    tip = (x + np.cos(np.radians(facing)), y + np.sin(np.radians(facing)))
-    axes.annotate("", tip, (x, y), arrowprops={"arrowstyle": "->", "lw": 0.8})

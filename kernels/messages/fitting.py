@@ -3,7 +3,7 @@
 import taichi as ti
 
 from gridslam.kernels import PATH_BLOCK
-from gridslam.kernels.primitives.gaussian import MEASURED, innovation_of, inverse_of
+from gridslam.kernels.primitives.corrections import MEASURED, innovation_of, inverse_of
 from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, THRESHOLD
 from gridslam.kernels.primitives.tables import ANCHOR, LABEL, LENGTH, RESPONSIBLE
 

@@ -17,7 +17,7 @@ from gridslam.kernels.primitives.blocks import (
     PathRows,
     Ratios,
 )
-from gridslam.kernels.primitives.gaussian import CLOCKS_OPEN, NONE_OPEN, RISES_OPEN, correct
+from gridslam.kernels.primitives.corrections import CLOCKS_OPEN, NONE_OPEN, RISES_OPEN, correct
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.propagation.path_messages import note

@@ -5,7 +5,8 @@ import pytest
 
 from gridslam.errors import InputError
 from gridslam.importers.dxf import read_walls
-from gridslam.importers.floorplans import plan_of, write_plan
+from gridslam.importers.floorplans import plan_of
+from gridslam.importers.plan_files import write_plan
 from gridslam.world.scene import Scene
 
 ezdxf = pytest.importorskip("ezdxf")

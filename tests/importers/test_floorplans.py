@@ -10,7 +10,8 @@ from gridslam.cli.main import main
 from gridslam.errors import InputError
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.importers import geojson
-from gridslam.importers.floorplans import Line, plan_of, write_plan
+from gridslam.importers.floorplans import Line, plan_of
+from gridslam.importers.plan_files import write_plan
 from gridslam.world.geometry import line_through
 from gridslam.world.scene import Scene
 

@@ -270,7 +270,7 @@ def test_updates_equal_their_twin(seed, surfaces, rounds, noted, unknown):
 def test_equally_sure_paths_are_taken_as_they_stand():
     import taichi as ti
 
-    from gridslam.kernels.primitives.gaussian import sorted_by
+    from gridslam.kernels.primitives.corrections import sorted_by
 
     @ti.kernel
     def order_of(rank: ti.types.ndarray(dtype=ti.f64, ndim=2)) -> ti.i32:
