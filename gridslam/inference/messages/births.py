@@ -21,7 +21,7 @@ from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels.primitives import blocks
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.geometry import unit
+from gridslam.world.geometry import unit, wrap
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
 
 MOST_DOUBTFUL_M = 2.0
@@ -203,4 +203,6 @@ def initialise_surface(
         blocks.Anchors(model.places, signal.numbers), heard.table,
         blocks.Newborn(np.empty(size + 2), mean, covariance, reflection),
     )  # fmt: skip
+    if np.pi < abs(mean[-2]) < np.inf:  # derivatives beside an anchor turn a line by full turns
+        mean[-2] = wrap(mean[-2])
     return replace(belief, mean=mean, covariance=covariance), reflection

@@ -43,9 +43,9 @@ def test_chances_of_rivals_stay_a_distribution(ratio, claimed):
     assert births.ratio[chosen[0][0]] == max(ratio)
 
 
-def born(off_deg, double):
+def born(off_deg, double, new=NEW):
     """Belief after a birth whose AoA was measured so many degrees off, and the measured length."""
-    last, first = (KNOWN, NEW) if double else (NEW, NEW)
+    last, first = (KNOWN, new) if double else (new, new)
     path = trace(AGENT[None], PLACE[None], last[None], first[None], np.array([2 if double else 1]))
     value = np.array(
         [[path.distance[0], wrap(path.departure[0]), wrap(path.arrival[0] - HEADING + np.radians(off_deg))]]
@@ -54,7 +54,7 @@ def born(off_deg, double):
     spread = np.diag(np.square([0.02, 0.02, 0.05, 0.05, np.radians(0.5)]))
     belief = append(Belief(np.array([*AGENT, 0, 0, HEADING]), spread), KNOWN, np.diag([1e-6, 1e-6]))
     hit = np.array([[0 if double else -1, -1]], np.int32)
-    births = Births(np.zeros(1, int), hit, NEW[None], np.ones(1), np.zeros(1, np.int32))
+    births = Births(np.zeros(1, int), hit, new[None], np.ones(1), np.zeros(1, np.int32))
     model = model_of("alcove", [[*PLACE, 0.0]])
     return initialise_surface(births, 0, heard, belief, SIGNAL, model)[0], value[0, 0]
 
@@ -86,6 +86,17 @@ def test_a_new_line_is_consistent_with_its_covariance(double):
         gaps.append(gap @ np.linalg.solve(belief.covariance[-2:, -2:], gap))
     # the AoD is exact here, so the error is less than the covariance says; it must not be more
     assert np.mean(gaps) < 2
+
+
+def test_the_normal_of_a_new_line_is_wrapped():
+    """Of a wall close behind its anchor: derivatives turn the normal by full turns."""
+    close = np.array([np.pi, 0.8])  # 10 cm behind the anchor
+    for off_deg in (-15.0, -5.0, -2.0, 2.0, 5.0, 15.0):
+        line = born(off_deg, False, close)[0].lines[1]
+        assert -np.pi < line[0] <= np.pi
+        if abs(off_deg) < 5:
+            np.testing.assert_allclose([wrap(line[0] - np.pi), line[1]], [0, 0.8], atol=2e-3)
+    assert born(-2.0, False, close)[0].lines[1, 0] > 0 > born(2.0, False, close)[0].lines[1, 0]
 
 
 def worth_a_birth(draw, surfaces, clocks, rises):
