@@ -200,7 +200,7 @@ class GridSpec(Strict):
 
     def holds(self, points: Array) -> NDArray[np.bool_]:
         """Whether points (..., 2) in m lie in the region, (...)."""
-        low, high = np.transpose([self.x_m, self.y_m])
+        low, high = np.array([self.x_m, self.y_m]).T
         return ((points >= low) & (points <= high)).all(-1)
 
 

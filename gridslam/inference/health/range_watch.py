@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import NamedTuple, Self
 
 import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.inference.health import reasons
-from gridslam.world.filter_model import FilterModel
+from gridslam.world.filter_model import FilterModel, fixed
 
 TURN_RAD, MOST_OFFSET_M, MOST_HEIGHT_M = 0.05, 5.0, 3.0
 """Deviations of an anchor's orientation, and of what may be wrong at most."""
@@ -87,9 +88,8 @@ class RangeWatch:
         weighed = (precision @ gap[..., None])[..., 0]
         information = np.einsum("nip,niq->pq", slope, pull) - both.T @ np.linalg.solve(whole, both)
         vector, total = np.einsum("nip,ni->p", slope, weighed), float((gap * weighed).sum())
-        anchors, count = model.senders, 2 * len(place) - 2
-        open_ = np.repeat([MOST_OFFSET_M, TURN_RAD, MOST_HEIGHT_M**2], [anchors, anchors, 1])
-        left = total - float(vector @ np.linalg.solve(information + np.diag(open_**-2.0), vector))
+        count = 2 * len(place) - 2
+        left = total - float(vector @ np.linalg.solve(information + _open(model.senders), vector))
         if left > STRAY * count:  # some of it came over walls
             return self
         after = replace(
@@ -155,6 +155,13 @@ class Fit(NamedTuple):
     alike: bool
     misfit: float
     size: float
+
+
+@cache
+def _open(anchors: int) -> Array:
+    """Information (P, P) about what may be wrong before anything was heard."""
+    std = np.repeat([MOST_OFFSET_M, TURN_RAD, MOST_HEIGHT_M**2], [anchors, anchors, 1])
+    return fixed(np.diag(std**-2.0))
 
 
 def _words(fit: Fit, model: FilterModel) -> str:

@@ -38,7 +38,10 @@ def neighbours(table: Array) -> NDArray[np.bool_]:
     (distance, _, arrival), label = table[able, :3].T, table[able, LABEL]
     near = (np.abs(distance[:, None] - distance) < NEAR_M) & (label[:, None] == label)
     near &= np.abs(wrap(arrival[:, None] - arrival)) < NEAR_RAD
-    near[near.sum(1) <= OTHERS] = False
+    crowd = near.sum(1) > OTHERS
+    if not crowd.any():
+        return none
+    near[~crowd] = False
     none[np.ix_(able, able)] = near
     return none
 

@@ -135,6 +135,7 @@ def update_surfaces_and_agent(
     belief, los, existence = state.belief.copy(), state.los.copy(), bank.existence.copy()
     single, double, pairs, rounds = bank.single.copy(), bank.double.copy(), ratios.pairs, ROUNDS
     share, scratch = work.buffers(_shares, anchor, len(pairs.index)), np.empty((len(belief.mean), 6))
+    turns = turned if len(turned) == anchors else np.resize(turned, anchors)  # images turn with their anchors
     fits = np.empty((anchors, len(NO_FIT)))
     fits[:] = NO_FIT
     odds, message, measured = ratios.odds.copy(), ratios.message.copy(), ratios.measured.copy()
@@ -152,7 +153,7 @@ def update_surfaces_and_agent(
         blocks.Ratios(odds, message, measured), heard.table,
         blocks.Anchors(model.places, model.radio.numbers),
         blocks.Existence(existence, los, single, double),
-        blocks.Account(scratch, share, np.resize(turned, anchors), fits),
+        blocks.Account(scratch, share, turns, fits),
         messages.block(),
     )  # fmt: skip
     bank = replace(bank, existence=existence, single=single, double=double)
