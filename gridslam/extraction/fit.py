@@ -1,6 +1,6 @@
 """All paths of a snapshot fitted at once, amplitudes in closed form; and what that says of their errors.
 
-docs/model.md, (M52).
+docs/model.md, (M52), (M295).
 """
 
 from __future__ import annotations
@@ -36,13 +36,16 @@ class Fit:
         Which of them there are.
     amplitude : (S, L) complex
     energy : (S,) float64
-        What is left of the samples' energy.
+        What is left of the samples' energy, and `ridge` times the amplitudes' own power.
+    ridge : (S,) float64
+        The noise's power over that which amplitudes are believed to have, (M295). 0 believes all.
     """
 
     paths: Array
     there: Mask
     amplitude: Complex
     energy: Array
+    ridge: Array
 
     @property
     def count(self) -> NDArray[np.intp]:
@@ -54,28 +57,32 @@ class Fit:
         """No path at all."""
         count = len(samples)
         energy = (np.abs(samples) ** 2).reshape(count, -1).sum(1)
-        return cls(np.zeros((count, 0, 3)), np.zeros((count, 0), bool), np.zeros((count, 0), complex), energy)
+        nothing = np.zeros((count, 0))
+        return cls(
+            np.zeros((count, 0, 3)), nothing.astype(bool), nothing.astype(complex), energy, np.zeros(count)
+        )
 
     def take(self, rows: Mask | NDArray[np.intp]) -> Fit:
         """Some of the snapshots."""
-        return Fit(self.paths[rows], self.there[rows], self.amplitude[rows], self.energy[rows])
+        paths, there = self.paths[rows], self.there[rows]
+        return Fit(paths, there, self.amplitude[rows], self.energy[rows], self.ridge[rows])
 
     def put(self, rows: Mask | NDArray[np.intp], other: Fit) -> Fit:
         """The same with some of the snapshots replaced; paths may be more or fewer."""
         most = max(self.paths.shape[1], other.paths.shape[1])
         whole, part = self.padded(most), other.padded(most)
         paths, there = whole.paths.copy(), whole.there.copy()
-        amplitude, energy = whole.amplitude.copy(), whole.energy.copy()
+        amplitude, energy, ridge = whole.amplitude.copy(), whole.energy.copy(), whole.ridge.copy()
         paths[rows], there[rows] = part.paths, part.there
-        amplitude[rows], energy[rows] = part.amplitude, part.energy
-        return Fit(paths, there, amplitude, energy)
+        amplitude[rows], energy[rows], ridge[rows] = part.amplitude, part.energy, part.ridge
+        return Fit(paths, there, amplitude, energy, ridge)
 
     def padded(self, most: int) -> Fit:
         """With room for `most` paths."""
         more = ((0, 0), (0, most - self.paths.shape[1]))
         return Fit(
             np.pad(self.paths, (*more, (0, 0))), np.pad(self.there, more), np.pad(self.amplitude, more),
-            self.energy,
+            self.energy, self.ridge,
         )  # fmt: skip
 
     def with_path(self, path: Array) -> Fit:
@@ -85,9 +92,9 @@ class Fit:
         return wide
 
 
-def amplitudes(products: Products, there: Mask) -> tuple[Complex, Complex, Array]:
-    """Least squares: amplitudes (S, L), inverse of the responses' Gram (S, L, L), energy explained (S,)."""
-    gram = _masked(products.gram[:, 0, :, 0], there)
+def amplitudes(products: Products, there: Mask, ridge: Array) -> tuple[Complex, Complex, Array]:
+    """Ridge regression: amplitudes (S, L), inverse of (M295) (S, L, L), energy explained (S,)."""
+    gram = _masked(products.gram[:, 0, :, 0], there, ridge)
     inverse: Complex = np.asarray(np.linalg.inv(gram), np.complex128)
     matched = np.where(there, products.matched[:, 0], 0)
     found = np.einsum("slm,sm->sl", inverse, matched)
@@ -97,25 +104,28 @@ def amplitudes(products: Products, there: Mask) -> tuple[Complex, Complex, Array
 def refit(band: Band, samples: Complex, fit: Fit) -> Fit:
     """Amplitudes and energy anew, at the paths as they are."""
     if not fit.paths.shape[1]:
-        return Fit.none(samples)
-    products = Products.of(band, samples, fit.paths)
-    amplitude, _, explained = amplitudes(products, fit.there)
+        return replace(Fit.none(samples), ridge=fit.ridge)
+    products = Products.of(band, samples, fit.paths, derivatives=False)
+    amplitude, _, explained = amplitudes(products, fit.there, fit.ridge)
     total = (np.abs(samples) ** 2).reshape(len(samples), -1).sum(1)
     return replace(fit, amplitude=amplitude, energy=total - explained)
 
 
-def refine(band: Band, samples: Complex, fit: Fit, rounds: int = ROUNDS) -> Fit:
-    """Paths moved to where the least energy is left: Levenberg-Marquardt with amplitudes projected out."""
+def refine(band: Band, samples: Complex, fit: Fit, believed: Array) -> Fit:
+    """Paths moved to where the least energy is left: Levenberg-Marquardt with amplitudes projected out.
+
+    Amplitudes are believed to have a power of `believed` (S,); the noise's is estimated anew at each round.
+    """
     now = refit(band, samples, fit)
     if not now.paths.shape[1]:
         return now
     damping = np.full(len(samples), DAMPING)
     widest = np.array([WIDEST_STEP / max(band.extent(factor), 1e-9) for factor in band.free])
     busy = np.arange(len(samples))
-    for _ in range(rounds):
-        part, own = now.take(busy), samples[busy]
+    for _ in range(ROUNDS):
+        part, own = _weighed(band, now.take(busy), believed[busy]), samples[busy]
         products = Products.of(band, own, part.paths)
-        gradient, hessian, _ = slopes(products, part.there)
+        gradient, hessian, _ = slopes(products, part.there, part.ridge)
         size = gradient.shape[1]
         diagonal = np.arange(size)
         hessian[:, diagonal, diagonal] *= 1 + damping[busy, None]
@@ -138,10 +148,17 @@ def refine(band: Band, samples: Complex, fit: Fit, rounds: int = ROUNDS) -> Fit:
     return _wrapped(band, now)
 
 
-def slopes(products: Products, there: Mask) -> tuple[Array, Array, Complex]:
+def _weighed(band: Band, fit: Fit, believed: Array) -> Fit:
+    """The ridge by what noise there is now, and the energy with it, to first order."""
+    ridge = np.maximum(noise_power(band, fit), 0) / believed
+    own = (np.abs(fit.amplitude) ** 2).sum(1)
+    return replace(fit, ridge=ridge, energy=fit.energy + (ridge - fit.ridge) * own)
+
+
+def slopes(products: Products, there: Mask, ridge: Array) -> tuple[Array, Array, Complex]:
     """Of half the energy left: gradient (S, P L), Gauss-Newton matrix (S, P L, P L); amplitudes (S, L)."""
     count, kinds, paths = products.matched.shape
-    amplitude, inverse, _ = amplitudes(products, there)
+    amplitude, inverse, _ = amplitudes(products, there, ridge)
     own = np.where(there, amplitude, 0)
     cross = products.gram[:, 1:, :, 0] * there[:, None, None, :]  # derivatives with responses, (S, P, L, L)
     left = products.matched[:, 1:] - np.einsum("splm,sm->spl", cross, own)
@@ -163,7 +180,8 @@ def slopes(products: Products, there: Mask) -> tuple[Array, Array, Complex]:
 def noise_power(band: Band, fit: Fit) -> Array:
     """Mean power of the noise in a sample, (S,): what is left over the degrees of freedom that are left."""
     taken = fit.count * (1 + 0.5 * len(band.free))
-    return fit.energy / np.maximum(band.samples - taken, 1)
+    left = fit.energy - fit.ridge * (np.abs(fit.amplitude) ** 2).sum(1)
+    return left / np.maximum(band.samples - taken, 1)
 
 
 def deviations(band: Band, samples: Complex, fit: Fit, noise: Array) -> Array:
@@ -176,8 +194,8 @@ def deviations(band: Band, samples: Complex, fit: Fit, noise: Array) -> Array:
     if not fit.paths.shape[1]:
         return found
     products = Products.of(band, samples, fit.paths)
-    found_there, inverse, _ = amplitudes(products, fit.there)
-    _, hessian, _ = slopes(products, fit.there)
+    found_there, inverse, _ = amplitudes(products, fit.there, fit.ridge)
+    _, hessian, _ = slopes(products, fit.there, fit.ridge)
     covariance = 0.5 * noise[:, None] * np.einsum("sii->si", np.linalg.inv(hessian))
     # noise makes an amplitude look larger than it is, and its path sharper
     power = np.abs(found_there) ** 2
@@ -190,12 +208,13 @@ def deviations(band: Band, samples: Complex, fit: Fit, noise: Array) -> Array:
     return found
 
 
-def _masked(gram: Complex, there: Mask) -> Complex:
-    """A Gram with rows and columns of unit vectors where no path is."""
+def _masked(gram: Complex, there: Mask, ridge: Array) -> Complex:
+    """A Gram with the ridge on its diagonal, and rows and columns of unit vectors where no path is."""
     both = there[:, :, None] & there[:, None, :]
     masked = np.where(both, gram, 0)
     diagonal = np.arange(gram.shape[1])
-    masked[:, diagonal, diagonal] = np.where(there, masked[:, diagonal, diagonal].real + RIDGE, 1.0)
+    level = masked[:, diagonal, diagonal].real + RIDGE + ridge[:, None]
+    masked[:, diagonal, diagonal] = np.where(there, level, 1.0)
     return masked
 
 

@@ -2,10 +2,12 @@
 
 Each snapshot of each anchor stands alone. A path is kept if noise would give one as good less often than
 `false_alarms` says, whatever the noise's power; deviations are those of the joint Fisher information.
+Amplitudes are held against the snapshot's strongest peak, so two paths that melt into one don't cancel.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -32,6 +34,8 @@ MOST_PATHS = 24
 BLOCK_SAMPLES = 2**21
 """Samples of the snapshots that are worked at together."""
 LEAST_LENGTH = 1e-6
+BELIEVED = 16.0
+"""Power that a path's amplitude is believed to have, over that of the snapshot's strongest peak: (M295)."""
 
 
 def extract(
@@ -131,19 +135,23 @@ def find_paths(band: Band, samples: Complex, rate: float, most: int = MOST_PATHS
     needed = -np.log(rate)
     fit = Fit.none(samples)
     busy = np.arange(len(samples))
+    believed = np.full(len(samples), np.inf)
     most = min(most, (band.samples - 2) // (1 + len(band.free)))
     for _ in range(most):
         part, own = fit.take(busy), samples[busy]
-        new = refine(band, own, part.with_path(strongest(band, own, part)))
+        new = refine(band, own, part.with_path(strongest(band, own, part)), believed[busy])
+        if not fit.paths.shape[1]:
+            believed = BELIEVED * np.maximum(part.energy - new.energy, 1e-300)
+        part = refit(band, own, replace(part, ridge=new.ridge))
         sure = surprise(band, part.energy - new.energy, new.energy, new.count) > needed
         fit = fit.put(busy[sure], new.take(sure))
         busy = busy[sure]
         if not len(busy):
             break
-    return _without_weakest(band, samples, fit, needed)
+    return _without_weakest(band, samples, fit, believed, needed)
 
 
-def _without_weakest(band: Band, samples: Complex, fit: Fit, needed: float) -> Fit:
+def _without_weakest(band: Band, samples: Complex, fit: Fit, believed: Array, needed: float) -> Fit:
     """Paths that aren't needed any longer beside those that were found after them, taken out one by one."""
     busy = np.flatnonzero(fit.count > 0)
     while len(busy):
@@ -155,9 +163,9 @@ def _without_weakest(band: Band, samples: Complex, fit: Fit, needed: float) -> F
             break
         there = part.there.copy()
         there[np.arange(len(busy)), weakest] = False
-        fewer = Fit(part.paths, there, part.amplitude, part.energy)
-        new = refine(band, own, fewer)
-        loss = new.energy - part.energy
+        fewer = replace(part, there=there)
+        new = refine(band, own, fewer, believed[busy])
+        loss = new.energy - refit(band, own, replace(part, ridge=new.ridge)).energy
         gone = surprise(band, loss, part.energy, part.count) <= needed
         fit = fit.put(busy[gone], new.take(gone))
         busy = busy[gone]
@@ -167,7 +175,8 @@ def _without_weakest(band: Band, samples: Complex, fit: Fit, needed: float) -> F
 
 def _least_needed(band: Band, samples: Complex, fit: Fit) -> tuple[NDArray[np.intp], Array]:
     """Which path (S,) leaves least energy behind if it goes, and how much (S,)."""
-    found, inverse, _ = amplitudes(Products.of(band, samples, fit.paths), fit.there)
+    products = Products.of(band, samples, fit.paths, derivatives=False)
+    found, inverse, _ = amplitudes(products, fit.there, fit.ridge)
     loss = np.abs(found) ** 2 / np.einsum("sll->sl", inverse).real
     loss = np.where(fit.there, loss, np.inf)
     weakest = loss.argmin(1)

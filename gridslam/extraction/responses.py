@@ -105,16 +105,17 @@ class Products:
     matched: Complex
 
     @classmethod
-    def of(cls, band: Band, samples: Complex, paths: Array) -> Products:
-        """Products of paths (S, L, 3) with samples (S, A, B, M)."""
+    def of(cls, band: Band, samples: Complex, paths: Array, derivatives: bool = True) -> Products:
+        """Products of paths (S, L, 3) with samples (S, A, B, M); P = 0 without derivatives."""
+        free = band.free if derivatives else ()
         pairs = [band.factor(factor, paths[..., factor]) for factor in range(3)]
-        kinds = [(0, 0, 0), *(tuple(int(f == free) for f in range(3)) for free in band.free)]
+        kinds = [(0, 0, 0), *(tuple(int(f == one) for f in range(3)) for one in free)]
         grams = [
             {
                 (p, q): np.einsum("sln,smn->slm", pair[p].conj(), pair[q], optimize=True)
                 for p in (0, 1)
                 for q in (0, 1)
-                if factor in band.free or p == q == 0
+                if factor in free or p == q == 0
             }
             for factor, pair in enumerate(pairs)
         ]

@@ -13,7 +13,7 @@ from signal_samples import FREQUENCIES, C, recording, sampled_scene
 
 import gridslam as gs
 from gridslam.errors import InputError
-from gridslam.extraction.fit import Fit, deviations, noise_power, slopes
+from gridslam.extraction.fit import Fit, deviations, noise_power, refit, slopes
 from gridslam.extraction.front_end import find_paths
 from gridslam.extraction.responses import Band, Products, compose
 from gridslam.simulation.image_source import true_paths
@@ -117,29 +117,30 @@ def test_deviations_are_those_of_the_radio_for_one_path_and_more_for_two_that_ov
     band = band_of()
     alone = np.array([[[10.0, 0, 0]]])
     samples = compose(band, alone, np.array([[100.0 + 0j]]))
-    fit = Fit(alone, np.ones((1, 1), bool), np.array([[100.0 + 0j]]), np.zeros(1))
+    fit = Fit(alone, np.ones((1, 1), bool), np.array([[100.0 + 0j]]), np.zeros(1), np.zeros(1))
     one = deviations(band, samples, fit, np.ones(1))[0, 0, 0]
     assert one == pytest.approx(C / (np.sqrt(8) * np.pi * BETA * 100), rel=1e-3)
     pair = np.array([[[10.0, 0, 0], [10.3, 0, 0]]])
     gain = np.full((1, 2), 1e4 + 0j)
     products = Products.of(band, compose(band, pair, gain), pair)
-    information = 2 * slopes(products, np.ones((1, 2), bool))[1][0]
+    information = 2 * slopes(products, np.ones((1, 2), bool), np.zeros(1))[1][0]
     kept = information / (8 * np.pi**2 * BETA**2 * 1e8 / C**2)
     assert np.diagonal(kept) == pytest.approx([0.11, 0.11], abs=0.01)
 
 
-def test_slopes_are_those_of_the_energy_by_finite_differences():
+@pytest.mark.parametrize("ridge", [0.0, 0.3])
+def test_slopes_are_those_of_the_energy_by_finite_differences(ridge):
     band = band_of((2, 2), (1, 3))
     draw = np.random.default_rng(8)
     paths = np.concatenate([draw.uniform(3, 9, (1, 3, 1)), draw.uniform(-3, 3, (1, 3, 2))], -1)
     samples = noise_of(band, 1, 9) + compose(band, paths + 0.02, draw.normal(size=(1, 3)) * 30 + 0j)
     there = np.array([[True, True, False]])
-    gradient = slopes(Products.of(band, samples, paths), there)[0][0].reshape(3, 3)
+    ridge = np.full(1, ridge)
+    gradient = slopes(Products.of(band, samples, paths), there, ridge)[0][0].reshape(3, 3)
 
     def energy(moved):
-        from gridslam.extraction.fit import refit
-
-        return refit(band, samples, Fit(moved, there, np.zeros((1, 3), complex), np.zeros(1))).energy[0]
+        none = np.zeros((1, 3), complex)
+        return refit(band, samples, Fit(moved, there, none, np.zeros(1), ridge)).energy[0]
 
     for factor in range(3):
         for path in range(3):
@@ -264,6 +265,28 @@ def test_paths_that_are_needed_no_longer_beside_later_ones_are_taken_out(monkeyp
     samples, _ = received(band, first + 0.6 * np.arange(5), 35.0, 12)
     right = (find_paths(band, samples, 0.1).count == 5).mean()
     monkeypatch.setattr(
-        "gridslam.extraction.front_end._without_weakest", lambda band, samples, fit, needed: fit
+        "gridslam.extraction.front_end._without_weakest", lambda band, samples, fit, believed, needed: fit
     )
-    assert right > (find_paths(band, samples, 0.1).count == 5).mean() + 0.02
+    assert right > (find_paths(band, samples, 0.1).count == 5).mean() + 0.01
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-5])
+def test_paths_that_melt_into_one_do_not_cancel_with_amplitudes_beyond_the_strongest_peak(scale):
+    band = band_of()
+    first = np.random.default_rng(4).uniform(3, 20, (150, 1))
+    samples, _ = received(band, first + 0.25 * np.arange(4), 30.0, 13)
+    peak = np.abs(find_paths(band, scale * samples, 0.1, most=1).amplitude)[:, 0]
+    fit = find_paths(band, scale * samples, 0.1)
+    assert fit.count.mean() > 1.5
+    assert (np.abs(fit.amplitude).max(1) < 4 * peak).all()
+
+
+def test_energy_is_what_is_left_and_the_amplitudes_share_and_noise_is_what_is_left_alone():
+    band = band_of()
+    samples, paths = received(band, np.array([[5.0, 5.4]]), 20.0, 14)
+    none = np.zeros((1, 2), complex)
+    fit = refit(band, samples, Fit(paths, np.ones((1, 2), bool), none, np.zeros(1), np.full(1, 0.2)))
+    left = (np.abs(samples - compose(band, paths, fit.amplitude)) ** 2).sum()
+    own = (np.abs(fit.amplitude) ** 2).sum()
+    assert fit.energy[0] == pytest.approx(left + 0.2 * own)
+    assert noise_power(band, fit)[0] == pytest.approx(left / (41 - 3))
