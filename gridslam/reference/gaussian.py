@@ -74,9 +74,9 @@ def bend(mean: Array, covariance: Array, place: Array, height: float) -> tuple[A
     level = np.linalg.norm(away)
     if level >= NEAR_M:
         return np.zeros(3), np.zeros((3, 3))
-    length, (x, y) = np.hypot(level, height), away
-    by_length = (np.eye(2) - np.outer(away, away) / length**2) / length
-    by_angle = np.array([[2 * x * y, y * y - x * x], [y * y - x * x, -2 * x * y]]) / level**4
+    length, (x, y), width = np.hypot(level, height), away / level, np.sqrt(covariance[:2, :2].trace())
+    by_length = (np.eye(2) - np.outer(away, away) / length**2) / max(length, width)
+    by_angle = np.array([[2 * x * y, y * y - x * x], [y * y - x * x, -2 * x * y]]) / max(level, width) ** 2
     each = [hessian @ covariance[:2, :2] for hessian in (by_length, by_angle, by_angle)]
     return (
         0.5 * np.array([np.trace(one) for one in each]),

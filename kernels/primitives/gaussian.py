@@ -158,6 +158,8 @@ def bend_of(slope, length, covariance: ti.template()):
         tt = across[0] ** 2 * xx + 2 * across[0] * across[1] * xy + across[1] ** 2 * yy
         rt = along[0] * across[0] * xx + along[1] * across[1] * yy
         rt += (along[0] * across[1] + along[1] * across[0]) * xy
+        width = ti.sqrt(xx + yy)  # nearer than that, the series says nothing
+        length, near = ti.max(length, width), ti.min(near, 1 / width)
         by_r, by_t = (1 - lean * lean) / length, 1 / length  # second derivatives of the length
         mean[0] = 0.5 * (by_r * rr + by_t * tt)
         mean[1] = mean[2] = -rt * near * near
