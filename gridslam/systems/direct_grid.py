@@ -72,7 +72,7 @@ def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) ->
         drawn = cast_messages(state, model, work=work)
         state = update_coefficients_by_ratios(state, drawn, listened, work=work)  # (M155)
         state = update_cells(state, work=work)
-    state = merge_and_prune(state, model)
+    state = merge_and_prune(state, model, by_ratio=True)
     return conclude(state, exchanges, reckoned, model, work)
 
 

@@ -83,7 +83,7 @@ def find_ghosts(
     head: ti.i32,  # entry where the lines begin: see `layout`
     surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
     seen: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] detections
-    age: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] chances to be seen
+    age: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] chances to be seen; zeros: ratios don't count
     single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] existence of rays over one surface
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 2] anchors
     ghost: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [S] out: 1 for a ghost

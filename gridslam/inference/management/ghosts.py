@@ -3,7 +3,8 @@
 A double bounce has the virtual anchor of a single bounce at some other line. Heard before its walls are known
 it bears a surface there, which lives on beside them: once they explain what is heard, its silence is laid
 to an obstacle. So a surface yields to a pair of surer ones that makes the same virtual anchor and was seen
-more often: in all, or, if the surface is silent and older than one of the pair, in ratio to their ages.
+more often: in all, or, where samples tell faint paths from none, and the surface is silent and older than one
+of the pair, in ratio to their ages. (Peaks don't: true walls of `hall` out of sight would go.)
 
 Owner of the kernel that finds them.
 """
@@ -19,13 +20,17 @@ from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.kernels import HEARD_ELSEWHERE, OFTEN, OFTENER
 
 
-def drop_ghosts(bank: SurfaceBank, belief: Belief, places: Array) -> tuple[SurfaceBank, Belief]:
+def drop_ghosts(
+    bank: SurfaceBank, belief: Belief, places: Array, by_ratio: bool = False
+) -> tuple[SurfaceBank, Belief]:
     """Drop the surfaces that are ghosts of double bounces over surer surfaces.
 
     Parameters
     ----------
     places : (J, 2) m
         The anchors; of the bank's rays, the first J are theirs.
+    by_ratio : bool
+        Whether sightings in ratio to ages count, too.
     """
     runtime.start()
     from gridslam.kernels.management.merging import find_ghosts
@@ -36,12 +41,12 @@ def drop_ghosts(bank: SurfaceBank, belief: Belief, places: Array) -> tuple[Surfa
     if len(often) < 3 or often[-2] < OFTEN:
         return bank, belief  # no two that were seen often
     head, single = belief.layout.head, bank.single[: len(places)]
-    if often[-2] <= OFTENER * often[0] and single.max(0).min() >= HEARD_ELSEWHERE:
+    by_ratio = by_ratio and bool(single.max(0).min() < HEARD_ELSEWHERE)
+    if often[-2] <= OFTENER * often[0] and not by_ratio:
         return bank, belief  # none that was seen much less often, and none that is silent
     ghost = np.empty(len(bank), np.int32)
-    find_ghosts(
-        belief.mean, belief.covariance, head, bank.existence, bank.seen, bank.age, single, places, ghost
-    )
+    age = bank.age if by_ratio else np.zeros(len(bank))
+    find_ghosts(belief.mean, belief.covariance, head, bank.existence, bank.seen, age, single, places, ghost)
     if not ghost.any():
         return bank, belief
     return bank.take(ghost == 0), keep(belief, ghost == 0)

@@ -81,17 +81,21 @@ def _united(bank: SurfaceBank, older: int, younger: int) -> SurfaceBank:
     return replace(bank, existence=existence, seen=seen, single=single, double=double, extent=extent)
 
 
-def merge_and_prune(state: State, model: FilterModel, most: int | None = MOST_SURFACES) -> State:
+def merge_and_prune(
+    state: State, model: FilterModel, most: int | None = MOST_SURFACES, by_ratio: bool = False
+) -> State:
     """Merge duplicates, drop ghosts and the unlikely.
 
     Parameters
     ----------
     most : int, optional
         How many surfaces are kept at most; None where others are parked.
+    by_ratio : bool
+        How ghosts are told: see `drop_ghosts`.
     """
     bank, belief = merge(state.surfaces, state.belief)
     if model.max_bounces > 1:
-        bank, belief = drop_ghosts(bank, belief, model.anchor_positions[: model.senders])
+        bank, belief = drop_ghosts(bank, belief, model.anchor_positions[: model.senders], by_ratio)
     before = bank
     bank, belief = prune(bank, belief, model.settings.prune_below, most)
     monitor = state.monitor
