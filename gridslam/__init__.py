@@ -27,7 +27,7 @@ def __getattr__(name: str) -> Any:
         home, known_as = _HOMES[name]
         value = globals()[name] = getattr(importlib.import_module(home), known_as)
         return value
-    if not name.startswith("_") and find_spec(f"gridslam.{name}"):
+    if name.isidentifier() and not name.startswith("_") and find_spec(f"gridslam.{name}"):
         return importlib.import_module(f"gridslam.{name}")
     raise AttributeError(f"module 'gridslam' has no attribute {name!r}")
 

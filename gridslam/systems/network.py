@@ -14,6 +14,7 @@ import numpy as np
 
 from gridslam.arrays import Array, replace
 from gridslam.errors import InputError
+from gridslam.inference.health.reasons import ASTRAY
 from gridslam.inference.management.network.clock_rivals import advance
 from gridslam.inference.management.network.merging import merge_and_prune_shared
 from gridslam.inference.management.network.readout import CONFIRMED, network_estimate
@@ -53,8 +54,6 @@ from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start
 
-ASTRAY = "what it hears isn't used for what all agents share"
-"""Said of an agent that is lost, or was found again only now."""
 Works = tuple[Workspace, ...]
 Turn = Callable[[State, Scan, NetworkState, float | None, FilterModel, Workspace], tuple[State, StepInfo]]
 """What one agent's scan says: its view of all, what was heard, what all believe, when the step before was."""

@@ -9,6 +9,7 @@ import gridslam as gs
 from gridslam.errors import InputError
 from gridslam.systems import values
 from gridslam.systems.registry import suited
+from gridslam.world.radio import REFLECTION_BINS
 
 STEPS = 40
 
@@ -62,7 +63,7 @@ def test_it_follows_the_agent_and_finds_walls(scene, recording, ran):
 @pytest.mark.slow
 def test_coefficients_and_cells_are_learned(scene, ran):
     slam, _ = ran
-    reflection = slam.state.surfaces.reflection @ gs.world.radio.REFLECTION_BINS
+    reflection = slam.state.surfaces.reflection @ REFLECTION_BINS
     sure = slam.state.surfaces.seen > 20
     assert sure.sum() >= 3
     np.testing.assert_allclose(reflection[sure], 0.7, atol=0.12)

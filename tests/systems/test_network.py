@@ -13,7 +13,7 @@ from gridslam.evaluation.network_scores import label_errors, without_common
 from gridslam.runs.network_run import map_network
 from gridslam.simulation.network import shared_air, simulate_network
 from gridslam.systems.adaptive import AdaptiveSlam
-from gridslam.systems.network import NetworkSlam
+from gridslam.systems.network import NetworkSlam, scans_of_teachers
 from gridslam.world.network_scan import NetworkScan
 
 AGENTS = ["agent1", "agent2", "agent3"]
@@ -270,3 +270,19 @@ def test_a_lost_agent_teaches_the_others_nothing(exchange, heard):
     np.testing.assert_allclose(lost.state.belief.mean[own], gone.state.belief.mean[own], atol=1e-6)
     assert len(lost.state.surfaces) == len(gone.state.surfaces)
     np.testing.assert_allclose(lost.state.surfaces.existence, gone.state.surfaces.existence, atol=1e-6)
+
+
+def test_agents_that_are_lost_say_nothing_of_clocks_until_enough_is_heard_or_long_nothing_tells(
+    exchange, heard
+):
+    scan, state = heard[0].scan(0), NetworkSlam(exchange, seed=1, agents=AGENTS).state
+    lost = state.records[1].monitor.still_lost()
+    assert scans_of_teachers(state, scan) == list(scan.scans)
+    assert scans_of_teachers(state.recorded(1, lost), scan) == [scan.scans[0], None, scan.scans[2]]
+    assert not lost.followed(4, 3).astray
+    assert lost.followed(0, 0) is lost
+    few = lost
+    for _ in range(19):
+        few = few.followed(2, 2)
+        assert few.astray
+    assert not few.followed(2, 2).astray

@@ -8,7 +8,7 @@ import pytest
 import gridslam as gs
 from gridslam.inference.messages.network.cells import update_shared_cells
 from gridslam.systems.grid import GridSlam
-from gridslam.systems.network_grid import NetworkGridSlam
+from gridslam.systems.network_grid import NetworkGridSlam, step
 
 AGENTS = ["agent1", "agent2"]
 
@@ -55,6 +55,26 @@ def test_messages_of_all_agents_add_up_in_the_cells():
     assert ((np.abs(second) > 0.1) & (np.abs(first) < 1e-6)).any()  # cells that the second alone has news of
     small = np.maximum(np.abs(first), np.abs(second)) < 5  # below the clip
     np.testing.assert_allclose(both[small], (first + second)[small], atol=1e-3)
+
+
+@pytest.mark.slow
+def test_an_agent_that_was_lost_teaches_no_cells():
+    room = short()
+    slam = NetworkGridSlam(room, agents=AGENTS, seed=2)
+    scans = list(gs.simulate(room, AGENTS, seed=2))
+    for scan in scans[:-1]:
+        slam.step(scan)
+    believed, blank = slam.state, np.zeros_like(slam.state.grid.evidence)
+    believed = replace(believed, grid=replace(believed.grid, evidence=blank))
+    anew = believed.recorded(1, believed.records[1].monitor.found_again())
+
+    def evidence(state, scan):
+        return step(state, scan, slam.model, slam.work)[0].grid.evidence
+
+    alone = replace(scans[-1], scans=(scans[-1].scans[0], None))
+    both, first, lost = evidence(believed, scans[-1]), evidence(believed, alone), evidence(anew, scans[-1])
+    np.testing.assert_allclose(lost, first, atol=1e-6)
+    assert (np.abs(both - first) > 0.1).any()
 
 
 def test_it_maps_from_measurements_that_do_not_say_whose_they_are(tmp_path):

@@ -27,6 +27,8 @@ reason              said when                                   by              
 `fresh_start`       the lead over a start anew is below 4 nats  `doubt.Doubt.reasons`            (M206)
 `elsewhere`         a scan alone fits another place better      `doubt.Doubt.reasons`            (M253)
 `OFF_GRID`          the agent is outside the scene's region     `management.hypotheses`          section 14
+`ASTRAY`            an agent of a network is lost, or was       `systems.network`                section 13
+                    found again up to 4 steps ago
 `offset`, `height`  lines of sight don't cross                  `range_watch.RangeWatch`         (M262)
 ==================  ==========================================  ===============================  ============
 

@@ -24,8 +24,9 @@ LISTENED = 2.0
 """Steps of listening to an anchor, with forgetting, from which on its clutter is judged."""
 MOST_LOUD = 30
 """The loudest of an anchor, which propose poses where the agent is looked for."""
-AFRESH, ENOUGH = 5, 4
-"""Steps for which a recovery is reported; loud measurements needed to call the agent lost."""
+AFRESH, ENOUGH, UNTOLD = 5, 4, 20
+"""Steps for which a recovery is reported; loud measurements needed to call the agent lost; scans of fewer
+after which it no longer counts as lost."""
 NO_FIT = np.append(np.zeros(SUMS - 1), np.inf)
 """Sums of an anchor before its measurements were taken in."""
 
@@ -52,7 +53,7 @@ class HealthMonitor:
         Surfaces believed in that are in sight and were set aside (or, of methods that park none, dropped) at
         this step, since one joint belief takes only so many.
     lost : int
-        Steps since the agent was lost and not found again; 0 while it is followed.
+        Steps for which the agent counts as lost if too little is heard to tell; 0 while it is followed.
     """
 
     misfit: float = 0.0
@@ -103,8 +104,8 @@ class HealthMonitor:
 
     def followed(self, count: int, near: int) -> Self:
         """Take in how many loud measurements lie where a path is predicted, at a step that isn't lost."""
-        if count < ENOUGH:
-            return self
+        if count < ENOUGH:  # too few to tell: in the end it counts as followed again
+            return replace(self, lost=max(self.lost - 1, 0)) if count else self
         return replace(self, near=self.near + SLOW * (near / count - self.near), lost=0)
 
     def found_again(self) -> Self:
@@ -113,7 +114,7 @@ class HealthMonitor:
 
     def still_lost(self) -> Self:
         """The agent was lost at this step, and not found."""
-        return replace(self, lost=self.lost + 1)
+        return replace(self, lost=UNTOLD)
 
     def assess(
         self, calibration: Calibration, turned: Array, model: FilterModel, spread_m: float, effective: float

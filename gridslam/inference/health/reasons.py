@@ -6,6 +6,7 @@ from gridslam.world.radio import SPEED_OF_LIGHT
 
 NOT_FOUND = "start not found yet"
 OFF_GRID = "the agent has left the grid"
+ASTRAY = "what it hears isn't used for what all agents share"
 
 
 def silent(steps: int) -> str:

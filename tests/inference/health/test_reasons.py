@@ -15,7 +15,7 @@ SENTENCES = {name for name, value in vars(reasons).items() if inspect.isfunction
 
 def test_the_docstring_of_the_folder_lists_every_reason_with_a_formula_or_a_section():
     listed = set(re.findall(r"`(\w+)`", health.__doc__))
-    assert SENTENCES | {"NOT_FOUND", "OFF_GRID"} <= listed
+    assert SENTENCES | {"NOT_FOUND", "OFF_GRID", "ASTRAY"} <= listed
     page = (PACKAGE.parent / "docs/model.md").read_text(encoding="utf-8")
     numbers = re.findall(r"\((M\d+)\)", health.__doc__)
     assert {"M46", "M206", "M253", "M262"} <= set(numbers)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Self
 
 import numpy as np
@@ -57,7 +57,7 @@ class JointBelief:
     existence: Array
     los_power: Array
     noise: Array
-    extent: float = 0.0
+    extent: float = field(default=0.0, metadata={"later": True})
 
     @property
     def agent_covariance(self) -> Array:

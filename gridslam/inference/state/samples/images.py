@@ -62,7 +62,11 @@ class Images:
     heard: Array
     age: Whole
     extent: Array = field(metadata={"blank": True})
-    bounces: Whole
+    bounces: Whole = field(default_factory=lambda: np.zeros(0, np.int64), metadata={"later": True})
+
+    def __post_init__(self) -> None:
+        if len(self) and not len(self.bounces):  # of an earlier version's checkpoint
+            object.__setattr__(self, "bounces", np.zeros(len(self), np.int64))
 
     def __len__(self) -> int:
         return len(self.identity)
