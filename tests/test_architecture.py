@@ -11,6 +11,7 @@ import pytest
 from floors import FLOORS
 
 import gridslam
+from gridslam.systems.registry import METHODS, method_class
 
 PACKAGE = Path(gridslam.__file__).parent
 FLOOR = {room: number for number, floor in enumerate(FLOORS) for room in floor.split()}
@@ -197,6 +198,12 @@ def test_the_package_shows_rooms_rather_than_files():
 def test_optional_packages_stay_in_one_room(name):
     users = {room(module) for module in modules() if name in {i.split(".")[0] for i in imports(module)}}
     assert len(users) <= 1
+
+
+def test_no_system_inherits_from_another():
+    classes = [method_class(name) for name in METHODS]
+    assert len(set(classes)) == len(classes) > 10
+    assert not [(a, b) for a in classes for b in classes if a is not b and issubclass(a, b)]
 
 
 MOST_ARGUMENTS = 12

@@ -24,7 +24,7 @@ from gridslam.runs.run import Run
 from gridslam.runs.stopping import asked_to_stop
 from gridslam.runs.unfinished import AgentCheckpoint
 from gridslam.simulation.network import NetworkTruth
-from gridslam.systems.network import NetworkSlam
+from gridslam.systems.network_front import NetworkFront
 from gridslam.systems.registry import method_class
 from gridslam.world.clocks import ClockTruth
 from gridslam.world.scene import Scene
@@ -227,7 +227,7 @@ def map_network(
     check_network(scene, measurements)
     device, names = runtime.start(), measurements.agents
     system = method_class(method)
-    if not issubclass(system, NetworkSlam):
+    if not issubclass(system, NetworkFront):
         raise InputError("method", repr(method), "one for several agents at once")
     peak, spent = 0.0, 0.0
     resumed = checkpoint.resumed(system) if checkpoint is not None else None

@@ -12,7 +12,7 @@ import numpy as np
 
 from gridslam.inference.management.network.merging import merge_and_prune_shared
 from gridslam.inference.management.network.recovery import recover_agents
-from gridslam.inference.management.step_info import StepInfo, conclude
+from gridslam.inference.management.step_info import NetworkInfo, StepInfo, conclude
 from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.births import add_births
 from gridslam.inference.messages.cells import cast_paths
@@ -29,14 +29,8 @@ from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.map import Map
 from gridslam.systems import network
-from gridslam.systems.network import (
-    NetworkInfo,
-    NetworkSlam,
-    Works,
-    by_anchor,
-    scans_of_teachers,
-    take_turns,
-)
+from gridslam.systems.network import Works, by_anchor, scans_of_teachers, take_turns
+from gridslam.systems.network_front import NetworkFilter
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.network_model import NetworkModel
 from gridslam.world.network_scan import NetworkScan
@@ -97,8 +91,8 @@ def turn(
     return conclude(state, exchanges, reckoned, model, work)
 
 
-class NetworkGridSlam(NetworkSlam):
-    """Network grid SLAM, one step of all agents at a time; arguments as those of `NetworkSlam`."""
+class NetworkGridSlam(NetworkFilter):
+    """Network grid SLAM, one step of all agents at a time; arguments as those of `gridslam.NetworkSlam`."""
 
     method = "network_grid"
     keeps_grid = True

@@ -73,6 +73,19 @@ class StepInfo:
         return replace(self, health=replace(self.health, ok=False, why=why))
 
 
+@dataclass(frozen=True, eq=False)
+class NetworkInfo:
+    """What happened at a step of several agents.
+
+    Attributes
+    ----------
+    agents : tuple of StepInfo or None
+        Of every agent; None for one that isn't there.
+    """
+
+    agents: tuple[StepInfo | None, ...]
+
+
 def conclude(
     state: State, exchanges: Sequence[Exchanged], reckoned: Calibration, model: FilterModel, work: Workspace
 ) -> tuple[State, StepInfo]:

@@ -29,7 +29,8 @@ from gridslam.inference.messages.features.learning import Learned
 from gridslam.inference.messages.features.lessons import SETTLED, put_aside, take_up
 from gridslam.inference.state.features.hybrid_state import HybridState
 from gridslam.maps.map import Map
-from gridslam.systems.hybrid import HybridSlam, HybridWork
+from gridslam.systems.hybrid import start
+from gridslam.systems.hybrid_front import HybridFilter, HybridWork
 from gridslam.world.scene import Scene
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
@@ -108,7 +109,7 @@ def _scatterer(place_m: Any, size_m: float, model: SignalModel) -> FeatureEstima
     )  # fmt: skip
 
 
-class KnownHybridSlam(HybridSlam):
+class KnownHybridSlam(HybridFilter):
     """The front of the reference.
 
     Parameters
@@ -123,7 +124,8 @@ class KnownHybridSlam(HybridSlam):
 
     method = "hybrid-known"
     uses_maps = False
-    advance: Any = staticmethod(step)
+    start = staticmethod(start)
+    advance = staticmethod(step)
 
     def __init__(
         self, scene: Scene, prior_map: Map | None = None, agent: str | None = None, seed: int = 0,

@@ -32,7 +32,7 @@ from gridslam.inference.state.anchor_measurements import of_all_anchors
 from gridslam.inference.state.published.network_particles import CLOCK, NetworkParticleState
 from gridslam.maps.map import Map
 from gridslam.systems.front import bare_map
-from gridslam.systems.network import NetworkSlam
+from gridslam.systems.network_front import NetworkFront
 from gridslam.systems.published.soundness import require_sound_network
 from gridslam.world.clocks import NS
 from gridslam.world.network_model import NetworkModel
@@ -88,14 +88,14 @@ def step(
     return replace(state, step=state.step + 1), NetworkParticleInfo(tuple(given))
 
 
-class PublishedNetworkSlam(NetworkSlam):
-    """Network SLAM as published, one step of all agents at a time; arguments as those of `NetworkSlam`."""
+class PublishedNetworkSlam(NetworkFront[NetworkParticleState]):
+    """Network SLAM as published, one step of all agents at a time; arguments: `gridslam.NetworkSlam`."""
 
     method = "network-paper"
     uses_maps = False
     by_particles = True
-    start = staticmethod(start)  # type: ignore[assignment]
-    advance = staticmethod(step)  # type: ignore[assignment]
+    start = staticmethod(start)
+    advance = staticmethod(step)
     require_sound = staticmethod(require_sound_network)
 
     def _workspace(self) -> Any:
@@ -104,22 +104,6 @@ class PublishedNetworkSlam(NetworkSlam):
             where = f"{self.scene.name}: clocks.drift_prior_ppb"
             raise InputError(where, "clocks with rates", "clocks of one state, or --method network")
         return self.seed
-
-    @property
-    def state(self) -> Any:
-        """What is believed after the latest step."""
-        return self.now.believed
-
-    def _begun(self, state: Any) -> Any:
-        return state
-
-    def _advanced(self, scan: NetworkScan) -> tuple[Any, Any]:
-        return self.advance(self.state, scan, self.model, self.work)
-
-    @staticmethod
-    def moved(state: Any, position_m: Array, heading_rad: float) -> Any:
-        """The state before the first step, with the first agent's prior about another start (m, rad)."""
-        return PublishedNetworkSlam.started_at(state, 0, position_m, heading_rad)
 
     @staticmethod
     def started_at(state: Any, agent: int, position_m: Array, heading_rad: float) -> Any:

@@ -1,0 +1,103 @@
+"""The front door of hybrid SLAM and of its references: samples in, agent and learned features out."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+
+from gridslam import runtime
+from gridslam.arrays import Array
+from gridslam.estimate_tables import PathEstimate
+from gridslam.estimates import Estimate
+from gridslam.inference.management.features.feature_tables import feature_estimate
+from gridslam.inference.management.features.hybrid_info import HybridInfo
+from gridslam.inference.messages.features.feature_likelihood import Front
+from gridslam.inference.messages.features.lessons import Beside
+from gridslam.inference.state.features.hybrid_state import HybridState
+from gridslam.maps.frames import stamped
+from gridslam.maps.map import Map
+from gridslam.systems.hybrid_soundness import require_sound
+from gridslam.systems.signal_front import SignalFilter
+from gridslam.world.geometry import wrap
+from gridslam.world.signal_model import SignalModel
+from gridslam.world.signal_scan import SignalScan
+
+
+@dataclass(frozen=True, eq=False)
+class HybridWork:
+    """What steps share and no state holds.
+
+    Attributes
+    ----------
+    front : Front
+        Tables of the waveform.
+    seed : int
+    beside : Beside
+        Learns ahead of when it is due.
+    """
+
+    front: Front
+    seed: int
+    beside: Beside = field(default_factory=Beside)
+
+
+class HybridFilter(SignalFilter[HybridState]):
+    """The front of systems whose state is `HybridState`; a system adds its `start` and `advance`."""
+
+    sight_alone: ClassVar[bool] = False
+    """Whether particles stay all the way."""
+
+    def _workspace(self) -> HybridWork:
+        return HybridWork(Front(self.waveform), self.seed)
+
+    @staticmethod
+    def moved(state: HybridState, position_m: Array, heading_rad: float) -> HybridState:
+        """The state before the first step, with its prior about another start (m)."""
+        mean = state.joint.mean.copy()
+        mean[:2] = position_m
+        belief = replace(state.joint, mean=mean)
+        return replace(state, joint=belief, before=belief)
+
+    @classmethod
+    def require_sound(cls, state: HybridState, model: SignalModel, where: str) -> None:
+        """Refuse a state from a file whose numbers can't be."""
+        require_sound(state, model, where, always_particles=cls.sight_alone)
+
+    def _advanced(self, scan: SignalScan) -> tuple[HybridState, HybridInfo]:
+        with runtime.one_blas_thread():
+            return super()._advanced(scan)
+
+    def estimate(self, state: HybridState, scan: SignalScan, info: HybridInfo, began: float) -> Estimate:
+        """Agent and lines of sight; the heading is the measured one."""
+        covariance = np.zeros((5, 5))
+        covariance[:4, :4], covariance[4, 4] = info.agent_covariance, info.heading_variance
+        return Estimate(
+            scan.step, scan.time_s, info.agent[:2].copy(), info.agent[2:].copy(),
+            float(wrap(info.heading_rad)), covariance, paths=self._sights(info),
+            effective_sample_size=info.health.effective_sample_size,
+            seconds=time.perf_counter() - began, health=info.health,
+        )  # fmt: skip
+
+    def map(self) -> Map:
+        """A grid of which nothing was observed, and the learned features."""
+        table, joint = feature_estimate(self.state.joint, self.model.anchor_positions)
+        blank = Map.of_scene(self.scene)
+        sheet = replace(blank, features=table, feature_covariance=joint, provenance=self.latest())
+        return stamped(sheet, self.scene)
+
+    def _sights(self, info: HybridInfo) -> PathEstimate:
+        """The lines of sight, each with the probability that it is there."""
+        anchors, count = self.model.anchors, len(self.model.anchors)
+        way = anchors[:, :2] - info.agent[:2]
+        far, angle = np.hypot(*way.T), np.arctan2(way[:, 1], way[:, 0])
+        points = np.full((count, 4, 2), np.nan)
+        points[:, 0], points[:, 3] = anchors[:, :2], info.agent[:2]
+        elements = len(self.waveform.agent_element_m)
+        amplitude = np.sqrt(elements * info.los_power / info.noise) / np.maximum(far, 1e-3)
+        return PathEstimate(
+            np.arange(count), np.full((count, 2), -1), far, wrap(angle + np.pi - anchors[:, 2]),
+            wrap(angle - info.heading_rad), amplitude, info.existence.copy(), points,
+        )  # fmt: skip
