@@ -2,9 +2,9 @@
 
 A call of a `ti.kernel` inspects each array anew, some 25 us apiece. Once a kernel is compiled, `quick` checks
 only what machine code relies on, and hands over addresses; on the CPU only those of arrays that aren't the
-same objects as at the launch before. Before that, Taichi reads the kernel: it notes for every expression
-where it stands, which takes half the time and serves its complaints alone, and looks for a function's source
-at every call of it.
+same objects as at the launch before, and shapes only where these differ. Before that, Taichi reads the
+kernel: it notes for every expression where it stands, which takes half the time and serves its complaints
+alone, and looks for a function's source at every call of it.
 
 All of this is private to Taichi 1.7, and nothing else in the package is, but what `taichi_inside` asks for.
 So it is tried on a small kernel first, see `agrees`; should anything differ, all launches go Taichi's own
@@ -236,7 +236,7 @@ def _first(kernel: Launch, arguments: Sequence[Any]) -> Any:
 def _hand_over(context: Any, handed: list[Any], place: Place, value: Any, kind: Any) -> bool:
     """Put one argument into a launch; whether it is of the right kind."""
     number = place[0]
-    handed[number] = NOTHING  # if an interrupt comes between, nothing is taken for handed over
+    before, handed[number] = handed[number], NOTHING  # if an interrupt comes between, all is handed over
     if type(value) is ndarray and type(kind) is tuple:
         if value.dtype != kind[0] or value.ndim != kind[1]:
             return False
@@ -246,7 +246,10 @@ def _hand_over(context: Any, handed: list[Any], place: Place, value: Any, kind: 
             if not value.flags.c_contiguous:
                 return False
             address = value.ctypes.data
-        context.set_arg_external_array_with_shape(place, address, value.nbytes, value.shape, 0)
+        shape = value.shape
+        if type(before) is ndarray and before.shape == shape:
+            shape = ()  # which stands there, and takes longest to hand over
+        context.set_arg_external_array_with_shape(place, address, value.nbytes, shape, 0)
         handed[number] = value  # which keeps it where it is
     elif kind is float or kind is int:
         if type(value) is not kind:

@@ -62,6 +62,18 @@ def stale_arrays(launching, monkeypatch):
     monkeypatch.setattr(launching, "_hand_over", hand_over)
 
 
+def stale_shapes(launching, monkeypatch):
+    """An array is taken for one of the shape before."""
+    real = launching._hand_over
+
+    def hand_over(context, handed, place, value, kind):
+        if place == (2,) and handed[2] is not launching.NOTHING:
+            handed[2] = value
+        return real(context, handed, place, value, kind)
+
+    monkeypatch.setattr(launching, "_hand_over", hand_over)
+
+
 def no_such_method(launching, monkeypatch):
     def refuse(*_):
         raise AttributeError("no such method")
@@ -80,7 +92,7 @@ def nothing_happens(launching, monkeypatch):
     monkeypatch.setattr(launching, "_hurrying", lambda kernel: lambda *arguments: None)
 
 
-BROKEN = [other_numbers, stale_arrays, no_such_method, another_order, nothing_happens]
+BROKEN = [other_numbers, stale_arrays, stale_shapes, no_such_method, another_order, nothing_happens]
 
 
 @pytest.mark.parametrize("broken", BROKEN)
