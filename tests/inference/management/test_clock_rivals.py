@@ -11,6 +11,7 @@ from gridslam.evaluation.network_scores import without_common
 from gridslam.inference.management.network.clock_rivals import (
     HOPELESS,
     branches,
+    early_modes,
     likeliest_choices,
     reduced,
     rival_modes,
@@ -23,6 +24,7 @@ from gridslam.inference.state.population import Population
 from gridslam.runs.network_run import map_network
 from gridslam.simulation.network import simulate_network
 from gridslam.world.network_scene import network_model
+from gridslam.world.start import assumed_start
 
 AGENTS = ["agent1", "agent2", "agent3"]
 
@@ -52,6 +54,51 @@ def test_modes_that_count_are_kept_and_what_is_left_only_if_it_counts(fresh):
     assert [int(np.flatnonzero(own)[len(own[own]) // 2]) for own in modes[0]] == [400, 445]
     assert {2, 3} < set(modes)  # nothing heard: whatever is left counts
     assert all(not (one & other).any() for one, other in zip(modes[2], modes[2][1:], strict=False))
+
+
+def test_in_the_first_steps_a_likely_mode_and_what_is_left_are_kept(fresh):
+    grid, flat = fresh.clocks.centre, -np.log(len(fresh.clocks.centre))
+
+    def with_peaks(*peaks):
+        """Of the first clock: shares of the mass about offsets (m), with deviations."""
+        mass = np.full(len(grid), np.exp(flat) * (1 - sum(share for _, _, share in peaks)))
+        for centre, std, share in peaks:
+            bell = np.exp(-0.5 * ((grid - centre) / std) ** 2)
+            mass += share * bell / bell.sum()
+        evidence = np.zeros_like(fresh.clocks.log)
+        evidence[0] = np.log(mass)
+        return fresh.clocks.updated(evidence)
+
+    likely = with_peaks((5.0, 0.5, 0.9))
+    modes = early_modes(likely)
+    assert set(modes) == {0}  # nothing was heard of the others
+    first, left = modes[0]
+    assert np.abs(grid[first] - 5.0).max() == pytest.approx(2.5)
+    assert not (first & left).any()
+    assert (first | left).sum() == (likely.log[0] > NEVER).sum()
+    assert len(early_modes(with_peaks((5.0, 0.5, 0.6), (-9.0, 0.5, 0.3)))[0]) == 3
+    assert not early_modes(with_peaks((5.0, 0.5, 0.15)))  # less than a fifth
+    assert not early_modes(with_peaks((5.0, 1.5, 0.9)))  # no mode: too wide
+    assert not early_modes(replace(likely, since=np.full(4, 4)))
+
+
+def test_a_pose_doesn_t_wait_for_a_clock_that_is_likely_but_not_sure():
+    """Seed 24: both lines of sight are heard at once, one with angles that leave its clock in doubt."""
+    whole = gs.Scene.load("exchange").model_dump(exclude_none=True)
+    whole["radio"]["snr_at_1m_db"], whole["anchors"] = 52.0, whole["anchors"][:2]
+    scene = gs.Scene.checked(whole, "test")
+    data, truth = simulate_network(scene, AGENTS[:1], 24, unlabelled=True)
+    slam = gs.NetworkSlam(scene, seed=24)
+    slam.start_all({"agent1": assumed_start(scene, "agent1", 24)})
+    estimate = slam.step(data.scan(0))
+    assert len(slam.now.believed) > 1
+    assert estimate.unset.any()
+    true = truth.agents["agent1"].trajectory.position_m[0]
+    assert np.linalg.norm(estimate.agents["agent1"].position_m - true) < 0.1  # 0.23 m without the clock
+    for step in range(1, 4):
+        estimate = slam.step(data.scan(step))
+    assert len(slam.now.believed) == 1
+    assert not estimate.unset.any()
 
 
 def test_branches_share_out_the_mass_that_there_was(fresh):

@@ -1,7 +1,8 @@
-"""Rival modes of clocks, kept as hypotheses where departures aren't measured; docs/model.md, (M106).
+"""Rival modes of clocks, kept as hypotheses where one of them isn't sure; docs/model.md, (M106).
 
-A wall behind an anchor explains all of its paths by a longer bias, and arrivals hardly tell. Whole worlds do:
-in the wrong one the line of sight is left over, and no wall explains what comes before it.
+Where departures aren't measured, a wall behind an anchor explains all of its paths by a longer bias, and
+arrivals hardly tell. Whole worlds do: in the wrong one the line of sight is left over, and no wall explains
+what comes before it. Where they are, a mode is in doubt for the first steps alone: poses needn't wait.
 """
 
 from __future__ import annotations
@@ -16,7 +17,14 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.management.hypotheses import comparable
 from gridslam.inference.messages.network.clock_setting import tells_no_departure
-from gridslam.inference.state.network.clock_search import MODE_COUNTS, NEVER, ClockSearch
+from gridslam.inference.state.network.clock_search import (
+    FIRST_STEPS,
+    LOBE_M,
+    LOBE_VARIANCE,
+    MODE_COUNTS,
+    NEVER,
+    ClockSearch,
+)
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.inference.workspace.workspace import Workspace
@@ -28,6 +36,8 @@ Modes = dict[int, list[NDArray[np.bool_]]]
 """Cells (C,) of every mode of an anchor's clock; the last may be all that is left."""
 REACH_M, MOST = 1.25, 5
 """Half width of a mode, and modes of one clock at most."""
+LIKELY, EARLY_MOST = 0.2, 2
+"""Where departures are measured: share of the mass from which on a mode is a hypothesis, and how many."""
 HOPELESS, CAP = 30.0, 48
 """Log weight behind the best at which a hypothesis is pruned; hypotheses at most."""
 PARTICLES = 512
@@ -59,8 +69,9 @@ def advance(
     for before, log in zip(population.states, population.log_weight, strict=True):
         after, info = step(before, scan, model, works)
         parts = [(before, 0.0)]
-        if room > 0 and tells_no_departure(scan.scans):
-            parts = branches(before, after, rival_modes(after.clocks), room + 1)
+        if room > 0:
+            modes = rival_modes if tells_no_departure(scan.scans) else early_modes
+            parts = branches(before, after, modes(after.clocks), room + 1)
         if len(population) == len(parts) == 1:
             return replace(population, states=(after,)), info
         _limit(works, True)
@@ -81,13 +92,37 @@ def _limit(works: Sequence[Workspace], several: bool) -> None:
 
 def rival_modes(search: ClockSearch) -> Modes:
     """Modes of open clocks that have several, the likeliest first, then what is left if it counts."""
+    return _modes(search, search.unset, (REACH_M, MOST, MODE_COUNTS, np.inf))
+
+
+def early_modes(search: ClockSearch) -> Modes:
+    """In the first steps of a search, modes that are likely but not sure, and what is left.
+
+    A line of sight that was missed, or clutter in its place, leaves a clock in doubt for a step or two.
+    """
+    early = search.unset & (search.since <= FIRST_STEPS)
+    return _modes(search, early, (LOBE_M, EARLY_MOST, LIKELY, LOBE_VARIANCE))
+
+
+def _modes(search: ClockSearch, sought: NDArray[np.bool_], rule: tuple[float, int, float, float]) -> Modes:
+    """Modes of some clocks that have several.
+
+    Parameters
+    ----------
+    rule : tuple
+        Half width of a mode (m), how many of one clock at most, the least share of the mass that each has,
+        and its largest variance (m^2).
+    """
+    reach, most, least, widest = rule
     found: Modes = {}
-    for anchor in np.flatnonzero(search.unset & (search.since > 0)).tolist():
+    for anchor in np.flatnonzero(sought & (search.since > 0)).tolist():
         left = search.mass[anchor]
         modes = list[NDArray[np.bool_]]()
-        while len(modes) < MOST and left.max() > 0:
-            near = np.abs(search.centre - search.centre[left.argmax()]) <= REACH_M
-            if left[near].sum() < MODE_COUNTS:
+        while len(modes) < most and left.max() > 0:
+            near = np.abs(search.centre - search.centre[left.argmax()]) <= reach
+            share = left[near].sum()
+            mean = left[near] @ search.centre[near] / share
+            if share < least or left[near] @ (search.centre[near] - mean) ** 2 > widest * share:
                 break
             modes.append(near & (left > 0))
             left = np.where(near, 0.0, left)

@@ -17,8 +17,8 @@ LOBE_M, LOBE_VARIANCE = 2.5, 0.5
 """The same of a single mode as wide as poses are uncertain at first, and its largest variance (m^2)."""
 SURE = 0.999
 """Share of the mass that lies there once a clock is set: at 0.99, clutter alone sets one in a hundred."""
-FIRST_STEPS, FIRST_SURE = 3, 0.99
-"""Steps of a search in which less will do for a single mode: poses wait for it, and it is asked again."""
+FIRST_STEPS = 3
+"""Steps of a search in which poses wait for it: a mode that is likely, but not sure, becomes a hypothesis."""
 MODE_COUNTS = 1e-5
 """Share of the mass from which on a rival mode is kept, where they are: steps share the pose's error."""
 FORGETTING, CHALLENGED = 0.7, 14.0
@@ -127,10 +127,8 @@ class ClockSearch:
         found, mass = [], self.mass
         for anchor in np.flatnonzero(self.unset & (self.since > 0)):
             far = np.abs(self.centre - self.centre[mass[anchor].argmax()])
-            first = FIRST_SURE if self.since[anchor] <= FIRST_STEPS else SURE
-            narrow, lobe = (1 - MODE_COUNTS,) * 2 if rivals else (SURE, first)
-            rules = ((NARROW_M, np.inf, narrow), (LOBE_M, LOBE_VARIANCE, lobe))
-            for reach, widest, sure in rules:
+            sure = 1 - MODE_COUNTS if rivals else SURE
+            for reach, widest in ((NARROW_M, np.inf), (LOBE_M, LOBE_VARIANCE)):
                 near = far <= reach
                 share = mass[anchor, near].sum()
                 mean = mass[anchor, near] @ self.centre[near] / share
