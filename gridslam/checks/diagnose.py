@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.checks import time_units
+from gridslam.checks import elevations, time_units
 from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
 from gridslam.checks.rivals import FITTING, STRAIGHT_RAD, offset_beside, range_cure, whole_cure
 from gridslam.checks.unit_hypotheses import ADVICE, ANGLES, Suspicion, absurd, finite, padding, readings
 from gridslam.errors import InputError, located
 from gridslam.measurements import csv_table, hdf5_table, matlab
 from gridslam.measurements.table import Measurements
-from gridslam.world.columns import DEVIATIONS, VALUES, Columns
+from gridslam.world.columns import ELEVATIONS, OPTIONAL, VALUES, Columns
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
 
@@ -56,7 +56,7 @@ def read_raw(path: str | os.PathLike[str], anchors: tuple[str, ...] | None = Non
         if kind == ".mat":
             return matlab.read_mat(path, None, checked=False)
         whole = hdf5_table.read_h5(path, checked=False)
-        names = ("step", "time_s", "anchor", *VALUES, *DEVIATIONS)
+        names = ("step", "time_s", "anchor", *VALUES, *OPTIONAL)
         return {name: whole[name] for name in names if name in whole}, tuple(whole["anchors"])
 
 
@@ -86,6 +86,7 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
     columns, names = read_raw(path)
     lines = summary(columns, names)
     found = suspicions(columns, names, scene, agent)
+    lines += elevations.remarks(columns, scene, agent) if scene is not None else []
     lines += [f"suspect: {item}" for item in found]
     try:
         if Measurements.load(path).truth is not None:
@@ -111,10 +112,10 @@ def summary(columns: Columns, names: tuple[str, ...]) -> list[str]:
         "scans hold any",
     ]
     lines += time_units.intervals(columns)
-    for name in VALUES:
+    for name in (*VALUES, *(name for name in ELEVATIONS if name in columns)):
         values = columns[name][~np.isnan(columns[name])] if name in columns else np.zeros(0)
         lines.append(f"  {name}: {_range(name, values, count)}")
-    own = [name for name in DEVIATIONS if name in columns]
+    own = [name for name in OPTIONAL if name in columns and "_std_" in name]
     return [*lines, f"  its own standard deviations: {', '.join(own)}"] if own else lines
 
 
@@ -180,7 +181,7 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
     found: list[Suspicion] = []
     order = np.argsort(table["step"], kind="stable")
     table = {name: values[order] for name, values in table.items()}
-    keys = {name: table[name] for name in ("step", "anchor", *DEVIATIONS) if name in table}
+    keys = {name: table[name] for name in ("step", "anchor", *OPTIONAL) if name in table}
     trusted: Columns = dict(keys)
     sight: Sight | None = None
     asis = dict(table)
@@ -242,6 +243,7 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
         found = offset_beside(found, asis, trusted, scene, agent, sight)
         found += time_units.slow_times(asis, sight)
     heard = len(finite(table, "distance_m")) and len(finite(table, "amplitude"))
+    found += elevations.suspicions(trusted | table, sight, scene, agent) if sight is not None else []
     if sight is not None and "amplitude" not in known and heard:
         found += _loudness(table["amplitude"], sight, scene)
     return found

@@ -20,11 +20,11 @@ from scipy.linalg import block_diag
 from gridslam.arrays import Array
 from gridslam.evaluation.path_slopes import (
     follow_hits,
-    height_slopes,
     hit_surfaces,
     path_information,
     surface_lines,
     whitened_jacobian,
+    with_elevations,
 )
 from gridslam.inference.state.layout import AGENT
 from gridslam.simulation.image_source import TruePaths, true_paths
@@ -95,14 +95,13 @@ def known_map_bound(
     paths = true_paths(scene, agent, track) if paths is None else paths
     paths = paths.take(paths.of_walls)
     jacobian = whitened_jacobian(scene, agent, paths, hit_surfaces(scene, paths), track)
-    tall = height_slopes(scene, agent, paths)
-    jacobian = np.concatenate([jacobian[:, :, :AGENT], tall], 2)
-    rows = path_information(scene, agent, paths, jacobian, len(track))
+    jacobian = with_elevations(scene, agent, paths, jacobian[:, :, :AGENT])
+    rows, rises = path_information(scene, agent, paths, jacobian, len(track)), jacobian.shape[2] - AGENT
     information, bounds = _joined(agent_prior(scene, agent), _height_prior(scene, agent)), []
     for step in range(len(rows)):
         if step:
             motion = agent_motion(scene, track.time_s, step, 0)
-            information = predict_information(information, *_widened(*motion, tall.shape[2]))
+            information = predict_information(information, *_widened(*motion, rises))
         information = information + rows[step]
         bounds.append(agent_bound(estimable_covariance(information)))
     position, heading = np.transpose(bounds)
@@ -138,8 +137,8 @@ def unknown_map_bound(
         surface = np.union1d(surface, before.surface)
     line, rows = surface_lines(scene)[surface], whitened_jacobian(scene, agent, paths, surface)
     times = scene.track(agent).time_s
-    tall = height_slopes(scene, agent, paths)
-    gained = path_information(scene, agent, paths, np.concatenate([rows, tall], 2), len(times))
+    whole = with_elevations(scene, agent, paths, rows)
+    gained, rises = path_information(scene, agent, paths, whole, len(times)), whole.shape[2] - rows.shape[2]
     information = np.zeros((AGENT + 2 * len(surface),) * 2)
     information[:AGENT, :AGENT] = agent_prior(scene, agent)
     information = _joined(information, _height_prior(scene, agent))  # heights come last
@@ -152,7 +151,7 @@ def unknown_map_bound(
     for step in range(len(gained)):
         if step:
             motion = agent_motion(scene, times, step, len(surface), jitter, feet)
-            information = predict_information(information, *_widened(*motion, tall.shape[2]))
+            information = predict_information(information, *_widened(*motion, rises))
         information = information + gained[step]
         covariance = estimable_covariance(information)
         bounds.append(agent_bound(covariance))

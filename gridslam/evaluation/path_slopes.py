@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.state.layout import AGENT
 from gridslam.simulation.image_source import TruePaths
-from gridslam.world.geometry import lean, trace, unit
+from gridslam.world.geometry import lean, level_of, trace, unit
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
@@ -94,6 +94,33 @@ def height_slopes(scene: Scene, agent: str, paths: TruePaths) -> Array:
         slope = heights / paths.distance_m / signal.distance_std(paths.amplitude)
         slopes[rows, 0, rise[rows]] = slope[rows]
     return slopes
+
+
+def with_elevations(scene: Scene, agent: str, paths: TruePaths, rows: Array) -> Array:
+    """Rows of `whitened_jacobian`, then derivatives by unknown rises, with a row for elevations.
+
+    Both ends of a path see the same elevation; docs/model.md, (M301).
+
+    Returns
+    -------
+    (L, 3 or 4, N + G)
+        3 where no array measures elevations.
+    """
+    tall, signal, ways = height_slopes(scene, agent, paths), scene.signal_model(agent), scene.verticals(agent)
+    whole = np.concatenate([rows, tall], 2)
+    if not any(signal.elevated):
+        return whole
+    heights = ways.heights(paths.over, paths.anchor)
+    level, length = level_of(paths.distance_m, heights), paths.distance_m
+    by_length = rows[:, 0] * signal.distance_std(paths.amplitude)[:, None]
+    slope = by_length * (-heights / (length * np.maximum(level, 1e-6)))[:, None]
+    rise, by_rise = ways.rises(paths.over), np.zeros((len(paths), tall.shape[2]))
+    known = np.flatnonzero(rise >= 0)
+    by_rise[known, rise[known]] = (level / length**2)[known]
+    std = signal.elevation_std(paths.amplitude, paths.anchor, lean(length, heights))
+    weight = np.sqrt((1 / std**2).sum(1))
+    more = np.concatenate([slope, by_rise], 1) * weight[:, None]
+    return np.concatenate([whole, more[:, None]], 1)
 
 
 def path_information(scene: Scene, agent: str, paths: TruePaths, rows: Array, steps: int) -> Array:

@@ -21,6 +21,7 @@ from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.measurements.table import Measurements
+from gridslam.world.columns import ELEVATIONS
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import SPEED_OF_LIGHT
 
@@ -146,7 +147,8 @@ def plane_table(
     Returns
     -------
     dict of dict of (N, L) arrays
-        ``distance_m``, ``aod_rad``, ``aoa_rad`` and ``amplitude`` by anchor, padded with NaN.
+        ``distance_m``, ``aod_rad``, ``aoa_rad`` and ``amplitude`` by anchor, padded with NaN; and elevations,
+        where the scene's arrays measure any.
 
     Raises
     ------
@@ -182,6 +184,9 @@ def plane_table(
         "aoa_rad": wrap(paths.arrival_rad - turned),
         "amplitude": amplitude,
     }
+    for end, zenith in enumerate((paths.departure_zenith_rad, paths.arrival_zenith_rad)):
+        if scene.has_heights and any(signal.elevated):
+            columns[ELEVATIONS[end]] = 0.5 * np.pi - zenith
     cut = {name: np.where(kept, values, np.nan) for name, values in columns.items()}
     return {
         name: {anchor: values[:, j] for j, anchor in enumerate(scene.anchor_names)}

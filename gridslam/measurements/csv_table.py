@@ -17,7 +17,7 @@ import numpy as np
 
 from gridslam.errors import InputError, Note
 from gridslam.io.files import write_bytes
-from gridslam.world.columns import DEVIATIONS, KEYS, MOST_STEPS, UNITS, VALUES, Columns, check_columns
+from gridslam.world.columns import KEYS, MOST_STEPS, OPTIONAL, UNITS, VALUES, Columns, check_columns
 from gridslam.world.validation import nearest
 
 IN_DEGREES = {name.replace("_rad", "_deg"): name for name in UNITS if name.endswith("_rad")}
@@ -85,7 +85,7 @@ def read_csv(
     Returns
     -------
     columns : dict of (K,) arrays
-        `KEYS`, ``agent`` if it has that column, and those of `VALUES` and `DEVIATIONS` that the file has; of
+        `KEYS`, ``agent`` if it has that column, and those of `VALUES` and `OPTIONAL` that the file has; of
         several agents, ``anchor`` may be -1.
     anchors, agents : tuple of str
 
@@ -202,7 +202,7 @@ def _point(cell: str, name: str) -> str:
 
 def _check_header(header: list[str], path: str, line: int, several: bool) -> list[str]:
     """Columns that aren't known, and don't look like one that is, misspelt."""
-    known = (*KEYS, "agent", *VALUES, *DEVIATIONS)
+    known = (*KEYS, "agent", *VALUES, *OPTIONAL)
     if not header:
         raise InputError(path, "an empty file", f"a header line {','.join((*KEYS, *VALUES))}")
     where = f"{path}: line {line}"

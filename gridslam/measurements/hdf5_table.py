@@ -11,7 +11,7 @@ import numpy as np
 
 from gridslam.errors import InputError
 from gridslam.io.files import get, put, reading_h5, subgroup, writing_h5
-from gridslam.world.columns import DEVIATIONS, UNITS, VALUES, Columns, check_columns
+from gridslam.world.columns import OPTIONAL, UNITS, VALUES, Columns, check_columns
 from gridslam.world.trajectory import Trajectory
 
 KIND, VERSIONS = "gridslam-measurements", (1, 2)
@@ -96,7 +96,7 @@ def get_rows(file: h5py.File, path: str, checked: bool = True) -> tuple[Columns,
     count = len(get(rows, "step", (None,), "iu"))
     keys = ("step", "anchor", *(["agent"] if "agent" in rows else []))
     columns = {name: get(rows, name, (count,), "iu") for name in keys}
-    present = [name for name in (*VALUES, *DEVIATIONS) if name in rows]
+    present = [name for name in (*VALUES, *OPTIONAL) if name in rows]
     if not set(present) & set(VALUES):
         raise InputError(f"{path}: /measurements", "no measured column", f"at least one of {VALUES}")
     for name in ("time_s", *present):

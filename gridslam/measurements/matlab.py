@@ -27,10 +27,10 @@ from gridslam.errors import InputError
 from gridslam.io.hdf5_guard import prove
 from gridslam.io.hdf5_limits import claims_too_much, counted, most_claimed, own
 from gridslam.measurements.matlab5 import Damaged, read_arrays
-from gridslam.world.columns import DEVIATIONS, KEYS, VALUES, Columns, check_columns
+from gridslam.world.columns import KEYS, OPTIONAL, VALUES, Columns, check_columns
 
 GROUP = "measurements"
-COLUMNS = (*KEYS, *VALUES, *DEVIATIONS)
+COLUMNS = (*KEYS, *VALUES, *OPTIONAL)
 AGENTS = ("agent", "agents")
 LARGEST_MAT_BYTES = 2**29
 """What a version 5 file may hold once it is unpacked; a larger table belongs into version 7.3."""
@@ -54,7 +54,7 @@ def read_mat(
     Returns
     -------
     columns : dict of (K,) arrays
-        `KEYS`, and those of `VALUES` and `DEVIATIONS` that the file has.
+        `KEYS`, and those of `VALUES` and `OPTIONAL` that the file has.
     anchors : tuple of str
 
     Raises

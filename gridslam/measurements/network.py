@@ -15,7 +15,7 @@ from gridslam.measurements import csv_table, network_files
 from gridslam.measurements.network_files import CLOCKS
 from gridslam.measurements.table import Measurements
 from gridslam.world.clocks import ClockTruth
-from gridslam.world.columns import DEVIATIONS, KEYS, VALUES, Columns
+from gridslam.world.columns import KEYS, OPTIONAL, VALUES, Columns
 from gridslam.world.names import folder_fault, same_folder
 from gridslam.world.network_scan import NetworkScan
 from gridslam.world.scan import Scan
@@ -275,5 +275,5 @@ class NetworkMeasurements:
 
 def _rows_of(scan: Scan, mine: NDArray[np.bool_]) -> Scan:
     """Some rows of a scan."""
-    columns: dict[str, Any] = {name: getattr(scan, name) for name in ("anchor", *VALUES, *DEVIATIONS)}
+    columns: dict[str, Any] = {name: getattr(scan, name) for name in ("anchor", *VALUES, *OPTIONAL)}
     return replace(scan, **{name: part[mine] for name, part in columns.items() if part is not None})

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gridslam.arrays import Array
 from gridslam.errors import InputError, located
 from gridslam.measurements import csv_table, hdf5_table, matlab, per_step_arrays
-from gridslam.world.columns import DEVIATIONS, KEYS, MOST_STEPS, VALUES, Columns, check_columns, fill_missing
+from gridslam.world.columns import KEYS, MOST_STEPS, OPTIONAL, VALUES, Columns, check_columns, fill_missing
 from gridslam.world.geometry import wrap
 from gridslam.world.names import label_fault
 from gridslam.world.scan import Scan
@@ -38,6 +38,7 @@ class Measurements:
     distance_m, aod_rad, aoa_rad, amplitude : (K,) float64
         As in `Scan`; NaN where not measured.
     distance_std_m, aod_std_rad, aoa_std_rad : (K,) float64 or None
+    aod_elevation_rad, aoa_elevation_rad, aod_elevation_std_rad, aoa_elevation_std_rad : (K,) float64 or None
     anchor_position_m : (J, 2) or, with heights, (J, 3) float64, m, or None
     anchor_orientation_rad : (J,) float64, rad, or None
     interval_s : float
@@ -68,6 +69,10 @@ class Measurements:
     distance_std_m: Array | None = None
     aod_std_rad: Array | None = None
     aoa_std_rad: Array | None = None
+    aod_elevation_rad: Array | None = None
+    aoa_elevation_rad: Array | None = None
+    aod_elevation_std_rad: Array | None = None
+    aoa_elevation_std_rad: Array | None = None
     anchor_position_m: Array | None = None
     anchor_orientation_rad: Array | None = None
     interval_s: float = 0.0
@@ -85,7 +90,7 @@ class Measurements:
             if allowed is not None:
                 raise InputError("measurements: anchors", repr(name), allowed)
         count = np.size(self.step)
-        shapes: dict[str, tuple[int, ...]] = dict.fromkeys((*KEYS, *VALUES, *DEVIATIONS), (count,))
+        shapes: dict[str, tuple[int, ...]] = dict.fromkeys((*KEYS, *VALUES, *OPTIONAL), (count,))
         placed = self.anchor_position_m
         width = 3 if placed is not None and np.shape(placed)[1:] == (3,) else 2  # with heights
         shapes |= {"anchor_position_m": (len(names), width), "anchor_orientation_rad": (len(names),)}
@@ -167,7 +172,7 @@ class Measurements:
     @property
     def columns(self) -> Columns:
         """Columns of the table that are there, in the order of the files."""
-        names = (*KEYS, *VALUES, *(name for name in DEVIATIONS if getattr(self, name) is not None))
+        names = (*KEYS, *VALUES, *(name for name in OPTIONAL if getattr(self, name) is not None))
         return {name: getattr(self, name) for name in names}
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
@@ -282,7 +287,7 @@ class Measurements:
         time_s : (N,) s, optional
             Times of the steps; otherwise every `interval_s` from 0.
         **more
-            Standard deviations in the same form, and any other argument of `Measurements`.
+            Standard deviations and elevations in the same form, and any other argument of `Measurements`.
 
         Raises
         ------
@@ -297,7 +302,7 @@ class Measurements:
         (3, [2.0, 5.5, 4.0])
         """
         given = {"distance_m": distance_m, "aod_rad": aod_rad, "aoa_rad": aoa_rad, "amplitude": amplitude}
-        given |= {name: more.pop(name, None) for name in DEVIATIONS}
+        given |= {name: more.pop(name, None) for name in OPTIONAL}
         tables = {name: quantity for name, quantity in given.items() if quantity is not None}
         columns = per_step_arrays.table(tables, time_s, interval_s)
         return cls(interval_s=interval_s, **{**columns, **more})

@@ -18,7 +18,7 @@ from gridslam.errors import InputError
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.image_source import TruePaths, measured_along, true_paths
 from gridslam.simulation.unusual_paths import diffuse_points, grazing, triple_bounces
-from gridslam.world.columns import DEVIATIONS, KEYS, VALUES
+from gridslam.world.columns import KEYS, OPTIONAL, VALUES
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.waypoints import TightCorner, smooth_track
@@ -231,7 +231,7 @@ def _last(case: Case, first: int, steps: int) -> int:
 
 
 def _columns(heard: Measurements) -> dict[str, Array]:
-    names = (*KEYS, *VALUES, *(n for n in DEVIATIONS if getattr(heard, n) is not None))
+    names = (*KEYS, *VALUES, *(n for n in OPTIONAL if getattr(heard, n) is not None))
     return {name: getattr(heard, name) for name in names}
 
 

@@ -22,7 +22,7 @@ from gridslam.simulation.occlusion import visible
 from gridslam.simulation.reception import received
 from gridslam.simulation.scattering import scattered_paths
 from gridslam.simulation.true_paths import TruePaths
-from gridslam.world.columns import DEVIATIONS, VALUES
+from gridslam.world.columns import OPTIONAL, VALUES
 from gridslam.world.geometry import Segments, course, crossing, mirror, wrap
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
@@ -228,5 +228,5 @@ def receive(clean: Measurements, scene: Scene, agent: str, seed: int = 0) -> Mea
             raise InputError(f"measurements: {name}", "paths without it", "a value for every path")
     columns, _ = received(clean, scene, agent, seed, len(clean))
     times = np.array([clean.scan(step).time_s for step in range(len(clean))])
-    changes: dict[str, Any] = {"time_s": times[columns["step"]], **dict.fromkeys(DEVIATIONS), **columns}
+    changes: dict[str, Any] = {"time_s": times[columns["step"]], **dict.fromkeys(OPTIONAL), **columns}
     return replace(clean, **changes)

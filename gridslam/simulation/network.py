@@ -19,7 +19,7 @@ from gridslam.simulation.image_source import simulate as simulate_one
 from gridslam.simulation.reception import received
 from gridslam.simulation.true_paths import TruePaths
 from gridslam.world.clocks import ClockTruth
-from gridslam.world.columns import DEVIATIONS, VALUES
+from gridslam.world.columns import OPTIONAL, VALUES
 from gridslam.world.network_scene import require_agents
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
@@ -187,7 +187,7 @@ def receive_network(
     rate = scene.radio.false_alarms / (len(scene.anchors) if unlabelled else 1)
     rows, _, agent = _received_rows(scene, paths, present, times, seed, rate)
     known = scene.clocks is not None
-    changes = {**dict.fromkeys(DEVIATIONS), **rows, "steps": len(clean), "pseudo": known}
+    changes = {**dict.fromkeys(OPTIONAL), **rows, "steps": len(clean), "pseudo": known}
     clocks = clock_truth(scene, clean.agents, times, seed) if known else None
     heard = replace(clean, table=replace(clean.table, **changes), agent=agent, clocks=clocks)
     return heard.without_labels() if unlabelled else heard

@@ -11,7 +11,9 @@ from scipy.special import ndtr
 from gridslam.arrays import Array
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.true_paths import TruePaths
-from gridslam.world.geometry import lean, wrap
+from gridslam.world.columns import ELEVATIONS
+from gridslam.world.geometry import elevations, lean, wrap
+from gridslam.world.levels import DIRECT
 from gridslam.world.radio import RadioModel
 from gridslam.world.scene import Scene
 from gridslam.world.start import require_seed
@@ -89,10 +91,54 @@ def received(
     for quantity, name in (("aod", "aod_rad"), ("aoa", "aoa_rad"), ("amplitude", "amplitude")):
         if quantity not in signal.measures:
             columns[name] = np.full(len(label), np.nan)
+    columns |= _elevations(paths, columns, label, scene, agent, seed)
     order = np.lexsort((columns["distance_m"], columns["anchor"], columns["step"]))
     if signal.window_m is not None:  # what arrives outside of it isn't received
         order = order[(columns["distance_m"][order] >= first) & (columns["distance_m"][order] <= last)]
     return {name: column[order] for name, column in columns.items()}, label[order]
+
+
+def _elevations(
+    paths: TruePaths | Measurements, columns: dict[str, Any], label: NDArray[np.intp], scene: Scene,
+    agent: str, seed: int,
+) -> dict[str, Any]:  # fmt: skip
+    """Elevations, where arrays measure any, by random numbers of their own: all else stays as it was."""
+    signal, cause = scene.signal_model(agent), np.maximum(label, 0)
+    if not any(signal.elevated):
+        return {}
+    draw = np.random.default_rng([seed, [a.name for a in scene.agents].index(agent), 0x52])
+    noise, false = draw.standard_normal((len(paths.step), 2)), draw.uniform(-0.5, 0.5, (len(label), 2))
+    if not len(paths.step):
+        cause, clean = label, np.zeros((len(label), 2))
+        std = clean
+    else:
+        clean = true_elevations(paths, scene, agent)[cause]
+        amplitude, anchor = paths.amplitude[cause], paths.anchor[cause]
+        std = signal.elevation_std(amplitude, anchor, np.cos(clean).max(1))
+        noise = noise[cause]
+    measured = clean + np.nan_to_num(std, posinf=0.0) * noise
+    # beyond the zenith a path looks as if it came from the other side
+    measured = np.where((label < 0)[:, None], np.pi * false, np.arcsin(np.sin(measured)))
+    loud = np.maximum(columns["amplitude"], signal.threshold)
+    own = signal.elevation_std(loud, columns["anchor"], np.cos(measured).max(1))
+    found = dict[str, Any]()
+    for end, name in enumerate(ELEVATIONS):
+        if signal.elevated[end]:
+            seen = np.isfinite(own[:, end])
+            found[name] = np.where(seen, measured[:, end], np.nan)
+            if scene.radio.reports_std:
+                found[name.replace("_rad", "_std_rad")] = np.where(seen, own[:, end], np.nan)
+    return found
+
+
+def true_elevations(paths: TruePaths | Measurements, scene: Scene, agent: str) -> Array:
+    """Elevations of exact paths (L, 2) rad, of departure and arrival; docs/model.md, (M301)."""
+    if isinstance(paths, Measurements):
+        departing, arriving = paths.aod_elevation_rad, paths.aoa_elevation_rad
+        if departing is not None and arriving is not None:
+            return np.column_stack([departing, arriving])
+    over = paths.over if isinstance(paths, TruePaths) else np.zeros(len(paths.step), np.intp)
+    return elevations(paths.distance_m, scene.verticals(agent).heights(over, paths.anchor), over == DIRECT)
 
 
 def _own_deviations(columns: dict[str, Any], signal: RadioModel, heights: Array) -> dict[str, Any]:

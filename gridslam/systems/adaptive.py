@@ -16,6 +16,7 @@ from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
+from gridslam.inference.messages.elevations import weigh_births, weigh_elevations
 from gridslam.inference.messages.faint_births import recall_leftovers, remember_leftovers
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.ray_amplitudes import (
@@ -56,12 +57,15 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         paths = form.predict_paths(state, heard.anchor, model, work=work)  # eqs. (13), (14)
         amplitudes = predict_amplitudes(state, paths, model.radio, work=work)  # eq. (13), amplitude
         cloud, ratios = evaluate(heard, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
+        ratios = weigh_elevations(state, heard, paths, ratios, radio, model)  # (M302)
         state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
         births, ratios = propose_births(state, heard, cloud, ratios, radio, model, work=work)
         births, ratios = recall_leftovers(births, state, heard, ratios, radio, model)  # (M251)
+        births, ratios = weigh_births(births, state, heard, ratios, radio, model)  # (M303)
         state, exchange = form.update_surfaces_and_agent(
             state, heard, paths, ratios, reckoned.turned, model, work=work
         )
+        state = form.correct_by_elevations(state, heard, exchange, radio, model)  # (M304)
         state = update_amplitudes(
             state, paths, amplitudes, heard, exchange, model.radio, work=work
         )  # eq. (26)

@@ -16,6 +16,7 @@ from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.cells import cast_messages, update_cells
 from gridslam.inference.messages.clutter import learn_clutter
+from gridslam.inference.messages.elevations import weigh_births, weigh_elevations
 from gridslam.inference.messages.faint_births import recall_leftovers, remember_leftovers
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.reflection import reflected, update_coefficients
@@ -62,12 +63,15 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         amplitudes = reflected(visible.products, paths.rays, radio)  # eq. (2)
         # eqs. (8)-(10), (17)-(42): likelihoods, then association and beliefs
         cloud, ratios = evaluate(heard, paths, visible.validity, amplitudes, radio, model, work=work)
+        ratios = weigh_elevations(state, heard, paths, ratios, radio, model)  # (M302)
         state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)  # (M46)
         births, ratios = propose_births(state, heard, cloud, ratios, radio, model, work=work)  # eq. (11)
         births, ratios = recall_leftovers(births, state, heard, ratios, radio, model)  # (M251)
+        births, ratios = weigh_births(births, state, heard, ratios, radio, model)  # (M303)
         state, exchange = form.update_surfaces_and_agent(  # (M26) to (M31)
             state, heard, paths, ratios, reckoned.turned, model, work=work
         )
+        state = form.correct_by_elevations(state, heard, exchange, radio, model)  # (M304)
         state, exchange, _ = form.add_births(state, births, heard, exchange, radio, model, work=work)
         exchanges.append(exchange)
     drawn = cast_messages(state, model, work=work)  # eqs. (43) to (45)

@@ -13,6 +13,9 @@ from gridslam.errors import InputError
 KEYS = ("step", "time_s", "anchor")
 VALUES = ("distance_m", "aod_rad", "aoa_rad", "amplitude")
 DEVIATIONS = ("distance_std_m", "aod_std_rad", "aoa_std_rad")
+ELEVATIONS = ("aod_elevation_rad", "aoa_elevation_rad")
+OPTIONAL = (*DEVIATIONS, *ELEVATIONS, "aod_elevation_std_rad", "aoa_elevation_std_rad")
+"""Columns that a table may lack altogether."""
 MOST_STEPS = 10_000_000
 UNITS = {
     "step": "1",
@@ -23,7 +26,7 @@ UNITS = {
     "distance_m": "m",
     "distance_std_m": "m",
 }
-UNITS |= dict.fromkeys(("aod_rad", "aoa_rad", "aod_std_rad", "aoa_std_rad"), "rad")
+UNITS |= dict.fromkeys((name for name in (*VALUES, *OPTIONAL) if name.endswith("_rad")), "rad")
 
 Columns = dict[str, NDArray[Any]]
 
@@ -46,7 +49,7 @@ def check_columns(
     Parameters
     ----------
     columns : dict of (K,) arrays
-        Every key of `KEYS`, and any of `VALUES` and `DEVIATIONS`; NaN stands for not measured.
+        Every key of `KEYS`, and any of `VALUES` and `OPTIONAL`; NaN stands for not measured.
     anchors : int
         Number of anchors.
     place : callable
@@ -78,11 +81,13 @@ def check_columns(
     lowest = -1 if unlabelled else 0
     outside = (columns["anchor"] < lowest) | (columns["anchor"] >= anchors)
     refuse(outside, "anchor", f"{'-1 (not known), ' if unlabelled else ''}0 to {anchors - 1}")
-    for name in (name for name in (*VALUES, *DEVIATIONS) if name in columns):
+    for name in (name for name in (*VALUES, *OPTIONAL) if name in columns):
         refuse(np.isinf(columns[name]), name, "a finite number")
         if name in ("aod_rad", "aoa_rad"):
             degrees = f"(degrees of a CSV file: {name[:3]}_deg)"
             refuse(np.abs(columns[name]) > 2 * np.pi, name, f"radians, 2 pi at most {degrees}")
+        elif name in ELEVATIONS:
+            refuse(np.abs(columns[name]) > 0.5 * np.pi, name, "radians above the horizontal, pi/2 at most")
         elif not (pseudo and name == "distance_m"):
             refuse(columns[name] <= 0, name, "a number above 0")
     empty = np.all([np.isnan(columns[name]) for name in VALUES if name in columns], axis=0)

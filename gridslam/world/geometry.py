@@ -123,6 +123,22 @@ def lean(length: Array | float, height: Array | float) -> Array:
     return np.sqrt(1 - np.minimum(np.abs(height) / np.maximum(length, 1e-3), STEEPEST) ** 2)
 
 
+def elevations(length: Array, height: Array, straight: NDArray[np.bool_]) -> Array:
+    """How far above the horizontal paths (L,) leave the anchor, and come from at the agent, (L, 2) rad.
+
+    docs/model.md, (M301).
+
+    Parameters
+    ----------
+    length, height : (L,) m
+        Height of the anchor, or of its image in floor or ceiling, above the agent.
+    straight : (L,) bool
+        Whether the path goes over walls alone: else it leaves as it arrives, up or down.
+    """
+    arrival = np.arcsin(np.clip(height / np.maximum(length, 1e-9), -1.0, 1.0))
+    return np.stack([np.where(straight, -arrival, arrival), arrival], -1)
+
+
 @dataclass(frozen=True)
 class Segments:
     """Finite wall pieces.

@@ -9,7 +9,6 @@ from typing import Any
 from numpy.typing import NDArray
 
 from gridslam.errors import InputError
-from gridslam.world.columns import DEVIATIONS, VALUES
 from gridslam.world.scan import Scan
 
 
@@ -39,7 +38,7 @@ class NetworkScan:
             if scan is None:
                 yield None
             else:
-                yield from (getattr(scan, name) for name in ("anchor", *VALUES, *DEVIATIONS))
+                yield from scan.content()
 
     def checked(
         self, anchors: int, after: float | None = None, agents: int | None = None, pseudo: bool = False

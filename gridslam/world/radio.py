@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chndtr, i0e
 
 from gridslam.arrays import Array
@@ -50,6 +51,9 @@ class RadioModel:
         What measured distances may be; None for 0 to the longest.
     image_gains : tuple of float
         Factors of amplitudes of the anchors, and of their images in floor and ceiling where those follow.
+    upright : tuple of float
+        Mean square extents of the anchors' arrays upwards, then of the agent's, in wavelengths^2; empty where
+        there are no heights.
     """
 
     amplitude_at_1m: float
@@ -65,6 +69,7 @@ class RadioModel:
     given_distance_std: float | None = None
     window_m: tuple[float, float] | None = None
     image_gains: tuple[float, ...] = (1.0,)
+    upright: tuple[float, ...] = ()
 
     def imaged(self, gains: Array) -> RadioModel:
         """The same, all anchors followed by their images in floor and ceiling, with gains (V,), 1 first."""
@@ -120,6 +125,31 @@ class RadioModel:
         square = np.sin(angle) ** 2 * aperture[..., 0] + np.cos(angle) ** 2 * aperture[..., 1]
         with np.errstate(divide="ignore"):
             return 1 / (np.sqrt(8) * np.pi * amplitude * np.sqrt(square)) / steep
+
+    @property
+    def elevated(self) -> tuple[bool, bool]:
+        """Whether elevations are measured: of departures, by any anchor, and of arrivals."""
+        *anchors, agent = self.upright or (0.0,)
+        departing = "aod" in self.measures and any(anchors)
+        return departing, "aoa" in self.measures and agent > 0
+
+    def elevation_std(self, amplitude: Array, anchor: NDArray[np.intp], steep: Array | float) -> Array:
+        """sigma of elevations of departure and arrival, (..., 2) rad; docs/model.md, (M301).
+
+        Infinite where an array has no extent upwards.
+
+        Parameters
+        ----------
+        amplitude : (...)
+        anchor : (...) int
+        steep : (...)
+            Cosine of the elevation.
+        """
+        extent = np.array(self.upright or (0.0,) * (self.senders + 1))
+        both = np.stack([extent[anchor], np.full(np.shape(anchor), extent[-1])], -1)
+        with np.errstate(divide="ignore"):
+            std = 1 / (np.sqrt(8) * np.pi * np.asarray(amplitude * steep)[..., None] * np.sqrt(both))
+        return np.where([end in self.measures for end in ("aod", "aoa")], std, np.inf)
 
     def amplitude_std(self, amplitude: Array) -> Array:
         """Scale sigma_u of the Rician amplitude."""

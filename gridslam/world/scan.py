@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
-from gridslam.world.columns import DEVIATIONS, VALUES, check_columns
+from gridslam.world.columns import DEVIATIONS, ELEVATIONS, OPTIONAL, VALUES, check_columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +31,9 @@ class Scan:
         Square root of the path's SNR.
     distance_std_m, aod_std_rad, aoa_std_rad : (M,) float64 or None
         Used instead of the Fisher-information values.
+    aod_elevation_rad, aoa_elevation_rad : (M,) float64 or None
+        How far above the horizontal the path leaves the anchor, and the direction from the agent to where it
+        comes from; with deviations, which are used in the same way.
     """
 
     step: int
@@ -43,13 +46,21 @@ class Scan:
     distance_std_m: Array | None = None
     aod_std_rad: Array | None = None
     aoa_std_rad: Array | None = None
+    aod_elevation_rad: Array | None = None
+    aoa_elevation_rad: Array | None = None
+    aod_elevation_std_rad: Array | None = None
+    aoa_elevation_std_rad: Array | None = None
 
     def __len__(self) -> int:
         return len(self.anchor)
 
     def content(self) -> Iterator[NDArray[Any] | None]:
-        """All columns in a fixed order; None where there is none."""
-        return (getattr(self, name) for name in ("anchor", *VALUES, *DEVIATIONS))
+        """All columns in a fixed order; None where there is none, but for elevations."""
+        yield from (getattr(self, name) for name in ("anchor", *VALUES, *DEVIATIONS))
+        # scans without any keep the identity that they had before there were elevations
+        yield from (
+            column for name in OPTIONAL[len(DEVIATIONS) :] if (column := getattr(self, name)) is not None
+        )
 
     def checked(
         self, anchors: int, after: float | None = None, unlabelled: bool = False, pseudo: bool = False
@@ -72,7 +83,7 @@ class Scan:
             length, amplitude or deviation that isn't above 0, a row without any value, or a time that is NaN
             or goes back.
         """
-        given = {name: getattr(self, name) for name in (*VALUES, *DEVIATIONS)}
+        given = {name: getattr(self, name) for name in (*VALUES, *OPTIONAL)}
         try:
             time = float(self.time_s)
             anchor = np.asarray(self.anchor)
@@ -103,7 +114,9 @@ def _doubtful(
 ) -> bool:
     """Whether `check_columns` could find anything amiss: a quick look, since every step takes it."""
     angles = np.array([columns["aod_rad"], columns["aoa_rad"]])
-    others = np.array([column for name, column in columns.items() if name not in ("aod_rad", "aoa_rad")])
+    signed = ("aod_rad", "aoa_rad", *ELEVATIONS)
+    others = np.array([column for name, column in columns.items() if name not in signed])
+    steep = [columns[name] for name in ELEVATIONS if name in columns]
     return bool(
         anchor.min() < (-1 if unlabelled else 0)
         or anchor.max() >= anchors
@@ -111,4 +124,5 @@ def _doubtful(
         or (others[1 if pseudo else 0 :] <= 0).any()
         or np.isinf(others).any()
         or (np.abs(angles) > 2 * np.pi).any()
+        or any(not (np.abs(column[~np.isnan(column)]) <= 0.5 * np.pi).all() for column in steep)
     )

@@ -36,16 +36,22 @@ QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 
 
 class ArraySpec(Strict):
-    """Uniform rectangular antenna array."""
+    """Uniform rectangular antenna array; with layers above each other, it sees elevations, too."""
 
     rows: int = Field(5, ge=1, le=1000)
     columns: int = Field(5, ge=1, le=1000)
+    layers: int = Field(1, ge=1, le=1000)
     spacing_wavelengths: Positive = 0.25
 
     @property
     def aperture(self) -> Array:
         """Mean square extents along its own x and y axis, (2,), wavelengths^2."""
         return aperture(self.rows, self.columns, self.spacing_wavelengths)
+
+    @property
+    def upright(self) -> float:
+        """Mean square extent upwards, wavelengths^2."""
+        return float(aperture(1, self.layers, self.spacing_wavelengths)[0])
 
     @property
     def elements(self) -> Array:

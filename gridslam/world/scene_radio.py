@@ -24,6 +24,8 @@ def link_of(radio: Radio, anchors: Sequence[Anchor], carried: ArraySpec) -> Radi
     carried : ArraySpec
         The agent's array.
     """
+    arrays = [*(anchor.array or radio.array for anchor in anchors), carried]
+    tall = len(anchors[0].position_m) > 2
     return RadioModel(
         amplitude_at_1m=10 ** (radio.snr_at_1m_db / 20),
         threshold=10 ** (radio.detection_threshold_db / 20),
@@ -31,12 +33,13 @@ def link_of(radio: Radio, anchors: Sequence[Anchor], carried: ArraySpec) -> Radi
         samples=float(radio.samples or samples_of(radio, anchors, carried)),
         false_alarms=radio.false_alarms,
         max_distance_m=radio.max_distance_m,
-        anchor_aperture=np.stack([(anchor.array or radio.array).aperture for anchor in anchors]),
+        anchor_aperture=np.stack([array.aperture for array in arrays[:-1]]),
         agent_aperture=carried.aperture,
         measures=radio.measures,
         given_detection=radio.detection_probability,
         given_distance_std=radio.distance_std_m,
         window_m=radio.window_m,
+        upright=tuple(array.upright for array in arrays) if tall else (),
     )
 
 
@@ -71,9 +74,12 @@ def waveform_of(radio: Radio, anchors: Sequence[Anchor], agent: Agent, scene: st
     Raises
     ------
     InputError
-        The anchors' arrays differ in size.
+        The anchors' arrays differ in size, or have layers.
     """
     arrays = [(anchor.array or radio.array) for anchor in anchors]
+    tall = max(array.layers for array in (*arrays, agent.array or radio.array))
+    if tall > 1:
+        raise InputError(f"{scene}: array.layers", str(tall), "1: arrays that sample signals are level")
     for index, array in enumerate(arrays):
         if _size(array) != _size(arrays[0]):
             found, allowed = f"{_size(array)} elements", f"{_size(arrays[0])}, as of the first anchor"

@@ -8,7 +8,7 @@ from __future__ import annotations
 from gridslam.arrays import Array, replace
 from gridslam.inference.management import parking
 from gridslam.inference.messages import births as new_surfaces
-from gridslam.inference.messages import cells, motion, prediction, updates
+from gridslam.inference.messages import cells, elevations, motion, prediction, updates
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.cells import Visibility
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
@@ -59,6 +59,12 @@ class JointGaussian:
     ) -> tuple[State, Exchange]:  # fmt: skip
         """See `updates.update_surfaces_and_agent`."""
         return updates.update_surfaces_and_agent(state, heard, paths, ratios, turned, model, work=work)
+
+    def correct_by_elevations(
+        self, state: State, heard: AnchorScan, exchange: Exchange, radio: RadioModel, model: FilterModel
+    ) -> State:
+        """See `elevations.correct_by_elevations`."""
+        return elevations.correct_by_elevations(state, heard, exchange, radio, model)
 
     def add_births(
         self, state: State, births: Births, heard: AnchorScan, exchange: Exchange, signal: RadioModel,
@@ -123,6 +129,12 @@ class SeparateParticles(JointGaussian):
         )
         ratios = replace(ratios, odds=exchange.odds, message=exchange.message, measured=exchange.measured)
         return particles.weigh_samples(state, after, paths, heard, ratios, model, work=work), exchange
+
+    def correct_by_elevations(
+        self, state: State, heard: AnchorScan, exchange: Exchange, radio: RadioModel, model: FilterModel
+    ) -> State:
+        """Elevations tell which path is whose, and correct no particles."""
+        return state
 
 
 def representation_of(state: State, model: FilterModel) -> JointGaussian:

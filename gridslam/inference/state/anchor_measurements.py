@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.kernels import FAINTEST
+from gridslam.world.columns import ELEVATIONS
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import lean
 from gridslam.world.radio import RadioModel
@@ -50,6 +51,8 @@ class AnchorScan:
         The same as kernels take it: value, 0 for none; deviations, 0 for what follows from the amplitude, -1
         where there is no value; amplitude, -1 for none; whether it is loud; if it is as quiet as clutter is,
         how much of that it stands for; label.
+    elevation : (M, 4) or None
+        Elevations of departure and arrival and their own deviations (rad), NaN for none.
     """
 
     anchor: int
@@ -61,6 +64,7 @@ class AnchorScan:
     amplitude: Array
     label: NDArray[np.intp]
     table: Array
+    elevation: Array | None = None
 
     def __len__(self) -> int:
         return len(self.amplitude)
@@ -102,6 +106,7 @@ def anchor_scans(scan: Scan, anchors: Array, threshold: float = 0.0) -> list[Anc
     rows = slice(ends[0], ends[-1])  # others belong to no anchor of the scene
     value, own, amplitude, label = _columns(scan, order[rows])
     table = _table(value, own, amplitude, label, threshold)
+    steep = _elevation(scan, order[rows])
     parts = (slice(begin - rows.start, end - rows.start) for begin, end in itertools.pairwise(ends))
     return [
         AnchorScan(
@@ -114,6 +119,7 @@ def anchor_scans(scan: Scan, anchors: Array, threshold: float = 0.0) -> list[Anc
             amplitude[part],
             label[part],
             table[part],
+            None if steep is None else steep[part],
         )
         for anchor, (facing, height, part) in enumerate(zip(*anchors[:, 2:4].T.tolist(), parts, strict=True))
     ]
@@ -129,6 +135,20 @@ def of_all_anchors(scan: Scan, threshold: float = 0.0) -> AnchorScan:
 def whole_scan(scan: Scan, model: FilterModel) -> AnchorScan:
     """The same by the model's threshold: what several messages of a step ask the workspace for once."""
     return of_all_anchors(scan, model.radio.threshold)
+
+
+def _elevation(scan: Scan, rows: NDArray[np.intp]) -> Array | None:
+    """Elevations and their deviations of some rows, (M, 4); None where none was measured."""
+    columns = [getattr(scan, name) for name in (*ELEVATIONS, *(_std_of(name) for name in ELEVATIONS))]
+    if columns[0] is None and columns[1] is None:
+        return None
+    none = np.full(len(scan), np.nan)
+    return np.array([none if column is None else column for column in columns]).T[rows]
+
+
+def _std_of(name: str) -> str:
+    """The column of an angle's deviations."""
+    return name.replace("_rad", "_std_rad")
 
 
 def _columns(scan: Scan, rows: NDArray[np.intp]) -> tuple[Array, Array, Array, NDArray[np.intp]]:

@@ -1,0 +1,223 @@
+"""What measured elevations tell: which way a path came, and heights; docs/model.md, (M301) to (M304). Ours.
+
+Azimuths, distances and amplitudes are taken in by kernels; elevations, which few radios measure, multiply
+what these leave (`weigh_elevations`, before the association), and correct the belief after it
+(`correct_by_elevations`). A path has one elevation, which both of its ends see.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array, replace
+from gridslam.inference.messages.births import Births
+from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
+from gridslam.inference.messages.prediction import PredictedPaths
+from gridslam.inference.messages.updates import Exchange
+from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.rays import Rays
+from gridslam.inference.state.state import State
+from gridslam.kernels.primitives import tables
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import lean, slant, trace, wrap
+from gridslam.world.radio import RadioModel
+
+HEIGHT, TOLD_HEIGHT, RISE = 3, 4, 5
+"""Columns of `FilterModel.places`."""
+LEAST_SHARE, LEAST_LEVEL_M = 1e-4, 1e-3
+"""Probability below which a measurement corrects nothing; length seen from above that slopes are taken at."""
+NO_MESSAGE = 1e-30
+"""Sum of messages that shares are taken of at least."""
+LEAST_STD = 1e-6
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Elevations of M measurements as those of arrival, both ends in one: by the way a path came, (2, M).
+
+    Attributes
+    ----------
+    value : (2, M) rad
+        0: of paths over walls alone, which leave as far down as they arrive from above; 1: over a level.
+    variance : (2, M) rad^2
+        Infinite where none was measured.
+    ratio : (2, M)
+        Density of the ends' difference over that of clutter, without the density of `value`.
+    """
+
+    value: Array
+    variance: Array
+    ratio: Array
+
+    @classmethod
+    def of(cls, heard: AnchorScan, radio: RadioModel) -> Seen:
+        """What was heard, with its own deviations or those that follow from the amplitude."""
+        assert heard.elevation is not None
+        measured = np.isfinite(heard.elevation[:, :2])
+        value = np.where(measured, heard.elevation[:, :2], 0.0)
+        far = np.nan_to_num(heard.value[:, 0], nan=np.inf)
+        amplitude = np.where(np.isfinite(heard.amplitude), heard.amplitude, radio.amplitude(far))
+        amplitude = np.maximum(amplitude, radio.threshold)
+        anchor = np.full(len(heard), heard.anchor)
+        std = radio.elevation_std(amplitude, anchor, lean(far, heard.height))
+        own = heard.elevation[:, 2:]
+        std = np.where(np.isfinite(own), np.maximum(own, LEAST_STD), std)
+        weight = np.where(measured, 1 / std**2, 0.0)
+        total = weight.sum(1)
+        count, both = (weight > 0).sum(1), (weight > 0).all(1)
+        flat = np.pi**count  # clutter's elevations are uniform
+        values, ratios = [], []
+        for sign in (-1.0, 1.0):
+            arrivals = value * (sign, 1.0)
+            values.append((weight * arrivals).sum(1) / np.maximum(total, NO_MESSAGE))
+            spread = np.where(both, (1 / np.maximum(weight, NO_MESSAGE)).sum(1), 1.0)
+            gap = arrivals[:, 0] - arrivals[:, 1]
+            agree = np.exp(-0.5 * gap**2 / spread) / np.sqrt(2 * np.pi * spread)
+            ratios.append(flat * np.where(both, agree, 1.0))
+        with np.errstate(divide="ignore"):
+            variance = np.broadcast_to(1 / total, (2, len(heard)))
+        return cls(np.array(values), variance, np.array(ratios))
+
+    def ratios(self, way: NDArray[np.intp], expected: Array, variance: Array) -> Array:
+        """Over clutter, of paths (L, 1) and all measurements, (L, M); 1 where there is no elevation."""
+        row = np.arange(self.value.shape[1])
+        return self.pairs(way, row, expected, variance)
+
+    def pairs(self, way: NDArray[np.intp], row: NDArray[np.intp], expected: Array, variance: Array) -> Array:
+        """The same of measurements `row`."""
+        spread = self.variance[way, row] + variance
+        with np.errstate(invalid="ignore"):
+            gap = (self.value[way, row] - expected) ** 2 / spread
+            density = np.exp(-0.5 * gap) / np.sqrt(2 * np.pi * spread)
+        return np.asarray(np.where(np.isfinite(spread), self.ratio[way, row] * density, 1.0))
+
+
+@dataclass(frozen=True)
+class Foreseen:
+    """Elevations of arrival of L paths as predicted.
+
+    Attributes
+    ----------
+    way : (L,) int
+        0 over walls alone, 1 over floor or ceiling.
+    value : (L,) rad
+    slope : (L, N)
+        By the joint state.
+    variance : (L,) rad^2
+    """
+
+    way: NDArray[np.intp]
+    value: Array
+    slope: Array
+    variance: Array
+
+    @classmethod
+    def of(cls, belief: Belief, rays: Rays, model: FilterModel) -> Foreseen:
+        """Predicted at the mean of the belief."""
+        bounces, last, first, anchor = rays.table.T.astype(np.intp)
+        place, layout, mean = model.places[anchor], belief.layout, belief.mean
+        rise = place[:, RISE].astype(np.intp)
+        known = rise < 0
+        entry = layout.heights.start + np.maximum(rise, 0)
+        height = place[:, HEIGHT].copy()
+        if layout.rises:
+            height = np.where(known, height, place[:, TOLD_HEIGHT] + mean[np.minimum(entry, layout.head - 1)])
+        lines = belief.lines if len(belief.lines) else np.zeros((1, 2))
+        here = np.tile(mean[:2], (len(anchor), 1))
+        path = trace(
+            here, place[:, :2], lines[np.maximum(last, 0)], lines[np.maximum(first, 0)], bounces, height
+        )
+        level = np.maximum(path.level, LEAST_LEVEL_M)
+        length = slant(level, height)
+        by_length = path.jacobian[:, 0] * (-height / (length * level))[:, None]
+        slope, row = np.zeros((len(anchor), len(mean))), np.arange(len(anchor))
+        slope[:, :2] = by_length[:, :2]
+        for used, surface, columns in ((bounces > 0, last, (3, 4)), (bounces > 1, first, (5, 6))):
+            rows = np.flatnonzero(used)
+            for side, column in enumerate(columns):
+                np.add.at(slope, (rows, layout.line(surface[rows])[:, side]), by_length[rows, column])
+        if layout.rises:
+            slope[row[~known], entry[~known]] = (level / length**2)[~known]
+        way = (anchor >= model.senders).astype(np.intp)
+        variance = (slope @ belief.covariance * slope).sum(1)
+        return cls(way, np.arctan2(height, level), slope, variance)
+
+
+def weigh_elevations(
+    state: State, heard: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios, radio: RadioModel,
+    model: FilterModel,
+) -> LikelihoodRatios:  # fmt: skip
+    """Likelihood ratios, with the factor of the elevations; docs/model.md, (M302)."""
+    if heard.elevation is None:
+        return ratios
+    seen, foreseen = Seen.of(heard, radio), Foreseen.of(state.belief, paths.rays, model)
+    factor = seen.ratios(foreseen.way[:, None], foreseen.value[:, None], foreseen.variance[:, None])
+    pairs, message, measured = ratios.pairs, ratios.message.copy(), ratios.measured.copy()
+    pair, (row, m) = pairs.pair.copy(), pairs.index[: len(pairs)].T
+    pair[: len(pairs), 6] *= factor[row, m]
+    message[tables.RATIO] *= factor
+    message[tables.BETA] *= factor
+    beta = message[tables.BETA]
+    # a path that sent another one explains this one less, as in the kernel
+    measured[tables.EXPLAINED] = (beta**2 / np.maximum(beta.sum(1, keepdims=True), NO_MESSAGE)).sum(0)
+    return replace(ratios, pairs=replace(pairs, pair=pair), message=message, measured=measured)
+
+
+def weigh_births(
+    births: Births, state: State, heard: AnchorScan, ratios: LikelihoodRatios, radio: RadioModel,
+    model: FilterModel,
+) -> tuple[Births, LikelihoodRatios]:  # fmt: skip
+    """Births, of paths over walls alone, by their elevations, and the ratios with their sums; (M303)."""
+    if heard.elevation is None or not len(births):
+        return births, ratios
+    m, seen = births.measurement.astype(np.intp), Seen.of(heard, radio)
+    height = model.places[births.anchor, HEIGHT]
+    length = np.maximum(heard.value[m, 0], 1e-3)
+    cosine = lean(length, height)
+    angles = np.nan_to_num(heard.value[m, 1:])
+    level = np.nan_to_num(heard.amplitude[m], nan=radio.threshold)
+    std = np.minimum(deviations(heard, m, level, angles, radio, cosine)[:, 0], length)
+    variance = (height / (length**2 * cosine) * std) ** 2
+    rise = model.places[births.anchor, RISE].astype(np.intp)
+    unsure = state.belief.covariance.diagonal()[state.belief.layout.heights]
+    if len(unsure):
+        variance = variance + np.where(rise < 0, 0.0, unsure[np.maximum(rise, 0)]) * (cosine / length) ** 2
+    expected = np.arcsin(np.clip(height / length, -1.0, 1.0))
+    ratio = births.ratio * seen.pairs(np.zeros(len(m), np.intp), m, expected, variance)
+    measured = ratios.measured.copy()
+    np.add.at(measured[tables.NEW], m, ratio - births.ratio)
+    return replace(births, ratio=ratio), replace(ratios, measured=measured)
+
+
+def correct_by_elevations(
+    state: State, heard: AnchorScan, exchange: Exchange, radio: RadioModel, model: FilterModel
+) -> State:
+    """The belief corrected by elevations, by the association that there was; docs/model.md, (M304).
+
+    Path by path, moment-matched over its measurements as other corrections are: given which path caused a
+    measurement, its elevation is independent of the rest.
+    """
+    if heard.elevation is None:
+        return state
+    seen, foreseen = Seen.of(heard, radio), Foreseen.of(state.belief, exchange.rays, model)
+    begun = state.belief.mean
+    mean, covariance = begun.copy(), state.belief.covariance.copy()
+    share = exchange.responsible * np.isfinite(seen.variance[0])
+    for row in np.argsort(-share.sum(1), kind="stable"):
+        m = np.flatnonzero(share[row] > LEAST_SHARE)
+        if not len(m):
+            continue
+        slope, way = foreseen.slope[row], foreseen.way[row]
+        pushed = covariance @ slope
+        spread = slope @ pushed + seen.variance[way, m]
+        gap = (seen.value[way, m] - foreseen.value[row] - slope @ (mean - begun)) / spread
+        part = share[row, m]
+        shift = part @ gap
+        mean += pushed * shift
+        covariance -= np.outer(pushed, pushed) * (part @ (1 / spread - gap**2) + shift**2)
+    mean[4] = wrap(mean[4])
+    return replace(state, belief=replace(state.belief, mean=mean, covariance=covariance))

@@ -1,0 +1,260 @@
+"""Elevations: signs by hand, slopes by differences, factors by samples, corrections by the stacked update."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scene_samples import raised, shortened
+
+import gridslam as gs
+from gridslam.checks.diagnose import describe
+from gridslam.errors import InputError
+from gridslam.evaluation.bounds import unknown_map_bound
+from gridslam.importers.raytracers import TracedPaths, plane_table
+from gridslam.inference.messages.elevations import Foreseen, Seen, correct_by_elevations
+from gridslam.inference.messages.updates import Exchange
+from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.rays import Rays
+from gridslam.inference.state.state import State
+from gridslam.simulation.image_source import simulate_labelled, true_paths
+from gridslam.simulation.reception import true_elevations
+from gridslam.systems.adaptive import AdaptiveSlam
+from gridslam.systems.grid import GridSlam
+from gridslam.world.columns import ELEVATIONS, OPTIONAL
+from gridslam.world.geometry import elevations
+from gridslam.world.levels import CEILING, DIRECT, FLOOR
+from gridslam.world.radio import SPEED_OF_LIGHT
+
+ROOM = gs.Scene.load("room")
+
+
+def tall(layers=5, levels=True, steps=30, height_std_m=0.0, **radio):
+    """`room`, anchors 1.5 m above the agent, with arrays of so many layers, floor and ceiling."""
+    data = raised(shortened(ROOM, steps), 1.5).model_dump(exclude_none=True)
+    own = data["agents"][0]["height_m"]
+    if levels:
+        data["floor"] = {"height_m": own - 1.1, "coefficient": 0.5}
+        data["ceiling"] = {"height_m": own + 1.9, "coefficient": 0.4}
+    data["agents"][0]["height_std_m"] = height_std_m
+    data["radio"] |= {"array": data["radio"]["array"] | {"layers": layers}, **radio}
+    return gs.Scene.checked(data, "room")
+
+
+def test_an_anchor_above_is_seen_upwards_and_sees_the_agent_downwards():
+    # 1.5 m up, 2 m away: 2.5 m, atan(3/4); an image in a ceiling is above, too, but its path leaves upwards
+    found = elevations(np.array([2.5, 2.5]), np.array([1.5, 1.5]), np.array([True, False]))
+    up = np.arctan2(1.5, 2.0)
+    np.testing.assert_allclose(found, [[-up, up], [up, up]])
+    scene = tall()
+    paths = true_paths(scene, "agent1")
+    there = true_elevations(paths, scene, "agent1")
+    assert (there[paths.over == DIRECT] * [-1, 1] > 0).all()
+    assert (there[paths.over == CEILING] > 0).all()
+    assert (there[paths.over == FLOOR] < 0).all()
+
+
+def test_zenith_angles_of_ray_tracers_become_elevations():
+    scene, up = tall(levels=False), np.arctan2(1.5, 2.0)
+    column = lambda value: np.full((1, 2, 1), value)  # noqa: E731
+    traced = TracedPaths(
+        column(2.5 / SPEED_OF_LIGHT), column(0.1), column(-0.4), column(0.5 * np.pi + up),
+        column(0.5 * np.pi - up), column(0.01),
+    )  # fmt: skip
+    table = plane_table(traced, scene, 0.0)
+    assert table["aod_elevation_rad"]["A"][0, 0] == pytest.approx(-up)
+    assert table["aoa_elevation_rad"]["A"][0, 0] == pytest.approx(up)
+    assert "aoa_elevation_rad" not in plane_table(traced, tall(1, False), 0.0)
+
+
+def test_layers_add_columns_and_leave_all_others_as_they_were():
+    flat, high = (gs.simulate(tall(layers), "agent1", seed=3) for layers in (1, 5))
+    assert set(high.columns) - set(flat.columns) == set(ELEVATIONS)
+    for name, column in flat.columns.items():
+        np.testing.assert_array_equal(column, high.columns[name])
+
+
+@pytest.mark.slow
+def test_simulated_elevations_are_as_rough_as_the_arrays_layers_leave_them():
+    scene = tall(steps=60)
+    paths, radio, gaps = true_paths(scene, "agent1"), scene.signal_model("agent1"), []
+    clean = true_elevations(paths, scene, "agent1")
+    for seed in range(12):
+        heard, cause = simulate_labelled(scene, "agent1", seed)
+        rows, own = np.flatnonzero(cause >= 0), cause[cause >= 0]
+        std = radio.elevation_std(paths.amplitude[own], paths.anchor[own], np.cos(clean[own, 1]))
+        gaps.append((heard.aoa_elevation_rad[rows] - clean[own, 1]) / std[:, 1])
+        gaps.append((heard.aod_elevation_rad[rows] - clean[own, 0]) / std[:, 0])
+    assert np.concatenate(gaps).std() == pytest.approx(1.0, abs=0.02)
+
+
+def test_deviation_by_hand():
+    # five layers a quarter wavelength apart: mean square 0.125 wavelengths^2; u = 10, level
+    radio = tall().signal_model("agent1")
+    std = radio.elevation_std(np.array([10.0]), np.array([0]), np.array([1.0]))
+    np.testing.assert_allclose(std, 1 / (np.sqrt(8) * np.pi * 10 * np.sqrt(0.125)))
+
+
+def test_tables_keep_elevations_and_refuse_what_cannot_be(tmp_path):
+    heard = gs.simulate(tall(reports_std=True, steps=5), "agent1", seed=1)
+    assert set(OPTIONAL) <= set(heard.columns)
+    heard.to_csv(tmp_path / "a.csv")
+    heard.to_h5(tmp_path / "a.h5")
+    for back in (gs.Measurements.from_csv(tmp_path / "a.csv"), gs.Measurements.from_h5(tmp_path / "a.h5")):
+        for name in OPTIONAL:
+            np.testing.assert_allclose(back.columns[name], heard.columns[name], rtol=1e-12)
+    with pytest.raises(InputError, match=r"aoa_elevation_rad\[0\].*pi/2"):
+        replace(heard, aoa_elevation_rad=np.full(len(heard.step), 2.0))
+    scan = heard.scan(2)
+    with pytest.raises(InputError, match=r"aod_elevation_rad\[0\].*pi/2"):
+        replace(scan, aod_elevation_rad=np.full(len(scan), -2.0)).checked(2)
+    plain = replace(scan, **dict.fromkeys(OPTIONAL))
+    assert len(list(plain.content())) == 8 < len(list(scan.content()))
+
+
+def some_belief(draw, rises=0):
+    """An agent in the room, two walls, and rays of all ways over both."""
+    mean = np.concatenate([[0.3, -0.4, 0.1, 0.0, 0.5], draw.normal(0, 0.02, rises), [0.1, 3.0, 1.5, 2.5]])
+    root = 0.02 * draw.normal(size=(len(mean),) * 2)
+    table = [[b, last, first, a] for a in range(6) for b, last, first in ((0, -1, -1), (1, 0, -1), (2, 1, 0))]
+    rays = Rays(np.array(table, np.int32), np.ones(len(table)), np.ones(len(table)), (2, 6))
+    return Belief(mean, root @ root.T + 1e-6 * np.eye(len(mean)), rises=rises), rays
+
+
+@pytest.mark.parametrize("std", [0.0, 0.05])
+def test_slopes_are_differences(std):
+    model = tall(height_std_m=std).filter_model("agent1")
+    belief, rays = some_belief(np.random.default_rng(0), len(model.rise_variance))
+    found = Foreseen.of(belief, rays, model)
+    assert (found.way == [0] * 6 + [1] * 12).all()
+    for entry in range(len(belief.mean)):
+        step = 1e-6 * np.eye(len(belief.mean))[entry]
+        up, down = (
+            Foreseen.of(replace(belief, mean=belief.mean + side * step), rays, model).value
+            for side in (1, -1)
+        )
+        np.testing.assert_allclose(found.slope[:, entry], (up - down) / 2e-6, atol=1e-6)
+
+
+def heard_at(scene, seed, step=4):
+    model = scene.filter_model("agent1")
+    return split_by_anchor(gs.simulate(scene, "agent1", seed=seed).scan(step), model)[0], model
+
+
+@pytest.mark.parametrize("missing", [None, 0, 1])
+def test_factors_are_means_over_the_belief(missing):
+    heard, model = heard_at(tall(reports_std=True), 2)
+    steep = heard.elevation.copy()
+    if missing is not None:
+        steep[:, missing] = np.nan
+    heard = replace(heard, elevation=steep)
+    seen, draw = Seen.of(heard, model.radio), np.random.default_rng(1)
+    for way, sign in ((0, -1), (1, 1)):
+        expected, std = 0.3, 0.1
+        sampled = expected + std * draw.standard_normal(200_000)
+        for m in range(3):
+            density = np.ones_like(sampled)
+            for end, turn in ((0, sign), (1, 1)):
+                if np.isfinite(steep[m, end]):
+                    own = steep[m, 2 + end]
+                    gap = (steep[m, end] - turn * sampled) / own
+                    density *= np.pi * np.exp(-0.5 * gap**2) / np.sqrt(2 * np.pi) / own
+            ratio = seen.pairs(np.array([way]), np.array([m]), expected, std**2)[0]
+            assert ratio == pytest.approx(density.mean(), rel=0.05, abs=1e-6)
+
+
+def test_without_any_elevation_a_measurement_weighs_as_before():
+    heard, model = heard_at(tall(reports_std=True), 2)
+    seen = Seen.of(replace(heard, elevation=np.full_like(heard.elevation, np.nan)), model.radio)
+    assert (seen.ratios(np.zeros((3, 1), int), np.zeros((3, 1)), np.ones((3, 1))) == 1).all()
+
+
+@pytest.mark.parametrize("std", [0.0, 0.05])
+def test_sure_paths_correct_as_one_stacked_update_does(std):
+    scene = tall(height_std_m=std, reports_std=True)
+    heard, model = heard_at(scene, 5)
+    belief, rays = some_belief(np.random.default_rng(3), len(model.rise_variance))
+    foreseen, share = Foreseen.of(belief, rays, model), np.zeros((len(rays), len(heard)))
+    chosen = (1, 7, 13)
+    near = foreseen.value[list(chosen)]
+    steep = np.full((len(heard), 4), np.nan)
+    gap, own = np.array([0.02, -0.01, 0.03]), np.array([0.02, 0.03, 0.04])
+    steep[:3, 1], steep[:3, 3] = near + gap, own
+    share[chosen, range(3)] = 1.0
+    message = np.zeros((5, len(rays), len(heard)))
+    message[4] = share
+    state = replace(State.start(model), belief=belief)
+    sums = np.zeros((12, len(rays))), message, np.zeros((5, len(heard))), np.zeros((1, 9))
+    exchange = Exchange(0, rays, *sums, 512, np.zeros((0, 2)))
+    after = correct_by_elevations(state, replace(heard, elevation=steep), exchange, model.radio, model).belief
+    slope = foreseen.slope[list(chosen)]
+    gain = belief.covariance @ slope.T
+    spread = slope @ gain + np.diag(own) ** 2
+    mean = belief.mean + gain @ np.linalg.solve(spread, gap)
+    np.testing.assert_allclose(after.mean, mean, atol=1e-9)
+    covariance = belief.covariance - gain @ np.linalg.solve(spread, gain.T)
+    np.testing.assert_allclose(after.covariance, covariance, atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [GridSlam, AdaptiveSlam])
+def test_elevations_tell_ways_apart_that_distances_do_not(method):
+    # distances as rough as the ways differ: which way a path came is told by its elevation alone
+    scene = tall(steps=24, distance_std_m=0.6, false_alarms=0.2)
+    flat = replace_layers(scene, 1)
+    errors = []
+    for told in (scene, flat):
+        slam, errors_of = method(told, seed=1), []
+        for scan in gs.simulate(told, "agent1", seed=1):
+            estimate = slam.step(scan)
+            truth = told.track("agent1").position_m[scan.step]
+            errors_of.append(np.linalg.norm(estimate.position_m - truth))
+        errors.append(np.sqrt(np.mean(np.square(errors_of))))
+    assert errors[0] < errors[1]
+
+
+def replace_layers(scene, layers):
+    data = scene.model_dump(exclude_none=True)
+    data["radio"]["array"]["layers"] = layers
+    return gs.Scene.checked(data, scene.name)
+
+
+def test_elevations_lower_the_bound_of_unknown_heights_and_touch_no_other():
+    unsure = [unknown_map_bound(tall(n, height_std_m=0.3, steps=8), "agent1").position_m for n in (1, 40)]
+    assert (unsure[1] < unsure[0]).all()
+    planar = [unknown_map_bound(replace_layers(shortened(ROOM, 8), n), "agent1").position_m for n in (1, 40)]
+    np.testing.assert_array_equal(*planar)
+
+
+def test_planar_scenes_and_sampled_signals_know_no_layers():
+    assert set(gs.simulate(replace_layers(ROOM, 5), "agent1", seed=1).columns).isdisjoint(ELEVATIONS)
+    with pytest.raises(InputError, match=r"array.layers: found 3; allowed: 1"):
+        gs.simulate(replace_layers(gs.Scene.load("screen"), 3), "agent1", seed=1, what="signal")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda v: -v, "counted downwards"),
+        (lambda v: np.clip(0.5 * np.pi - v, -1.57, 1.57), "angles from the vertical"),
+        (lambda v: v, None),
+    ],
+)
+def test_check_names_elevations_that_are_none(tmp_path, spoil, words):
+    scene = tall(levels=False, steps=60)
+    heard = gs.simulate(scene, "agent1", seed=1)
+    replace(heard, aoa_elevation_rad=spoil(heard.aoa_elevation_rad)).to_csv(tmp_path / "a.csv")
+    lines = [line for line in describe(tmp_path / "a.csv", scene) if line.startswith("suspect")]
+    assert len(lines) == (words is not None)
+    assert all("aoa_elevation_rad" in line and words in line for line in lines)
+
+
+@pytest.mark.slow
+def test_check_says_where_nothing_is_made_of_elevations(tmp_path):
+    scene = tall(levels=False, steps=12)
+    gs.simulate(scene, "agent1", seed=1).to_csv(tmp_path / "a.csv")
+    notes = [line for line in describe(tmp_path / "a.csv", ROOM) if "elevation" in line and "note" in line]
+    assert ["no heights" in line for line in notes] == [True, True]
+    notes = describe(tmp_path / "a.csv", tall(1, False))
+    assert sum("isn't used: it has no deviations" in line for line in notes) == 2
