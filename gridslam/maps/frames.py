@@ -68,7 +68,7 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
     Map
         The same map if it is on the scene's grid already (and no word was needed).
     str or None
-        What was done to it, in one line.
+        What was done to it, and whether its makers were told the truth, in one line.
 
     Raises
     ------
@@ -88,10 +88,11 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
         sheet = grid.resample(scene.grid.origin_m, scene.grid.cell_m, scene.grid.shape)
     except InputError as error:
         raise InputError(error.where.replace("map", where, 1), error.found, error.allowed) from error
-    if sheet is grid:
-        return grid, None
-    sizes = [f"{g.shape[1]} x {g.shape[0]} cells of {g.cell_m:g} m" for g in (grid, sheet)]
-    return sheet, f"{where}: {sizes[0]} resampled to the scene's {sizes[1]}"
+    notes = [f"{where}: whoever made it was told the {grid.truth_told}"] if grid.truth_told else []
+    if sheet is not grid:
+        sizes = [f"{g.shape[1]} x {g.shape[0]} cells of {g.cell_m:g} m" for g in (grid, sheet)]
+        notes.append(f"{where}: {sizes[0]} resampled to the scene's {sizes[1]}")
+    return sheet, "; ".join(notes) or None
 
 
 def require_one_frame(maps: Sequence[Map], names: Sequence[str], same_frame: bool = False) -> None:

@@ -69,6 +69,7 @@ class Map(MapCells):
         names = ", ".join(map(str, who)) if isinstance(who, list) and who else "unknown agents"
         surfaces = len(self.surfaces) if self.surfaces is not None else 0
         learned = "" if self.features is None else f", {len(self.features)} features"
+        learned += f"; told the {self.truth_told}" if self.truth_told else ""
         return (
             f"by {names}: {width} x {height} cells of {self.cell_m:g} m, {self.observed.mean():.0%} "
             f"observed, {self.occupied.sum()} occupied, {surfaces} surfaces{learned}"

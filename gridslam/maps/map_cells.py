@@ -101,6 +101,12 @@ class MapCells:
         return self.evidence.shape[0], self.evidence.shape[1]
 
     @property
+    def truth_told(self) -> str:
+        """What of the truth a reference was told that had a part in it; mostly nothing."""
+        told = self.provenance.get("told")
+        return ", ".join(dict.fromkeys(map(str, told))) if isinstance(told, list) else ""
+
+    @property
     def corner_m(self) -> np.ndarray:
         """Upper-right corner of the upper-right cell: (2,) float64, m."""
         return self.origin_m + self.cell_m * np.array(self.shape[::-1])

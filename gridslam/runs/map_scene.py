@@ -130,7 +130,10 @@ def map_scene(
                 break
     if not estimates:
         raise InputError("measurements", "no step", "at least one step")
-    last = estimates[-1]
+    last, sheet = estimates[-1], stamped(mapped(slam), scene)
+    surfaces = last.surfaces.take(last.detected)
+    if sheet.surfaces is not None and not any(len(e.surfaces) for e in estimates):
+        surfaces = sheet.surfaces  # of features: no step tells them
     trajectory = believed_track(estimates, scene.agent(slam.agent).height_m)
     return Run(
         scene=scene,
@@ -141,8 +144,8 @@ def map_scene(
         estimates=estimates,
         trajectory=trajectory,
         covariance=np.array([e.covariance for e in estimates]),
-        surfaces=last.surfaces.take(last.detected),
-        map=stamped(mapped(slam), scene),
+        surfaces=surfaces,
+        map=sheet,
         seconds_per_step=(time.perf_counter() - began) / len(estimates),
         peak_memory_mb=peak,
         interrupted=len(estimates) < len(measurements),

@@ -63,6 +63,8 @@ class FilterFront(ABC, Generic[Observed, Believed]):
     """Whether paths over floor and ceiling have a place in it."""
     finds_heights: ClassVar[bool] = False
     """Whether it estimates heights that a scene gives with deviations."""
+    told: ClassVar[str] = ""
+    """What of the truth a reference is told; its map says so, and maps that go on from it."""
 
     def __init__(
         self,
@@ -198,7 +200,9 @@ class FilterFront(ABC, Generic[Observed, Believed]):
             "steps": self.state.step,
             "runs": self.now.identity.text,
         }
-        return {key: [*self.provenance[key], value] for key, value in own.items()}
+        told = [*self.provenance.get("told", ()), *([self.told] if self.told else ())]
+        lists = {key: [*self.provenance[key], value] for key, value in own.items()}
+        return lists | ({"told": told} if told else {})
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a checkpoint, from which `resume` goes on bit for bit.
@@ -233,4 +237,6 @@ def _provenance(prior: Map | None) -> dict[str, list[Any]]:
     lists = {key: earlier.get(key) for key in ("agents", "seeds", "steps", "runs")}
     known = {key: list(value) if isinstance(value, list) else [] for key, value in lists.items()}
     unknown = len(known["agents"]) - len(known["runs"])  # maps of earlier versions don't name their runs
-    return known | {"runs": [""] * unknown + known["runs"]}
+    told = earlier.get("told")
+    truth = {"told": list(told)} if isinstance(told, list) else {}
+    return known | truth | {"runs": [""] * unknown + known["runs"]}

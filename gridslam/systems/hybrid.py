@@ -12,7 +12,7 @@ import numpy as np
 
 from gridslam.inference.management.features.feature_tables import with_features
 from gridslam.inference.management.features.hybrid_info import HybridInfo, conclude
-from gridslam.inference.management.features.surface_features import image_features
+from gridslam.inference.management.features.sharing import handed_over
 from gridslam.inference.messages.features.feature_likelihood import require_hybrid
 from gridslam.inference.messages.features.following import (
     counted,
@@ -33,9 +33,7 @@ from gridslam.world.signal_scan import SignalScan
 
 
 def start(model: SignalModel, prior: Map | None = None) -> HybridState:
-    """The state before the first step: the agent's prior, and what an earlier agent left.
-
-    These are features, or surfaces, of which the anchors' images are features.
+    """The state before the first step: the agent's prior, and what an earlier agent left, see `handed_over`.
 
     Raises
     ------
@@ -49,10 +47,8 @@ def start(model: SignalModel, prior: Map | None = None) -> HybridState:
         np.full(anchors, 0.5), np.ones(anchors), np.ones(anchors),
     )  # fmt: skip
     if prior is not None:
-        left, joint = prior.features, prior.feature_covariance
-        if left is None or not len(left):  # of a method that maps surfaces
-            left, joint = image_features(prior.surfaces, prior.surface_covariance, model)
-        belief = with_features(belief, left, joint, model.anchor_positions)
+        left = prior.features, prior.feature_covariance, prior.surfaces, prior.surface_covariance
+        belief = with_features(belief, *handed_over(*left, model), model.anchor_positions)
     empty = Segment.empty(anchors, elements, frequencies)
     return HybridState(belief, belief, empty, next_identity=len(belief.features))
 

@@ -14,6 +14,7 @@ from gridslam.estimate_tables import PathEstimate
 from gridslam.estimates import Estimate
 from gridslam.inference.management.features.feature_tables import feature_estimate
 from gridslam.inference.management.features.hybrid_info import HybridInfo
+from gridslam.inference.management.features.mirror_cells import mirrors_of
 from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.lessons import Beside
 from gridslam.inference.state.features.hybrid_state import HybridState
@@ -82,10 +83,16 @@ class HybridFilter(SignalFilter[HybridState]):
         )  # fmt: skip
 
     def map(self) -> Map:
-        """A grid of which nothing was observed, and the learned features."""
-        table, joint = feature_estimate(self.state.joint, self.model.anchor_positions)
-        blank = Map.of_scene(self.scene)
-        sheet = replace(blank, features=table, feature_covariance=joint, provenance=self.latest())
+        """The learned features, and what mirrors among them say of surfaces and cells."""
+        belief = self.state.joint
+        table, joint = feature_estimate(belief, self.model.anchor_positions)
+        known = mirrors_of(table, belief, self.model)
+        sheet = replace(
+            Map.of_scene(self.scene), features=table, feature_covariance=joint, provenance=self.latest(),
+            evidence=known.grid.evidence, observed=known.grid.observed, coefficient=known.grid.coefficient,
+        )  # fmt: skip
+        if len(known.surfaces):
+            sheet = replace(sheet, surfaces=known.surfaces, surface_reflection=known.reflection)
         return stamped(sheet, self.scene)
 
     def _sights(self, info: HybridInfo) -> PathEstimate:

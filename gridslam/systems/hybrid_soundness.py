@@ -70,6 +70,7 @@ def _joint(belief: JointBelief, anchors: int) -> list[tuple[str, bool, str]]:
         ("levels", all(level.shape == (anchors,) for level in levels), "one for each anchor"),
         ("existence", bool(((belief.existence >= 0) & (belief.existence <= 1)).all()), "probabilities"),
         ("extent", bool(0 <= belief.extent < np.inf), "0 or more"),
+        ("sightings", belief.sightings.agent_m.shape == (len(belief.sightings), 2), "a place for each"),
         ("noise", bool((belief.noise > 0).all() and (belief.los_power > 0).all()), "positive numbers"),
     ]
 

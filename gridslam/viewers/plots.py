@@ -161,8 +161,9 @@ def draw_errors(
 
 
 def maps_surfaces(found: AgentFiles) -> bool:
-    """Whether a method maps surfaces, by what it left."""
-    return found.map.surfaces is not None or any(len(e.surfaces) for e in found.estimates)
+    """Whether a method tells surfaces at each step, by what it left; from features they follow at the end."""
+    mapped = found.map.surfaces is not None and found.map.features is None
+    return mapped or any(len(e.surfaces) for e in found.estimates)
 
 
 def _count_surfaces(count: Axes, found: AgentFiles, true: list[int] | None) -> None:

@@ -8,6 +8,7 @@ import pytest
 import gridslam as gs
 from gridslam import runtime
 from gridslam.errors import InputError
+from gridslam.estimate_tables import FREE
 from gridslam.systems import values
 from gridslam.systems.hybrid import HybridSlam, SightSlam
 from gridslam.world.start import assumed_start
@@ -119,7 +120,10 @@ def test_the_next_agent_goes_on_from_the_map(run, screen, heard, tmp_path):
     assert len(slam.state.joint.features) == len(prior.features)
     off = [np.hypot(*(slam.step(heard.scan(k)).position_m - heard.truth.position_m[k])) for k in range(20)]
     assert max(off[15:]) < 0.15
-    others = replace(prior, features=replace(prior.features, anchor_m=prior.features.anchor_m + 1))
+    far = replace(
+        prior.features, anchor_m=prior.features.anchor_m + 1, kind=np.full(len(prior.features), FREE)
+    )
+    others = replace(prior, features=far, surfaces=None, surface_reflection=None)
     assert len(HybridSlam(screen, others).state.joint.features) == 0
     assert len(SightSlam(screen, prior).state.joint.features) == 0  # the line of sight alone
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import gridslam as gs
+from gridslam.maps.frames import fitted
 from gridslam.systems.published.hybrid_known import KnownHybridSlam, true_features
 from gridslam.world.geometry import mirror
 from gridslam.world.scene import Scene
@@ -32,6 +33,17 @@ def test_scatterers_have_the_extra_length_of_their_way_to_the_anchor():
     far = np.hypot(*(table.position_m - scene.anchor_positions[0]).T)
     np.testing.assert_allclose(table.bias_m, far)
     assert (table.kind == 2).all()
+
+
+def test_its_map_says_that_it_was_told_and_so_does_whatever_goes_on_from_it():
+    told = KnownHybridSlam(SCREEN).map()
+    known = "true walls and scatterers"
+    assert told.truth_told == known
+    assert str(told).endswith(f"told the {known}>")
+    _, note = fitted(told, SCREEN, "first/map.h5")
+    assert note == f"first/map.h5: whoever made it was told the {known}"
+    assert gs.HybridSlam(SCREEN, prior_map=told).map().truth_told == known
+    assert fitted(gs.HybridSlam(SCREEN).map(), SCREEN)[1] is None
 
 
 @pytest.mark.slow

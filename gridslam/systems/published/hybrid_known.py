@@ -124,6 +124,7 @@ class KnownHybridSlam(HybridFilter):
 
     method = "hybrid-known"
     uses_maps = False
+    told = "true walls and scatterers"
     start = staticmethod(start)
     advance = staticmethod(step)
 

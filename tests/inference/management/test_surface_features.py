@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from feature_samples import ANCHOR, LINES, learned, surfaces
 from signal_worlds import signal_model
 
-from gridslam.estimate_tables import MIRROR, SCATTERER, FeatureEstimate, SurfaceEstimate
+from gridslam.estimate_tables import MIRROR, SCATTERER
 from gridslam.inference.management.features.surface_features import (
     between,
     image_features,
@@ -16,19 +17,6 @@ from gridslam.inference.management.features.surface_features import (
 from gridslam.maps.map import Map
 from gridslam.systems.front import inherit_surfaces
 from gridslam.world.geometry import line_of_sfv
-
-LINES = np.array([[0.2, 6.0], [1.9, 5.0]])
-ANCHOR = np.array([3.0, 4.0])
-
-
-def surfaces(lines=LINES, deviation=(0.02, 0.05)):
-    count = len(lines)
-    normal = np.column_stack([np.cos(lines[:, 0]), np.sin(lines[:, 0])])
-    square = np.tile(np.diag(np.square(deviation)), (count, 1, 1))
-    return SurfaceEstimate(
-        np.arange(count), 2 * lines[:, 1:] * normal, square, lines, square, np.full(count, 0.7),
-        np.full(count, 0.01), np.full(count, 0.9), np.full((count, 2), np.nan), np.full(count, -1),
-    )  # fmt: skip
 
 
 def images(lines):
@@ -89,20 +77,6 @@ def test_slopes_of_lines_and_images_equal_differences(angle):
         for column, way in enumerate(step * np.eye(2)):
             expected = (between(ANCHOR, at + way)[0] - found) / step
             np.testing.assert_allclose(back[:, column], expected, rtol=1e-4, atol=1e-4)
-
-
-def learned(position, **more):
-    """A table of features of one anchor, well known."""
-    count = len(position)
-    whole = {
-        "identity": np.arange(count), "anchor": np.zeros(count, np.int64),
-        "anchor_m": np.tile(ANCHOR, (count, 1)), "position_m": np.array(position),
-        "bias_m": np.zeros(count), "variance": np.array([1.0, 0.9, 0.4, 0.4])[:count],
-        "noise": np.ones(count),
-        "covariance": np.tile(1e-3 * np.eye(4), (count, 1, 1)), "kind": np.full(count, MIRROR),
-        "steps_seen": np.full(count, 50), "last_step": np.full(count, 60),
-    }  # fmt: skip
-    return FeatureEstimate(**(whole | more))
 
 
 def test_mirror_images_become_surfaces_but_not_images_of_images():

@@ -97,7 +97,9 @@ def mirrored(point: Array, slope: Array, line: Array, column: int) -> tuple[Arra
 
 
 def mirror_surfaces(table: FeatureEstimate) -> SurfaceEstimate:
-    """Surfaces of which features are the anchors' images; what they reflect isn't known.
+    """Surfaces of which features are the anchors' images, with these features' numbers.
+
+    What they reflect isn't known.
 
     Left out: features that aren't sure to be images, images of images, and surfaces that a stronger
     feature stands for already.
@@ -111,7 +113,7 @@ def mirror_surfaces(table: FeatureEstimate) -> SurfaceEstimate:
     spreads: list[Array] = []
     for n in good:
         line, slope = between(table.anchor_m[n], table.position_m[n])
-        if _of_two(table, int(n), lines) or any(_alike(line, other) for other in lines):
+        if _of_two(table, int(n), lines) or any(same_line(line, other) for other in lines):
             continue
         found.append(int(n))
         lines.append(line)
@@ -124,7 +126,7 @@ def mirror_surfaces(table: FeatureEstimate) -> SurfaceEstimate:
     existence = np.minimum(1 - 0.5 ** (table.steps_seen[rows] / LEAST_STEPS), MOST_SURE)
     unknown = np.full(count, 0.5)
     return SurfaceEstimate(
-        np.arange(count), 2 * line[:, 1:] * normal, sfv_covariance(line, spread), line, spread,
+        table.identity[rows], 2 * line[:, 1:] * normal, sfv_covariance(line, spread), line, spread,
         unknown, unknown**2 / 3, existence, np.full((count, 2), np.nan), np.full(count, -1),
     )  # fmt: skip
 
@@ -154,7 +156,7 @@ def _of_two(table: FeatureEstimate, row: int, lines: list[Array]) -> bool:
     return False
 
 
-def _alike(one: Array, other: Array) -> bool:
+def same_line(one: Array, other: Array) -> bool:
     """Whether two lines can be one surface."""
     turned = np.angle(np.exp(1j * (one[0] - other[0])))
     if abs(turned) > np.pi / 2:  # normals that point against each other

@@ -34,6 +34,8 @@ FORGETS = 0.1
 """Share by which powers follow a step's."""
 SURE = 9.0
 """Square of a path's amplitude, in that of its deviation, from which on it counts as heard."""
+SIGHTED = 0.9
+"""Probability from which on a line of sight counts as heard."""
 ROUNDS, SETTLED_M = 8, 1e-4
 TURNS_RAD = 1.0
 """Deviation of a direction per metre of a feature's extent: an array of few antennas tells scatterers at one
@@ -136,7 +138,15 @@ def update(
     for one, power in zip(anchors, powers, strict=True):
         known = products(place.numbers[one.numbers] + shift[one.numbers], one.got, wave)
         found = _follow_powers(found, one.index, known.of(slice(0, len(power))), power, step)
-    return found, evidence
+    return _sighted(found, belief, heard), evidence
+
+
+def _sighted(found: JointBelief, before: JointBelief, heard: NDArray[np.bool_]) -> JointBelief:
+    """The belief with the place from where features and lines of sight were heard at a step."""
+    bank = found.features
+    features = bank.identity[bank.steps_seen > before.features.steps_seen]
+    sights = -1 - np.flatnonzero(heard & (found.existence > SIGHTED))
+    return replace(found, sightings=found.sightings.add(np.concatenate([features, sights]), found.mean[:2]))
 
 
 def _place(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.state.features.features import ENTRIES, MOVING, FeatureBank
+from gridslam.inference.state.features.sightings import Sightings
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +50,8 @@ class JointBelief:
     extent : float
         Deviation by which what is heard of a feature stands beside its place, at each step anew, m; see
         `joint_update.TURNS_RAD`.
+    sightings : Sightings
+        From where features and lines of sight were heard.
     """
 
     mean: Array
@@ -58,6 +61,7 @@ class JointBelief:
     los_power: Array
     noise: Array
     extent: float = field(default=0.0, metadata={"later": True})
+    sightings: Sightings = field(default_factory=Sightings.none, metadata={"later": True})
 
     @property
     def agent_covariance(self) -> Array:
@@ -93,6 +97,7 @@ class JointBelief:
             mean=self.mean[rows],
             covariance=self.covariance[np.ix_(rows, rows)],
             features=self.features.take(mask),
+            sightings=self.sightings.keep(self.features.identity[mask]),
         )
 
 

@@ -1,0 +1,181 @@
+"""What one anchor's features say of others': mirrors and scatterers serve all; docs/model.md, (M232), (M321).
+
+A feature is one anchor's. But a wall reflects every anchor, and a scatterer is heard from all of them: only
+the extra length differs. So the next agent starts from what an earlier one learned for other anchors, too,
+be they in its scene or not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from gridslam.arrays import Array
+from gridslam.estimate_tables import SCATTERER, FeatureEstimate, SurfaceEstimate
+from gridslam.inference.management.features.surface_features import (
+    ALIKE,
+    ALIKE_M,
+    LEAST_STEPS,
+    image_features,
+    mirror_surfaces,
+    same_line,
+)
+from gridslam.world.signal_model import SignalModel
+
+SAME_PLACE_M = 0.01
+"""Anchors are surveyed better than this."""
+TIED_M = 0.1
+"""Deviation of a scatterer's extra length, to another anchor, from what its place says."""
+ONE_PLACE_M = 1e-3
+"""By how much places of one scatterer may differ."""
+NEAREST_M = 1.0
+"""Scatterers are as loud as if they were no nearer to anchor or agent."""
+Indices = NDArray[np.int64]
+
+
+def handed_over(
+    features: FeatureEstimate | None, joint: Array | None, surfaces: SurfaceEstimate | None,
+    lines: Array | None, model: SignalModel,
+) -> tuple[FeatureEstimate, Array]:  # fmt: skip
+    """All features that a map has for the anchors of a model, and the covariance of their x, y, b (3 F, 3 F).
+
+    Parameters
+    ----------
+    features, surfaces : FeatureEstimate, SurfaceEstimate or None
+    joint, lines : (3 G, 3 G), (2 S, 2 S) or None
+        Covariance of all features' x, y, b, and of all surfaces' lines; default: each one's own.
+
+    These are the anchors' own, scatterers that others heard, and images in surfaces of which an anchor has no
+    feature yet. What is left of features of anchors that aren't in the model is this alone.
+    """
+    table = FeatureEstimate.empty() if features is None else features
+    surfaces = SurfaceEstimate.empty() if surfaces is None else surfaces
+    if joint is None:
+        joint = block_diag(np.zeros((0, 0)), *table.covariance[:, :3, :3])
+    whose = owners(table, model)
+    own, spread = _rows(table, joint, np.flatnonzero(whose >= 0))
+    own = replace(own, anchor=whose[whose >= 0])
+    found, spread = with_scatterers(table, joint, own, spread, model)
+    for images, covariance in _images(surfaces, lines, table, own, model):
+        found, spread = _joined(found, spread, *_missing(images, covariance, found))
+    return replace(found, identity=np.arange(len(found))), spread
+
+
+def owners(table: FeatureEstimate, model: SignalModel) -> Indices:
+    """Which of the model's anchors each feature is of, (F,); -1: none."""
+    anchors = model.anchors[:, :2]
+    gap = np.linalg.norm(table.anchor_m[:, None] - anchors, axis=-1).reshape(len(table), len(anchors))
+    near: Indices = np.where(gap.min(1, initial=np.inf) < SAME_PLACE_M, gap.argmin(1), -1)
+    return near
+
+
+def with_scatterers(
+    table: FeatureEstimate, joint: Array, own: FeatureEstimate, spread: Array, model: SignalModel
+) -> tuple[FeatureEstimate, Array]:
+    """Own features and those that scatterers of other anchors are, unless they are there already; (M321).
+
+    Parameters
+    ----------
+    table, joint : FeatureEstimate, (3 F, 3 F)
+        Of all anchors.
+    own, spread : FeatureEstimate, (3 O, 3 O)
+        Of this model's: the rows of the table that are its anchors', in order.
+    """
+    heard = np.flatnonzero((table.kind == SCATTERER) & (table.steps_seen >= LEAST_STEPS))
+    whose, mine = owners(table, model), np.flatnonzero(owners(table, model) >= 0)
+    kept, own_spread = [own], np.square([ONE_PLACE_M, ONE_PLACE_M, TIED_M])
+    rows = [np.eye(len(joint))[_entries(mine)]]
+    for j, anchor in enumerate(model.anchors[:, :2]):
+        for n in heard[whose[heard] != j]:
+            way = table.position_m[n] - anchor
+            far = max(float(np.hypot(*way)), 1e-6)
+            one = replace(
+                table.take([n]), anchor=np.array([j]), anchor_m=anchor[None], bias_m=np.array([far]),
+                variance=table.variance[[n]] * _louder(table, int(n), anchor, model),
+            )  # fmt: skip
+            slope = np.zeros((3, len(joint)))
+            slope[:2, 3 * n : 3 * n + 2], slope[2, 3 * n : 3 * n + 2] = np.eye(2), way / far
+            square = slope @ joint @ slope.T + np.diag(own_spread)
+            covariance = table.covariance[[n]].copy()
+            covariance[0, :3, :3], covariance[0, :3, 3], covariance[0, 3, :3] = square, 0.0, 0.0
+            one = replace(one, covariance=covariance)
+            if not any(_stands_for(other, one) for other in kept):
+                kept.append(one)
+                rows.append(slope)
+    jacobian = np.concatenate(rows)
+    whole = jacobian @ joint @ jacobian.T
+    whole[: len(spread), : len(spread)] = spread
+    shared = np.arange(len(spread), len(whole))
+    whole[shared, shared] += np.tile(own_spread, len(shared) // 3)
+    return FeatureEstimate.stack(kept), whole
+
+
+def _louder(table: FeatureEstimate, row: int, anchor_m: Array, model: SignalModel) -> float:
+    """By which a scatterer's power at 1 m differs for another anchor, seen from where the agent starts."""
+    place, start = table.position_m[row], model.start_mean[:2]
+    fro = max(float(np.hypot(*(start - place))), NEAREST_M)
+    here, there = (
+        max(float(np.hypot(*(place - other))), NEAREST_M) for other in (table.anchor_m[row], anchor_m)
+    )
+    return ((1 / there + 1 / fro) / (1 / here + 1 / fro)) ** 2
+
+
+def _images(
+    surfaces: SurfaceEstimate,
+    known: Array | None,
+    table: FeatureEstimate,
+    own: FeatureEstimate,
+    model: SignalModel,
+) -> list[tuple[FeatureEstimate, Array]]:
+    """Images in the map's surfaces; in those that features stand for, only of anchors that have none."""
+    mirrors = mirror_surfaces(table)
+    other = np.array([not any(same_line(s, m) for m in mirrors.line) for s in surfaces.line], bool)
+    if known is not None:
+        keep = np.repeat(other, 2)
+        known = known[np.ix_(keep, keep)]
+    found = [image_features(surfaces.take(other), known, model)]
+    images, spread = image_features(mirrors, None, model)
+    bare = ~np.isin(images.anchor, own.anchor)
+    return [*found, _rows(images, spread, np.flatnonzero(bare))]
+
+
+def _rows(table: FeatureEstimate, joint: Array, rows: Indices) -> tuple[FeatureEstimate, Array]:
+    """Some features and the covariance of theirs."""
+    each = _entries(rows)
+    return table.take(rows), joint[np.ix_(each, each)]
+
+
+def _entries(rows: Indices) -> Indices:
+    """Where x, y, b of these features stand, (3 n,)."""
+    each: Indices = (3 * rows[:, None] + np.arange(3)).ravel()
+    return each
+
+
+def _missing(images: FeatureEstimate, spread: Array, found: FeatureEstimate) -> tuple[FeatureEstimate, Array]:
+    """Images that no feature stands for, in units of the samples that features were learned from."""
+    rows = [n for n in range(len(images)) if not _stands_for(found, images.take([n]))]
+    some, square = _rows(images, spread, np.array(rows, np.int64))
+    level = {int(j): found.noise[found.anchor == j][0] for j in np.unique(found.anchor)}
+    noise = np.array([level.get(int(j), 1.0) for j in some.anchor])
+    covariance = some.covariance.copy()
+    covariance[:, 3, 3] *= noise**2
+    return replace(some, variance=some.variance * noise, noise=noise, covariance=covariance), square
+
+
+def _stands_for(table: FeatureEstimate, one: FeatureEstimate) -> bool:
+    """Whether some feature of the same anchor can be this one (a table of one row)."""
+    same = np.flatnonzero(table.anchor == one.anchor[0])
+    gap = np.column_stack([table.position_m[same], table.bias_m[same]])
+    gap -= np.append(one.position_m[0], one.bias_m[0])
+    square = table.covariance[same, :3, :3] + one.covariance[0, :3, :3] + ALIKE_M**2 * np.eye(3)
+    far = np.einsum("ni,ni->n", gap, np.linalg.solve(square, gap[..., None])[..., 0])
+    return bool((far < ALIKE**2).any())
+
+
+def _joined(
+    one: FeatureEstimate, spread: Array, other: FeatureEstimate, covariance: Array
+) -> tuple[FeatureEstimate, Array]:
+    return FeatureEstimate.stack([one, other]), block_diag(spread, covariance)
