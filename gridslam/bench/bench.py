@@ -21,6 +21,7 @@ from gridslam.bench.poses import pose_speed
 from gridslam.bench.stages import KERNEL, Stopwatch
 from gridslam.bench.start import Machine, StartUp, machine, start_up
 from gridslam.bench.state_paths import state_path_speed
+from gridslam.bench.superposition import superposition_speeds
 from gridslam.estimates import Estimate
 from gridslam.inference.workspace.workspace import OTHER
 from gridslam.systems.front import SurfaceFilter
@@ -150,6 +151,7 @@ def measure(
     kernels.append(pose_speed(plan.kernel_particles, plan.kernel_s))
     kernels.append(state_path_speed(plan.kernel_s))
     kernels.append(line_evidence_speed(plan.kernel_s))
+    kernels += superposition_speeds(plan.kernel_s)
     kernels += feature_speeds(plan.features, plan.feature_particles, plan.kernel_s)
     steps = []
     for kind in kinds:

@@ -25,7 +25,8 @@ def line_evidence_speed(seconds: float) -> KernelSpeed:
 
     draw, by_line = np.random.default_rng(1), LineEvidence.none(1, RADIUS_M, SPACING_M)
     arguments = (
-        draw.exponential(size=(BEAMS, BEAMS, LENGTHS)), 24.0, np.array([2.0, 1.0, 0.3, 0.0]),
+        draw.exponential(size=(BEAMS, BEAMS, LENGTHS)).astype(np.float32), 1.0, 24.0,
+        np.array([2.0, 1.0, 0.3, 0.0]),
         np.array([-1.0, 0.5, 0.4, 0.0, 0.0]), by_line.offsets(RADIUS_M), 30.0 * REFLECTIONS,
         np.array([0.9, 0.02]), 0,
     )  # fmt: skip

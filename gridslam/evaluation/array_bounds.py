@@ -21,7 +21,7 @@ from gridslam.evaluation.bounds import (
     predict_information,
 )
 from gridslam.evaluation.path_slopes import follow_hits, hit_surfaces, path_jacobian, surface_lines
-from gridslam.inference.messages.samples.array_likelihood import ArrayBand, superpose_arrays
+from gridslam.inference.messages.samples.array_likelihood import ArrayBand, composed, superpose_arrays
 from gridslam.inference.state.layout import AGENT, HEADING
 from gridslam.simulation.image_source import TruePaths, true_paths
 from gridslam.world.scene import Scene
@@ -99,14 +99,8 @@ def snapshot_information(
     band: ArrayBand, path: Array, amplitude: NDArray[np.complex128], power: Array
 ) -> Array:
     """What a snapshot tells of N paths (N, 3) of given amplitudes, over noise of power 1, (3 N, 3 N)."""
-    delay, leaving, arriving = (factor[0] for factor in band.factors(path))
-    scaled = (amplitude[:, None] * leaving)[:, :, None] * arriving[:, None]
-    samples = np.tensordot(scaled, delay, (0, 0)).astype(np.complex128)
-    paths = superpose_arrays(band, samples, path, power, 1.0)
-    # `superpose_arrays` shrinks the amplitudes towards 0: here they are the true ones
-    scale = amplitude / np.where(np.abs(paths.amplitude) > 0, paths.amplitude, 1.0)
-    whole = np.conj(scale)[:, None, None, None] * paths.whole_information * scale[:, None]
-    return np.asarray(whole.real.reshape(3 * len(path), -1))
+    samples = composed(band, path, amplitude)
+    return superpose_arrays(band, samples, path, power, 1.0, amplitude).information
 
 
 def _recursion(

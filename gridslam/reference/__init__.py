@@ -19,6 +19,7 @@ from gridslam.reference.messages import associate, enter, evaluate, gate, log_ri
 from gridslam.reference.paths import densities, draw, lines_of, polylines, prepare, trace_paths
 from gridslam.reference.rays import list_paths, near
 from gridslam.reference.readout import describe
+from gridslam.reference.superposition import climb, respond, superpose
 from gridslam.reference.updates import effective_sample_size, exist, fit, update
 from gridslam.world.geometry import trace
 
@@ -28,6 +29,7 @@ __all__ = [
     "bend",
     "cast",
     "cells_of",
+    "climb",
     "columns",
     "correct",
     "dense",
@@ -61,6 +63,8 @@ __all__ = [
     "prepare",
     "propose",
     "recall",
+    "respond",
+    "superpose",
     "tall",
     "trace",
     "trace_paths",

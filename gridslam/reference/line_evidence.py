@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import i0e
 
 from gridslam.arrays import Array
@@ -12,8 +13,8 @@ MOST_LOG = 12.0
 
 
 def weigh_lines(
-    power: Array, folding: float, place: Array, pose: Array, offset: Array, level: Array, chance: Array,
-    fades: int, evidence: Array,
+    power: NDArray[np.float32], noise: float, folding: float, place: Array, pose: Array, offset: Array,
+    level: Array, chance: Array, fades: int, evidence: Array,
 ) -> Array:  # fmt: skip
     """Twin of `line_evidence.weigh_lines`: the evidence after a snapshot, (A, O, B)."""
     angle = np.pi * np.arange(len(evidence))[:, None] / len(evidence)
@@ -24,7 +25,7 @@ def weigh_lines(
     share = path.value / [folding, 2 * np.pi, 2 * np.pi] + [0.0, 0.5, 0.5]
     size = np.array([power.shape[2], *power.shape[:2]])
     d, t, r = np.moveaxis(np.mod(np.floor(share * size + 0.5).astype(np.intp), size), -1, 0)
-    matched = power[t, r, d]
+    matched = power[t, r, d] / noise
     strong, loud = level / path.value[..., :1], np.maximum(matched, 0)[..., None]
     bend = 2 * strong * np.sqrt(loud)
     own = np.exp(np.minimum(bend - strong**2, MOST_LOG)) * i0e(bend)

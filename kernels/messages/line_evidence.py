@@ -2,9 +2,8 @@
 
 import taichi as ti
 
-from gridslam.kernels.primitives.functions import bearing_of, cos_of, decay_of, sin_of
+from gridslam.kernels.primitives.functions import angle_of, cos_of, exp_of, sin_of
 from gridslam.kernels.primitives.launching import quick
-from gridslam.kernels.primitives.radio import scaled_bessel
 
 TURN = 6.283185307179586
 MOST_LOG = 12.0
@@ -16,8 +15,9 @@ LEAST, MOST = 1e-6, 1e30
 @quick
 @ti.kernel
 def weigh_lines(
-    power: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [T, R, D] |y|^2 by departure, arrival and length,
-    # noise of power 1; below 0 where a known path is too near
+    power: ti.types.ndarray(dtype=ti.f32, ndim=3),  # [T, R, D] |y|^2 by departure, arrival and length;
+    # below 0 where a known path is too near
+    noise: ti.f64,  # power of the noise in that
     folding: ti.f64,  # length beyond which a path looks nearer than it is
     place: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [4] anchor: x, y, orientation, height above the agent
     pose: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [5] x, y, heading of the agent; middle of the region
@@ -30,36 +30,57 @@ def weigh_lines(
 ):
     """Multiply the evidence of all lines by what a snapshot says of their single bounces."""
     ti.loop_config(serialize=True)
-    for a, o in ti.ndrange(evidence.shape[0], evidence.shape[1]):
+    fold, quiet = 1 / folding, ti.cast(1 / noise, ti.f32)
+    for a in range(evidence.shape[0]):
         angle = 0.5 * TURN * ti.cast(a, ti.f64) / evidence.shape[0]
         nx, ny = cos_of(angle), sin_of(angle)
-        far = offset[o] + nx * pose[3] + ny * pose[4]
-        here, there = nx * pose[0] + ny * pose[1] - far, nx * place[0] + ny * place[1] - far
-        if here * there > 0:
-            dx, dy = place[0] - 2 * there * nx - pose[0], place[1] - 2 * there * ny - pose[1]
-            length = ti.sqrt(dx * dx + dy * dy + place[3] * place[3])
-            arrival = bearing_of(dx, dy)
-            t = nearest((2 * angle - arrival - place[2]) / TURN + 0.5, power.shape[0])
-            r = nearest((arrival - pose[2]) / TURN + 0.5, power.shape[1])
-            d = nearest(length / folding, power.shape[2])
-            matched = power[t, r, d]
-            if matched >= 0:
-                amplitude = ti.sqrt(matched)
-                for b in range(evidence.shape[2]):
-                    strong = level[b] / length
-                    square = strong * strong
-                    ratio = decay_of(ti.min(square * matched / (1 + square), MOST_LOG)) / (1 + square)
-                    if fades == 0:
-                        bend = 2 * strong * amplitude
-                        ratio = decay_of(ti.min(bend - square, MOST_LOG)) * scaled_bessel(bend)
-                    ratio = chance[0] * ratio + 1 - chance[0]
-                    before = evidence[a, o, b]
-                    after = ratio * ((1 - chance[1]) * before + chance[1])
-                    evidence[a, o, b] = ti.min(ti.max(after, LEAST), MOST)
+        middle = nx * pose[3] + ny * pose[4]
+        here, there = nx * pose[0] + ny * pose[1] - middle, nx * place[0] + ny * place[1] - middle
+        for o in range(evidence.shape[1]):
+            if (here - offset[o]) * (there - offset[o]) > 0:
+                back = 2 * (there - offset[o])
+                dx, dy = place[0] - back * nx - pose[0], place[1] - back * ny - pose[1]
+                length = ti.sqrt(dx * dx + dy * dy + place[3] * place[3])
+                arrival = angle_of(ti.cast(dx, ti.f32), ti.cast(dy, ti.f32))
+                t = nearest((2 * angle - arrival - place[2]) * (1 / TURN) + 0.5, power.shape[0])
+                r = nearest((arrival - pose[2]) * (1 / TURN) + 0.5, power.shape[1])
+                d = nearest(length * fold, power.shape[2])
+                matched = power[t, r, d]
+                if matched >= 0:
+                    heard, near = ti.sqrt(matched * quiet), ti.cast(1 / length, ti.f32)
+                    for b in range(evidence.shape[2]):
+                        ratio = ratio_of(heard, near * ti.cast(level[b], ti.f32), fades)
+                        before = evidence[a, o, b]
+                        after = (chance[0] * ratio + 1 - chance[0]) * ((1 - chance[1]) * before + chance[1])
+                        evidence[a, o, b] = ti.min(ti.max(after, LEAST), MOST)
+
+
+@ti.func
+def ratio_of(heard, strong, fades):
+    """Likelihood ratio of a path of some amplitude where |y| is `heard`, (M152), in single precision."""
+    square = strong * strong
+    ratio = ti.f32(0.0)
+    if fades:
+        ratio = exp_of(ti.min(square * heard * heard / (1 + square), MOST_LOG)) / (1 + square)
+    else:
+        bend = 2 * strong * heard
+        if bend <= 3.75:  # [Abramowitz1964handbook], 9.8.1, 9.8.2
+            t = bend * bend * (1 / 14.0625)
+            ratio = exp_of(-square) * (1 + t * (3.5156229 + t * (3.0899424 + t * (
+                1.2067492 + t * (0.2659732 + t * (0.0360768 + t * 0.0045813))
+            ))))  # fmt: skip
+        else:
+            s = 3.75 / bend
+            ratio = exp_of(ti.min(bend - square, MOST_LOG)) * ti.rsqrt(bend) * (0.39894228 + s * (
+                0.01328592 + s * (0.00225319 + s * (-0.00157565 + s * (0.00916281 + s * (
+                    -0.02057706 + s * (0.02635537 + s * (-0.01647633 + s * 0.00392377))
+                ))))
+            ))  # fmt: skip
+    return ratio
 
 
 @ti.func
 def nearest(share, count):
     """Index of the nearest of so many points that are even over a turn, of which `share` has gone by."""
-    index = ti.cast(ti.floor(share * count + 0.5), ti.i32) % count
-    return index + count * ti.cast(index < 0, ti.i32)
+    index = ti.cast((share - ti.floor(share)) * count + 0.5, ti.i32)
+    return index if index < count else 0

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from gridslam import reference
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand
 from gridslam.world.scene_parts import ArraySpec
 from gridslam.world.waveform import Waveform
@@ -21,7 +22,8 @@ def band_of(rows: int = 2, columns: int = 3, frequencies: int = 9) -> ArrayBand:
 
 
 def responses(band, path):
-    delay, leaving, arriving = (factor[0] for factor in band.factors(path))
+    factors = reference.respond(band.wavenumber, band.pulse, band.anchor, band.agent, path)
+    delay, leaving, arriving = (np.conj(factor[0]) for factor in factors)
     return np.einsum("nm,na,nb->nabm", delay, leaving, arriving).reshape(len(path), -1)
 
 

@@ -25,7 +25,8 @@ def test_evidence_is_that_of_the_twin(seed, fades, height, beams):
     power = 4 * draw.exponential(size=(beams, 9, 20))
     power[draw.random(power.shape) < 0.2] = -1.0
     arguments = (
-        power, 12.0, np.array([*draw.uniform(-5, 5, 2), draw.uniform(-3, 3), height]),
+        power.astype(np.float32), draw.uniform(0.5, 2), 12.0,
+        np.array([*draw.uniform(-5, 5, 2), draw.uniform(-3, 3), height]),
         np.array([*draw.uniform(-5, 5, 2), draw.uniform(-3, 3), *draw.uniform(-1, 1, 2)]),
         np.linspace(-6, 6, 11), draw.uniform(1, 30, 3), np.array([0.9, 0.05]), int(fades),
         np.exp(draw.uniform(-5, 5, (13, 11, 3))),
@@ -38,9 +39,9 @@ def test_evidence_is_that_of_the_twin(seed, fades, height, beams):
 
 def test_one_line_is_as_worked_out_by_hand():
     # the line x = 2, anchor (0, 0), agent (0, 3): image at (4, 0), length 5
-    power = np.full((1, 1, 10), 2.5)
+    power = np.full((1, 1, 10), 5.0, np.float32)
     place, pose = np.zeros(4), np.array([0.0, 3.0, 0.0, 0.0, 0.0])
-    known = (power, 10.0, place, pose, np.array([-2.0, 0.0, 2.0]), np.array([5.0]), np.array([0.9, 0.1]))
+    known = (power, 2.0, 10.0, place, pose, np.array([-2.0, 0.0, 2.0]), np.array([5.0]), np.array([0.9, 0.1]))
     before = np.ones((2, 3, 1))
     fading = weighed(*known, 1, before)
     ratio = 0.9 * np.exp(2.5 / 2 - np.log(2)) + 0.1
@@ -48,5 +49,5 @@ def test_one_line_is_as_worked_out_by_hand():
     power[0, 0, 5] = -1.0  # beside a known path
     assert weighed(*known, 1, 4 * before)[0, 2, 0] == 4.0
     # y = 0 lies through the anchor: no path
-    power[0, 0, 5] = 2.5
+    power[0, 0, 5] = 5.0
     assert weighed(*known, 0, 4 * before)[1, 1, 0] == 4.0

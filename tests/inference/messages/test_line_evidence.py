@@ -7,7 +7,7 @@ import pytest
 
 import gridslam as gs
 from gridslam import runtime
-from gridslam.inference.messages.samples.array_likelihood import ArrayBand, composed, unexplained
+from gridslam.inference.messages.samples.array_likelihood import ArrayBand, composed
 from gridslam.inference.messages.samples.array_updates import coefficient_ratios
 from gridslam.inference.messages.samples.line_evidence import LOUD, likeliest_line
 from gridslam.inference.messages.samples.matched_power import MatchedPower
@@ -71,8 +71,9 @@ def test_noise_makes_no_line_likely():
         pose[:2] += 0.04 * np.array([np.cos(step / 20), np.sin(step / 20)])
         for anchor, place in enumerate(([3.0, 1.0, 0.0, 0.0], [-2.0, -2.5, 1.0, 0.0])):
             weigh_lines(
-                draw.exponential(size=(12, 12, 60)), 20.0, np.array(place), pose, by_line.offsets(RADIUS),
-                10 * REFLECTIONS, np.array([0.9, 1 / MEMORY]), 0, by_line.ratio[anchor],
+                draw.exponential(size=(12, 12, 60)).astype(np.float32), 1.0, 20.0, np.array(place), pose,
+                by_line.offsets(RADIUS), 10 * REFLECTIONS, np.array([0.9, 1 / MEMORY]), 0,
+                by_line.ratio[anchor],
             )  # fmt: skip
         sure += likeliest_line(by_line, MODEL) is not None
     assert sure == 0
@@ -140,6 +141,6 @@ def test_table_of_powers_has_a_path_where_it_is_and_known_ones_are_taken_out():
     gap = (power.highest - path[0]) * band.steepness
     assert np.abs(gap).max() < 0.6
     assert power.power.max() == pytest.approx(100.0, rel=0.4)
-    left = unexplained(band, samples, path[:1], np.array([100.0]), 1e-3)
+    left = samples - composed(band, path[:1], np.array([10.0 + 0j]))
     assert np.abs(MatchedPower.of(band, left).highest - path[1]).max() < 0.3
     assert (power.without(path[:1]).power < 0).any()

@@ -5,7 +5,7 @@ import pytest
 from array_snapshots import band_of, heard
 from scipy.special import logsumexp
 
-from gridslam.inference.messages.samples.array_likelihood import products
+from gridslam.inference.messages.samples.array_likelihood import one_more
 from gridslam.inference.messages.samples.array_paths import log_amplitudes
 from gridslam.inference.messages.samples.state_mode import PathsPrior, paths_at, state_mode
 from gridslam.inference.state.belief import Belief
@@ -92,7 +92,7 @@ def test_evidence_of_a_path_is_the_mean_of_its_ratio_over_what_was_believed():
     mode = state_mode(BAND, samples, prior, 1.0)
 
     def log_ratio(path):
-        matched = np.abs(products(BAND, samples, path)[1][0]) ** 2
+        matched = np.abs(one_more(BAND, samples, path, NO_PATH, np.zeros(0), 1.0)[0]) ** 2
         return log_amplitudes(matched, np.ones(len(path)), np.array([[20.0]]), True)[:, 0]
 
     steps = np.linspace(-4, 4, 25)

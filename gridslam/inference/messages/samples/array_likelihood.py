@@ -13,13 +13,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.waveform import Waveform
 
 Complex = NDArray[np.complex128]
-KINDS = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])
-"""Which factor is replaced by its derivative: none, or that of one parameter."""
+NONE = np.zeros(0, np.complex128)
 POINTS = 2
 """At which delays are tried, in ratio to the frequencies; beams in ratio to their width."""
 
@@ -30,15 +30,55 @@ class Beams:
 
     Attributes
     ----------
-    out, back : (T, A) and (R, B)
+    out, back : (T, A) and (R, B) complex64
         Conjugate responses of the elements to the angles.
+    delay : (M, D) complex64
+        Conjugate responses to the lengths.
     """
 
     length: Array
     leaving: Array
     arriving: Array
-    out: Complex
-    back: Complex
+    out: NDArray[np.complex64]
+    back: NDArray[np.complex64]
+    delay: NDArray[np.complex64]
+
+
+@dataclass(frozen=True, eq=False)
+class Factors:
+    """Conjugate responses of N paths as products of three factors; index 1 of the first axis: derivatives.
+
+    Attributes
+    ----------
+    path : (N, 3)
+    delay, leaving, arriving : (2, N, M), (2, N, A), (2, N, B) complex128
+    parts : tuple
+        The same memory as pairs of numbers.
+    gram, half : (4 N + 1, 4 N, 2), (5 N + 1, N, 2)
+        Room for their products and for what solves these.
+    """
+
+    path: Array
+    delay: Complex
+    leaving: Complex
+    arriving: Complex
+    parts: tuple[Array, Array, Array]
+    gram: Array
+    half: Array
+
+    @classmethod
+    def room(cls, count: int, *sizes: int) -> Factors:
+        """Room for N paths over so many frequencies, and elements of anchor and agent."""
+        made = [np.empty((2, count, size), np.complex128) for size in sizes]
+        delay, leaving, arriving = made
+        parts = pairs(delay), pairs(leaving), pairs(arriving)
+        gram, half = np.empty((4 * count + 1, 4 * count, 2)), np.empty((5 * count + 1, count, 2))
+        return cls(np.empty((count, 3)), delay, leaving, arriving, parts, gram, half)
+
+    def delayed(self, samples: Complex) -> Complex:
+        """Samples (A, B, M) as the delays make them, (2, N, A, B)."""
+        told = np.matmul(self.delay, samples.reshape(-1, samples.shape[-1]).T)
+        return np.asarray(told.reshape(*told.shape[:2], *samples.shape[:2]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,19 +145,39 @@ class ArrayBand:
         """Where paths are looked for at first: two points for each width of a peak."""
         count = POINTS * len(self.wavenumber)
         leaving, arriving = _directions(self.anchor), _directions(self.agent)
-        out, back = (
-            np.conj(_steered(element, angle)[0])
-            for element, angle in ((self.anchor, leaving), (self.agent, arriving))
+        length = self.folding_m * np.arange(count) / count
+        path = np.zeros((max(count, len(leaving), len(arriving)), 3))
+        for side, values in enumerate((length, leaving, arriving)):
+            path[: len(values), side] = values
+        made = self.factors(path)
+        delay, out, back = (
+            one[0, : len(values)].astype(np.complex64)
+            for one, values in ((made.delay, length), (made.leaving, leaving), (made.arriving, arriving))
         )
-        return Beams(self.folding_m * np.arange(count) / count, leaving, arriving, out, back)
+        return Beams(length, leaving, arriving, out, back, np.ascontiguousarray(delay.T))
 
-    def factors(self, path: Array) -> tuple[Complex, Complex, Complex]:
-        """Responses and derivatives, (2, N, M), (2, N, A), (2, N, B), to paths (N, 3): m, rad, rad."""
-        delay = self.pulse * np.exp(-1j * path[:, :1] * self.wavenumber)
-        return (
-            np.stack([delay, -1j * self.wavenumber * delay]),
-            _steered(self.anchor, path[:, 1]), _steered(self.agent, path[:, 2]),
-        )  # fmt: skip
+    def factors(self, path: Array) -> Factors:
+        """Conjugate responses to paths (N, 3) m, rad, rad; the next call for as many reuses the arrays."""
+        runtime.start()
+        from gridslam.kernels.messages.superposition import respond
+
+        count = len(path)
+        if count not in self._rooms:
+            self._rooms[count] = Factors.room(count, *map(len, (self.wavenumber, self.anchor, self.agent)))
+        made = self._rooms[count]
+        made.path[:] = path
+        respond(self.wavenumber, pairs(self.pulse), self.anchor, self.agent, made.path, *made.parts)
+        return made
+
+    @cached_property
+    def _rooms(self) -> dict[int, Factors]:
+        """What `factors` writes to, by the number of paths."""
+        return {}
+
+
+def pairs(numbers: Complex) -> Array:
+    """The same memory as real and imaginary parts, the last axis."""
+    return numbers.view(np.float64).reshape(*numbers.shape, 2)
 
 
 def _directions(element: Array) -> Array:
@@ -127,13 +187,6 @@ def _directions(element: Array) -> Array:
     reach = float(np.linalg.norm(element - element.mean(0), axis=1).max())
     count = int(np.clip(np.ceil(2 * POINTS * reach), 12, 720))
     return np.linspace(-np.pi, np.pi, count, endpoint=False)
-
-
-def _steered(element: Array, angle: Array) -> Complex:
-    """Response of elements (n, 2) rad to directions (N,), and its derivative, (2, N, n); (M50)."""
-    x, y = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    response = np.exp(1j * (x * element[:, 0] + y * element[:, 1])) / np.sqrt(len(element))
-    return np.stack([response, 1j * (x * element[:, 1] - y * element[:, 0]) * response])
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,8 +203,8 @@ class ArraySuperposition:
         s^H C^-1 z.
     own : (N,)
         s^H C^-1 s.
-    whole_information : (N, 3, N, 3) complex128
-        2 conj(a_n) a_m s'_n^H C^-1 s'_m, whose real part is `information`.
+    information : (3 N, 3 N)
+        Lambda: of the parameters with unknown amplitudes, at these amplitudes.
     gradient : (N, 3)
         Of log_density by the parameters.
     rest_power : float
@@ -166,17 +219,11 @@ class ArraySuperposition:
     amplitude: Complex
     matched: Complex
     own: Array
-    whole_information: Complex
+    information: Array
     gradient: Array
     rest_power: float
     unexplained: float
     noise: float
-
-    @property
-    def information(self) -> Array:
-        """Lambda: of the parameters with unknown amplitudes, at these amplitudes, (3 N, 3 N)."""
-        size = 3 * len(self.amplitude)
-        return np.asarray(self.whole_information.real.reshape(size, size))
 
     def without(self, weight: Array) -> tuple[Array, Array]:
         """|y|^2 and g (N,) of every path of weight (N,) as if it were one more on top of all others.
@@ -188,7 +235,7 @@ class ArraySuperposition:
 
 
 def superpose_arrays(
-    band: ArrayBand, samples: Complex, path: Array, weight: Array, noise: float
+    band: ArrayBand, samples: Complex, path: Array, weight: Array, noise: float, amplitude: Complex = NONE
 ) -> ArraySuperposition:
     """Evaluate N paths; C = s2 I + sum_n w_n s_n s_n^H.
 
@@ -200,100 +247,70 @@ def superpose_arrays(
         Mean power of each path, in the scale of `noise`.
     noise : float
         Power of the noise in each sample, s2.
+    amplitude : (N,) or (0,)
+        Those at which the information is, if known.
 
     Notes
     -----
-    C^-1 is never formed, see `signal_likelihood.superpose`; products are those of `KINDS` of the paths.
+    C^-1 is never formed, see `signal_likelihood.superpose`.
     """
-    count = len(path)
-    gram, matched = products(band, samples, path)
-    power = float(np.vdot(samples, samples).real)
-    plain = gram[0, :, 0]
-    root = np.sqrt(weight)
-    lower = np.linalg.cholesky(np.eye(count) + root[:, None] * plain * root / noise).astype(np.complex128)
-    # rows: the plain responses, their derivatives, the samples
-    columns = np.concatenate([gram[:, :, 0].reshape(4 * count, count), np.conj(matched[0])[None]]) * root
-    half = np.linalg.solve(lower, np.conj(columns).T)
-    steep = slice(count, 4 * count)
-    whole = (
-        gram[1:, :, 1:].reshape(3 * count, 3 * count) - np.conj(half[:, steep]).T @ half[:, steep] / noise
-    ) / noise
-    told = (matched.reshape(-1) - np.conj(half[:, :-1]).T @ half[:, -1] / noise) / noise
-    own = (1 - (np.abs(half[:, :count]) ** 2).sum(0) / noise) / noise
-    across = gram[0, :, 1:].diagonal(axis1=0, axis2=2).T  # s_n^H s'_n, (N, 3)
-    turned = half[:, steep].reshape(count, 3, count).transpose(2, 0, 1)
-    across = (across - np.einsum("kn,nkp->np", np.conj(half[:, :count]), turned) / noise) / noise
-    amplitude = weight * told[:count]
-    gradient = 2 * np.real(np.conj(amplitude)[:, None] * told[count:].reshape(3, count).T)
-    gradient -= 2 * weight[:, None] * across.real
-    scale = np.conj(amplitude)[:, None] * amplitude
-    whole = 2 * np.einsum("pnqm,nm->npmq", whole.reshape(3, count, 3, count), scale)
-    explained = float((np.abs(half[:, -1]) ** 2).sum()) / noise
-    log_det = 2 * np.log(lower.diagonal().real).sum() + band.samples * np.log(noise)
-    rest = power - 2 * float(np.vdot(amplitude, matched[0]).real)
-    rest += float(np.vdot(amplitude, plain @ amplitude).real)
-    unexplained = band.samples - count + float(np.sum(np.abs(np.linalg.inv(lower)) ** 2))
+    found, information, sums = _superposed(band, samples, path, weight, noise, amplitude, len(path))
+    log_density, rest, left = sums.tolist()
+    numbers = found[:, :4].copy().view(np.complex128)
     return ArraySuperposition(
-        float(-log_det - (power - explained) / noise), amplitude, told[:count], np.maximum(own, 1e-300),
-        whole, gradient, rest, unexplained, noise,
+        log_density, numbers[:, 0], numbers[:, 1], np.maximum(found[:, 4], 1e-300),
+        information.reshape(3 * len(path), 3 * len(path)), found[:, 5:], rest, left, noise,
     )  # fmt: skip
 
 
-def products(
-    band: ArrayBand, samples: Complex, path: Array, kinds: NDArray[np.intp] = KINDS
-) -> tuple[Complex, Complex]:
-    """Products of the responses and derivatives of N paths with each other and with the samples.
+def _superposed(
+    band: ArrayBand,
+    samples: Complex,
+    path: Array,
+    weight: Array,
+    noise: float,
+    amplitude: Complex,
+    asked: int,
+) -> tuple[Array, Array, Array]:
+    """What the kernel tells of N paths, with the information about all or (`asked` is 0) none."""
+    from gridslam.kernels.messages.superposition import superpose
 
-    Parameters
-    ----------
-    kinds : (K, 3) intp
-        Those of `KINDS` that are asked for.
-
-    Returns
-    -------
-    (gram, matched)
-        (K, N, K, N), by kind and path of either; (K, N).
-    """
-    factors, count = band.factors(path), len(path)
-    gram: Complex | float = 1.0
-    for factor, kind in zip(factors, kinds.T, strict=True):
-        flat = factor.reshape(2 * count, factor.shape[2])
-        small = (np.conj(flat) @ flat.T).reshape(2, count, 2, count)
-        gram = gram * small[kind][:, :, kind]
-    delay, leaving, arriving = (np.conj(factor) for factor in factors)
-    part = delay.reshape(2 * count, delay.shape[2]) @ samples.reshape(-1, samples.shape[2]).T
-    part = part.reshape(2, count, *samples.shape[:2]) @ arriving.transpose(1, 2, 0)  # [2, N, A, 2]
-    part = leaving.transpose(1, 0, 2) @ part  # [2, N, 2, 2]: which factor of delay, departure, arrival
-    return np.asarray(gram), part[kinds[:, 0], :, kinds[:, 1], kinds[:, 2]]
+    count, made = len(path), band.factors(path)
+    found, information, sums = np.empty((count, 8)), np.empty((asked, 3, asked, 3)), np.empty(3)
+    delays = made.delay.reshape(2 * count, made.delay.shape[2])
+    superpose(
+        pairs(np.matmul(delays, np.conj(delays).T).reshape(2, count, 2, count)), *made.parts[1:],
+        pairs(made.delayed(samples)), weight,
+        np.array([noise, float(np.vdot(samples, samples).real), band.samples]), pairs(amplitude), made.gram,
+        made.half, found, information, sums,
+    )  # fmt: skip
+    return found, information, sums
 
 
 def one_more(
     band: ArrayBand, samples: Complex, new: Array, path: Array, weight: Array, noise: float
 ) -> tuple[Complex, Array]:
     """s^H C^-1 z and s^H C^-1 s of paths (K, 3) on top of N others (N, 3), each (K,)."""
-    count = len(path)
-    gram, matched = products(band, samples, np.concatenate([path, new]), KINDS[:1])
-    plain, root = gram[0, :, 0], np.sqrt(weight)
-    lower = np.linalg.cholesky(np.eye(count) + root[:, None] * plain[:count, :count] * root / noise)
-    half = np.linalg.solve(
-        lower, root[:, None] * np.column_stack([plain[:count, count:], matched[0, :count]])
+    weights = np.concatenate([weight, np.zeros(len(new))])
+    found, _, _ = _superposed(band, samples, np.concatenate([path, new]), weights, noise, NONE, 0)
+    found = found[len(path) :]
+    return found[:, 2] + 1j * found[:, 3], np.maximum(found[:, 4], 1e-300)
+
+
+def climbed(band: ArrayBand, rest: Complex, peak: Array, steps: int) -> Array:
+    """The top of a peak (3,) of |s^H z|, so many Newton steps away; of samples (A, B, M)."""
+    runtime.start()
+    from gridslam.kernels.messages.superposition import climb
+
+    top = np.array(peak)
+    climb(
+        band.wavenumber, pairs(band.pulse), band.anchor, band.agent, band.steepness, pairs(rest), steps, top
     )
-    cross, told = half[:, :-1], half[:, -1]
-    left = (matched[0, count:] - np.conj(cross).T @ told / noise) / noise
-    own = (1 - (np.abs(cross) ** 2).sum(0) / noise) / noise
-    return left, np.maximum(own, 1e-300)
-
-
-def unexplained(band: ArrayBand, samples: Complex, path: Array, power: Array, noise: float) -> Complex:
-    """What of the samples (A, B, M) paths (N, 3) of mean powers (N,) leave if all of them are there."""
-    gram, matched = products(band, samples, path, KINDS[:1])
-    inverse = gram[0, :, 0] + np.diag(noise / np.maximum(power, 1e-9 * noise))
-    amplitude = np.asarray(np.linalg.solve(inverse, matched[0]), np.complex128)
-    return np.asarray(samples - composed(band, path, amplitude), np.complex128)
+    return top
 
 
 def composed(band: ArrayBand, path: Array, amplitude: Complex) -> Complex:
     """The samples of paths (N, 3) of amplitudes (N,), (A, B, M)."""
-    delay, leaving, arriving = (factor[0] for factor in band.factors(path))
-    scaled = (amplitude[:, None] * leaving)[:, :, None] * arriving[:, None]
-    return np.asarray(np.tensordot(scaled, delay, (0, 0)))
+    made = band.factors(path)
+    scaled = (np.conj(amplitude)[:, None] * made.leaving[0])[:, :, None] * made.arriving[0][:, None]
+    return np.asarray(np.conj(np.tensordot(scaled, made.delay[0], (0, 0))))

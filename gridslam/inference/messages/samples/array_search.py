@@ -10,9 +10,9 @@ from gridslam.arrays import Array
 from gridslam.inference.messages.samples.array_likelihood import (
     ArrayBand,
     Complex,
+    climbed,
     composed,
     one_more,
-    products,
 )
 from gridslam.inference.messages.samples.matched_power import MatchedPower, beside
 from gridslam.inference.messages.samples.path_search import take_in
@@ -62,14 +62,17 @@ class Found:
     mode : StateMode
         Of them.
     new : NewPaths
-    power : (N + F,)
-        Mean power of all paths if they are there.
+    rest : (A, B, M) complex128
+        What they leave unexplained.
+    power : MatchedPower
+        How much of its power a path anywhere would take.
     """
 
     prior: PathsPrior
     mode: StateMode
     new: NewPaths
-    power: Array
+    rest: Complex
+    power: MatchedPower
 
 
 def level_of(band: ArrayBand, rate: float = FALSE_PEAKS) -> float:
@@ -94,7 +97,7 @@ def find_paths(band: ArrayBand, samples: Complex, prior: PathsPrior, noise: floa
     """
     peaks = _Peaks(band, samples, noise, power)
     prior, mode = take_in(peaks, prior)
-    return Found(prior, mode, _new(prior, mode, noise), np.concatenate([power, prior.weight[len(power) :]]))
+    return Found(prior, mode, _new(prior, mode, noise), *peaks.left_by(mode))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +133,7 @@ class _Peaks:
         if len(prior.free) == MOST_NEW:
             return None
         rest, power = self.left_by(mode)
-        path = _climbed(self.band, rest, power.without(self.avoid).highest)
+        path = climbed(self.band, rest, power.without(self.avoid).highest, CLIMBS)
         matched, own = one_more(self.band, self.samples, path[None], mode.path, prior.weight, self.noise)
         if abs(matched[0]) ** 2 / own[0] < self.level:
             return None
@@ -166,12 +169,3 @@ def _new(prior: PathsPrior, mode: StateMode, noise: float) -> NewPaths:
     path = mode.path[rows].copy()
     path[:, 1:] = wrap(path[:, 1:])
     return NewPaths(path, std, np.sqrt(matched[rows]) / own[rows])
-
-
-def _climbed(band: ArrayBand, rest: Complex, peak: Array) -> Array:
-    """The top of a peak (3,) next to a point of the search's grid."""
-    for _ in range(CLIMBS):
-        _, matched = products(band, rest, peak[None])
-        step = np.where(band.steepness > 0, (matched[1:, 0] / matched[0, 0]).real, 0.0)
-        peak = peak + step / np.maximum(band.steepness, 1e-9) ** 2
-    return peak

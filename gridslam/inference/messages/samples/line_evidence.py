@@ -13,9 +13,8 @@ from gridslam import runtime
 from gridslam.arrays import Array, replace
 from gridslam.inference.messages.births import Births, add_chosen
 from gridslam.inference.messages.faint_births import OPEN, POSE
-from gridslam.inference.messages.samples.array_likelihood import unexplained
 from gridslam.inference.messages.samples.array_paths import Snapshot, SnapshotLikelihood
-from gridslam.inference.messages.samples.matched_power import BESIDE, MatchedPower, widths_apart
+from gridslam.inference.messages.samples.matched_power import BESIDE, widths_apart
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.leftovers import MEMORY, REFLECTIONS, LineEvidence
 from gridslam.inference.state.state import State
@@ -66,10 +65,8 @@ def gather_evidence(
     ratio, own = by_line.ratio.copy(), snapshot.anchor
     if state.step % FADES == 0:
         ratio[own] **= 1 - FADES / MEMORY
-    rest = unexplained(band, snapshot.samples, mode.path, likelihood.found.power, snapshot.noise)
-    power = MatchedPower.of(band, rest).without(mode.path).power / snapshot.noise
     weigh_lines(
-        power, band.folding_m,
+        likelihood.found.power.without(mode.path).power, snapshot.noise, band.folding_m,
         model.places[own, :4].copy(), np.concatenate([state.belief.mean[POSE], model.middle]),
         by_line.offsets(model.radius_m), REFLECTIONS * snapshot.radio.amplitude_at_1m,
         np.array([AUDIBLE, 1.0 / MEMORY]), int(snapshot.fades), ratio[own],

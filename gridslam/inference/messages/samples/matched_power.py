@@ -22,39 +22,36 @@ class MatchedPower:
     Attributes
     ----------
     band : ArrayBand
-    power : (T, R, D)
+    power : (T, R, D) float32
         By departure, arrival and length, in the scale of the samples.
     """
 
     band: ArrayBand
-    power: Array
+    power: NDArray[np.float32]
 
     @classmethod
     def of(cls, band: ArrayBand, samples: Complex) -> MatchedPower:
         """That of samples (A, B, M)."""
         beams = band.beams
-        delayed = np.fft.ifft(samples * np.conj(band.pulse), len(beams.length), axis=2)
-        agent, delays = delayed.shape[1:]
-        part = (beams.out @ delayed.reshape(len(delayed), -1)).reshape(-1, agent, delays)
+        anchor, agent, _ = samples.shape
+        delayed = samples.astype(np.complex64).reshape(anchor * agent, -1) @ beams.delay
+        part = (beams.out @ delayed.reshape(anchor, -1)).reshape(len(beams.out), agent, -1)
         part = beams.back @ part
         power = np.square(part.real)
         power += np.square(part.imag)
-        power *= delays**2
         return cls(band, power)
 
     def without(self, path: Array) -> MatchedPower:
         """The same with -1 beside paths (K, 3)."""
         power, beams, band = self.power.copy(), self.band.beams, self.band
-        for one in path:
-            turned = 2 * np.pi / band.folding_m * (beams.length - one[0])
-            near = [np.abs(wrap(turned)) * band.folding_m / (2 * np.pi) * band.steepness[0] < BESIDE]
-            near += [
-                np.abs(wrap(angles - angle)) * steep < BESIDE
-                for angles, angle, steep in zip(
-                    (beams.leaving, beams.arriving), one[1:], band.steepness[1:], strict=True
-                )
-            ]
-            power[np.ix_(near[1], near[2], near[0])] = -1.0
+        length, leaving, arriving = (
+            np.abs(_turned(grid - path[:, [side]], turn)) * band.steepness[side] < BESIDE
+            for side, (grid, turn) in enumerate(
+                ((beams.length, band.folding_m), (beams.leaving, 2 * np.pi), (beams.arriving, 2 * np.pi))
+            )
+        )
+        for d, t, r in zip(length, leaving, arriving, strict=True):
+            power[np.ix_(np.flatnonzero(t), np.flatnonzero(r), np.flatnonzero(d))] = -1.0
         return MatchedPower(band, power)
 
     @property
@@ -65,6 +62,11 @@ class MatchedPower:
         return np.array([beams.length[d], beams.leaving[t], beams.arriving[r]])
 
 
+def _turned(gap: Array, turn: float) -> Array:
+    """Gaps less whole turns."""
+    return np.asarray(gap - turn * np.round(gap / turn))
+
+
 def beside(band: ArrayBand, path: Array, other: Array) -> NDArray[np.bool_]:
     """Which paths (..., 3) lie within the resolution of another one (3,), (...) bool."""
     return widths_apart(band, path, other) < BESIDE
@@ -73,6 +75,6 @@ def beside(band: ArrayBand, path: Array, other: Array) -> NDArray[np.bool_]:
 def widths_apart(band: ArrayBand, path: Array, other: Array) -> Array:
     """Turn of phase (rms, rad) between paths (..., 3) and another one (3,), the largest of three, (...)."""
     gap = path - other
-    gap[..., 0] -= band.folding_m * np.round(gap[..., 0] / band.folding_m)
+    gap[..., 0] = _turned(gap[..., 0], band.folding_m)
     gap[..., 1:] = wrap(gap[..., 1:])
     return np.asarray((np.abs(gap) * band.steepness).max(-1))

@@ -104,7 +104,7 @@ class StateMode:
     @property
     def noise_ratio(self) -> float:
         """Power left over in ratio to what is expected, less what fitting the paths took."""
-        block = np.einsum("npq,nqp->", self.spread, _blocks(self.paths.whole_information))
+        block = np.einsum("npq,nqp->", self.spread, _blocks(self.paths.information))
         taken = 0.5 * min(float(block), float(self.spread.size) / 3)
         return self.paths.rest_power / (self.paths.noise * max(self.paths.unexplained - taken, 1.0))
 
@@ -115,7 +115,7 @@ class StateMode:
         with S its covariance at the mode and Lambda its own information, S (I - Lambda S)^-1 is that
         prediction's (M153).
         """
-        own, gradient = _blocks(self.paths.whole_information), self.paths.gradient
+        own, gradient = _blocks(self.paths.information), self.paths.gradient
         kept = np.eye(3) - own @ self.spread
         share = np.maximum(np.linalg.det(kept), 1e-9)
         cavity = self.spread @ np.linalg.inv(kept + 1e-9 * np.eye(3))
@@ -123,10 +123,11 @@ class StateMode:
         return np.asarray(0.5 * np.log(np.minimum(share, 1.0)) - 0.5 * np.clip(pulled, 0.0, 50.0))
 
 
-def _blocks(whole: Complex) -> Array:
+def _blocks(information: Array) -> Array:
     """Each path's own information (N, 3, 3)."""
-    rows = np.arange(len(whole))
-    return np.asarray(whole[rows, :, rows, :].real)
+    count = len(information) // 3
+    rows = np.arange(count)
+    return np.asarray(information.reshape(count, 3, count, 3)[rows, :, rows, :])
 
 
 def paths_at(
@@ -191,16 +192,16 @@ class _States:
         prior, size = self.prior, self.size
         mean = prior.belief.mean + self.root @ numbers[:size]
         known, by_numbers = paths_at(mean, prior.place, prior.table, self.head, self.root)
-        off = numbers[size:].reshape(-1, 3)
-        path = np.concatenate([known, prior.free + off])
+        path, slope, square = known, by_numbers, float(numbers[:size] @ numbers[:size])
+        if len(prior.free):
+            off, free = numbers[size:].reshape(-1, 3), len(prior.free)
+            path = np.concatenate([known, prior.free + off])
+            square += float(((FREE * off) ** 2).sum())
+            slope = np.zeros((len(path), 3, len(numbers)))
+            slope[: len(known), :, :size] = by_numbers
+            slope[len(known) :, :, size:] = np.eye(3 * free).reshape(free, 3, -1)
         paths = superpose_arrays(self.band, self.samples, path, prior.weight, self.noise)
-        value = paths.log_density - 0.5 * float(numbers[:size] @ numbers[:size] + ((FREE * off) ** 2).sum())
-        slope = np.zeros((len(path), 3, len(numbers)))
-        slope[: len(known), :, :size] = by_numbers
-        free = np.arange(len(off))
-        for side in range(3):
-            slope[len(known) + free, side, size + 3 * free + side] = 1.0
-        return _Place(path, slope.reshape(-1, len(numbers)), paths, value)
+        return _Place(path, slope.reshape(-1, len(numbers)), paths, paths.log_density - 0.5 * square)
 
     def is_wide(self, place: _Place) -> bool:
         """Whether a path that matters is known less well than within a wave of its correlation."""
