@@ -110,8 +110,13 @@ class FilterModel:
         return self.settings.births / (4 * np.pi * self.radius_m)
 
     def calibrated(self, turns: Array, higher: Array) -> Self:
-        """The same with its anchors turned by (senders,) rad, their images with them, and rises of (G,) m."""
+        """The same with its anchors turned by (senders,) rad, their images with them, and rises of (G,) m.
+
+        The same object where that changes nothing.
+        """
         orientation = wrap(self.anchor_orientations + np.resize(turns, len(self.anchors)))
+        if np.array_equal(orientation, self.anchor_orientations) and np.array_equal(higher, self.higher):
+            return self
         anchors = fixed(np.column_stack([self.anchor_positions, orientation]))
         return replace(self, anchors=anchors, higher=fixed(higher.copy()))
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.inference.health.range_watch import Crossing
-from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import lean, level_of, unit, wrap
 
@@ -18,19 +18,25 @@ AGREE = 4.0
 """Deviations within which headings agree that follow from two lines of sight."""
 
 
-def crossing_of(scans: Sequence[AnchorScan], model: FilterModel) -> Crossing | None:
+def crossing_of(
+    scans: Sequence[AnchorScan], deviations: Sequence[Array], model: FilterModel
+) -> Crossing | None:
     """Where the lines of sight of two anchors or more put the agent; None where there aren't two.
 
     An anchor's is taken to be the shortest of its paths, if that is the loudest, too, and if the heading that
     follows from it is that of another anchor's.
+
+    Parameters
+    ----------
+    deviations : sequence of (M, 3)
+        As of `own_deviations`.
     """
     rows, heading, spread = list[tuple[AnchorScan, int]](), list[float](), list[Array]()
-    for heard in scans:
+    for heard, own in zip(scans, deviations, strict=True):
         row = _first(heard)
         if row is None:
             continue
-        value = heard.value[row]
-        std = deviations(heard, np.array([row]), heard.amplitude[[row]], value[None, 1:], model.radio)[0]
+        value, std = heard.value[row], own[row]
         if np.isfinite(std).all():
             rows.append((heard, row))
             heading.append(float(value[1] + heard.orientation + np.pi - value[2]))

@@ -92,7 +92,7 @@ def watched(
     if doubtful != watch.doubtful:
         watch = replace(watch, doubtful=doubtful)
     if state.step % EVERY == 0 and len(scan):
-        scans = split_by_anchor(scan, model)
+        scans = work.once(split_by_anchor, scan, model)
         loud = sum(int(np.count_nonzero(heard.loud)) for heard in scans)
         if loud:
             draw = np.random.default_rng([work.seed, state.step, PURPOSE_OF_LEAD])
@@ -119,7 +119,7 @@ def challenged(
     due = state.step % EVERY == 0 or state.monitor.silent >= SILENT
     if not population.watch.doubtful or not due or not len(scan):
         return population
-    scans = split_by_anchor(scan, model)
+    scans = work.once(split_by_anchor, scan, model)
     snapshot = snapshot_of(scans, state, model)
     side = np.array(model.grid.shape[::-1]) * model.grid.cell_m
     mean, spread = state.belief.mean.copy(), np.diag(np.full(len(state.belief.mean), 10.0))

@@ -23,7 +23,7 @@ from gridslam.inference.management.poses.pose_search import Modes, find_modes
 from gridslam.inference.management.start_search import PATIENCE, nothing_mapped, waiting
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.motion import predict
-from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.state.anchor_measurements import own_deviations, split_by_anchor
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.population import NONE, Population
 from gridslam.inference.state.state import State
@@ -81,7 +81,8 @@ def _ranges(population: Population[State], scan: Scan, model: FilterModel, work:
     before = RangeWatch.start(model.senders) if population.ranges is None else population.ranges
     if population.best.step % LOOK_EVERY:
         return before
-    crossing = crossing_of(work.once(split_by_anchor, scan, model), model)
+    scans = work.once(split_by_anchor, scan, model)
+    crossing = crossing_of(scans, work.once(own_deviations, scans, model.radio), model)
     return before if crossing is None else before.crossed(crossing, model)
 
 
@@ -111,7 +112,7 @@ def _search(
     prior = predict(population.best, scan.time_s, len(scan), model)
     if not len(scan):
         return None, prior
-    scans = split_by_anchor(scan, model)
+    scans = work.once(split_by_anchor, scan, model)
     with runtime.one_blas_thread():
         stream = [work.seed, prior.step, PURPOSE]
         return find_modes(snapshot_of(scans, prior, model), prior.belief, model.grid, CAP, stream), prior
@@ -132,7 +133,7 @@ def _listed(
     """
     if len(population) > 1 or not is_vague(population.best.belief) or not tells_poses(model):
         return population
-    scans = split_by_anchor(scan, model)
+    scans = work.once(split_by_anchor, scan, model)
     if crowd(scans):  # so much clutter looks like new walls from anywhere; known ones alone tell more
         return population
     work.recovers = False

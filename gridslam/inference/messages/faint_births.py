@@ -15,7 +15,7 @@ from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.state.anchor_measurements import AnchorScan, deviations, own_deviations
 from gridslam.inference.state.leftovers import Leftovers
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -23,7 +23,7 @@ from gridslam.kernels.primitives import tables
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
-from gridslam.world.single_bounces import single_bounces
+from gridslam.world.single_bounces import distances, single_bounces
 
 POSE = np.array([0, 1, 4])
 OF_POSE = np.ix_(POSE, POSE)
@@ -80,8 +80,12 @@ def recall_leftovers(
 
 def _has_company(line: Array, left: Leftovers, places: Array) -> NDArray[np.bool_]:
     """Whether any leftover lies roughly where a single bounce over each line (B, 2) is predicted, (B,)."""
-    path = single_bounces(line[:, None], places[left.anchor], left.pose[left.back])
-    return np.asarray(_near(left.value, path.value)[0].any(1))
+    far = distances(line[:, None], places[left.anchor], left.pose[left.back])
+    b, h = np.nonzero(np.abs(left.value[:, 0] - far) < NEAR_M)
+    path = single_bounces(line[b], places[left.anchor[h]], left.pose[left.back[h]])
+    found = np.zeros(len(line), np.bool_)
+    found[b[_near(left.value[h], path.value)[0]]] = True
+    return found
 
 
 def _near(value: Array, predicted: Array) -> tuple[NDArray[np.bool_], Array]:
@@ -115,10 +119,10 @@ def borne_out(
     places = model.places
     path = single_bounces(line[:, None, None], places[:, None], left.pose)  # of all anchors, at all steps
     level = REFLECTION_BINS * radio.amplitude(path.value[..., :1])
-    chance = detection_table(model.radio)(level) * path.possible[..., None]
-    missed = np.maximum(1 - chance, LEAST_DOUBT)
+    possible, missed = path.possible, np.ones(level.shape)
+    missed[possible] = np.maximum(1 - detection_table(model.radio)(level[possible]), LEAST_DOUBT)
     near, gap = _near(left.value, path.value[:, left.anchor, left.back])
-    b, h = np.nonzero(near & path.possible[:, left.anchor, left.back])
+    b, h = np.nonzero(near & possible[:, left.anchor, left.back])
     at = b, left.anchor[h], left.back[h]
     log = _log_density(line[b], covariance[b], gap[b, h], h, left, places)
     log -= radio.log_clutter(left.amplitude[h]) + np.log(radio.false_alarms)
@@ -127,7 +131,10 @@ def borne_out(
     np.add.at(either, at, ratio)
     seen = np.bincount(b, (ratio / either[at]).max(1), len(line))
     # of the latest 1, 2 ... steps: if nothing was the line's, and if anything may have been
-    logs = np.cumsum(np.log([missed, either]), 3)
+    logs = np.empty((2, *missed.shape))
+    logs[:] = np.log(missed)
+    logs[1][at] = np.log(either[at])
+    logs = logs.cumsum(3)
     others = np.arange(len(places)) != heard.anchor
     logs[:, :, others] = np.log(1 - OPEN + OPEN * np.exp(np.minimum(logs[:, :, others], 500.0)))
     gain = np.exp(np.minimum(logs.sum(2), 50.0)).mean(2)
@@ -181,21 +188,28 @@ def remember_leftovers(
     """
     if state.leftovers is None:
         return state
-    parts = []
+    own = work.once(own_deviations, scans, model.radio)
+    whole, anchor, value, std, amplitude = work.once(_stated, scans, own)
+    free = whole & (np.concatenate([exchange.responsible.sum(0) for exchange in exchanges]) < KNOWN)
+    first = 0
     for heard, exchange in zip(scans, exchanges, strict=True):
-        whole, std = work.once(_stated, heard, model.radio)
-        free = whole & (exchange.responsible.sum(0) < KNOWN)
-        free[exchange.born[exchange.born[:, 1] > KNOWN, 0].astype(np.intp)] = False
-        rows = np.flatnonzero(free)
-        anchor = np.full(len(rows), heard.anchor, np.int64)
-        parts.append((anchor, heard.value[rows], std[rows], heard.amplitude[rows]))
-    own = state.belief.covariance[OF_POSE]
-    columns = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return replace(state, leftovers=state.leftovers.joined(state.belief.mean[POSE], own, *columns))
+        if len(exchange.born):
+            free[first + exchange.born[exchange.born[:, 1] > KNOWN, 0].astype(np.intp)] = False
+        first += len(heard)
+    rows, belief = np.flatnonzero(free), state.belief
+    leftovers = state.leftovers.joined(
+        belief.mean[POSE], belief.covariance[OF_POSE], anchor[rows], value[rows], std[rows], amplitude[rows]
+    )
+    return replace(state, leftovers=leftovers)
 
 
-def _stated(heard: AnchorScan, radio: RadioModel) -> tuple[NDArray[np.bool_], Array]:
-    """Which measurements lack nothing, (M,), and deviations by their own amplitudes, (M, 3)."""
-    whole = np.isfinite(heard.value).all(1) & (heard.amplitude > 0)
-    rows = np.arange(len(heard))
-    return whole, np.minimum(deviations(heard, rows, heard.amplitude, heard.value[:, 1:], radio), WIDEST)
+def _stated(
+    scans: Sequence[AnchorScan], std: Sequence[Array]
+) -> tuple[NDArray[np.bool_], NDArray[np.int64], Array, Array, Array]:
+    """Of all measurements whether they lack nothing, anchor, value, deviations (M, 3) and amplitude."""
+    value, amplitude = (
+        np.concatenate(part) for part in zip(*((h.value, h.amplitude) for h in scans), strict=True)
+    )
+    anchor = np.repeat(np.array([heard.anchor for heard in scans], np.int64), [len(heard) for heard in scans])
+    whole = np.isfinite(value).all(1) & (amplitude > 0)
+    return whole, anchor, value, np.minimum(np.concatenate(std), WIDEST), amplitude

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -197,14 +198,43 @@ def deviations(
         Cosine of the path's elevation; default: by the anchor's height and the measured distance.
     """
     value, own_std = heard.value[measurement], heard.own_std[measurement]
-    amplitude = np.maximum(amplitude, FAINTEST)
-    fisher = np.empty((len(value), 3))
-    fisher[:, 0] = signal.distance_std(amplitude)
     aperture = signal.anchor_aperture.mean(0) if heard.anchor < 0 else signal.anchor_aperture[heard.anchor]
     height = heard.height if heard.anchor >= 0 else 0.0
     if steep is None:
-        steep = lean(np.nan_to_num(value[:, 0], nan=np.inf), height) if height else 1.0
-    apertures = np.array([aperture, signal.agent_aperture])
+        steep = _lean(value, height) if height else 1.0
+    return _deviations(value, own_std, amplitude, angles, aperture, steep, signal)
+
+
+def own_deviations(scans: Sequence[AnchorScan], signal: RadioModel) -> list[Array]:
+    """`deviations` (M, 3) of all measurements of known anchors, each by its own amplitude and angles.
+
+    They depend on neither gain nor clutter, so that a step works them out once for all hypotheses.
+    """
+    value, own_std = np.concatenate([h.value for h in scans]), np.concatenate([h.own_std for h in scans])
+    amplitude = np.concatenate([heard.amplitude for heard in scans])
+    count, heights = [len(heard) for heard in scans], [heard.height for heard in scans]
+    aperture = signal.anchor_aperture[np.repeat([heard.anchor for heard in scans], count)]
+    steep = _lean(value, np.repeat(heights, count)) if any(heights) else 1.0
+    std = _deviations(value, own_std, amplitude, value[:, 1:], aperture, steep, signal)
+    ends = itertools.accumulate(count, initial=0)
+    return [std[begin:end] for begin, end in itertools.pairwise(ends)]
+
+
+def _lean(value: Array, height: Array | float) -> Array:
+    """Cosine of the elevation of paths with measured values (n, 3)."""
+    return lean(np.nan_to_num(value[:, 0], nan=np.inf), height)
+
+
+def _deviations(
+    value: Array, own_std: Array, amplitude: Array, angles: Array, aperture: Array, steep: Array | float,
+    signal: RadioModel,
+) -> Array:  # fmt: skip
+    """`deviations` by apertures of the anchors, (2,) or (n, 2)."""
+    amplitude = np.maximum(amplitude, FAINTEST)
+    fisher = np.empty((len(value), 3))
+    fisher[:, 0] = signal.distance_std(amplitude)
+    apertures = np.empty((*aperture.shape[:-1], 2, 2))
+    apertures[..., 0, :], apertures[..., 1, :] = aperture, signal.agent_aperture
     fisher[:, 1:] = signal.angle_std(amplitude[:, None], angles, apertures, np.asarray(steep)[..., None])
     std = np.where(np.isnan(own_std), fisher, own_std)
     return np.where(np.isnan(value), np.inf, std)

@@ -61,10 +61,11 @@ class Leftovers:
         amplitude: Array,
     ) -> Self:  # fmt: skip
         """These and what is left of one more step; the oldest are forgotten."""
-        kept = (self.back < MEMORY - 1) & (np.arange(len(self)) < MOST - len(anchor))
+        recent = int(self.back.searchsorted(MEMORY - 1))
+        kept, steps = slice(max(min(recent, MOST - len(anchor)), 0)), slice(MEMORY - 1)
         return type(self)(
-            np.concatenate([pose[None], self.pose[: MEMORY - 1]]),
-            np.concatenate([covariance[None], self.covariance[: MEMORY - 1]]),
+            np.concatenate([pose[None], self.pose[steps]]),
+            np.concatenate([covariance[None], self.covariance[steps]]),
             np.concatenate([np.zeros(len(anchor), np.int64), self.back[kept] + 1]),
             np.concatenate([anchor, self.anchor[kept]]),
             np.concatenate([value, self.value[kept]]),

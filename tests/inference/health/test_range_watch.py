@@ -10,7 +10,7 @@ from scene_samples import raised
 import gridslam as gs
 from gridslam.inference.health.crossings import crossing_of
 from gridslam.inference.health.range_watch import RangeWatch
-from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.state.anchor_measurements import own_deviations, split_by_anchor
 
 ROOM = gs.Scene.load("room")
 
@@ -26,12 +26,18 @@ def watched(scene, heard):
     return [watch.told for watch in looked(scene, heard)]
 
 
+def crossing_at(scan, model):
+    """Where lines of sight of a scan cross."""
+    scans = split_by_anchor(scan, model)
+    return crossing_of(scans, own_deviations(scans, model.radio), model)
+
+
 def looked(scene, heard):
     """What is known after every look."""
     model = scene.filter_model("agent1")
     watch, found = RangeWatch.start(model.senders), []
     for step in range(0, len(heard), 3):
-        crossing = crossing_of(split_by_anchor(heard.scan(step), model), model)
+        crossing = crossing_at(heard.scan(step), model)
         if crossing is not None:
             watch = watch.crossed(crossing, model)
             found.append(watch)
@@ -79,7 +85,7 @@ def test_places_cross_at_the_agent_and_move_as_the_slopes_say():
             0, 0.0, np.array([0, 1]), np.hypot(*away.T) + np.array([longer, 0.0]), aod,
             heading + np.pi - pose[2], np.full(2, 30.0),
         )  # fmt: skip
-        return crossing_of(split_by_anchor(scan, model), model)
+        return crossing_at(scan, model)
 
     exact = crossing()
     np.testing.assert_allclose(exact.place, [pose[:2]] * 2, atol=1e-9)

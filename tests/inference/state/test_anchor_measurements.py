@@ -1,0 +1,30 @@
+"""Deviations of a scan's measurements."""
+
+import numpy as np
+import pytest
+from filter_states import model_of
+
+import gridslam as gs
+from gridslam.inference.state.anchor_measurements import deviations, own_deviations, split_by_anchor
+
+
+@pytest.mark.parametrize("height", [0.0, 2.5])
+def test_those_of_all_anchors_are_those_of_each(height):
+    draw, whose = np.random.default_rng(2), np.array([2, 0, 0, 2, 2])  # the second one is silent
+    model = model_of("canyon", [[0.0, 0.0, 0.3, height], [3.0, 1.0, 0.0, 0.0], [2.0, -2.0, 1.0, 0.0]])
+    own = np.where(draw.random(5) < 0.5, 0.1, np.nan)
+    angles = draw.uniform(-3, 3, (2, 5))
+    angles[0, 1] = np.nan
+    scan = gs.Scan(0, 0.0, whose, draw.uniform(1, 9, 5), *angles, draw.uniform(3, 30, 5), distance_std_m=own)
+    scans = split_by_anchor(scan, model)
+    for heard, std in zip(scans, own_deviations(scans, model.radio), strict=True):
+        rows = np.arange(len(heard))
+        each = deviations(heard, rows, heard.amplitude, heard.value[:, 1:], model.radio)
+        np.testing.assert_array_equal(std, each)
+
+
+def test_a_calibration_that_changes_nothing_leaves_the_model_as_it_is():
+    model = model_of(anchors=[[0.0, 0.0, 0.0], [3.0, 1.0, 0.5 * np.pi]])
+    assert model.calibrated(np.zeros(2), model.higher) is model
+    turned = model.calibrated(np.array([0.0, 0.1]), model.higher)
+    np.testing.assert_allclose(turned.anchor_orientations, [0.0, 0.5 * np.pi + 0.1])
