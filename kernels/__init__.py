@@ -1,5 +1,11 @@
 """Taichi kernels: arrays in, arrays out. They know nothing of scenes."""
 
+import inspect
+
+# Each decorator of Taichi's asks whose the frame is that imports the file: a frozen module's, which `inspect`
+# looks for among all modules there are, a fifth of a second until the first step, unless it is told.
+inspect.modulesbyfile["<frozen importlib._bootstrap>"] = "importlib._bootstrap"
+
 CELL_SLABS = {"cpu": 4, "gpu": 64}
 """Fixed sets of paths that are cast side by side, by device."""
 

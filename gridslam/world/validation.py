@@ -26,10 +26,13 @@ def nearest(word: str, known: Iterable[str]) -> str:
 
 
 class Strict(BaseModel):
-    """Frozen model: no unknown keys, no silent conversions, no NaN or infinity."""
+    """Frozen model: no unknown keys, no silent conversions, no NaN or infinity.
+
+    What checks a model is built when one is first checked: parts of a scene are checked by the scene's.
+    """
 
     model_config = ConfigDict(
-        strict=True, extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True
+        strict=True, extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True, defer_build=True
     )
 
     @model_validator(mode="before")

@@ -4,9 +4,11 @@ Settings in force, types, and how it reads kernels. What kernels and launches ke
 `launching` alone, which tries itself against Taichi's own launches.
 """
 
+import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,8 @@ import taichi as ti
 from numpy.typing import DTypeLike
 from taichi.lang import impl
 from taichi.lang.util import to_numpy_type, to_taichi_type
+
+_WRAPPED_ONCE = SimpleNamespace(fill=cache(textwrap.fill), dedent=textwrap.dedent)
 
 
 def is_running() -> bool:
@@ -48,22 +52,22 @@ def numpy_type(kind: Any) -> Any:
 def read_quickly() -> Iterator[None]:
     """Keep Taichi from noting where expressions stand, and from looking for a function's source again.
 
-    If it is one that does as known.
+    Nor are its lines wrapped again. If it is one that does as known.
     """
     try:
         from taichi.lang import kernel_impl as reading
         from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext as Reader
 
-        noted, found = Reader.get_pos_info, reading.getsourcelines
+        noted, found, wrapped = Reader.get_pos_info, reading.getsourcelines, reading.textwrap
     except (AttributeError, ImportError):
         yield
         return
     Reader.get_pos_info = lambda reader, node: ""
-    reading.getsourcelines = _sources(found)
+    reading.getsourcelines, reading.textwrap = _sources(found), _WRAPPED_ONCE
     try:
         yield
     finally:
-        Reader.get_pos_info, reading.getsourcelines = noted, found
+        Reader.get_pos_info, reading.getsourcelines, reading.textwrap = noted, found, wrapped
 
 
 @cache

@@ -1,8 +1,11 @@
 """Quick launches of kernels: tried against plain ones first, and given up where anything differs."""
 
 import ctypes
+import importlib
 import inspect
+import sys
 import warnings
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -140,3 +143,24 @@ def test_arrays_that_begin_later_or_may_not_be_written_to_are_read_where_they_ar
         for _ in range(2):
             kernel(1, 2.0, wide[start:], (narrow, whole[start:]), out)
         np.testing.assert_array_equal(out, 1 + 2 * wide[start:] + whole[start:, None])
+
+
+class Asked(ModuleType):
+    """A module that counts how often somebody looks at where it stands."""
+
+    times = 0
+
+    def __getattribute__(self, name):
+        Asked.times += name == "__file__"
+        return super().__getattribute__(name)
+
+
+def test_importing_kernels_does_not_walk_through_all_modules_at_each_decorator(tmp_path, monkeypatch):
+    several = "\n".join(f"@ti.func\ndef f{n}(x):\n    return x\n\n" for n in range(20))
+    (tmp_path / "some_kernels.py").write_text(f"import taichi as ti\n\n{several}", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(sys.modules, "one_of_many", Asked("one_of_many"))
+    Asked.times = 0
+    importlib.import_module("some_kernels")
+    del sys.modules["some_kernels"]
+    assert Asked.times < 5
