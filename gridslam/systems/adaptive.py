@@ -55,7 +55,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     for heard in scans:
         radio = state.calibration.tuned(model.radio, heard.anchor)
         paths = form.predict_paths(state, heard.anchor, model, work=work)  # eqs. (13), (14)
-        amplitudes = predict_amplitudes(state, paths, model.radio, work=work)  # eq. (13), amplitude
+        amplitudes = predict_amplitudes(state, paths, heard, model.radio, work=work)  # eq. (13), amplitude
         cloud, ratios = evaluate(heard, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
         ratios = weigh_elevations(state, heard, paths, ratios, radio, model)  # (M302)
         state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)

@@ -114,7 +114,7 @@ def turn(
     for heard in scans:
         radio = state.calibration.tuned(model.radio, heard.anchor)
         paths = predict_paths(state, heard.anchor, model, work=work)
-        amplitudes = predict_amplitudes(state, paths, model.radio, work=work)
+        amplitudes = predict_amplitudes(state, paths, heard, model.radio, work=work)
         cloud, ratios = evaluate(heard, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
         births, ratios = propose_births(state, heard, cloud, ratios, radio, model, senders, work=work)

@@ -57,7 +57,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     for heard in scans:
         before, radio = state, state.calibration.tuned(model.radio, heard.anchor)
         paths = predict_paths(state, heard.anchor, model, work=work)
-        amplitudes = predict_amplitudes(state, paths, model.radio, work=work)
+        amplitudes = predict_amplitudes(state, paths, heard, model.radio, work=work)
         cloud, ratios = evaluate(heard, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
         state, ratios, level = learn_clutter(state, heard.anchor, ratios, radio, model)
         births, ratios = propose_births(state, heard, cloud, ratios, level, model, work=work)

@@ -51,7 +51,7 @@ def one_path(existence, distance):
 
 def ahead(state, existence, distance):
     """Amplitude belief of the one path, a step ahead."""
-    return predict_amplitudes(state, one_path(existence, distance), SIGNAL, work=WORK)
+    return predict_amplitudes(state, one_path(existence, distance), heard(), SIGNAL, work=WORK)
 
 
 def mean(state, distance):
@@ -62,11 +62,28 @@ def followed(amplitudes, existence=0.9, distance=3.0):
     """Amplitude belief after hearing one path strengths one after the other; None for a miss."""
     state, path = NOTHING_HEARD, one_path(existence, distance)
     for amplitude in amplitudes:
-        belief = predict_amplitudes(state, path, SIGNAL, work=WORK)
         own = heard() if amplitude is None else heard(amplitude)
+        belief = predict_amplitudes(state, path, own, SIGNAL, work=WORK)
         ratios = SimpleNamespace(responsible=np.ones((1, len(own))))
         state = update_amplitudes(state, path, belief, own, ratios, SIGNAL, work=WORK)
     return state, ahead(state, existence, distance)
+
+
+def test_where_no_amplitude_tells_anything_none_is_kept():
+    blind = replace(SIGNAL, given_detection=0.8)
+    path, silent, loud = one_path(0.9, 3.0), heard(np.nan, np.nan), heard(5.0, np.nan)
+    belief = predict_amplitudes(NOTHING_HEARD, path, silent, blind, work=WORK)
+    assert belief.spreading
+    assert belief.probability.tolist() == [[1.0]]
+    assert belief.nodes / 3.0 == pytest.approx(mean(NOTHING_HEARD, 3.0))
+    ratios = SimpleNamespace(responsible=np.ones((1, 2)))
+    assert update_amplitudes(NOTHING_HEARD, path, belief, silent, ratios, blind, work=WORK) is NOTHING_HEARD
+    for state, own, signal in (
+        (NOTHING_HEARD, loud, blind),  # it was measured all the same
+        (NOTHING_HEARD, silent, SIGNAL),  # a miss tells of it
+        (followed([5.0])[0], silent, blind),  # or it was before
+    ):
+        assert not predict_amplitudes(state, path, own, signal, work=WORK).spreading
 
 
 @pytest.mark.slow

@@ -35,6 +35,8 @@ FINE, RATIO = 11.7, 0.03
 """Nodes ``FINE sinh(RATIO k)``: 0.35 apart where faint, 3 % apart where strong."""
 NEAREST_M = 0.2
 """Distance of free space whose amplitude is the last node; anything louder counts as that."""
+UNKNOWN_SHARE = 0.5
+"""Of what free space allows, the mean amplitude of a ray of which nothing is known."""
 WORTH_KEEPING = 0.01
 """Existence below which a ray's amplitude is dropped."""
 
@@ -53,6 +55,23 @@ class Histogram:
     nodes: Array
 
     spreading = False
+
+
+@dataclass(frozen=True)
+class Unmeasured:
+    """Amplitudes of which nothing is ever heard: half of what free space allows (an `AmplitudeBelief`).
+
+    Attributes
+    ----------
+    probability : (L, 1)
+    nodes : (1,)
+        At a metre.
+    """
+
+    probability: Array
+    nodes: Array
+
+    spreading = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,14 +117,16 @@ class AmplitudeModel:
 
 @timed("evaluation")
 def predict_amplitudes(
-    state: State, paths: PredictedPaths, signal: RadioModel, *, work: Workspace
-) -> Histogram:
+    state: State, paths: PredictedPaths, heard: AnchorScan, signal: RadioModel, *, work: Workspace
+) -> Histogram | Unmeasured:
     """Beliefs one step ahead, given that the ray exists.
 
     A ray that was there walks on, eq. (13), about what free space makes of its new length: near an anchor an
     amplitude doubles within a few steps. One that appears now may have any amplitude up to that of free space
-    at its length.
+    at its length. Where amplitudes are neither measured nor told by what is missed, there is nothing to keep.
     """
+    if signal.given_detection is not None and not require(state).known and np.isnan(heard.amplitude).all():
+        return Unmeasured(np.ones((len(paths.rays), 1)), np.array([UNKNOWN_SHARE * signal.amplitude_at_1m]))
     length = paths.prediction.length
     return Histogram(_walked(state, paths.rays, length, signal, work), AmplitudeModel.of(signal).nodes)
 
@@ -116,7 +137,9 @@ def mean_amplitudes(state: State, rays: Rays, distance: Array, signal: RadioMode
     Half of what free space allows where nothing is known of a ray.
     """
     known, nodes, far = require(state).known, AmplitudeModel.of(signal).nodes, np.maximum(distance, 1e-3)
-    mean = 0.5 * signal.amplitude_at_1m / far
+    mean = UNKNOWN_SHARE * signal.amplitude_at_1m / far
+    if not known:
+        return np.asarray(mean)
     beliefs = [known.get(key) for key in RayAmplitudes.keys(rays, state.surfaces.identity)]
     rows = [row for row, belief in enumerate(beliefs) if belief is not None]
     if rows:
@@ -127,8 +150,8 @@ def mean_amplitudes(state: State, rays: Rays, distance: Array, signal: RadioMode
 
 @timed("updates")
 def update_amplitudes(
-    state: State, paths: PredictedPaths, belief: Histogram, heard: AnchorScan, exchange: Exchange,
-    signal: RadioModel, *, work: Workspace,
+    state: State, paths: PredictedPaths, belief: Histogram | Unmeasured, heard: AnchorScan,
+    exchange: Exchange, signal: RadioModel, *, work: Workspace,
 ) -> State:  # fmt: skip
     """Update by the measurements, softly by association, eq. (26).
 
@@ -141,6 +164,8 @@ def update_amplitudes(
     exchange : Exchange
         With the association.
     """
+    if isinstance(belief, Unmeasured):
+        return state
     runtime.start()
     from gridslam.kernels.messages.histograms import listen
 

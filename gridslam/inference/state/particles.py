@@ -178,11 +178,11 @@ def needed(belief: Belief) -> float:
 
     As in [Fox2003kld], eq. (7), over the bins within three deviations of the pose that is believed in.
     """
-    spread = np.linalg.eigvalsh(belief.covariance[:2, :2])
-    spans = 6 * np.sqrt(
-        np.maximum(np.append(spread / BIN_M**2, belief.covariance[HEADING, HEADING] / BIN_RAD**2), 0)
-    )
-    free = max(float(np.ceil(spans).prod()) - 1, 1.0)
+    (xx, xy), (_, yy) = belief.covariance[:2, :2].tolist()
+    middle, apart = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)  # eigenvalues, in plain numbers
+    turn = float(belief.covariance[HEADING, HEADING]) / BIN_RAD**2
+    spreads = (middle - apart) / BIN_M**2, (middle + apart) / BIN_M**2, turn
+    free = max(math.prod(math.ceil(6 * math.sqrt(max(spread, 0.0))) for spread in spreads) - 1.0, 1.0)
     part = 2 / (9 * free)
     return float(free / (2 * DIVERGENCE) * (1 - part + np.sqrt(part) * SURE) ** 3)
 

@@ -50,7 +50,7 @@ def evaluated(followed):
     work.begin()
     heard = split_by_anchor(scan, slam.model)[0]
     paths = at_samples(predict_paths(state, 0, slam.model, work=work), state)
-    amplitudes = predict_amplitudes(state, paths, slam.model.radio, work=work)
+    amplitudes = predict_amplitudes(state, paths, heard, slam.model.radio, work=work)
     _, ratios = evaluate(
         heard, paths, np.ones(len(paths)), amplitudes, slam.model.radio, slam.model, work=work
     )
