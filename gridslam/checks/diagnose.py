@@ -18,6 +18,7 @@ from gridslam.checks import elevations, time_units
 from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
 from gridslam.checks.rivals import FITTING, STRAIGHT_RAD, offset_beside, range_cure, whole_cure
 from gridslam.checks.unit_hypotheses import ADVICE, ANGLES, Suspicion, absurd, finite, padding, readings
+from gridslam.checks.verdict import verdict
 from gridslam.errors import InputError, located
 from gridslam.measurements import csv_table, hdf5_table, matlab
 from gridslam.measurements.table import Measurements
@@ -94,7 +95,9 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
     except InputError as error:
         lines.append(f"refused: {error}")
     if scene is not None and not found:
-        lines.append(_verdict(columns, names, scene, agent))
+        place = _anchors(names, scene)
+        who = agent if agent is not None else (scene.agents[0].name if scene.agents else None)
+        lines.append(verdict(columns, place, scene, who))
     return lines
 
 
@@ -322,27 +325,3 @@ def _level(gap: Array, spread: float = 0.2, stray: float = 0.2) -> float:
     near = np.exp(-0.5 * ((gap - levels[:, None]) / spread) ** 2) / (np.sqrt(2 * np.pi) * spread)
     each = np.log((1 - stray) * near + stray / 6).sum(1) - 0.5 * (levels / 0.5) ** 2
     return float(np.logaddexp.reduce(each))
-
-
-def _verdict(columns: Columns, names: tuple[str, ...], scene: Scene, agent: str | None) -> str:
-    place = _anchors(names, scene)
-    who = agent if agent is not None else (scene.agents[0].name if scene.agents else None)
-    if place is None or not len(columns["step"]):
-        return "nothing to compare with the scene"
-    order = np.argsort(columns["step"], kind="stable")
-    sorted_rows = {name: values[order] for name, values in columns.items()}
-    seen = explain(sorted_rows | {"anchor": place[columns["anchor"][order]]}, scene, who)
-    told = f"line of sight to the anchors in {seen.explained:.0%} of {seen.scans} scans"
-    if seen.explained >= FITTING:
-        return f"{told}: units and frames fit the scene"
-    if len(scene.anchors) > 1:
-        each = zip(scene.anchor_names, seen.shares, strict=True)
-        told += f" ({', '.join(f'{name} {share:.0%}' for name, share in each if share == share)})"
-    if not any(len(finite(columns, name)) for name in ANGLES):
-        return f"{told}: distances alone don't tell where the agent is, so that nothing more can be said"
-    if not scene.walls:
-        hidden = "walls, of which the scene has none, may hide anchors"
-        return f"{told}: no other reading of a column explains more; {hidden}"
-    if seen.explained < 0.3 or seen.scans < 10:
-        return f"{told}: too few to tell whether units and frames are right; no single cure explains the rows"
-    return f"suspect: {told}: does not fit the scene, and no single cure explains the rows"

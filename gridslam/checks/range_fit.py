@@ -95,6 +95,12 @@ def fits(
     return found
 
 
+def steps_to_judge_by(columns: Mapping[str, NDArray], sight: Sight, scene: Scene) -> int:
+    """At how many steps several anchors tell of the agent's pose."""
+    heard = _sight_measurements(columns, sight, scene)
+    return 0 if heard is None else len(heard)
+
+
 def _sight_measurements(columns: Mapping[str, NDArray], sight: Sight, scene: Scene) -> Array | None:
     """Distance, direction from the anchor in the world, AoA (N, J, 3), where several anchors tell."""
     rows = sight.row[sight.probability > SURE]

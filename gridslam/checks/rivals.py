@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
 from gridslam.checks.range_errors import RangeError
-from gridslam.checks.range_fit import fits
+from gridslam.checks.range_fit import RangeFit, fits
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite
 from gridslam.world.columns import Columns
 from gridslam.world.radio import SPEED_OF_LIGHT
@@ -19,8 +19,9 @@ from gridslam.world.scene import Scene
 
 FITTING = 0.8
 """Share of scans that a line of sight must explain for a table, or a cure of it, to be called fitting."""
-CERTAIN, CLEAR = 30.0, 5.0
-"""Log likelihood ratios in nats, over the table as it stands and over a rival, that a cure must reach."""
+CERTAIN, PROBABLE, CLEAR = 30.0, 15.0, 5.0
+"""Log likelihood ratios in nats, over the table as it stands and over a rival, that a cure must reach;
+an error in the distances is told as probable from `PROBABLE` on."""
 MOST_BEHIND = 60.0
 """Log likelihood ratio in nats up to which an offset is told of behind another reading."""
 MOST_MISFIT = 4.0
@@ -101,9 +102,10 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
         return None
     plain, ranked = found[0], sorted(found[1:], key=lambda fit: fit.misfit)
     best, error = ranked[0], ranked[0].error
-    if error is None or abs(best.size_m) < error.least_m or best.gain(plain) < CERTAIN:
+    if error is None or abs(best.size_m) < error.least_m or best.gain(plain) < PROBABLE:
         return None
-    if best.misfit > MOST_MISFIT * best.count or (len(ranked) > 1 and best.gain(ranked[1]) < CLEAR):
+    alike = [fit for fit in ranked[1:] if best.gain(fit) < CLEAR]
+    if best.misfit > MOST_MISFIT * best.count or not _named_beside(best, alike):
         return None
     spoilt = np.isin(table["anchor"], error.anchors)
     distance = table["distance_m"]
@@ -119,8 +121,26 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
         f"stands; misfit of these {plain.misfit / max(best.misfit, 1e-9):.1f} times as large without it; "
         f"log likelihood ratio {best.gain(plain):.0f}"
     )
-    told = Suspicion("distance_m", error.kind, _words(error, best.size_m, scene), True, reason)
+    text = _words(error, best.size_m, scene)
+    for fit in alike:
+        assert fit.error is not None
+        text += f"; or {_words(fit.error, fit.size_m, scene)}: too few anchors at once to tell which"
+    told = Suspicion("distance_m", error.kind, text, not alike and best.gain(plain) >= CERTAIN, reason)
     return Cure(told, whole, after)
+
+
+def _named_beside(best: RangeFit, alike: list[RangeFit]) -> bool:
+    """Whether what fits as well as the best is nothing, or the other kind of error of the same anchors."""
+    if not alike:
+        return True
+    same = best.error, alike[0].error
+    return (
+        len(alike) == 1
+        and same[0] is not None
+        and same[1] is not None
+        and same[0].anchors == same[1].anchors
+        and abs(alike[0].size_m) >= same[1].least_m
+    )
 
 
 def offset_beside(

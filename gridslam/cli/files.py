@@ -40,12 +40,13 @@ def check(
 ) -> None:
     """Say what a file or folder is (scene, measurements, map, steps, track, run), or what is wrong with it.
 
-    Exit code 0: nothing is wrong with it; 1: something looks wrong (lines that begin with "suspect:"); 2: it
-    can't be read.
+    Exit code 0: nothing is wrong with it; 1: something looks wrong (lines that begin with "suspect:"), or
+    there is too little to tell ("unsure:"); 2: it can't be read.
     """
     from gridslam.checks.diagnose import describe
     from gridslam.checks.network_tables import describe_network, is_network
     from gridslam.checks.signal_files import describe_signal
+    from gridslam.checks.verdict import UNSURE
     from gridslam.measurements.recording import Recording
     from gridslam.measurements.table import Measurements
     from gridslam.world.scene import Scene
@@ -65,7 +66,7 @@ def check(
             _say(line)
     if not several:
         (Recording if samples else Measurements).load(file)  # a fault is told as that of every file
-    if any(line.startswith("suspect: ") for line in lines):
+    if any(line.startswith(("suspect: ", UNSURE)) for line in lines):
         raise typer.Exit(1)
 
 

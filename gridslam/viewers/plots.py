@@ -50,6 +50,11 @@ from gridslam.viewers.signal_plots import BELIEVED, draw_gospa, draw_images, dra
 from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
 
+TITLES = (
+    "map", "errors", "rays", "reflection", "signal", "gospa", "images", "sights", "features",
+)  # fmt: skip
+TITLES_OF_ALL = ("clocks", "tracks", "labels")
+"""Figures of one agent, after its name, and of all together."""
 STRENGTH = ListedColormap(colormaps["plasma_r"](np.linspace(0.1, 1, 256)), "strength")
 """Weak paths light, so that the strong ones stand out, but none too light for paper."""
 
@@ -248,7 +253,15 @@ def draw_all(
                 "labels": network_plots.draw_labels(run, width),
             }
         written += _save(folder, drawn, form)
+    _drop_others(folder, list(run.agents), written, form)
     return written
+
+
+def _drop_others(folder: Path, agents: Sequence[str], written: Sequence[Path], form: str) -> None:
+    """Delete figures of this format that an earlier drawing left; other files stay."""
+    ours = {*TITLES_OF_ALL, *(f"{name}-{title}" for name in agents for title in TITLES)}
+    for path in {folder / f"{name}.{form}" for name in ours} - set(written):
+        path.unlink(missing_ok=True)
 
 
 def draw_export(grid: Map, directory: str | os.PathLike[str]) -> list[Path]:

@@ -9,6 +9,9 @@ import pytest
 import gridslam as gs
 from gridslam.checks.diagnose import describe, suspicions
 from gridslam.checks.line_of_sight_filter import STEPS
+from gridslam.checks.range_errors import RangeError
+from gridslam.checks.range_fit import RangeFit
+from gridslam.checks.rivals import _named_beside
 from gridslam.checks.time_units import intervals
 from gridslam.measurements.table import Measurements
 from gridslam.world.radio import SPEED_OF_LIGHT
@@ -164,6 +167,28 @@ def test_right_tables_are_not_said_to_misfit_where_too_little_is_known(tmp_path)
     assert "distances alone don't tell where the agent is" in describe(path, SCENES["hall"])[-1]
 
 
+def test_tables_of_one_anchor_at_a_time_are_not_said_to_have_right_heights(tmp_path):
+    columns, path = heard("room", 1, steps=BRIEF), tmp_path / "heard.csv"
+    for turns, told in ((False, False), (True, True)):
+        rows = columns["anchor"] == columns["step"] // 8 % 2 if turns else columns["step"] >= 0
+        Measurements(**{n: v[rows] for n, v in columns.items()}, anchors=("A", "B")).to_csv(path)
+        last = describe(path, SCENES["room"])[-1]
+        assert "units and frames fit the scene" in last
+        assert ("heights and clocks can't be told: two anchors at once at 0 of" in last) == told
+
+
+def test_an_offset_stands_beside_a_height_of_the_same_anchors_alone():
+    def fit(kind, anchors, size):
+        return RangeFit(RangeError(kind, anchors), size, 100.0, 40)
+
+    best = fit("slant", (0, 1), 2.0)
+    assert _named_beside(best, [])
+    assert _named_beside(best, [fit("offset", (0, 1), 0.4)])
+    assert not _named_beside(best, [fit("offset", (0, 1), 0.2)])  # too small to be told
+    assert not _named_beside(best, [fit("offset", (0,), 0.4)])
+    assert not _named_beside(best, [fit("offset", (0, 1), 0.4), fit("slant", (0,), 2.0)])
+
+
 @pytest.mark.slow
 def test_exit_code_tells_scripts_of_suspects(say, tmp_path):
     columns = heard("room", 1, steps=BRIEF)
@@ -174,6 +199,11 @@ def test_exit_code_tells_scripts_of_suspects(say, tmp_path):
     assert "median interval between steps 1 s" in good.out
     assert (late.code, late.err) == (1, "")
     assert "1.50 m (5.0 ns) too long" in late.out
+    few = {name: values[columns["step"] < 4] for name, values in columns.items()}
+    few["distance_m"] = few["distance_m"][::-1]
+    Measurements(**few, anchors=("A", "B")).to_csv(tmp_path / "few.csv")
+    few = say("check", "few.csv", "--scene", "room")
+    assert (few.code, "\nunsure: " in few.out, "too few to tell" in few.out) == (1, True, True)
     (tmp_path / "bad.csv").write_text("step,time_s\n")
     assert say("check", "bad.csv").code == 2
     assert "Exit code" in say("check", "--help").out

@@ -134,6 +134,10 @@ def test_figures_are_drawn_in_other_formats_and_widths(say):
     assert say("plot", "out", "--format", "pdf", "--width", "8.8").code == 0
     names = {path.name for path in Path("out/figures").iterdir()}
     assert names == {f"agent1-{title}.pdf" for title in ("map", "reflection", "rays", "errors")}
+    for name in ("agent1-gospa.pdf", "agent1-gospa.png", "mine.pdf"):  # of earlier drawings, and the user's
+        Path("out/figures", name).write_text("old")
+    assert say("plot", "out", "--format", "pdf").code == 0
+    assert {path.name for path in Path("out/figures").iterdir()} == {*names, "agent1-gospa.png", "mine.pdf"}
     said = say("plot", "out", "--format", "jpg")
     assert (said.code, len(said.complaints)) == (2, 1)
 
