@@ -24,7 +24,12 @@ from gridslam.inference.management.samples.image_readout import (
 )
 from gridslam.inference.management.samples.image_starts import advance, begun
 from gridslam.inference.management.samples.image_ties import share_walls
-from gridslam.inference.messages.samples.image_births import Found, add_tentative, find_births
+from gridslam.inference.messages.samples.image_births import (
+    Found,
+    add_tentative,
+    birth_rate,
+    find_births,
+)
 from gridslam.inference.messages.samples.image_prediction import (
     AnchorPaths,
     predict_paths,
@@ -95,20 +100,21 @@ def step(
     """One step, as the list of its messages ([LiangDirect], section III; docs/model.md, section 12)."""
     band = Band.of(model.waveform.offset_hz, model.waveform.pulse)
     every, findings = list[AnchorPaths](), list[Found]()
+    rate = birth_rate(state.step, model.max_bounces)
     state = predict_state(state, scan.time_s, len(scan), model)
     for anchor in np.flatnonzero(scan.heard).tolist():
         samples = scan.samples[anchor, 0, 0]
         state = start_levels(state, anchor, band, samples, model)
         paths = predict_paths(state, anchor, model)
-        found = find_births(band, samples, paths.prior, float(state.links.noise[anchor]), state.step)
+        found = find_births(band, samples, paths.prior, float(state.links.noise[anchor]), rate)
         state = update_state(state, paths, found.mode)
         state = learn_rings(state, paths, found)
         state = watch_fit(state, paths, found)
         state = update_levels(state, paths, found)
         state = retire_substitutes(state, paths, found)
-        state = reclaim_line_of_sight(state, paths, found.mode)
         state = add_tentative(state, anchor, found.new, model)
         state = propose_images(state, paths, found, model)
+        state = reclaim_line_of_sight(state, paths, found.mode)  # rows may go
         every.append(paths)
         findings.append(found)
     state = forbid_own_place(state, model)

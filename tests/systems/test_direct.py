@@ -4,8 +4,12 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from image_states import with_images
 
 import gridslam as gs
+from gridslam.inference.messages.samples.distance_mode import PathPrior
+from gridslam.inference.messages.samples.image_births import birth_rate, find_births
+from gridslam.inference.messages.samples.signal_likelihood import Band
 from gridslam.systems.direct import start, step
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
@@ -103,6 +107,41 @@ def test_a_step_changes_nothing_of_the_state_before(overlap, states):
     ]
     for was, is_ in zip(kept, now, strict=True):
         np.testing.assert_array_equal(was, is_)
+
+
+def test_a_step_goes_on_where_an_image_was_the_line_of_sight_itself(overlap):
+    """The image's row goes while walls that other images show put images of the same anchor elsewhere."""
+    model = replace(overlap[1], max_bounces=2)
+    position = model.anchor_positions
+    agent = model.start_mean[:2]
+    far = np.linalg.norm(agent - position, axis=1)
+    floor = position[0] * [1, -1]  # anchor 0 in the wall y = 0
+    state = with_images(model, (0, floor, 1), (1, agent + (far[1] + 0.05) * np.array([0.6, -0.8]), 0))
+    links = replace(
+        state.links, visible=np.array([0.9, 0.01]), intensity=np.full(2, 200.0), heard=np.full(2, 9.0),
+        usurped=np.array([0, 4]),
+    )  # fmt: skip
+    state = replace(state, links=links, time_s=0.0, step=50)
+    band = Band.of(model.waveform.offset_hz, model.waveform.pulse)
+    samples = 15 * band.response(far)[:, None, None]
+    after, _ = step(state, SignalScan(0, 0.0, samples, np.ones(2, bool)), model)
+    assert 1 not in after.images.identity
+    assert after.links.visible[1] > 0.8
+
+
+def test_a_first_snapshot_of_many_paths_is_taken_apart_at_once():
+    """Ten paths over two bounces; a rate of few, or four births at most, would drag the line of sight."""
+    band, rng = Band.of(1e7 * (np.arange(41) - 20)), np.random.default_rng(4)
+    distance = 4 + np.array([0.0, 0.7, 1.6, 2.5, 3.2, 4.4, 5.3, 6.9, 8.1, 9.6])
+    amplitude = 10 ** (np.linspace(32, 18, 10) / 20) * np.exp(2j * np.pi * rng.random(10))
+    noise = np.sqrt(0.5) * (rng.normal(size=41) + 1j * rng.normal(size=41))
+    prior = PathPrior(distance[:1] + 0.05, np.array([[100.0]]), np.array([1500.0]))
+    found = find_births(band, amplitude @ band.response(distance) + noise, prior, 1.0, birth_rate(0, 2))
+    assert np.abs(found.mode.distance[:, None] - distance).min(0).max() < 0.15
+    assert abs(found.mode.distance[0] - 4) < 0.03
+    assert len(found.mode.distance) < 13
+    assert birth_rate(0, 1) < 0.2 * birth_rate(0, 2)
+    assert birth_rate(99, 1) < birth_rate(99, 2) < 1e-3
 
 
 def test_an_anchor_that_is_not_heard_changes_nothing_but_time(overlap, states):

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from image_states import with_images
 
 import gridslam as gs
 from gridslam.inference.management.samples.image_merging import merge_images
 from gridslam.inference.management.samples.image_ties import share_walls
 from gridslam.inference.messages.samples.common_walls import TIE_M, places_by_walls
-from gridslam.inference.messages.samples.image_births import NewPath, add_tentative, find_births
+from gridslam.inference.messages.samples.image_births import NewPath, add_tentative, birth_rate, find_births
 from gridslam.inference.messages.samples.image_prediction import predict_paths
 from gridslam.inference.messages.samples.image_proposals import (
     confirm_proposals,
@@ -19,8 +20,6 @@ from gridslam.inference.messages.samples.image_proposals import (
 )
 from gridslam.inference.messages.samples.path_levels import update_levels
 from gridslam.inference.messages.samples.signal_likelihood import Band
-from gridslam.inference.state.belief import append
-from gridslam.inference.state.samples.images import DirectState, Images
 from gridslam.world.geometry import mirror
 
 BAND = Band.of(1e7 * (np.arange(41) - 20))
@@ -31,23 +30,6 @@ FLOOR, SIDE = np.array([-0.5 * np.pi, 0.0]), np.array([0.0, 9.0])  # y = 0, x = 
 def model():
     scene = gs.Scene.load("overlap")
     return replace(scene.filter_model("agent1"), max_bounces=2)
-
-
-def with_images(model, *images, spread=0.03):
-    """A state with settled images: (anchor, place, bounces) each, independent of each other."""
-    noise = np.ones(len(model.anchors))
-    state = DirectState.start(model.start_mean[:4], model.start_variance[:4], len(model.anchors), noise)
-    for number, (anchor, place, bounces) in enumerate(images):
-        away = np.asarray(place) - state.belief.mean[:2]
-        span, one = np.hypot(*away), np.ones(1)
-        polar = np.array([np.arctan2(away[1], away[0]), span])
-        belief = append(state.belief, polar, spread**2 * np.diag([1 / span**2, 1]))
-        image = Images(
-            np.array([number]), np.array([anchor]), belief.mean[None, :2], 0.99 * one, 0.9 * one, 50 * one,
-            20 * one, np.array([20]), np.full((1, 2), np.nan), np.array([bounces]),
-        )  # fmt: skip
-        state = replace(state, belief=belief, images=state.images.joined(image), next_identity=number + 1)
-    return state
 
 
 def images_of(model, anchor):
@@ -145,7 +127,7 @@ def heard(state, model, anchor, places, seed, snr_db=25.0):
     links = replace(state.links, intensity=np.full(2, 10 ** (snr_db / 10)), heard=np.full(2, 10.0))
     state = replace(state, links=links)
     paths = predict_paths(state, anchor, model)
-    return state, paths, find_births(BAND, samples, paths.prior, 1.0, 100)
+    return state, paths, find_births(BAND, samples, paths.prior, 1.0, birth_rate(100, 2))
 
 
 def test_an_image_is_proposed_where_its_path_is_heard_only(model):

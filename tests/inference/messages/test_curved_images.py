@@ -7,7 +7,7 @@ import pytest
 
 import gridslam as gs
 from gridslam.inference.messages.samples.distance_mode import PathPrior
-from gridslam.inference.messages.samples.image_births import find_births
+from gridslam.inference.messages.samples.image_births import birth_rate, find_births
 from gridslam.inference.messages.samples.image_prediction import curved, image_distances
 from gridslam.inference.messages.samples.signal_likelihood import Band
 from gridslam.inference.state.belief import Belief, append
@@ -76,5 +76,5 @@ def test_a_known_path_does_not_stand_in_for_two(seed):
     )
     for _ in range(6):
         samples = snapshot(rng, [5.85, 6.15], [32.0, 28.0])
-        mode = find_births(BAND, samples, prior, 1.0, 1).mode
+        mode = find_births(BAND, samples, prior, 1.0, birth_rate(1, 1)).mode
         assert np.abs(mode.distance[0] - 5.85) < 4 * np.sqrt(mode.variance[0])

@@ -16,11 +16,7 @@ from gridslam.arrays import Array
 from gridslam.inference.health.reasons import NOT_FOUND, several_places
 from gridslam.inference.management.mixture import SLACK, TOGETHER
 from gridslam.inference.messages.samples.distance_mode import FREE_M
-from gridslam.inference.messages.samples.image_births import (
-    FIRST_BIRTHS,
-    INTENSITIES_DB,
-    Found,
-)
+from gridslam.inference.messages.samples.image_births import FIRST_BIRTHS, INTENSITIES_DB, Found
 from gridslam.inference.messages.samples.image_prediction import predict_state
 from gridslam.inference.messages.samples.signal_likelihood import Band, Complex, Inverse
 from gridslam.inference.state.population import Population
@@ -86,7 +82,7 @@ def log_evidence(found: Sequence[Found], band: Band) -> float:
         _, after = np.linalg.slogdet(mode.covariance)
         new = len(prior.mean) - one.known
         cells = np.sqrt(2 * np.pi) * FREE_M / band.resolution_m
-        total += mode.log_posterior + 0.5 * (before + after) + new * np.log(FIRST_BIRTHS * cells)
+        total += mode.log_posterior + 0.5 * (before + after) + new * np.log(FIRST_BIRTHS[0] * cells)
     return total
 
 

@@ -20,12 +20,13 @@ from gridslam.world.geometry import line_between, unit
 Complex = NDArray[np.complex128]
 INTENSITIES_DB = np.arange(3.0, 34.0, 5.0)
 """Intensities of a new path over the noise, equally likely."""
-MOST_NEW, MOST_TENTATIVE = 4, 8
+MOST_NEW, MOST_TENTATIVE = 10, 8
 """New images per anchor and step; tentative ones per anchor."""
-BIRTHS, FIRST_BIRTHS, FIRST_STEPS = 1e-4, 0.05, 8.0
-"""Probability of a new path per delay cell: of a running filter; at the first step, and for how many
-steps. At the start several cells hold paths; with the rate of a running filter the line of sight is
-dragged towards reflections that aren't in the model yet."""
+BIRTHS, FIRST_BIRTHS, FIRST_STEPS = (1e-4, 5e-4), (0.05, 0.5), 8.0
+"""Probability of a new path per delay cell, where walls reflect once and where they do twice: of a running
+filter; at the first step, and for how many steps. At the start several cells hold paths, over two bounces
+half of them; with the rate of a running filter the line of sight is dragged towards reflections that aren't
+in the model yet."""
 POINTS = 2048
 """Of the folding range, at which one more path is tried."""
 LEAST_EXISTENCE = 0.01
@@ -92,15 +93,28 @@ class Found:
     known: int
 
 
-def find_births(band: Band, samples: Complex, prior: PathPrior, noise: float, step: int) -> Found:
-    """The joint mode of the known paths, and of new ones that these leave unexplained; see `take_in`.
+def birth_rate(step: int, bounces: int) -> float:
+    """Probability of a new path per delay cell (M81).
 
     Parameters
     ----------
     step : int
         Steps taken before this one.
+    bounces : int
+        Over how many walls the radio's paths go at most.
     """
-    rate = max(BIRTHS, FIRST_BIRTHS * float(np.exp(-step / FIRST_STEPS)))
+    which = 0 if bounces < 2 else 1
+    return max(BIRTHS[which], FIRST_BIRTHS[which] * float(np.exp(-step / FIRST_STEPS)))
+
+
+def find_births(band: Band, samples: Complex, prior: PathPrior, noise: float, rate: float) -> Found:
+    """The joint mode of the known paths, and of new ones that these leave unexplained; see `take_in`.
+
+    Parameters
+    ----------
+    rate : float
+        Probability of a new path per delay cell; see `birth_rate`.
+    """
     births, known = _Births(band, samples, prior, noise, rate), len(prior.mean)
     prior, mode = take_in(births, prior)
     inverse, table = births.explained(prior, mode)
