@@ -123,47 +123,89 @@ def update_surfaces_and_agent(
     -----
     After [Li2025adaptive], section V-B, 4 to 8; the joint Gaussian in place of particles is ours.
     """
-    if runtime.start() == "gpu" and given is None:
-        given = Association.alone(*associate(ratios.beta, ratios.missed, ratios.new), ratios.new)
-    from gridslam.kernels.messages.updates import update, update_with_clocks, update_with_rises
+    _require_listed_of_this_state(paths.rays, heard, state, turned, model)
+    given = _associated_elsewhere(ratios) if given is None else given  # (M26), on a GPU
+    ratios = _crowds_as_one(heard, paths.rays, ratios, len(turned), work)  # (M231)
+    state, sent = _copied(state), _handed_over(ratios, given)
+    rounds = ROUNDS if given is None else 0
+    fits = _correct(state, sent, heard, paths, ratios, turned, rounds, model, work)  # (M26) to (M31)
+    own = slice(heard.anchor, heard.anchor + 1) if heard.anchor >= 0 else slice(None)
+    exchange = Exchange(
+        heard.anchor, _copied_rays(paths.rays), sent.odds, sent.message, sent.measured,
+        _with_images(fits, len(turned))[own], paths.recipe.count, np.zeros((0, 2)), given,
+    )  # fmt: skip
+    return state, exchange
 
-    rays, bank, anchor, messages = paths.rays, state.surfaces, heard.anchor, work.messages
-    surfaces, anchors = len(bank), len(model.anchors)
-    rays.check(surfaces, min(len(state.los), anchors))
-    if not -1 <= anchor < len(turned) or heard.label.max(initial=-1) >= len(turned):
+
+def _require_listed_of_this_state(
+    rays: Rays, heard: AnchorScan, state: State, turned: Array, model: FilterModel
+) -> None:
+    """Refuse paths of other surfaces or anchors than the state's, and anchors that aren't there."""
+    rays.check(len(state.surfaces), min(len(state.los), len(model.anchors)))
+    if not -1 <= heard.anchor < len(turned) or heard.label.max(initial=-1) >= len(turned):
         raise ValueError("there is no such anchor")
-    belief, los, existence = state.belief.copy(), state.los.copy(), bank.existence.copy()
-    single, double, pairs, rounds = bank.single.copy(), bank.double.copy(), ratios.pairs, ROUNDS
-    share, scratch = work.buffers(_shares, anchor, len(pairs.index)), np.empty((len(belief.mean), 6))
-    turns = turned if len(turned) == anchors else np.resize(turned, anchors)  # images turn with their anchors
-    fits = np.empty((anchors, len(NO_FIT)))
-    fits[:] = NO_FIT
+
+
+def _associated_elsewhere(ratios: LikelihoodRatios) -> Association | None:
+    """Messages of the association on a GPU, whose one thread is too slow for it; else it is the kernel's."""
+    if runtime.start() != "gpu":
+        return None
+    return Association.alone(*associate(ratios.beta, ratios.missed, ratios.new), ratios.new)
+
+
+def _crowds_as_one(
+    heard: AnchorScan, rays: Rays, ratios: LikelihoodRatios, senders: int, work: Workspace
+) -> LikelihoodRatios:
+    """The ratios, in whose pairs a crowd counts as one measurement of its middle."""
+    near = of_one_way(work.once(neighbours, heard.table), ratios.beta, rays.anchor // senders)
+    return replace(ratios, pairs=crowded_as_one(ratios.pairs, heard, near))
+
+
+def _copied(state: State) -> State:
+    """The state, with arrays of its own for all that the correction writes."""
+    exists = {name: getattr(state.surfaces, name).copy() for name in ("existence", "single", "double")}
+    surfaces = replace(state.surfaces, **exists)
+    return replace(state, belief=state.belief.copy(), los=state.los.copy(), surfaces=surfaces)
+
+
+def _copied_rays(rays: Rays) -> Rays:
+    """Paths that stay as they are when the workspace lists others."""
+    return Rays(rays.table.copy(), rays.existence.copy(), rays.surfaces.copy(), rays.among)
+
+
+def _handed_over(ratios: LikelihoodRatios, given: Association | None) -> blocks.Ratios:
+    """Copies of the ratios' messages, which the correction completes, with the association's if known."""
     odds, message, measured = ratios.odds.copy(), ratios.message.copy(), ratios.measured.copy()
     if given is not None:
         message[tables.NU], measured[tables.CLAIMED] = given.nu, given.claimed
-        measured[tables.NEW], rounds = given.new, 0
-    messages.reserve(len(rays), len(pairs), (surfaces, anchors))
+        measured[tables.NEW] = given.new
+    return blocks.Ratios(odds, message, measured)
+
+
+def _correct(
+    state: State, sent: blocks.Ratios, heard: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios,
+    turned: Array, rounds: int, model: FilterModel, work: Workspace,
+) -> Array:  # fmt: skip
+    """Complete messages sent, correct copies of what is believed; how each anchor's paths fitted, (J, 9)."""
+    from gridslam.kernels.messages.updates import update, update_with_clocks, update_with_rises
+
+    belief, bank, rays, pairs = state.belief, state.surfaces, paths.rays, ratios.pairs
+    anchors = len(model.anchors)
     launch = update_with_rises() if belief.rises else update_with_clocks() if belief.clocks else update
-    near = work.once(neighbours, heard.table)
-    near = of_one_way(near, ratios.beta, rays.anchor // len(turned))
-    pairs = crowded_as_one(pairs, heard, near)
+    share = work.buffers(_shares, heard.anchor, len(pairs.index))
+    scratch = np.empty((len(belief.mean), 6))
+    turns = turned if len(turned) == anchors else np.resize(turned, anchors)  # images turn with their anchors
+    fits = np.empty((anchors, len(NO_FIT)))
+    fits[:] = NO_FIT
+    work.messages.reserve(len(rays), len(pairs), (len(bank), anchors))
     launch(
         belief.layout.head, rounds, blocks.Belief(belief.mean, belief.covariance),
-        blocks.PathRows(rays.table, paths.prediction.whole), pairs.block(ratios.blocks),
-        blocks.Ratios(odds, message, measured), heard.table,
+        blocks.PathRows(rays.table, paths.prediction.whole), pairs.block(ratios.blocks), sent, heard.table,
         blocks.Anchors(model.places, model.radio.numbers),
-        blocks.Existence(existence, los, single, double),
-        blocks.Account(scratch, share, turns, fits),
-        messages.block(),
+        blocks.Existence(bank.existence, state.los, bank.single, bank.double),
+        blocks.Account(scratch, share, turns, fits), work.messages.block(),
     )  # fmt: skip
-    bank = replace(bank, existence=existence, single=single, double=double)
-    listed = Rays(rays.table.copy(), rays.existence.copy(), rays.surfaces.copy(), rays.among)
-    fits = _with_images(fits, len(turned))
-    own = slice(anchor, anchor + 1) if anchor >= 0 else slice(None)
-    exchange = Exchange(
-        anchor, listed, odds, message, measured, fits[own], paths.recipe.count, np.zeros((0, 2)), given,
-    )  # fmt: skip
-    return replace(state, belief=belief, surfaces=bank, los=los), exchange
+    return fits
 
 
 def _with_images(fits: Array, senders: int) -> Array:
