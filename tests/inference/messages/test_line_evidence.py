@@ -9,9 +9,9 @@ import gridslam as gs
 from gridslam import runtime
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand, composed
 from gridslam.inference.messages.samples.array_updates import coefficient_ratios
-from gridslam.inference.messages.samples.line_evidence import LOUD, likeliest_line
+from gridslam.inference.messages.samples.line_evidence import FAINT_SURE, LOUD, MEMORY, SURE, likeliest_line
 from gridslam.inference.messages.samples.matched_power import MatchedPower
-from gridslam.inference.state.leftovers import MEMORY, REFLECTIONS, LineEvidence
+from gridslam.inference.state.leftovers import REFLECTIONS, LineEvidence
 from gridslam.inference.state.presence import Presence
 from gridslam.inference.state.rays import Rays
 from gridslam.world.radio import BINS, REFLECTION_BINS
@@ -53,11 +53,17 @@ def test_likeliest_line_and_its_spread_are_those_of_the_evidence(angle):
     assert reflection.argmax() == 2
 
 
-def test_faint_evidence_or_that_for_something_as_faint_as_a_double_bounce_is_none():
+def test_faint_evidence_is_none_and_for_what_is_as_faint_as_a_double_bounce_more_is_needed():
     assert likeliest_line(LineEvidence.none(2, RADIUS, 0.1), MODEL) is None
     assert likeliest_line(with_peak(1.0, 2.0, (0.03, 0.12), 2.0, [0, 0, 1, 1]), MODEL) is None
     assert REFLECTIONS[1] < LOUD < REFLECTIONS[2]
-    assert likeliest_line(with_peak(1.0, 2.0, (0.03, 0.12), 9.0, [0.5, 1, 0.2, 0]), MODEL) is None
+    loud = likeliest_line(with_peak(1.0, 2.0, (0.03, 0.12), 6.0, [0, 0, 1, 0.5]), MODEL)
+    assert loud is not None
+    assert SURE < loud[2] < FAINT_SURE
+    assert likeliest_line(with_peak(1.0, 2.0, (0.03, 0.12), 6.0, [0.5, 1, 0, 0]), MODEL) is None
+    faint = likeliest_line(with_peak(1.0, 2.0, (0.03, 0.12), 9.0, [0.5, 1, 0.2, 0]), MODEL)
+    assert faint is not None
+    assert faint[2] > FAINT_SURE
 
 
 @pytest.mark.slow
@@ -67,7 +73,7 @@ def test_noise_makes_no_line_likely():
     draw, by_line = np.random.default_rng(3), LineEvidence.none(2, RADIUS, 0.2)
     pose = np.array([0.3, -0.4, 0.2, *MIDDLE])
     sure = 0
-    for step in range(4 * MEMORY):
+    for step in range(256):
         pose[:2] += 0.04 * np.array([np.cos(step / 20), np.sin(step / 20)])
         for anchor, place in enumerate(([3.0, 1.0, 0.0, 0.0], [-2.0, -2.5, 1.0, 0.0])):
             weigh_lines(

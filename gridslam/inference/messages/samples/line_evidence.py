@@ -16,7 +16,7 @@ from gridslam.inference.messages.faint_births import OPEN, POSE
 from gridslam.inference.messages.samples.array_paths import Snapshot, SnapshotLikelihood
 from gridslam.inference.messages.samples.matched_power import BESIDE, widths_apart
 from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.leftovers import MEMORY, REFLECTIONS, LineEvidence
+from gridslam.inference.state.leftovers import REFLECTIONS, LineEvidence
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.world.geometry import wrap
@@ -32,12 +32,17 @@ STEADY = 0.7
 """Turn of phase (rms, rad) by the agent's deviations, from which on its snapshots say too little of lines."""
 SURE = 100.0
 """Odds at which a line is taken for a surface."""
+FAINT_SURE = 1e4
+"""Odds at which a faint one is: by then the walls are known that double bounces like it need."""
+MEMORY = 256
+"""Steps for which evidence is kept, and over which a wall may have become audible."""
 SKIRT = 3.0
 """Evidence is forgotten where paths are less than so many resolutions from those of what was born."""
 FADES = 8
 """Steps from one fading of old evidence to the next."""
 LOUD, LOUDLY = 0.6, 0.8
-"""Coefficient above which a wall is louder than double bounces are, and how probable that has to be."""
+"""Coefficient above which a wall is louder than double bounces are; how probable that has to be, or else
+the line is a faint one."""
 MOST_BORN = 2
 """Surfaces born at one step."""
 AROUND = 6
@@ -155,7 +160,8 @@ def likeliest_line(by_line: LineEvidence, model: SignalModel) -> tuple[Array, Ar
     whole = np.concatenate([weight[-AROUND:, ::-1], weight, weight[:AROUND, ::-1]])
     near = np.pad(whole, ((0, 0), (AROUND, AROUND)))[a : a + 2 * AROUND + 1, o : o + 2 * AROUND + 1]
     odds = prior * float(near.sum())
-    if odds < SURE or share[a, o, REFLECTIONS > LOUD].sum() < LOUDLY * share[a, o].sum():
+    loud = share[a, o, REFLECTIONS > LOUD].sum() >= LOUDLY * share[a, o].sum()
+    if odds < (SURE if loud else FAINT_SURE):
         return None
     reach = np.arange(-AROUND, AROUND + 1)
     gap = np.stack(np.meshgrid(step[0] * reach, step[1] * reach, indexing="ij"), -1)
