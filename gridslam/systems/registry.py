@@ -183,6 +183,15 @@ _ENTERED = (
         takes_map=False,
         takes="signal",
     ),
+    Method(
+        "hybrid-paper",
+        "gridslam.systems.published.hybrid_paper:PublishedHybridSlam",
+        "hybrid SLAM's learning as published: networks from random places, a reference",
+        "docs/model.md#15-hybrid-slam",
+        measures="sampled signals, as hybrid",
+        takes_map=False,
+        takes="signal",
+    ),
 )
 METHODS = {entry.name: entry for entry in _ENTERED}
 """Ours, by name."""

@@ -23,7 +23,7 @@ EXAMPLES = ROOT / "examples"
 NAME = "own_method:SightFilter"
 SAMPLED = {
     "direct": "overlap", "direct-paper": "overlap", "direct_grid": "chamber", "hybrid": "screen",
-    "hybrid-known": "screen", "los": "screen",
+    "hybrid-known": "screen", "hybrid-paper": "screen", "los": "screen",
 }  # fmt: skip
 """Scenes whose samples a method takes."""
 SCENE = gs.Scene.from_toml(TINY, "tiny")

@@ -7,11 +7,19 @@ import pytest
 from signal_worlds import received, signal_model
 
 from gridslam import runtime
+from gridslam.inference.messages.features import proposals
 from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.following import START_STEPS
 from gridslam.inference.messages.features.joint_update import predict, update
 from gridslam.inference.messages.features.learning import JUDGED, learn
-from gridslam.inference.messages.features.proposals import UNTOLD, extra_slopes
+from gridslam.inference.messages.features.proposals import (
+    CROWD,
+    CROWD_EXTENT_M,
+    LOOSE,
+    UNTOLD,
+    extra_slopes,
+    with_proposals,
+)
 from gridslam.inference.messages.features.rivals import HOPELESS, PRICES, Lesson, usual_prices
 from gridslam.inference.messages.features.seeding import (
     IMAGE,
@@ -24,6 +32,7 @@ from gridslam.inference.messages.features.seeding import (
     propose,
     stretch_of,
 )
+from gridslam.inference.messages.features.settling import BESIDE_STD, STARTS, starts_beside
 from gridslam.inference.state.features.features import MOVING, FeatureBank, entries, places
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
 
@@ -139,23 +148,23 @@ def test_a_rival_that_falls_far_behind_is_given_up_and_one_that_keeps_up_is_not(
     np.testing.assert_array_equal(again.track, right.track)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("beside_m", [0.0, 0.15])
-def test_features_have_an_extent_where_that_explains_the_segment(beside_m):
-    """A path whose point is elsewhere at each step is explained by one that may be; an image stays."""
-    model, draw = signal_model(spread=(0.1, 0.1, 0.1, 0.1)), np.random.default_rng(6)
-    state, _ = state_after([MIRROR], [1500.0], 6)
-    samples, segment = state.segment.samples.copy(), state.segment
-    for k in range(STEPS):
-        way = np.append(beside_m * draw.normal(size=2), 0.0)
-        place, heading = segment.agent[k, :2], segment.heading_rad[k]
-        samples[k] = received(model, place, heading, [LOS, MIRROR + way], [LOS_POWER, 1500.0], draw)
-    spread, origin = np.diag(np.square([0.05, 0.02, 1e-3])), np.zeros(2)
-    start = state.before.with_feature(0, entries(MIRROR, origin), spread, origin, 1500.0, 0, 0)
-    lesson, heard = lesson_of(state, model), replace(segment, samples=samples)
-    found = lesson.settled(lesson.judge(start, heard), heard)
-    assert (found.joint.extent > 0) == (beside_m > 0)
-    assert found.start.extent == found.joint.extent
+@pytest.mark.parametrize("many", [CROWD, CROWD + 1])
+def test_features_of_a_crowd_are_not_taken_at_their_word(many, monkeypatch):
+    """Beyond some number they stand for more scatterers than they are: with an extent, and loosely tied."""
+    state, model = state_after([MIRROR], [1500.0], 6)
+    kind = np.array([SCATTERED] + [IMAGE] * (many - 1))
+    rows = np.tile([*MIRROR, 500.0], (many, 1))
+    rows[0] = [*SCATTERER, 500.0]
+    monkeypatch.setattr(proposals, "propose", lambda *_: (rows, kind))
+    looks = proposals.surveys(state.before, state.joint, state.segment, JUDGED, Front(model.waveform), model)
+    found = with_proposals(state.before, state.segment, looks, PRICES[0], 0, 0, model)
+    length, _, extra = found.mean[MOVING:].reshape(-1, 3).T
+    std = np.sqrt(np.diagonal(found.covariance)[MOVING:].reshape(-1, 3))
+    crowded = many > CROWD
+    assert found.extent == (CROWD_EXTENT_M if crowded else 0.0)
+    np.testing.assert_allclose(std[1:, 2], UNTOLD * length[1:] if crowded else NONE_M)
+    assert std[0, 2] > LOOSE * length[0] if crowded else std[0, 2] < LOOSE * length[0]
+    assert (found.extent, len(found.features)) == (found.keep(extra >= 0).extent, many)
 
 
 @pytest.mark.parametrize("steps", [START_STEPS, START_STEPS + 1])
@@ -284,3 +293,13 @@ def test_a_scatterer_is_taken_for_one():
     place = places(found.joint.mean, found.joint.features.origin_m)
     assert np.hypot(*(place[0] - point)[:2]) < 0.5
     assert abs(place[0, 2] - np.hypot(*(place[0, :2] - LOS[:2]))) < 0.3
+
+
+def test_starts_beside_the_one_that_is_believed_lie_about_it():
+    state, _ = state_after([], [], 1, spread=(0.2, 0.2, 0.1, 0.1))
+    ways = starts_beside(state.segment, state.before)
+    shift = np.array([way.agent[0] - state.segment.agent[0] for way in ways])
+    assert len(ways) == STARTS
+    np.testing.assert_allclose(np.hypot(*shift[:, :2].T), BESIDE_STD * 0.2)
+    np.testing.assert_allclose(shift.sum(0), 0.0, atol=1e-12)
+    assert (shift[:, 2:] == 0).all()

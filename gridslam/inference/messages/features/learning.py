@@ -39,7 +39,7 @@ def learn(state: HybridState, front: Front, model: SignalModel) -> tuple[HybridS
         if best is None or rival.score > best.score + CLEAR:
             best, price = rival, kind
     assert best is not None
-    best = lesson.settled(lesson.best([best], [segment], price), segment)
+    best = lesson.best([best], [segment], price)
     proposed, gain = len(best.joint.features) - old, float((best.evidence - segment.evidence)[-JUDGED:].sum())
     if not proposed or gain <= 0:
         return begun(state, state.joint), Learned(proposed, 0, gain if proposed else 0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,7 +26,13 @@ from gridslam.inference.state.features.hybrid_state import JointBelief, Segment
 from gridslam.world.signal_model import SignalModel
 
 UNTOLD = 0.3
-"""Deviation of an image's extra length, in its length, on a track too short to tell it from a scatterer."""
+"""Deviation of an image's extra length, in its length, where nothing tells it from a scatterer: on a short
+track, or in a crowd."""
+CROWD = 8
+"""Features of an anchor beyond which they stand for more scatterers than a pulse can tell apart."""
+CROWD_EXTENT_M, LOOSE = 0.2, 0.2
+"""Extent of features in a crowd, and deviation of their ties, in their length: none is quite what it is
+taken for."""
 LENGTH_STD_M, DIRECTION_STD_RAD, EXTRA_SHARE = 0.3, 0.2, 0.5
 """Of a new feature, before the segment is gone through again."""
 TIED_M = 0.1
@@ -83,10 +89,14 @@ def with_proposals(
     origin = segment.agent[len(segment) // 2, :2]
     for look in looks:
         table, kind = propose(look.stretch, look.known, look.gains, price)
+        crowded = len(look.known) + len(table) > CROWD
+        if crowded:
+            belief = replace(belief, extent=CROWD_EXTENT_M)
         for row, what in zip(table, kind, strict=True):
             entry = entries(row[:3], origin)
-            none = UNTOLD * entry[0] if len(segment) <= START_STEPS else NONE_M
-            width = {IMAGE: none, SCATTERED: TIED_M, FREE: EXTRA_SHARE * row[2]}[int(what)]
+            none = UNTOLD * entry[0] if crowded or len(segment) <= START_STEPS else NONE_M
+            tied = max(LOOSE * entry[0], TIED_M) if crowded else TIED_M
+            width = {IMAGE: none, SCATTERED: tied, FREE: EXTRA_SHARE * row[2]}[int(what)]
             spread = np.diag(np.square([LENGTH_STD_M, DIRECTION_STD_RAD, width]))
             if what == SCATTERED:
                 slope = extra_slopes(entry, model.anchors[look.anchor, :2] - origin)

@@ -18,7 +18,7 @@ from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.joint_update import predict, update
 from gridslam.inference.messages.features.proposals import surveys, with_proposals
 from gridslam.inference.messages.features.seeding import LEAST_GAIN
-from gridslam.inference.state.features.features import MOVING, places
+from gridslam.inference.state.features.features import ENTRIES, MOVING, places
 from gridslam.inference.state.features.hybrid_state import JointBelief, Segment
 from gridslam.world.signal_model import SignalModel
 
@@ -30,13 +30,11 @@ HOPELESS = 60.0
 """Nats by which one has to be behind another at some step for the rest of the segment not to matter."""
 ROUNDS = 3
 """Times, at most, that features are proposed along the way that the ones before led."""
-EXTENTS_M = (0.0, 0.05, 0.1)
-"""Of features: images are heard at their places, what stands for many scatterers now here, now there."""
 MOVED_M = 0.1
 """Ways that are nowhere farther apart lead to the same features."""
-SHIFTS, ASTRAY, SMALL_M, STRONG = 2, 3.0, 0.5, 0.2
+SHIFTS, ASTRAY, STRONG = 2, 3.0, 0.2
 """Times that all is shifted. Deviations of the start within which a feature may be a line of sight seen from
-a wrong place; its largest extra length, and its least power in that of the line of sight."""
+a wrong place; its least power in that of the line of sight."""
 
 
 class Rival(NamedTuple):
@@ -179,27 +177,12 @@ class Lesson:
             found = rival
         return found
 
-    def settled(self, rival: Rival, segment: Segment) -> Rival:
-        """The same set with another extent of features, where that clearly explains the segment better."""
-        along, now, best = replace(segment, agent=rival.track), rival.start.extent, rival
-        larger, smaller = [e for e in EXTENTS_M if e > now], [e for e in EXTENTS_M[::-1] if e < now]
-        for way in (larger, smaller):
-            for extent in way:
-                found = self.judge(replace(rival.start, extent=extent), along, best)
-                if found.score <= best.score:
-                    break
-                best = found
-            if best is not rival:
-                break
-        return best if best.score > rival.score + CLEAR else rival
-
     def sights(self, joint: JointBelief) -> NDArray[np.bool_]:
         """Which new features may be a line of sight that is seen from a wrong place, (F,)."""
-        place, bank = places(joint.mean, joint.features.origin_m), joint.features
+        bank, gap = joint.features, np.hypot(*self._beside(joint).T)
         reach = ASTRAY * np.sqrt(np.trace(self.before.agent_covariance[:2, :2]) / 2)
-        gap = np.hypot(*(self.model.anchors[bank.anchor, :2] - place[:, :2]).T)
         strong = bank.power > STRONG * joint.los_power[bank.anchor]
-        near: NDArray[np.bool_] = (gap < reach) & (place[:, 2] < SMALL_M) & strong
+        near: NDArray[np.bool_] = (gap < reach) & strong
         near[: len(self.before.features)] = False
         return near
 
@@ -209,8 +192,16 @@ class Lesson:
         if not near.any():
             return None
         top = int(np.argmax(np.where(near, bank.power, 0.0)))
-        shift: Array = self.model.anchors[bank.anchor[top], :2]
-        return shift - places(rival.joint.mean, bank.origin_m)[top, :2]
+        shift: Array = self._beside(rival.joint)[top]
+        return shift
+
+    def _beside(self, joint: JointBelief) -> Array:
+        """From where features would be without extra length to their anchors, (F, 2) m."""
+        bank = joint.features
+        length, direction, _ = joint.mean[MOVING:].reshape(-1, ENTRIES).T
+        way = length[:, None] * np.stack([np.cos(direction), np.sin(direction)], 1)
+        gap: Array = self.model.anchors[bank.anchor, :2] - bank.origin_m - way
+        return gap
 
 
 def apart(one: Array, other: Array) -> float:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.state.features.features import ENTRIES, MOVING, FeatureBank
+from gridslam.inference.state.features.networks import FeatureNetworks
 from gridslam.inference.state.features.sightings import Sightings
 
 
@@ -180,6 +181,8 @@ class HybridState:
         Of the latest step, and of the one before the segment; None before the first.
     lesson : HybridState or None
         The state at the end of the segment that is being learned from, see `messages.lessons`.
+    networks : FeatureNetworks or None
+        Where features are, of the published way to learn.
     """
 
     joint: JointBelief
@@ -192,3 +195,4 @@ class HybridState:
     time_s: float | None = None
     before_s: float | None = None
     lesson: HybridState | None = None
+    networks: FeatureNetworks | None = field(default=None, metadata={"later": True})
