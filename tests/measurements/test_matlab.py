@@ -1,7 +1,9 @@
 """MATLAB files, version 5 to 7.3: the same table as from CSV, and no file that claims more than it holds."""
 
+import re
 import struct
 import zlib
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -162,3 +164,41 @@ def test_absurd_dataset_is_refused(tmp_path):
         file.create_dataset("aoa_rad", shape=(1, 10**12), dtype=float, chunks=(1, 1024))
     with pytest.raises(InputError, match="1000000000000 values"):
         Measurements.from_mat(tmp_path / "a.mat")
+
+
+def tutorial_lines(struct=False):
+    """The variables of the tutorial's MATLAB lines, read by MATLAB's own grammar of numbers and columns."""
+    page = (Path(__file__).parents[2] / "docs/tutorials/matlab.md").read_text(encoding="utf-8")
+    block = re.search(r"```matlab\n(.*?)```", page, re.S)[1]
+    *assigned, saved = block.strip().splitlines()
+    cells = re.findall(r"(\w+) = \[([^\]]*)\];", " ".join(assigned))
+    found = {
+        name: np.array([[float(v.replace("NaN", "nan"))] for v in text.split(";")]) for name, text in cells
+    }
+    words = saved.rstrip(";").split()
+    assert words[:2] == ["save", "heard.mat"]
+    assert sorted(words[2:]) == sorted(found)
+    return {"measurements": found} if struct else found
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize(("version", "struct"), [("5", False), ("5, packed", True), ("7.3", False)])
+def test_the_tutorials_lines_lead_from_a_matlab_file_to_a_map(say, tmp_path, version, struct):
+    """Files as MATLAB writes them, made without MATLAB: `savemat`, and h5py by version 7.3's conventions."""
+    found = tutorial_lines(struct)
+    if version == "7.3":
+        write_73(tmp_path / "heard.mat", tutorial_lines(), "measurements" if struct else None)
+    else:
+        savemat(tmp_path / "heard.mat", found, do_compression="packed" in version)
+    heard = Measurements.from_mat("heard.mat", ("A", "B"))
+    assert heard.anchor.tolist() == [0, 1, 0]
+    np.testing.assert_allclose(heard.aod_rad, [-0.49, np.nan, -0.5])
+    assert say("check", "heard.mat", "--scene", "room").code == 0
+    done = say("run", "room", "--measurements", "heard.mat", "--particles", "64", "-o", "matlab")
+    assert done.code == 0
+    with h5py.File("matlab/agent1/steps.h5") as steps, h5py.File("matlab/map.h5") as mapped:
+        assert steps["/steps/position_m"].shape == (2, 2)
+        assert mapped["/grid/occupancy"].ndim == 2
+    assert say("export", "matlab", "-o", "tables").code == 0
+    assert len(Path("tables/agent1-track.csv").read_text().splitlines()) == 3
