@@ -26,8 +26,11 @@ def replace(value: Value, /, **changes: Any) -> Value:
     names, known = _fields(kind), value.__dict__
     fresh = object.__new__(kind)
     own = fresh.__dict__
-    for name in names:
-        own[name] = known[name]
+    if len(known) == len(names):  # nothing is cached
+        own.update(known)
+    else:
+        for name in names:
+            own[name] = known[name]
     own.update(changes)
     if len(own) != len(names):
         raise TypeError(f"{kind.__name__} has no field {', '.join(changes.keys() - set(names))}")

@@ -17,6 +17,8 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from ctypes import addressof, c_char
 from functools import wraps
+from itertools import compress
+from operator import is_not
 from typing import Any
 
 import numpy as np
@@ -129,9 +131,10 @@ def _hurrying(kernel: Any) -> Launch:
     kinds = [_kind(known[n].annotation) for n in others] + [_kind(kind) for kind in members]
     # Taichi leaves a pack its place, and hands its arrays over behind all arguments
     places = [(n,) for n in others] + [(len(known) + n,) for n in range(len(members))]
-    slots = [(*place, place, kind) for place, kind in zip(places, kinds, strict=True)]
+    slots = list(zip(places, kinds, strict=True))
+    numbers = range(len(slots))
     spare = {n: known[n].annotation for n in packs}
-    own, key = threading.local(), _key(flat_names(known), places) if ON_CPU else None
+    own, key = threading.local(), _key(flat_names(known)) if ON_CPU else None
 
     def launch(*arguments: Any) -> Any:
         compiled = primal.compiled_kernels
@@ -144,15 +147,15 @@ def _hurrying(kernel: Any) -> Launch:
             values = several = [arguments[n] for n in others]
             for n in packs:
                 several += arguments[n]
-        if len(values) != len(kinds):
+        if len(values) != len(slots):
             return plain(*arguments)
         (code,) = compiled.values()
-        kept = _reused_launch(own, code, primal.runtime.prog, values, key, spare, places)
+        kept = _reused_launch(own, code, primal.runtime.prog, values, key, spare)
         context, handed = kept.context, kept.handed
         if not ON_CPU:
             context, handed = _context(code, kept.empty), [NOTHING] * len(handed)
-        for value, (number, place, kind) in zip(values, slots, strict=True):
-            if value is not handed[number] and not _hand_over(context, handed, place, value, kind):
+        for number in compress(numbers, map(is_not, values, handed)):
+            if not _hand_over(context, handed, number, slots[number], values[number]):
                 return plain(*arguments)
         return primal.runtime.prog.launch_kernel(kept.machine, context)
 
@@ -167,25 +170,23 @@ def _context(code: Any, empty: Mapping[int, Any]) -> Any:
     return context
 
 
-def _key(names: list[str], places: Sequence[Place]) -> tuple[int, int] | None:
-    """Which value, and at which place, tells launches apart that are kept; None for one alone."""
-    chosen = next((names.index(name) for name in KEYS if name in names), None)
-    return None if chosen is None else (chosen, places[chosen][0])
+def _key(names: list[str]) -> int | None:
+    """Which value tells launches apart that are kept; None for one alone."""
+    return next((names.index(name) for name in KEYS if name in names), None)
 
 
 def _reused_launch(
-    own: threading.local, code: Any, program: Any, values: Sequence[Any], key: tuple[int, int] | None,
-    spare: Mapping[int, Any], places: Sequence[Place],
+    own: threading.local, code: Any, program: Any, values: Sequence[Any], key: int | None,
+    spare: Mapping[int, Any],
 ) -> "_ReusedLaunch":  # fmt: skip
     """The launch that a thread keeps for such a key; else a new one, or the one not used for longest."""
     launches: list[_ReusedLaunch] | None = own.__dict__.get("launches")
     if not launches or launches[-1].code is not code or launches[-1].program is not program:
-        launches = own.launches = [_ReusedLaunch.first(code, program, spare, places)]
+        launches = own.launches = [_ReusedLaunch.first(code, program, spare, len(values))]
     if key is None:
         return launches[0]
-    number, place = key or (0, 0)
     for one in launches:  # the anchor whose turn it is was launched longest ago
-        if one.handed[place] is values[number]:
+        if one.handed[key] is values[key]:
             launches.remove(one)
             break
     else:
@@ -202,13 +203,11 @@ class _ReusedLaunch:
         self.context, self.handed = _context(code, empty), [NOTHING] * most
 
     @classmethod
-    def first(
-        cls, code: Any, program: Any, spare: Mapping[int, Any], places: Sequence[Place]
-    ) -> "_ReusedLaunch":
+    def first(cls, code: Any, program: Any, spare: Mapping[int, Any], most: int) -> "_ReusedLaunch":
         """The first of a kernel: its machine code, and packs that hold nothing."""
         machine = program.compile_kernel(program.config(), program.get_device_caps(), code)
         empty = {place: kind(**dict.fromkeys(kind.members)) for place, kind in spare.items()}
-        return cls(code, program, machine, empty, max((place for (place,) in places), default=0) + 1)
+        return cls(code, program, machine, empty, most)
 
     def another(self) -> "_ReusedLaunch":
         """Another one of the same kernel, to which nothing is handed over yet."""
@@ -233,9 +232,9 @@ def _first(kernel: Launch, arguments: Sequence[Any]) -> Any:
                 gc.enable()
 
 
-def _hand_over(context: Any, handed: list[Any], place: Place, value: Any, kind: Any) -> bool:
-    """Put one argument into a launch; whether it is of the right kind."""
-    number = place[0]
+def _hand_over(context: Any, handed: list[Any], number: int, slot: tuple[Place, Any], value: Any) -> bool:
+    """Put one argument into a launch, at its place; whether it is of the right kind."""
+    place, kind = slot
     before, handed[number] = handed[number], NOTHING  # if an interrupt comes between, all is handed over
     if type(value) is ndarray and type(kind) is tuple:
         if value.dtype != kind[0] or value.ndim != kind[1]:

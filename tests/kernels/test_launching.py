@@ -47,8 +47,8 @@ def test_quick_launches_agree_with_this_taichi_and_are_tried_once(launching, mon
 def other_numbers(launching, monkeypatch):
     real = launching._hand_over
 
-    def hand_over(context, handed, place, value, kind):
-        return real(context, handed, place, 2 * value if type(value) is float else value, kind)
+    def hand_over(context, handed, number, slot, value):
+        return real(context, handed, number, slot, 2 * value if type(value) is float else value)
 
     monkeypatch.setattr(launching, "_hand_over", hand_over)
 
@@ -57,10 +57,10 @@ def stale_arrays(launching, monkeypatch):
     """An array is taken for unchanged, though it is another one."""
     real = launching._hand_over
 
-    def hand_over(context, handed, place, value, kind):
-        if place == (2,) and handed[2] is not launching.NOTHING and value.shape == handed[2].shape:
+    def hand_over(context, handed, number, slot, value):
+        if number == 2 and handed[2] is not launching.NOTHING and value.shape == handed[2].shape:
             return True
-        return real(context, handed, place, value, kind)
+        return real(context, handed, number, slot, value)
 
     monkeypatch.setattr(launching, "_hand_over", hand_over)
 
@@ -69,10 +69,10 @@ def stale_shapes(launching, monkeypatch):
     """An array is taken for one of the shape before."""
     real = launching._hand_over
 
-    def hand_over(context, handed, place, value, kind):
-        if place == (2,) and handed[2] is not launching.NOTHING:
+    def hand_over(context, handed, number, slot, value):
+        if number == 2 and handed[2] is not launching.NOTHING:
             handed[2] = value
-        return real(context, handed, place, value, kind)
+        return real(context, handed, number, slot, value)
 
     monkeypatch.setattr(launching, "_hand_over", hand_over)
 

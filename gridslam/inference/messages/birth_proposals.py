@@ -131,14 +131,16 @@ def _weigh_by_visibility(
 
     grid, cells, layout = state.require_grid(), work.require_cells(), state.belief.layout
     scratch = cells.scratch
-    sketch = Sketch(
-        scratch.line, scratch.place, np.empty((6 + 3 * layout.surfaces, 1)), np.empty((1, 4), np.int32),
-        np.empty((1, 14)),
-    )  # fmt: skip
+    sketch = Sketch(scratch.line, scratch.place, *work.buffers(_sketch, 0, layout.surfaces + 1))
     weigh_by_visibility(
         layout.head, grid.shape[1], state.belief.mean, model.places, cells.occupancy(grid), cells.frame,
         sketch, births, measured,
     )  # fmt: skip
+
+
+def _sketch(surfaces: int) -> tuple[Array, NDArray[np.int32], Array]:
+    """Scratch for one path at a time, over so many surfaces."""
+    return np.empty((3 + 3 * surfaces, 1)), np.empty((1, 4), np.int32), np.empty((1, 14))
 
 
 @cache

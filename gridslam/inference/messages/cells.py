@@ -17,6 +17,7 @@ from gridslam.inference.messages.prediction import (
     ListArguments,
     PathQuery,
     PredictedPaths,
+    query_buffers,
     query_of,
 )
 from gridslam.inference.state.grid import Grid
@@ -102,10 +103,8 @@ def cast_messages(state: State, model: FilterModel, *, work: Workspace) -> Polyl
 def cast_at(samples: Sampling, grid: Grid, cast: Casting, anchors: Array, work: Workspace) -> None:
     """Cast the paths of the workspace's messages at sampled states, and add their messages to the cells'."""
     messages, belief = work.messages, blocks.Belief(samples.belief.mean, samples.belief.covariance)
-    query, listed = (
-        query_of(ALREADY_LISTED, 0, samples, AS_THEY_ARE, 1.0),
-        Listed(messages.path, *NO_PATHS, messages.count),
-    )
+    query = query_of(work.buffers(query_buffers, len(anchors)), ALREADY_LISTED, 0, samples, AS_THEY_ARE, 1.0)
+    listed = Listed(messages.path, *NO_PATHS, messages.count)
     asked = PathQuery(query, belief, anchors, NO_LINKS, samples, listed, messages.among, None)
     work.require_cells().unsettled = True
     casting = cast._replace(factor=messages.factor, products=NO_PRODUCTS)

@@ -28,6 +28,8 @@ def neighbours(table: Array) -> NDArray[np.bool_]:
         That of `AnchorScan`. What lacks distance, AoA or amplitude is in no crowd.
     """
     none = np.zeros((len(table), len(table)), dtype=bool)
+    if len(table) <= OTHERS:
+        return none
     amplitude = table[:, 6]
     able = np.flatnonzero((table[:, 3] >= 0) & (table[:, 5] >= 0) & (amplitude >= 0) & (amplitude < FAINT))
     if len(able) <= OTHERS:

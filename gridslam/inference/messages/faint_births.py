@@ -118,11 +118,14 @@ def borne_out(
     line, covariance = _corrected(line, heard, m, state, radio, model)
     places = model.places
     path = single_bounces(line[:, None, None], places[:, None], left.pose)  # of all anchors, at all steps
-    level = REFLECTION_BINS * radio.amplitude(path.value[..., :1])
-    possible, missed = path.possible, np.ones(level.shape)
-    missed[possible] = np.maximum(1 - detection_table(model.radio)(level[possible]), LEAST_DOUBT)
+    possible = path.possible
     near, gap = _near(left.value, path.value[:, left.anchor, left.back])
     b, h = np.nonzero(near & possible[:, left.anchor, left.back])
+    if not len(b):
+        return np.zeros((len(line), len(REFLECTION_BINS))), np.zeros(len(line), np.int64)
+    level = REFLECTION_BINS * radio.amplitude(path.value[..., :1])
+    missed = np.ones(level.shape)
+    missed[possible] = np.maximum(1 - detection_table(model.radio)(level[possible]), LEAST_DOUBT)
     at = b, left.anchor[h], left.back[h]
     log = _log_density(line[b], covariance[b], gap[b, h], h, left, places)
     log -= radio.log_clutter(left.amplitude[h]) + np.log(radio.false_alarms)

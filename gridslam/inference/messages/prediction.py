@@ -66,11 +66,24 @@ def listed_buffers(most: int) -> Listed:
 
 
 def query_of(
-    only: int, bounces: int, sampling: Sampling, change: tuple[float, float], share: float, senders: int = 1
-) -> Query:
-    """Which paths a kernel lists and how, and what it draws; what of it is at hand is told at each launch."""
-    choice = np.array((only, bounces, sampling.head, sampling.first, 0, senders), np.int32)
-    return Query(choice, np.array((*change, share)))
+    asked: Query, only: int, bounces: int, sampling: Sampling, change: tuple[float, float], share: float,
+    senders: int = 1,
+) -> Query:  # fmt: skip
+    """Which paths a kernel lists and how, and what it draws; what of it is at hand is told at each launch.
+
+    Parameters
+    ----------
+    asked : Query
+        Filled in, since new arrays would have to be handed over at every launch.
+    """
+    asked.choice[:] = only, bounces, sampling.head, sampling.first, 0, senders
+    asked.weight[:] = *change, share
+    return asked
+
+
+def query_buffers() -> Query:
+    """Reusable buffers for a query."""
+    return Query(np.empty(6, np.int32), np.empty(3))
 
 
 def links_of(bank: SurfaceBank, los: Array) -> Links:
@@ -131,7 +144,8 @@ class PathQuery:
         draft = work.buffers(draft_of, anchor, belief.layout, samples)
         sampling = work.particles.samples(belief, number, draft)
         count, bandwidth = work.particles.ask(belief)
-        query = query_of(anchor, model.max_bounces, sampling, change, _share(bandwidth), model.senders)
+        asked = work.buffers(query_buffers, anchor)
+        query = query_of(asked, anchor, model.max_bounces, sampling, change, _share(bandwidth), model.senders)
         own, links = blocks.Belief(belief.mean, belief.covariance), links_of(bank, state.los)
         recipe = Recipe(belief.layout, draft.root, draft.base, sampling.points, count, bandwidth)
         return cls(query, own, anchors, links, sampling, buffers, (surfaces, places), recipe)

@@ -142,7 +142,9 @@ def _require_listed_of_this_state(
 ) -> None:
     """Refuse paths of other surfaces or anchors than the state's, and anchors that aren't there."""
     rays.check(len(state.surfaces), min(len(state.los), len(model.anchors)))
-    if not -1 <= heard.anchor < len(turned) or heard.label.max(initial=-1) >= len(turned):
+    if not -1 <= heard.anchor < len(turned) or (
+        heard.anchor < 0 and heard.label.max(initial=-1) >= len(turned)
+    ):
         raise ValueError("there is no such anchor")
 
 
@@ -157,7 +159,10 @@ def _crowds_as_one(
     heard: AnchorScan, rays: Rays, ratios: LikelihoodRatios, senders: int, work: Workspace
 ) -> LikelihoodRatios:
     """The ratios, in whose pairs a crowd counts as one measurement of its middle."""
-    near = of_one_way(work.once(neighbours, heard.table), ratios.beta, rays.anchor // senders)
+    near = work.once(neighbours, heard.table)
+    if not near.any():
+        return ratios
+    near = of_one_way(near, ratios.beta, rays.anchor // senders)
     return replace(ratios, pairs=crowded_as_one(ratios.pairs, heard, near))
 
 
@@ -192,8 +197,7 @@ def _correct(
     belief, bank, rays, pairs = state.belief, state.surfaces, paths.rays, ratios.pairs
     anchors = len(model.anchors)
     launch = update_with_rises() if belief.rises else update_with_clocks() if belief.clocks else update
-    share = work.buffers(_shares, heard.anchor, len(pairs.index))
-    scratch = np.empty((len(belief.mean), 6))
+    share, scratch = work.buffers(_account, heard.anchor, len(pairs.index), len(belief.mean))
     turns = turned if len(turned) == anchors else np.resize(turned, anchors)  # images turn with their anchors
     fits = np.empty((anchors, len(NO_FIT)))
     fits[:] = NO_FIT
@@ -216,6 +220,6 @@ def _with_images(fits: Array, senders: int) -> Array:
     return np.column_stack([each[..., :-1].sum(0), each[..., -1].min(0)])
 
 
-def _shares(pairs: int) -> Array:
-    """Scratch: probability of each association."""
-    return np.empty(pairs)
+def _account(pairs: int, size: int) -> tuple[Array, Array]:
+    """Scratch: probability of each association, and of a belief of this size."""
+    return np.empty(pairs), np.empty((size, 6))

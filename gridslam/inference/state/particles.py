@@ -257,6 +257,7 @@ class Particles:
         self.limit: int | None = None
         self._seed = seed
         self._points = np.zeros((0, self.count), np.float32)
+        self._few = self._points
         self._held: runtime.Resident = self._points
 
     def points(self, belief: Belief) -> runtime.Resident:
@@ -272,8 +273,9 @@ class Particles:
             self._points = points  # last, should anything interrupt
         if self.limit is None:
             return self._held
-        few = np.ascontiguousarray(self._points[:, : self.limit])
-        return runtime.resident(turned(few, belief))
+        if self._few.shape != (len(self._points), self.limit):
+            self._few = np.ascontiguousarray(self._points[:, : self.limit])
+        return runtime.resident(turned(self._few, belief))
 
     def samples(self, belief: Belief, number: int, draft: Draft) -> Sampling:
         """Exact samples of a belief by points that follow each other, from another one on for every `number`.
