@@ -20,7 +20,16 @@ from gridslam.inference.messages.features.proposals import (
     extra_slopes,
     with_proposals,
 )
-from gridslam.inference.messages.features.rivals import HOPELESS, PRICES, Lesson, usual_prices
+from gridslam.inference.messages.features.rivals import (
+    BESIDE_STD,
+    FOLLOWED,
+    HOPELESS,
+    PRICES,
+    STARTS,
+    Lesson,
+    moved_starts,
+    usual_prices,
+)
 from gridslam.inference.messages.features.seeding import (
     IMAGE,
     LEAST_GAIN,
@@ -32,7 +41,6 @@ from gridslam.inference.messages.features.seeding import (
     propose,
     stretch_of,
 )
-from gridslam.inference.messages.features.settling import BESIDE_STD, STARTS, starts_beside
 from gridslam.inference.state.features.features import MOVING, FeatureBank, entries, places
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
 
@@ -295,11 +303,29 @@ def test_a_scatterer_is_taken_for_one():
     assert abs(place[0, 2] - np.hypot(*(place[0, :2] - LOS[:2]))) < 0.3
 
 
-def test_starts_beside_the_one_that_is_believed_lie_about_it():
+def test_ways_from_other_starts_are_the_same_way_about_the_believed_start():
     state, _ = state_after([], [], 1, spread=(0.2, 0.2, 0.1, 0.1))
-    ways = starts_beside(state.segment, state.before)
-    shift = np.array([way.agent[0] - state.segment.agent[0] for way in ways])
+    segment = replace(state.segment, agent=state.segment.agent + np.array([1.0, 2.0, 0.0, 0.0]))
+    ways = moved_starts(segment, state.before)
+    shift = np.array([way.agent - segment.agent for way in ways])
     assert len(ways) == STARTS
-    np.testing.assert_allclose(np.hypot(*shift[:, :2].T), BESIDE_STD * 0.2)
-    np.testing.assert_allclose(shift.sum(0), 0.0, atol=1e-12)
-    assert (shift[:, 2:] == 0).all()
+    np.testing.assert_allclose(shift, np.broadcast_to(shift[:, :1], shift.shape), atol=1e-12)
+    begin = np.array([way.agent[0, :2] for way in ways]) - state.before.mean[:2]
+    np.testing.assert_allclose(np.hypot(*begin.T), BESIDE_STD * 0.2)
+    np.testing.assert_allclose(begin.sum(0), 0.0, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_crowd_is_looked_for_from_other_starts_and_the_best_are_followed_up():
+    """Along a way half a metre off, some of the others explain the segment better."""
+    state, model = state_after([MIRROR, SCATTERER], [1500.0, 800.0], 3, spread=(0.3, 0.3, 0.1, 0.1))
+    lesson, segment = lesson_of(state, model), state.segment
+    off = np.array([0.4, -0.5, 0.0, 0.0])
+    astray = replace(segment, agent=segment.agent + off)
+    (wrong,) = lesson.rivals(astray, state.joint, PRICES[:1])
+    lost = wrong._replace(track=astray.agent, score=wrong.score - 200)
+    found, ways = lesson.elsewhere(lost, astray, PRICES[0])
+    assert len(found) == len(ways) == FOLLOWED
+    assert found[0].score >= found[1].score > lost.score
+    found, ways = lesson.elsewhere(lost._replace(score=np.inf), astray, PRICES[0])
+    assert ways[0] is astray

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gridslam.inference.messages.features.feature_likelihood import Front
+from gridslam.inference.messages.features.proposals import CROWD
 from gridslam.inference.messages.features.rivals import CLEAR, Lesson, usual_prices
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
 from gridslam.world.signal_model import SignalModel
@@ -39,7 +40,10 @@ def learn(state: HybridState, front: Front, model: SignalModel) -> tuple[HybridS
         if best is None or rival.score > best.score + CLEAR:
             best, price = rival, kind
     assert best is not None
-    best = lesson.best([best], [segment], price)
+    sets, ways = [best], [segment]
+    if not old and len(best.joint.features) > CROWD:
+        sets, ways = lesson.elsewhere(best, segment, price)
+    best = lesson.best(sets, ways, price)
     proposed, gain = len(best.joint.features) - old, float((best.evidence - segment.evidence)[-JUDGED:].sum())
     if not proposed or gain <= 0:
         return begun(state, state.joint), Learned(proposed, 0, gain if proposed else 0.0)

@@ -37,6 +37,12 @@ SHIFTS, ASTRAY, STRONG = 2, 3.0, 0.2
 a wrong place; its least power in that of the line of sight."""
 
 
+STARTS, BESIDE_STD = 8, 2.0
+"""Starts about the one that is believed that are tried in a crowd; how far off, in its deviations."""
+FOLLOWED = 2
+"""Of these, the best, that are followed up."""
+
+
 class Rival(NamedTuple):
     """A set of features, and what the segment says of it.
 
@@ -177,6 +183,19 @@ class Lesson:
             found = rival
         return found
 
+    def elsewhere(self, rival: Rival, segment: Segment, price: Array) -> tuple[list[Rival], list[Segment]]:
+        """The best of a set and of those along its way from other starts, each with its way.
+
+        A crowd fits as well a metre beside its place as where it is; evidence of a whole segment tells.
+        """
+        found = [(rival, segment)]
+        for way in moved_starts(replace(segment, agent=rival.track), self.before):
+            lead = max((one for one, _ in found), key=lambda one: one.score)
+            (other,) = self.rivals(way, rival.joint, price[None], other=lead)
+            found.append((other, way))
+        found = sorted(found, key=lambda one: -one[0].score)[:FOLLOWED]
+        return [one for one, _ in found], [way for _, way in found]
+
     def sights(self, joint: JointBelief) -> NDArray[np.bool_]:
         """Which new features may be a line of sight that is seen from a wrong place, (F,)."""
         bank, gap = joint.features, np.hypot(*self._beside(joint).T)
@@ -202,6 +221,16 @@ class Lesson:
         way = length[:, None] * np.stack([np.cos(direction), np.sin(direction)], 1)
         gap: Array = self.model.anchors[bank.anchor, :2] - bank.origin_m - way
         return gap
+
+
+def moved_starts(segment: Segment, before: JointBelief) -> list[Segment]:
+    """The same way from places about where the agent is believed to have started."""
+    reach = BESIDE_STD * np.sqrt(np.trace(before.agent_covariance[:2, :2]) / 2)
+    angle = 2 * np.pi * np.arange(STARTS) / STARTS
+    shift = np.zeros((STARTS, 1, MOVING))
+    shift[:, 0, :2] = reach * np.stack([np.cos(angle), np.sin(angle)], 1)
+    shift[..., :2] += before.mean[:2] - segment.agent[0, :2]
+    return [replace(segment, agent=segment.agent + one) for one in shift]
 
 
 def apart(one: Array, other: Array) -> float:
