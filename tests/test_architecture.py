@@ -182,6 +182,16 @@ for name in ("scipy.ndimage", "scipy.fft", "matplotlib", "taichi", *(f"gridslam.
     subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
 
 
+def test_modules_of_methods_are_there_without_their_import():
+    program = """
+import gridslam as gs
+assert gs.systems.grid.GridSlam is gs.GridSlam
+assert gs.systems.adaptive.step
+assert not hasattr(gs.systems, "nothing") and not hasattr(gs.systems, "_nothing")
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
+
+
 def test_folders_of_tests_are_rooms_of_the_package():
     tests = Path(__file__).parent
     rooms = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()}

@@ -22,8 +22,8 @@ reason              said when                                   by              
 `left_out`          over 24 surfaces are in sight               `monitor`; of networks           section 9
                                                                 `management.network.merging`
 `NOT_FOUND`         a vague start is still searched for         `management.start_search`        (M202), (M91)
-`several_places`    several hypotheses count                    `management.hypotheses`, of      section 14,
-                                                                direct SLAM `image_starts`       (M91)
+`several_places`    several hypotheses count                    `doubt.places`; direct SLAM      section 14,
+                                                                `image_starts`                   (M91)
 `fresh_start`       the lead over a start anew is below 4 nats  `doubt.Doubt.reasons`            (M206)
 `elsewhere`         a scan alone fits another place better      `doubt.Doubt.reasons`            (M253)
 `OFF_GRID`          the agent is outside the scene's region     `management.hypotheses`          section 14

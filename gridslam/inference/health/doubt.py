@@ -6,8 +6,12 @@ against: the best pose by one scan alone, as if nothing had ever been heard.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gridslam.inference.health import reasons
 
@@ -18,6 +22,11 @@ ONE_ALONE, ELSEWHERE = 15.0, 5.0
 beyond those, with forgetting, from which on a place is called wrong."""
 KEEP, FADING = 0.5, 0.25
 """Forgetting of leads, and of what fits elsewhere, from one comparison to the next."""
+DOUBT_STEPS, SPREAD_M = 50, 0.3
+"""For how long a doubt keeps the search for challengers going; spread of the position that is one."""
+PLACE_COUNTS, PLACE_COUNTS_AT_FIRST, AT_FIRST = 0.01, 1e-4, 30
+"""Weight from which on a place is one that remains; the same for so many steps after a branching, whose
+evidence is that of vague beliefs."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +51,13 @@ class Doubt:
 
     FORMER_NAMES: ClassVar = ("Watch",)
 
+    def followed(self, variance_m2: float, hypotheses: int) -> Self:
+        """A step on, with that variance of the position (both axes), and so many hypotheses."""
+        doubtful = max(self.doubtful - 1, 0)
+        if variance_m2 > SPREAD_M**2 or hypotheses > 1:
+            doubtful = DOUBT_STEPS
+        return self if doubtful == self.doubtful else replace(self, doubtful=doubtful)
+
     def compared(self, evidence: float, best: float, here: float, loud: int) -> Self:
         """Take in a comparison.
 
@@ -54,10 +70,11 @@ class Doubt:
         loud : int
             Loud measurements of the scan.
         """
-        return replace(
+        after = replace(
             self, lead=KEEP * self.lead + evidence - best, loud=KEEP * self.loud + loud,
             elsewhere=FADING * self.elsewhere + max(best - here - ONE_ALONE, 0.0),
         )  # fmt: skip
+        return replace(after, doubtful=DOUBT_STEPS) if after.reasons() else after
 
     def reasons(self) -> list[str]:
         """What speaks against all hypotheses.
@@ -71,3 +88,28 @@ class Doubt:
         if self.elsewhere > ELSEWHERE:
             found.append(reasons.elsewhere(self.elsewhere))
         return found
+
+
+def places(
+    log_weight: Sequence[float], since: int, together: Callable[[Sequence[int]], NDArray[np.bool_]]
+) -> int:
+    """How many places the agent may be at: hypotheses that count, merged by pose alone.
+
+    Parameters
+    ----------
+    log_weight : (K,)
+        Of the hypotheses.
+    since : int
+        Steps since they branched.
+    together : callable
+        Which of some hypotheses (N,) are at one place, (N, N).
+    """
+    least = PLACE_COUNTS_AT_FIRST if since <= AT_FIRST else PLACE_COUNTS
+    rows = [k for k, log in enumerate(log_weight) if log > np.log(least)]
+    if len(rows) < 2:
+        return 1
+    near = together(rows)
+    label = np.arange(len(rows))
+    for _ in rows:
+        label = np.array([label[near[k]].min() for k in range(len(rows))])
+    return len(np.unique(label))

@@ -28,8 +28,6 @@ from gridslam.world.scan import Scan
 
 EVERY = 10
 """Steps from one comparison to the next."""
-DOUBT_STEPS, SPREAD_M = 50, 0.3
-"""For how long a doubt keeps the search for challengers going; spread of the position that is one."""
 HANDICAP, CHALLENGERS, POSES, LISTED = 7.0, 3, 60_000, 20
 """Log weight of challengers below the best, how many, uniform poses scored for them, modes listed at most."""
 DRAWN, COPIES = 100, 3
@@ -83,14 +81,9 @@ def watched(
     model: FilterModel,
     work: Workspace,
 ) -> Population[State]:
-    """Take in a step's log evidence: every so often it is set against that of a fresh start."""
-    state, watch = population.best, population.watch
-    x, y = float(state.belief.covariance[0, 0]), float(state.belief.covariance[1, 1])
-    doubtful = max(watch.doubtful - 1, 0)
-    if x + y > SPREAD_M**2 or len(population) > 1:
-        doubtful = DOUBT_STEPS
-    if doubtful != watch.doubtful:
-        watch = replace(watch, doubtful=doubtful)
+    """Hand a step's log evidence to the watch, every so often with that of a fresh start to compare."""
+    state, covariance = population.best, population.best.belief.covariance
+    watch = population.watch.followed(float(covariance[0, 0] + covariance[1, 1]), len(population))
     if state.step % EVERY == 0 and len(scan):
         scans = work.once(split_by_anchor, scan, model)
         loud = sum(int(np.count_nonzero(heard.loud)) for heard in scans)
@@ -98,7 +91,6 @@ def watched(
             draw = np.random.default_rng([work.seed, state.step, PURPOSE_OF_LEAD])
             best, here = best_snapshot(snapshot_of(scans, state, model), state.belief.mean[POSE], draw)
             watch = watch.compared(evidence(), best, here, loud)
-            watch = replace(watch, doubtful=DOUBT_STEPS) if watch.reasons() else watch
     return population if watch is population.watch else replace(population, watch=watch)
 
 

@@ -13,14 +13,15 @@ import numpy as np
 from gridslam import runtime
 from gridslam.inference.health import reasons
 from gridslam.inference.health.crossings import crossing_of
+from gridslam.inference.health.doubt import places
 from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.management.branching import branches_of, conditioned, linear_width, split, widest
 from gridslam.inference.management.challenge import HANDICAP, challenged, snapshot_of, watched
-from gridslam.inference.management.mixture import CAP, places, reduce
+from gridslam.inference.management.mixture import CAP, reduce, together
 from gridslam.inference.management.poses.pose_fix import known_sources
 from gridslam.inference.management.poses.pose_recovery import crowd, is_vague
 from gridslam.inference.management.poses.pose_search import Modes, find_modes
-from gridslam.inference.management.start_search import PATIENCE, nothing_mapped, waiting
+from gridslam.inference.management.start_search import PATIENCE, still_searching
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.state.anchor_measurements import own_deviations, split_by_anchor
@@ -94,7 +95,7 @@ def _advanced(
         modes, prior = _search(population, scan, model, work)
         waited = population.waited + (len(scan) > 0)
         if modes is None or not (modes.complete or waited >= PATIENCE):
-            return waiting(population, prior, len(scan) > 0), nothing_mapped(population.best, model, work)
+            return still_searching(population, prior, len(scan) > 0, model, work)
         population = _started(replace(population.best, belief=prior.belief), modes, model)
     if population.watch.doubtful:
         population = challenged(population, scan, start(model), model, work)
@@ -256,7 +257,9 @@ def comparable(info: StepInfo, state: State, model: FilterModel) -> float:
 def _judged(population: Population[State], info: StepInfo, model: FilterModel) -> StepInfo:
     """What happened at a step, with what there is to say of all hypotheses."""
     found = [info.health.why] if info.health.why else []
-    several = places(population)
+    several = places(
+        population.log_weight, population.since, lambda rows: together([population.states[k] for k in rows])
+    )
     if several > 1:
         found.append(reasons.several_places(several))
     found += population.watch.reasons()

@@ -25,9 +25,6 @@ TURN_RAD, SHIFT_M, FOUND = 0.1, 0.3, 0.5
 """Within which two surfaces are one; existence from which on a surface needs its twin."""
 HOPELESS, CAP = 14.0, 60
 """Log weight behind the best at which a hypothesis is pruned, hypotheses at most."""
-PLACE_COUNTS, PLACE_COUNTS_AT_FIRST, AT_FIRST = 0.01, 1e-4, 30
-"""Weight from which on a place is one that remains; the same for so many steps after a branching, whose
-evidence is that of vague beliefs."""
 
 
 def reduce(population: Population[State], model: FilterModel) -> Population[State]:
@@ -127,16 +124,3 @@ def moment_matched(one: State, other: State, log_one: float, log_other: float) -
         return matched
     active = np.isin(matched.surfaces.identity, one.surfaces.identity)
     return replace(arranged(matched, active), surfaces=one.surfaces)
-
-
-def places(population: Population[State]) -> int:
-    """How many places the agent may be at: hypotheses that count, merged by pose alone."""
-    least = PLACE_COUNTS_AT_FIRST if population.since <= AT_FIRST else PLACE_COUNTS
-    rows = [k for k, log in enumerate(population.log_weight) if log > np.log(least)]
-    if len(rows) < 2:
-        return 1
-    near = together([population.states[k] for k in rows])
-    label = np.arange(len(rows))
-    for _ in rows:
-        label = np.array([label[near[k]].min() for k in range(len(rows))])
-    return len(np.unique(label))

@@ -23,24 +23,23 @@ PATIENCE = 10
 """Scans heard after which a search makes do with less: an incomplete list, or a look at each fifth scan."""
 
 
-def waiting(population: Population[State], prior: State, heard: bool) -> Population[State]:
-    """The search goes on: its state is the prior, moved on to this step.
+def still_searching(
+    population: Population[State], prior: State, heard: bool, model: FilterModel, work: Workspace
+) -> tuple[Population[State], StepInfo]:
+    """The search goes on: its state is the prior at this step, and nothing was mapped.
 
     Parameters
     ----------
+    prior : State
+        As predicted: how long nothing was heard is counted already.
     heard : bool
         Whether the scan held anything.
     """
-    moved_on = replace(prior, step=prior.step + 1)
-    return replace(population, states=(moved_on,), waited=population.waited + heard)
-
-
-def nothing_mapped(state: State, model: FilterModel, work: Workspace) -> StepInfo:
-    """What is to be said of a step at which nothing was mapped."""
-    calibration = state.calibration
+    calibration, moved_on = prior.calibration, replace(prior, step=prior.step + 1)
     clutter = [calibration.estimate(j, model.radio.false_alarms) for j in range(model.senders)]
     health = Health(
         False, NOT_FOUND, float(work.particles.count), clutter=np.array(clutter), amplitude=calibration.gain,
-        turned_rad=calibration.turned.copy(), silent_steps=state.monitor.silent,
+        turned_rad=calibration.turned.copy(), silent_steps=prior.monitor.silent,
     )  # fmt: skip
-    return StepInfo((), health, work.times(), False, calibration.turned, calibration.gain)
+    info = StepInfo((), health, work.times(), False, calibration.turned, calibration.gain)
+    return replace(population, states=(moved_on,), waited=population.waited + heard), info

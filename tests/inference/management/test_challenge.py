@@ -7,10 +7,9 @@ import pytest
 from scene_samples import shortened
 
 import gridslam as gs
-from gridslam.inference.health.doubt import ELSEWHERE, LOW_LEAD, ONE_ALONE, Doubt
+from gridslam.inference.health.doubt import DOUBT_STEPS, ELSEWHERE, LOW_LEAD, ONE_ALONE, Doubt, places
 from gridslam.inference.management.branching import placed
 from gridslam.inference.management.challenge import (
-    DOUBT_STEPS,
     EVERY,
     best_snapshot,
     challenged,
@@ -147,3 +146,13 @@ def test_an_agent_that_is_surely_elsewhere_is_challenged_and_found(mapped, scene
     off = np.linalg.norm(slam.state.belief.mean[:2] - track.position_m[30])
     assert off < 0.15
     assert len(slam.state.surfaces) >= 4
+
+
+def test_places_are_hypotheses_that_count_and_stand_apart():
+    """Three hypotheses, of which the first two stand together, and one too unlikely to count."""
+    at = np.array([0.0, 0.01, 5.0, 9.0])
+    near = np.abs(at[:, None] - at) < 1
+    log = np.log([0.5, 0.3, 0.199, 0.001])
+    assert places(log, 40, lambda rows: near[np.ix_(rows, rows)]) == 2
+    assert places(log, 30, lambda rows: near[np.ix_(rows, rows)]) == 3
+    assert places(log[:1], 40, lambda rows: pytest.fail("one hypothesis is at one place")) == 1

@@ -8,12 +8,11 @@ from scene_samples import shortened
 
 import gridslam as gs
 from gridslam.bench.growth import drawn
+from gridslam.inference.health.doubt import places
 from gridslam.inference.health.reasons import NOT_FOUND
+from gridslam.inference.management import mixture
 from gridslam.inference.management.branching import placed
 from gridslam.inference.management.hypotheses import PARTICLES, _split, begun, each_stepped
-from gridslam.inference.management.mixture import (
-    places,
-)
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.population import Population
 from gridslam.systems.adaptive import AdaptiveSlam
@@ -87,6 +86,7 @@ def test_a_start_that_is_known_to_nothing_is_found_at_the_first_scan_that_tells(
     estimate = slam.step(silent)
     assert not estimate.health.ok
     assert NOT_FOUND in estimate.health.why
+    assert estimate.health.silent_steps == 1
     assert np.sqrt(np.trace(estimate.covariance[:2, :2])) > 4
     assert not len(estimate.surfaces)
     for step, scan in enumerate(scans[1:], 1):
@@ -123,7 +123,9 @@ def test_the_parent_of_a_branching_is_known_when_others_are_split(scene, scans):
 
 def test_two_places_are_told_and_evidence_decides_between_them(scene, scans):
     slam, track = branched(scene, scans), scene.track("agent1")
-    assert places(slam.population) == 2
+    population = slam.population
+    states, log = population.states, population.log_weight
+    assert places(log, population.since, lambda rows: mixture.together([states[k] for k in rows])) == 2
     before = slam.population
     estimate = slam.step(scans[3])
     assert slam.population.weights[0] > 0.9

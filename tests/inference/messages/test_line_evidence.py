@@ -1,5 +1,6 @@
 """Walls that no single snapshot tells from noise, and their coefficients."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,11 +10,19 @@ import gridslam as gs
 from gridslam import runtime
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand, composed
 from gridslam.inference.messages.samples.array_updates import coefficient_ratios
-from gridslam.inference.messages.samples.line_evidence import FAINT_SURE, LOUD, MEMORY, SURE, likeliest_line
+from gridslam.inference.messages.samples.line_evidence import (
+    FAINT_SURE,
+    LOUD,
+    MEMORY,
+    SURE,
+    add_faint_surfaces,
+    likeliest_line,
+)
 from gridslam.inference.messages.samples.matched_power import MatchedPower
 from gridslam.inference.state.leftovers import REFLECTIONS, LineEvidence
 from gridslam.inference.state.presence import Presence
 from gridslam.inference.state.rays import Rays
+from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.radio import BINS, REFLECTION_BINS
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
@@ -64,6 +73,38 @@ def test_faint_evidence_is_none_and_for_what_is_as_faint_as_a_double_bounce_more
     faint = likeliest_line(with_peak(1.0, 2.0, (0.03, 0.12), 9.0, [0.5, 1, 0.2, 0]), MODEL)
     assert faint is not None
     assert faint[2] > FAINT_SURE
+
+
+@dataclass(frozen=True)
+class Believed:
+    belief: SimpleNamespace
+    by_line: LineEvidence
+
+
+def test_evidence_is_forgotten_where_paths_turn_less_than_three_radians_from_those_of_what_was_born():
+    """Of 33 frequencies 16 MHz apart, 2 pi / c times 16 MHz sqrt((33^2 - 1) / 12) are 3.193 rad/m.
+
+    3 rad are 0.940 m of a path; of walls square to the way back and forth, 0.470 m.
+    """
+    frequencies = 1.6e7 * (np.arange(33) - 16)
+    flat, one = np.full(33, 33**-0.5 + 0j), np.zeros((1, 2))
+    band = ArrayBand(2 * np.pi * frequencies / 299_792_458.0, flat, one, one)
+    by_line = with_peak(0.0, 2.0, (0.03, 0.12), 9.0, [0, 0, 1, 0.5])
+    pose, place = np.array([1.0, -0.5, 0.0, 0.0, 0.0]), np.array([0.5, -0.5, 0.0, 0.0])
+    model = SimpleNamespace(**vars(MODEL), places=np.array([place, place]))
+    line = likeliest_line(by_line, MODEL)[0]
+    length = 2 * line[1] - 1.5  # there and back to x = line[1]
+    path = SimpleNamespace(found=SimpleNamespace(mode=SimpleNamespace(path=np.array([[length, 0.0, 0.0]]))))
+    listened = [(SimpleNamespace(anchor=0, band=band), path)]
+    state = Believed(SimpleNamespace(mean=pose), by_line)
+    work = Workspace(gs.Scene.load("room").filter_model("agent1"), 1)
+    after = add_faint_surfaces(state, listened, model, work=work).by_line
+    offset = by_line.offsets(RADIUS) + MIDDLE[0]
+    loud = by_line.ratio[0, 0, :, 2] > 1 + 1e-9
+    gone = (after.ratio[0, 0, :, 2] == 1) & loud
+    np.testing.assert_array_equal(gone, (np.abs(offset - line[1]) < 0.470) & loud)
+    assert 0 < gone.sum() < loud.sum()
+    np.testing.assert_array_equal(after.ratio[1], by_line.ratio[1])  # nothing was heard of this anchor
 
 
 @pytest.mark.slow

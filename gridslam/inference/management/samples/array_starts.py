@@ -17,7 +17,7 @@ from gridslam.inference.management.mixture import CAP
 from gridslam.inference.management.poses.pose_recovery import is_vague
 from gridslam.inference.management.poses.pose_score import Snapshot, SnapshotTerms
 from gridslam.inference.management.poses.pose_search import Modes, find_modes
-from gridslam.inference.management.start_search import PATIENCE, nothing_mapped, waiting
+from gridslam.inference.management.start_search import PATIENCE, still_searching
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.messages.samples.array_births import peaks_of
@@ -57,7 +57,7 @@ def advance(
     due = heard and (waited < PATIENCE or waited % EVERY == 0)
     found = _found(prior, scan, model, work) if due else None
     if found is None:
-        return waiting(population, prior, heard), nothing_mapped(prior, model, work)
+        return still_searching(population, prior, heard, model, work)
     state, info = step(found, scan, model, work)
     return replace(population, states=(state,), searching=False), info
 

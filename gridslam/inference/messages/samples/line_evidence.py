@@ -37,7 +37,7 @@ FAINT_SURE = 1e4
 MEMORY = 256
 """Steps for which evidence is kept, and over which a wall may have become audible."""
 SKIRT = 3.0
-"""Evidence is forgotten where paths are less than so many resolutions from those of what was born."""
+"""Evidence is forgotten where paths turn phases by less than this (rms, rad) from those of what was born."""
 FADES = 8
 """Steps from one fading of old evidence to the next."""
 LOUD, LOUDLY = 0.6, 0.8
