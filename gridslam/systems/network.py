@@ -23,6 +23,7 @@ from gridslam.inference.messages.detections import mark_detections
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.network.clock_setting import doubt_clocks, loosened, set_clocks
 from gridslam.inference.messages.network.motion import predict_all
+from gridslam.inference.messages.network.walk import learn_walk
 from gridslam.inference.messages.prediction import predict_paths
 from gridslam.inference.messages.ray_amplitudes import (
     predict_amplitudes,
@@ -60,10 +61,11 @@ def step(
     for own in work:
         own.begin()
     earlier_s = state.time_s
-    state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
+    predicted = state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
     state = recover_agents(state, scan.scans, earlier_s, model, work)
     state = set_clocks(state, scans_of_teachers(state, scan), model, works=work)  # (M103)
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
+    state = learn_walk(predicted, state, model)  # (M331)
     state, told = merge_and_prune_shared(state, model, infos)
     return replace(state, step=state.step + 1), NetworkInfo(told)
 

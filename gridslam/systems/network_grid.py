@@ -21,6 +21,7 @@ from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.network.cells import update_shared_cells
 from gridslam.inference.messages.network.clock_setting import set_clocks
 from gridslam.inference.messages.network.motion import predict_all
+from gridslam.inference.messages.network.walk import learn_walk
 from gridslam.inference.messages.reflection import Reflected
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
 from gridslam.inference.state.grid import Grid
@@ -52,7 +53,7 @@ def step(
     for own in work:
         own.begin()
     earlier_s = state.time_s
-    state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
+    predicted = state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
     state = recover_agents(state, scan.scans, earlier_s, model, work)
     state = set_clocks(state, scans_of_teachers(state, scan), model, works=work)  # (M103)
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
@@ -61,6 +62,7 @@ def step(
         for info, one, own, teaches in zip(infos, model.agents, work, state.teaches, strict=True)
     ]
     state = update_shared_cells(state, used, works=work)  # eqs. (43) to (46)
+    state = learn_walk(predicted, state, model)  # (M331)
     state, told = merge_and_prune_shared(state, model, infos)
     return replace(state, step=state.step + 1), NetworkInfo(told)
 

@@ -75,6 +75,7 @@ def require_sound_networks(believed: Population[NetworkState], where: str) -> No
         claims = [
             ("mean", bool(np.isfinite(mean).all()), "finite"),
             ("covariance", sound, "symmetric, with variances that aren't negative"),
+            ("walk", 0 < state.walk <= 1, "a share of the walk of clocks"),
         ]
         _require(claims, f"{where}/states/{number}/belief")
 

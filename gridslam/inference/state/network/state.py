@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -63,6 +63,8 @@ class NetworkState:
         Of the latest step; None before the first.
     grid : Grid, optional
         Occupancy and coefficients of cells, of all agents (network grid SLAM).
+    walk : float
+        Share of the variance that the scene tells that clocks seem to walk by; see `messages.network.walk`.
     """
 
     belief: NetworkBelief
@@ -76,6 +78,7 @@ class NetworkState:
     next_identity: int = 0
     time_s: float | None = None
     grid: Grid | None = None
+    walk: float = field(default=1.0, metadata={"later": True})
 
     @classmethod
     def start(cls, model: NetworkModel) -> Self:
