@@ -58,7 +58,8 @@ def surprise(band: Band, gain: Array, left: Array, count: NDArray[np.intp]) -> A
     Of one given path, gain / left follows an F distribution whatever the noise's power; the tail of ``x = n
     log(1 + gain / left)`` is exp(-x). Peaks above x among all paths: docs/model.md, (M53).
     """
-    freedom = np.maximum(band.samples - count, 1)
+    parameters = 0.5 * len(band.free) * (count - 1)  # of the paths before
+    freedom = np.maximum(band.samples - count - parameters, 1)
     x = freedom * np.log1p(np.maximum(gain, 0) / np.maximum(left, 1e-300))
     return x - _log_peaks(band, np.maximum(x, 1.0))
 

@@ -16,6 +16,7 @@ from gridslam.errors import InputError
 from gridslam.extraction.fit import Fit, deviations, noise_power, refit, slopes
 from gridslam.extraction.front_end import find_paths
 from gridslam.extraction.responses import Band, Products, compose
+from gridslam.extraction.search import surprise
 from gridslam.simulation.image_source import true_paths
 from gridslam.world.scene_parts import ArraySpec
 from gridslam.world.waveform import Waveform
@@ -262,12 +263,12 @@ def test_virtual_anchors_follow_what_was_found_among_overlapping_fading_paths():
 def test_paths_that_are_needed_no_longer_beside_later_ones_are_taken_out(monkeypatch):
     band = band_of()
     first = np.random.default_rng(3).uniform(3, 15, (250, 1))
-    samples, _ = received(band, first + 0.6 * np.arange(5), 35.0, 12)
-    right = (find_paths(band, samples, 0.1).count == 5).mean()
+    samples, _ = received(band, first + 0.6 * np.arange(6), 40.0, 12)
+    right = (find_paths(band, samples, 0.1).count == 6).mean()
     monkeypatch.setattr(
         "gridslam.extraction.front_end._without_weakest", lambda band, samples, fit, believed, needed: fit
     )
-    assert right > (find_paths(band, samples, 0.1).count == 5).mean() + 0.01
+    assert right > (find_paths(band, samples, 0.1).count == 6).mean() + 0.01
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-5])
@@ -290,3 +291,16 @@ def test_energy_is_what_is_left_and_the_amplitudes_share_and_noise_is_what_is_le
     own = (np.abs(fit.amplitude) ** 2).sum()
     assert fit.energy[0] == pytest.approx(left + 0.2 * own)
     assert noise_power(band, fit)[0] == pytest.approx(left / (41 - 3))
+
+
+def test_lengths_and_angles_of_paths_before_take_part_of_the_noise_as_amplitudes_do():
+    for size, parameters in ((((1, 1), (1, 1)), 1), (((2, 2), (2, 2)), 3)):
+        band = band_of(*size)
+        first = band.samples - 1
+        second = band.samples - 2 - 0.5 * parameters
+        left, height = np.full(1, 3.0), 9.0
+        found = [
+            surprise(band, left * np.expm1(height / freedom), left, np.array([count]))
+            for count, freedom in ((1, first), (2, second))
+        ]
+        np.testing.assert_allclose(found[0], found[1])

@@ -21,8 +21,8 @@ from gridslam.world.geometry import wrap
 
 MOST_NEW = 4
 """New paths of one anchor at one step."""
-FALSE_PEAKS = 1.0
-"""Mean number of peaks of noise, per anchor and step, that pass for new paths."""
+FALSE_PEAKS = 0.2
+"""Mean number of peaks of noise, per anchor and step, that pass for new paths: each costs a mode."""
 CLIMBS = 3
 """Steps from the grid's best point to the top of its peak."""
 HALF = 0.5
