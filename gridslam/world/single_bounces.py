@@ -71,21 +71,11 @@ def single_bounces(line: Array, place: Array, pose: Array) -> SingleBounces:
 
     docs/model.md, (M221) for heights.
     """
-    toward, level = _seen_from_above(line, place, pose)
+    toward = mirror(line, place[..., :2]) - pose[..., :2]
+    level = np.maximum(np.hypot(toward[..., 0], toward[..., 1]), LEAST_M)
     arrival = np.arctan2(toward[..., 1], toward[..., 0])
     value = np.empty((*level.shape, 3))
     value[..., 0] = slant(level, place[..., 3])
     value[..., 1] = 2 * line[..., 0] - arrival - place[..., 2]
     value[..., 2] = arrival - pose[..., 2]
     return SingleBounces(line, place, pose, value, toward, level)
-
-
-def distances(line: Array, place: Array, pose: Array) -> Array:
-    """Of `single_bounces` the distances alone, (...) m."""
-    return slant(_seen_from_above(line, place, pose)[1], place[..., 3])
-
-
-def _seen_from_above(line: Array, place: Array, pose: Array) -> tuple[Array, Array]:
-    """`toward` and `level` of single bounces."""
-    toward = mirror(line, place[..., :2]) - pose[..., :2]
-    return toward, np.maximum(np.hypot(toward[..., 0], toward[..., 1]), LEAST_M)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gridslam.world.geometry import trace, wrap
-from gridslam.world.single_bounces import distances, single_bounces
+from gridslam.world.single_bounces import single_bounces
 
 
 def drawn(count, seed=3):
@@ -24,7 +24,6 @@ def test_they_and_their_slopes_are_those_of_the_tracer():
     np.testing.assert_allclose(wrap(found.value[:, 2] - path.arrival + pose[:, 2]), 0, atol=1e-11)
     np.testing.assert_array_equal(found.possible, path.valid)
     assert 50 < found.possible.sum() < 150
-    np.testing.assert_array_equal(distances(line, place, pose), found.value[:, 0])
     by_line, by_pose = found.slopes()
     np.testing.assert_allclose(by_line, path.jacobian[:, :, 3:5], atol=1e-9)
     np.testing.assert_allclose(by_pose, path.jacobian[:, :, :3], atol=1e-9)

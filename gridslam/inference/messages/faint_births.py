@@ -21,9 +21,9 @@ from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.kernels.primitives import tables
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.geometry import wrap
+from gridslam.world.geometry import mirror, slant, wrap
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
-from gridslam.world.single_bounces import distances, single_bounces
+from gridslam.world.single_bounces import single_bounces
 
 POSE = np.array([0, 1, 4])
 OF_POSE = np.ix_(POSE, POSE)
@@ -80,12 +80,19 @@ def recall_leftovers(
 
 def _has_company(line: Array, left: Leftovers, places: Array) -> NDArray[np.bool_]:
     """Whether any leftover lies roughly where a single bounce over each line (B, 2) is predicted, (B,)."""
-    far = distances(line[:, None], places[left.anchor], left.pose[left.back])
-    b, h = np.nonzero(np.abs(left.value[:, 0] - far) < NEAR_M)
-    path = single_bounces(line[b], places[left.anchor[h]], left.pose[left.back[h]])
+    b, h = _about(mirror(line[:, None], places[:, :2]), left, places)
+    path = single_bounces(line[b], places[left.anchor[h]], left.taken_at[h])
     found = np.zeros(len(line), np.bool_)
     found[b[_near(left.value[h], path.value)[0]]] = True
     return found
+
+
+def _about(image: Array, left: Leftovers, places: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Lines and leftovers whose distances are about the same, by images (B, J, 2) of the anchors."""
+    away = image[:, left.anchor] - left.taken_at[:, :2]
+    far = slant(np.hypot(away[..., 0], away[..., 1]), places[left.anchor, 3])
+    b, h = np.nonzero(np.abs(left.value[:, 0] - far) < NEAR_M)
+    return b, h
 
 
 def _near(value: Array, predicted: Array) -> tuple[NDArray[np.bool_], Array]:
@@ -119,15 +126,18 @@ def borne_out(
     places = model.places
     path = single_bounces(line[:, None, None], places[:, None], left.pose)  # of all anchors, at all steps
     possible = path.possible
-    near, gap = _near(left.value, path.value[:, left.anchor, left.back])
-    b, h = np.nonzero(near & possible[:, left.anchor, left.back])
+    b, h = _about(mirror(line[:, None], places[:, :2]), left, places)
+    at = b, left.anchor[h], left.back[h]
+    near, gap = _near(left.value[h], path.value[at])
+    kept = near & possible[at]
+    b, h, gap = b[kept], h[kept], gap[kept]
     if not len(b):
         return np.zeros((len(line), len(REFLECTION_BINS))), np.zeros(len(line), np.int64)
     level = REFLECTION_BINS * radio.amplitude(path.value[..., :1])
     missed = np.ones(level.shape)
     missed[possible] = np.maximum(1 - detection_table(model.radio)(level[possible]), LEAST_DOUBT)
     at = b, left.anchor[h], left.back[h]
-    log = _log_density(line[b], covariance[b], gap[b, h], h, left, places)
+    log = _log_density(line[b], covariance[b], gap, h, left, places)
     log -= radio.log_clutter(left.amplitude[h]) + np.log(radio.false_alarms)
     loud = radio.log_rician(left.amplitude[h, None], level[at])
     ratio, either = np.exp(np.minimum(log[:, None] + loud, MOST_LOG)), missed.copy()

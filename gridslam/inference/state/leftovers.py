@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -49,6 +50,11 @@ class Leftovers:
 
     def __len__(self) -> int:
         return len(self.back)
+
+    @cached_property
+    def taken_at(self) -> Array:
+        """Pose at which each measurement was taken, (H, 3)."""
+        return self.pose[self.back]
 
     @classmethod
     def none(cls) -> Self:
