@@ -7,6 +7,10 @@ reason              said when                                   by              
 ==================  ==========================================  ===============================  ============
 `silent`            nothing was heard for 5 steps               all monitors                     section 9
 `vague`             the position is known to 1 m or worse       all monitors                     section 9
+`unchecked`         the position is known to 0.3 m or        `monitor.HealthMonitor.assess`   section 9
+                    worse, and of late (some ten steps) fewer
+                    than 4 measurements were too loud for
+                    clutter
 `found_again`       pose recovery moved the agent 0 to 4 steps  `monitor.HealthMonitor.assess`   section 9
                     ago
 `few_explained`     half as many loud measurements as usual     `monitor.HealthMonitor.assess`   section 9

@@ -20,13 +20,17 @@ SLOW = 0.03
 SILENT, LOST, MISFIT, LOUD_CLUTTER, FEW, VAGUE_M = 5, 0.5, 1.7, 3.0, 3.0, 1.0
 """When something is amiss: steps of silence; share of the usual explained; ratio of innovations to what is
 expected; of clutter; effective particles; position's standard deviation."""
+CALLED = 4.26
+"""Deviations beyond which innovations are called too large: 1 step in 100 000 by chance; runs are long."""
+UNCHECKED_M = 0.3
+"""Standard deviation of the position from which on somebody has to tell whether it is the right place."""
 LISTENED = 2.0
 """Steps of listening to an anchor, with forgetting, from which on its clutter is judged."""
 MOST_LOUD = 30
 """The loudest of an anchor, which propose poses where the agent is looked for."""
 AFRESH, ENOUGH, UNTOLD = 5, 4, 20
-"""Steps for which a recovery is reported; loud measurements needed to call the agent lost; scans of fewer
-after which it no longer counts as lost."""
+"""Steps for which a recovery is reported; loud measurements needed to call the agent lost, and, over some ten
+steps, to call it found; scans of fewer after which it no longer counts as lost."""
 NO_FIT = np.append(np.zeros(SUMS - 1), np.inf)
 """Sums of an anchor before its measurements were taken in."""
 
@@ -138,17 +142,20 @@ class HealthMonitor:
         share, stated = (self.explained + 1) / (self.loud + 1), model.radio.false_alarms
         ratio = self.misfit / self.freedom if self.freedom > 0 else 1.0
         low, high = innovation_band(self.freedom)
+        _, called = innovation_band(self.freedom, CALLED)
         heard = [calibration.estimate(j, stated) for j in range(len(calibration.clutter))]
         found = []
         if self.silent >= SILENT:
             found.append(reasons.silent(self.silent))
         if spread_m > VAGUE_M:
             found.append(reasons.vague(spread_m))
+        elif spread_m > UNCHECKED_M and self.loud < ENOUGH:
+            found.append(reasons.unchecked(spread_m))
         if self.since < AFRESH:
             found.append(reasons.found_again(self.since))
         if self.usual > 0 and share < LOST * self.usual:
             found.append(reasons.few_explained(share, self.usual))
-        if ratio > max(high, MISFIT):
+        if ratio > max(called, MISFIT):
             found.append(reasons.misfit(ratio))
         known = calibration.listened >= LISTENED  # at first, walls that are still to be born pass for clutter
         clutter = max((level for level, told in zip(heard, known, strict=True) if told), default=0.0) / stated
@@ -174,8 +181,8 @@ class HealthMonitor:
         )
 
 
-def innovation_band(freedom: float) -> tuple[float, float]:
-    """Band of the mean normalised innovation squared with 0.998 probability (Wilson and Hilferty)."""
+def innovation_band(freedom: float, deviations: float = 3.09) -> tuple[float, float]:
+    """Band of the mean normalised innovation squared, of 0.998 probability by default (Wilson, Hilferty)."""
     part = 2 / (9 * max(freedom, 1.0))
-    reach = 3.09 * math.sqrt(part)
+    reach = deviations * math.sqrt(part)
     return max(1 - part - reach, 0.0) ** 3, (1 - part + reach) ** 3

@@ -19,6 +19,11 @@ def vague(spread_m: float) -> str:
     return f"position known to {spread_m:.1f} m alone"
 
 
+def unchecked(spread_m: float) -> str:
+    """Standard deviation of the position, m, where nothing loud enough is heard to tell right from wrong."""
+    return f"position known to {spread_m:.1f} m, and what is heard is too faint to check it"
+
+
 def found_again(steps: int) -> str:
     """The agent was lost, and found by other means than following it."""
     return f"agent found again {steps} steps ago"

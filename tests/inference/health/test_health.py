@@ -15,7 +15,7 @@ import gridslam as gs
 from gridslam.estimates import Health
 from gridslam.evaluation.bounds import known_map_bound
 from gridslam.evaluation.consistency import complaints
-from gridslam.inference.health.monitor import innovation_band
+from gridslam.inference.health.monitor import HealthMonitor, innovation_band
 from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.management.poses import pose_fix, pose_recovery
 from gridslam.inference.messages.likelihood import DetectionTable
@@ -131,6 +131,28 @@ def test_health_of_a_file_is_the_default():
 def test_the_band_of_innovations_is_that_of_chi_square(freedom):
     expected = chi2.ppf([0.001, 0.999], freedom) / freedom
     np.testing.assert_allclose(innovation_band(freedom), expected, rtol=0.05, atol=0.01)
+
+
+def said_by(room, spread_m, **heard):
+    model = room.believed.filter_model("agent1")
+    monitor = HealthMonitor(**heard)
+    health, _ = monitor.assess(Calibration.start(model.senders), np.zeros(model.senders), model, spread_m, 99)
+    return health.why
+
+
+@pytest.mark.parametrize("freedom", [12, 40])
+def test_innovations_are_called_at_what_chance_does_once_in_100_000_steps(room, freedom):
+    just = chi2.isf(1e-5, freedom)
+    assert said_by(room, 0.1, misfit=0.95 * just, freedom=float(freedom)) == ""
+    assert "innovations" in said_by(room, 0.1, misfit=1.1 * just, freedom=float(freedom))
+
+
+@pytest.mark.parametrize(
+    ("spread_m", "loud", "told"),
+    [(0.4, 1.0, True), (0.4, 9.0, False), (0.1, 1.0, False), (1.2, 1.0, False)],  # at 1.2 m it says "alone"
+)
+def test_a_position_that_nothing_loud_checks_is_no_sure_one(room, spread_m, loud, told):
+    assert ("too faint to check" in said_by(room, spread_m, explained=loud, loud=loud)) is told
 
 
 @settings(max_examples=50, deadline=None)
