@@ -91,6 +91,8 @@ class Estimate:
         those of the first.
     heights : dict
         Height and its deviation, m, of "agent", "floor" and "ceiling", where the scene gives deviations.
+    coefficients : dict
+        Coefficient and its deviation of "floor" and "ceiling", where the scene gives deviations.
     rings : RingEstimate
         Images whose place isn't known yet, of the first hypothesis (direct SLAM; else no rows).
     """
@@ -110,6 +112,7 @@ class Estimate:
     hypotheses: HypothesisEstimate = field(default_factory=HypothesisEstimate.empty)
     heights: dict[str, tuple[float, float]] = field(default_factory=dict)
     rings: RingEstimate = field(default_factory=RingEstimate.empty)
+    coefficients: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """One line."""

@@ -182,8 +182,13 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observatio
 
 
 def _height_notes(runs: list[Run]) -> list[str]:
-    """Heights that were estimated, as believed at the end."""
-    return [
+    """Heights and coefficients of levels that were estimated, as believed at the end."""
+    levels = [
+        f"note: {done.agent}: coefficient of the {name} {found:.2f} +-{std:.2f}"
+        for done in runs
+        for name, (found, std) in (done.estimates[-1].coefficients if done.estimates else {}).items()
+    ]
+    return levels + [
         f"note: {done.agent}: height of {'the agent' if name == 'agent' else f'the {name}'} "
         f"{height:.3f} m +-{std:.3f}"
         for done in runs

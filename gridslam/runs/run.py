@@ -146,6 +146,8 @@ class Run:
         if self.estimates and self.estimates[-1].heights:
             went = truth.trajectory if isinstance(truth, Truth) else truth
             scores["heights"] = self._heights(isinstance(truth, Truth), went)
+        if self.estimates and self.estimates[-1].coefficients:
+            scores["coefficients"] = self._coefficients(isinstance(truth, Truth))
         track = truth.trajectory if isinstance(truth, Truth) else truth
         if track is not None and len(self.trajectory):
             position, heading = track_errors(self.trajectory, track)
@@ -172,6 +174,15 @@ class Run:
             if self.map.observed.any():  # not every method tells cells
                 scores["map"] = map_scores(self.map, whole.segments, whole.paths)
         return scores
+
+    def _coefficients(self, simulated: bool) -> dict[str, dict[str, float | None]]:
+        """Coefficients of floor and ceiling as estimated, deviations, and errors where all is simulated."""
+        levels = {"floor": self.scene.floor, "ceiling": self.scene.ceiling}
+        true = {n: level.coefficient for n, level in levels.items() if simulated and level is not None}
+        return {
+            name: {"coefficient": found, "std": std, "error": found - true[name] if name in true else None}
+            for name, (found, std) in self.estimates[-1].coefficients.items()
+        }
 
     def _heights(self, simulated: bool, went: Trajectory | None) -> dict[str, dict[str, float | None]]:
         """Estimated heights, their deviations, and errors where scene or true track have them, m."""

@@ -104,6 +104,12 @@ def write_steps(path: str | os.PathLike[str], estimates: Sequence[Estimate]) -> 
             for name in HEIGHTS:
                 if all(name in own for own in tall):
                     put(heights, name, np.array([own[name] for own in tall]), "m")
+        told = [e.coefficients for e in estimates]
+        if any(told):
+            coefficients = file.create_group("coefficients")
+            for name in HEIGHTS:
+                if all(name in own for own in told):
+                    put(coefficients, name, np.array([own[name] for own in told]), "1")
 
 
 def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
@@ -130,7 +136,7 @@ def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
         detected = get(surfaces, "detected", (total,), "b")
         rivals = _read_hypotheses(file, count)
         unknown = _read_rings(file, count)
-        tall = _read_heights(file, count)
+        tall, told = (_read_pairs(file, group, count) for group in ("heights", "coefficients"))
     all_surfaces, all_paths = SurfaceEstimate(**table), PathEstimate(**route)
     return [
         Estimate(
@@ -147,17 +153,18 @@ def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
             math.nan,
             hypotheses=rivals[n],
             heights=tall[n],
+            coefficients=told[n],
             rings=unknown[n],
         )
         for n in range(count)
     ]
 
 
-def _read_heights(file: h5py.File, count: int) -> list[dict[str, tuple[float, float]]]:
-    """Heights of every step that a file holds, and their deviations, m."""
-    if "heights" not in file:
+def _read_pairs(file: h5py.File, what: str, count: int) -> list[dict[str, tuple[float, float]]]:
+    """Heights (m) or coefficients of every step that a file holds, and their deviations."""
+    if what not in file:
         return [{}] * count
-    group = subgroup(file, "heights")
+    group = subgroup(file, what)
     rows = {name: get(group, name, (count, 2)).tolist() for name in HEIGHTS if name in group}
     return [{name: (row[n][0], row[n][1]) for name, row in rows.items()} for n in range(count)]
 

@@ -18,6 +18,7 @@ from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
 from gridslam.inference.messages.elevations import weigh_births, weigh_elevations
 from gridslam.inference.messages.faint_births import recall_leftovers, remember_leftovers
+from gridslam.inference.messages.level_coefficients import learn_levels, with_levels
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.ray_amplitudes import (
     predict_amplitudes,
@@ -38,7 +39,9 @@ from gridslam.world.scan import Scan
 
 def start(model: FilterModel, prior: Map | None = None) -> State:
     """The state before the first step: the agent's prior, and the surfaces of an earlier agent's map."""
-    state = replace(State.start(model), amplitudes=RayAmplitudes(), leftovers=Leftovers.none())
+    state = replace(
+        State.start(model), amplitudes=RayAmplitudes(), leftovers=Leftovers.none(), levels=model.level_prior
+    )
     return state if prior is None else inherit_surfaces(state, prior)
 
 
@@ -48,7 +51,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     exchanges, earlier_s, form = list[Exchange](), state.time_s, representation_of(state, model)
     state = form.predict(state, scan.time_s, len(scan), model, work=work)
     reckoned = state.calibration
-    model = work.calibrated(model, reckoned.turned, state.belief.higher)
+    model = work.calibrated(with_levels(model, state.levels), reckoned.turned, state.belief.higher)
     scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)
     recalled = state = form.recall(state, model, work=work)
@@ -66,6 +69,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
             state, heard, paths, ratios, reckoned.turned, model, work=work
         )
         state = form.correct_by_elevations(state, heard, exchange, radio, model)  # (M304)
+        state = learn_levels(state, heard, paths, exchange, radio, model)  # (M305)
         state = update_amplitudes(
             state, paths, amplitudes, heard, exchange, model.radio, work=work
         )  # eq. (26)

@@ -18,6 +18,7 @@ from gridslam.inference.management.hypotheses import advance, begun
 from gridslam.inference.management.mixture import agent_moments
 from gridslam.inference.management.readout import described, estimates, surface_estimate
 from gridslam.inference.management.step_info import StepInfo
+from gridslam.inference.messages.level_coefficients import level_means, with_levels
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.belief import append, lines_covariance, with_lines
@@ -120,7 +121,7 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
     def estimate(self, believed: Population[State], scan: Observed, info: StepInfo, began: float) -> Estimate:
         """MMSE estimates of the agent; surfaces and paths of the likeliest hypothesis; all hypotheses."""
         state, population = believed.best, believed
-        model = self.work.calibrated(self.model, info.turned, state.belief.higher)
+        model = self.work.calibrated(with_levels(self.model, state.levels), info.turned, state.belief.higher)
         mean, covariance = agent_moments(population)
         at_1m = model.radio.amplitude_at_1m * info.gain
         table, paths = estimates(state, model, at_1m, self._strength(state), work=self.work)
@@ -129,7 +130,16 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
             covariance, table, paths,
             table.existence > model.settings.detect_above, info.health.effective_sample_size,
             time.perf_counter() - began, info.health, described(population), self._heights(state),
+            coefficients=self._coefficients(state),
         )  # fmt: skip
+
+    def _coefficients(self, state: State) -> dict[str, tuple[float, float]]:
+        """Coefficients of floor and ceiling that the scene gives with deviations, as believed, and theirs."""
+        if state.levels is None:
+            return {}
+        names = ("", "floor", "ceiling")
+        found = zip(self.scene.verticals(self.agent).over[1:], *level_means(state.levels), strict=True)
+        return {names[over]: (float(mean), float(std)) for over, mean, std in found if mean > 0}
 
     def _heights(self, state: State) -> dict[str, tuple[float, float]]:
         """Heights that the scene gives with deviations, as believed, and their deviations, m."""

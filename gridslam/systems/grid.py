@@ -18,6 +18,7 @@ from gridslam.inference.messages.cells import cast_messages, update_cells
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.elevations import weigh_births, weigh_elevations
 from gridslam.inference.messages.faint_births import recall_leftovers, remember_leftovers
+from gridslam.inference.messages.level_coefficients import learn_levels, with_levels
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.reflection import reflected, update_coefficients
 from gridslam.inference.messages.updates import Exchange
@@ -40,7 +41,7 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
     prior : Map, optional
         On the model's grid.
     """
-    state = replace(State.start(model), leftovers=Leftovers.none())
+    state = replace(State.start(model), leftovers=Leftovers.none(), levels=model.level_prior)
     if prior is None:
         return replace(state, grid=Grid.empty(model.grid.shape))
     grid = Grid.of(prior.evidence, prior.observed, prior.coefficient)
@@ -53,14 +54,14 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     exchanges, earlier_s, form = list[Exchange](), state.time_s, representation_of(state, model)
     state = form.predict(state, scan.time_s, len(scan), model, work=work)  # section III-C
     reckoned = state.calibration
-    model = work.calibrated(model, reckoned.turned, state.belief.higher)
+    model = work.calibrated(with_levels(model, state.levels), reckoned.turned, state.belief.higher)
     scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)  # docs/model.md, section 9
     recalled = state = form.recall(state, model, work=work)
     for heard in scans:
         radio = state.calibration.tuned(model.radio, heard.anchor)
         paths, visible = form.cast_paths(state, heard.anchor, model, work=work)  # eq. (1)
-        amplitudes = reflected(visible.products, paths.rays, radio)  # eq. (2)
+        amplitudes = reflected(visible.products, paths.rays, radio, state.levels)  # eq. (2)
         # eqs. (8)-(10), (17)-(42): likelihoods, then association and beliefs
         cloud, ratios = evaluate(heard, paths, visible.validity, amplitudes, radio, model, work=work)
         ratios = weigh_elevations(state, heard, paths, ratios, radio, model)  # (M302)
@@ -72,6 +73,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
             state, heard, paths, ratios, reckoned.turned, model, work=work
         )
         state = form.correct_by_elevations(state, heard, exchange, radio, model)  # (M304)
+        state = learn_levels(state, heard, paths, exchange, radio, model)  # (M305)
         state, exchange, _ = form.add_births(state, births, heard, exchange, radio, model, work=work)
         exchanges.append(exchange)
     drawn = cast_messages(state, model, work=work)  # eqs. (43) to (45)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
 
@@ -50,6 +50,8 @@ class FilterModel:
         Prior covariance of the rises (m^2).
     higher : (G,) float64
         What the rises are believed to be (m).
+    level_prior : (W, 50) float64 or None
+        Prior beliefs about coefficients of floor and ceiling; see `levels.Verticals.coefficient`.
     """
 
     scene: str
@@ -66,6 +68,7 @@ class FilterModel:
     rise: NDArray[np.intp]
     rise_variance: Array
     higher: Array
+    level_prior: Array | None = field(default=None, kw_only=True)
 
     @property
     def senders(self) -> int:

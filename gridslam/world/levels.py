@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.world.scene_parts import Agent, Anchor, HeightStd, Metre, Share
+from gridslam.world.scene_parts import Agent, Anchor, CoefficientStd, HeightStd, Metre, Share
 from gridslam.world.validation import Strict, fault
 
 DIRECT, FLOOR, CEILING = range(3)
 """What a path goes over besides walls, as `TruePaths.over` tells it."""
+COEFFICIENTS: Array = (np.arange(50) + 0.5) / 50
+"""Nodes of beliefs about coefficients of floor and ceiling."""
 
 
 class Level(Strict):
@@ -22,6 +24,7 @@ class Level(Strict):
 
     height_m: Metre
     coefficient: Share
+    coefficient_std: CoefficientStd = 0.0
     height_std_m: HeightStd = 0.0
 
 
@@ -41,6 +44,9 @@ class Verticals:
         Which rise makes these heights others than that, -1 for none; docs/model.md, (M261).
     rise_variance : (G, G) m^2
         Covariance of the rises.
+    coefficient : (V - 1, 50) or None
+        Prior beliefs about coefficients of the levels over `COEFFICIENTS`, 0 for a known one; None
+        where all are known.
     """
 
     over: tuple[int, ...]
@@ -48,6 +54,7 @@ class Verticals:
     gain: Array
     rise: NDArray[np.intp]
     rise_variance: Array
+    coefficient: Array | None = None
 
     def errors(self, higher: Array, covariance: Array) -> dict[int, tuple[float, float]]:
         """By how much agent and levels, by `over`, are higher than told, and the deviations of that, m.
@@ -93,7 +100,19 @@ def verticals_of(
     images = [2 * (level.height_m - agent_m) - above for level in there.values()]
     gain = np.array([1.0, *(level.coefficient for level in there.values())])
     stds = np.array([agent_std_m, *(level.height_std_m for level in there.values())])
-    return Verticals((DIRECT, *there), np.stack([above, *images]), gain, *_rises(stds))
+    coefficient = _coefficients([(level.coefficient, level.coefficient_std) for level in there.values()])
+    return Verticals((DIRECT, *there), np.stack([above, *images]), gain, *_rises(stds), coefficient)
+
+
+def _coefficients(told: list[tuple[float, float]]) -> Array | None:
+    """Normal beliefs about coefficients by their means and deviations; see `Verticals.coefficient`."""
+    if not any(std for _, std in told):
+        return None
+    rows = [
+        np.exp(-0.5 * ((COEFFICIENTS - mean) / std) ** 2) if std else np.zeros(len(COEFFICIENTS))
+        for mean, std in told
+    ]
+    return np.array([row / max(float(row.sum()), 1e-300) for row in rows])
 
 
 def _rises(stds: Array) -> tuple[NDArray[np.intp], Array]:

@@ -312,7 +312,7 @@ class Scene(Strict):
             fixed(np.tile(anchors, (len(ways.gain), 1))), fixed(ways.height.ravel()), self.radio.max_bounces,
             self.grid, self.filter, fixed(mean), fixed(variance),
             np.repeat(ways.rise, len(self.anchors)), fixed(ways.rise_variance),
-            fixed(np.zeros(len(ways.rise_variance))),
+            fixed(np.zeros(len(ways.rise_variance))), level_prior=ways.coefficient,
         )  # fmt: skip
 
     def segments(self) -> Segments:

@@ -19,6 +19,7 @@ from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels.primitives.blocks import Coefficients, Drawn, Hits
 from gridslam.world.filter_model import FilterModel
+from gridslam.world.levels import COEFFICIENTS
 from gridslam.world.radio import BINS, RadioModel
 
 PRODUCTS: Array = np.arange(1, 2 * BINS + 1) / (2 * BINS)
@@ -46,15 +47,34 @@ class Reflected:
         return _nodes(self.signal.amplitude_at_1m)
 
 
-def reflected(products: Array, rays: Rays, signal: RadioModel) -> Reflected:
-    """Amplitudes by beliefs over products of walls' coefficients (L, K), and by floor and ceiling."""
+def reflected(products: Array, rays: Rays, signal: RadioModel, levels: Array | None = None) -> Reflected:
+    """Amplitudes by beliefs over products of walls' coefficients (L, K), and by floor and ceiling.
+
+    Parameters
+    ----------
+    levels : (W, 50), optional
+        Beliefs about coefficients of floor and ceiling, 0 for a known one.
+    """
     if len(signal.image_gains) == 1:
         return Reflected(products, signal)
     weaker = products.copy()
     for image, gain in enumerate(signal.image_gains):
         own = rays.anchor // signal.senders == image
-        weaker[own] = products[own] @ _times(gain)
+        belief = levels[image - 1] if image and levels is not None else None
+        unsure = belief is not None and belief.any()
+        weaker[own] = products[own] @ (_mixed(belief) if unsure else _times(gain))
     return Reflected(weaker, signal)
+
+
+def _mixed(belief: Array | None) -> Array:
+    """What a factor makes of it of which there is a belief over `COEFFICIENTS`, (K, K)."""
+    return np.asarray(np.tensordot(np.asarray(belief), _all_times(), 1))
+
+
+@lru_cache(1)
+def _all_times() -> Array:
+    """What each of `COEFFICIENTS` makes of a belief over `PRODUCTS`, (50, K, K)."""
+    return np.array([_times(float(factor)) for factor in COEFFICIENTS])
 
 
 @lru_cache(16)

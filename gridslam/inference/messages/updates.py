@@ -132,7 +132,8 @@ def update_surfaces_and_agent(
     own = slice(heard.anchor, heard.anchor + 1) if heard.anchor >= 0 else slice(None)
     exchange = Exchange(
         heard.anchor, _copied_rays(paths.rays), sent.odds, sent.message, sent.measured,
-        _with_images(fits, len(turned))[own], paths.recipe.count, np.zeros((0, 2)), given,
+        _with_images(fits, len(turned), model.level_prior is None)[own], paths.recipe.count,
+        np.zeros((0, 2)), given,
     )  # fmt: skip
     return state, exchange
 
@@ -212,11 +213,16 @@ def _correct(
     return fits
 
 
-def _with_images(fits: Array, senders: int) -> Array:
-    """Sums of anchors, those of their images in floor and ceiling among them, (senders, 9)."""
+def _with_images(fits: Array, senders: int, known: bool = True) -> Array:
+    """Sums of anchors, those of their images in floor and ceiling among them, (senders, 9).
+
+    Of levels whose coefficient isn't known, amplitudes tell nothing of the radio's gain.
+    """
     if len(fits) == senders:
         return fits
     each = fits.reshape(-1, senders, fits.shape[1])
+    if not known:
+        each[1:, :, 2:4] = 0.0
     return np.column_stack([each[..., :-1].sum(0), each[..., -1].min(0)])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -71,6 +71,8 @@ class State:
         The same of samples (direct grid SLAM).
     presence : Presence, optional
         Of single bounces, by coefficient (direct grid SLAM).
+    levels : (W, 50), optional
+        Beliefs about coefficients of floor and ceiling, 0 for known ones; see `level_coefficients`.
     noise : (J,), optional
         Power of the noise in each sample, 0 where it isn't known yet (systems on sampled signals).
     """
@@ -92,6 +94,7 @@ class State:
     leftovers: Leftovers | None = None
     by_line: LineEvidence | None = None
     presence: Presence | None = None
+    levels: Array | None = field(default=None, metadata={"later": True})
 
     @classmethod
     def start(cls, model: FilterModel) -> Self:
