@@ -9,6 +9,7 @@ from image_states import with_images
 import gridslam as gs
 from gridslam.inference.messages.samples.distance_mode import PathPrior
 from gridslam.inference.messages.samples.image_births import birth_rate, find_births
+from gridslam.inference.messages.samples.path_levels import first_noise
 from gridslam.inference.messages.samples.signal_likelihood import Band
 from gridslam.systems.direct import start, step
 from gridslam.world.signal_model import SignalModel
@@ -142,6 +143,30 @@ def test_a_first_snapshot_of_many_paths_is_taken_apart_at_once():
     assert len(found.mode.distance) < 13
     assert birth_rate(0, 1) < 0.2 * birth_rate(0, 2)
     assert birth_rate(99, 1) < birth_rate(99, 2) < 1e-3
+
+
+def test_the_first_noise_is_not_what_many_paths_leave_in_every_cell():
+    band, rng = Band.of(1e7 * (np.arange(41) - 20)), np.random.default_rng(5)
+    cells, alone, many, plain = band.folding_m / 41 * np.arange(41), [], [], []
+    for _ in range(200):
+        distance, power = rng.uniform(3, 18, 10), 10 ** rng.uniform(1, 3.5, 10)
+        amplitude = np.sqrt(power) * np.exp(2j * np.pi * rng.random(10))
+        noise = np.sqrt(0.5) * (rng.normal(size=41) + 1j * rng.normal(size=41))
+        samples = amplitude @ band.response(distance) + noise
+        alone.append(first_noise(band, noise, cells))
+        many.append(first_noise(band, samples, cells))
+        plain.append(np.median(np.abs(np.conj(band.response(cells)) @ samples) ** 2) / np.log(2))
+    assert np.mean(alone) == pytest.approx(1.0, abs=0.25)
+    assert np.median(many) < 0.4 * np.median(plain)
+    assert np.median(many) < 2.5
+
+
+def test_no_path_is_born_in_front_of_the_line_of_sight_by_folding():
+    band = Band.of(1e7 * (np.arange(41) - 20))
+    prior = PathPrior(np.array([5.0]), np.array([[1e4]]), np.array([400.0]))
+    samples = 20 * band.response(5.0) + 20j * band.response(4.7)
+    found = find_births(band, samples, prior, 1.0, birth_rate(0, 2))
+    assert all(path.distance < 5.0 + band.folding_m - 0.5 for path in found.new)
 
 
 def test_an_anchor_that_is_not_heard_changes_nothing_but_time(overlap, states):

@@ -211,7 +211,8 @@ class _Births:
         log_odds = trial.log_posterior - mode.log_posterior + np.log(self.rate) + ACCEPTED
         existence = float(1 / (1 + np.exp(-np.clip(log_odds, -50, 50))))
         new = NewPath(existence, float(trial.distance[-1]), float(trial.variance[-1]), peak[1])
-        possible = existence >= LEAST_EXISTENCE and new.distance >= self.nearest
+        farthest = self.nearest + self.band.folding_m - self.band.resolution_m
+        possible = existence >= LEAST_EXISTENCE and self.nearest <= new.distance < farthest
         if possible and existence > 0.5:
             self.taken.append(new)
             return True

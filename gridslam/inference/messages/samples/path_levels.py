@@ -22,6 +22,8 @@ FIRST_SHARE, FIRST_HEARD = 0.5, 3.0
 have faded, and a reflection next to it that is believed to be stronger would take its place."""
 NOISE_GAIN = 0.03
 """Share of a step's noise estimate that enters."""
+QUIET = 0.25
+"""Share of the delay cells that surely hold no path at first."""
 CERTAIN = 1 - 1e-7
 USURPED_BELOW, USURPER_ABOVE, USURPER_M, USURPED_STEPS = 0.3, 0.5, 0.2, 5
 """When another path has taken the line of sight's place: visibility below, existence above, gap, steps."""
@@ -33,10 +35,10 @@ def start_levels(
 ) -> DirectState:
     """Noise, by the median over delays, and the line of sight's intensity, where none is known yet (M86)."""
     links = state.links
-    cells = band.folding_m / len(band) * np.arange(len(band))
+    cells = np.asarray(band.folding_m / len(band) * np.arange(len(band)), np.float64)
     power = np.abs(np.conj(band.response(cells)) @ samples) ** 2
     if links.noise[anchor] <= 0:
-        links = replace(links, noise=_put(links.noise, anchor, float(np.median(power)) / np.log(2)))
+        links = replace(links, noise=_put(links.noise, anchor, first_noise(band, samples, cells)))
     if links.intensity[anchor] <= 0:
         away = float(np.linalg.norm(state.belief.mean[:2] - model.anchor_positions[anchor]))
         near = away + 0.25 * band.resolution_m * np.linspace(-1, 1, 9)
@@ -48,6 +50,14 @@ def start_levels(
             heard=_put(links.heard, anchor, FIRST_HEARD),
         )
     return replace(state, links=links)
+
+
+def first_noise(band: Band, samples: Complex, cells: Array) -> float:
+    """Power of the noise by the quieter delay cells, seen through a window without far sidelobes."""
+    window = np.hanning(len(band) + 2)[1:-1]
+    power = np.abs(np.conj(band.response(cells)) @ (window * samples)) ** 2
+    share = float(np.square(np.abs(band.pulse)) @ np.square(window))
+    return float(np.quantile(power, QUIET)) / (-np.log1p(-QUIET) * share)
 
 
 def update_levels(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
