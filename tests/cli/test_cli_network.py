@@ -13,6 +13,7 @@ from interrupted_runs import killed, same_runs
 import gridslam as gs
 from gridslam.runs.network_files import read_clocks
 from gridslam.runs.unfinished import read_unfinished
+from gridslam.systems.network_front import NetworkFront
 
 SHORT = {"steps": 5}
 
@@ -103,7 +104,7 @@ def test_what_does_not_fit_several_agents_is_refused(say, short_exchange, tmp_pa
 
 def stop_at(monkeypatch, step):
     """Send Ctrl-C to this process at a step, once."""
-    whole, left = gs.NetworkSlam.step, [step]
+    whole, left = NetworkFront.step, [step]
 
     def cut(slam, scan):
         if scan.step in left:
@@ -111,7 +112,7 @@ def stop_at(monkeypatch, step):
             signal.raise_signal(signal.SIGINT)
         return whole(slam, scan)
 
-    monkeypatch.setattr(gs.NetworkSlam, "step", cut)
+    monkeypatch.setattr(NetworkFront, "step", cut)
 
 
 NETWORK = ("run", "short.toml", "--method", "network", "--seed", "1")

@@ -8,6 +8,7 @@ from filter_states import model_of, state_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gridslam.inference.health.doubt import places
 from gridslam.inference.management.branching import NARROW, conditioned, placed, split, split_along, widest
 from gridslam.inference.management.mixture import (
     CAP,
@@ -15,8 +16,8 @@ from gridslam.inference.management.mixture import (
     agent_moments,
     merged,
     moment_matched,
-    places,
     same_world,
+    together,
 )
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.population import GUARDED, NONE, Population, moments
@@ -28,6 +29,12 @@ def random_state(draw, surfaces=2, spread=0.5):
     mean = draw.normal(size=5 + 2 * surfaces)
     root = spread * draw.normal(size=(len(mean), len(mean)))
     return state_of(Belief(mean, root @ root.T + 1e-4 * np.eye(len(mean))), existence=0.9)
+
+
+def places_of(population):
+    """How many places the agent may be at."""
+    states = population.states
+    return places(population.log_weight, population.since, lambda rows: together([states[k] for k in rows]))
 
 
 def mixture(parts):
@@ -143,12 +150,12 @@ def test_the_mixture_spans_all_places_across_the_turn_of_an_angle():
     assert abs(np.cos(mean[4]) + 1) < 1e-9, "the headings' middle is pi, not 0"
     assert covariance[0, 0] == pytest.approx(1.01)
     assert covariance[4, 4] == pytest.approx(0.01 + (np.pi - 3.1) ** 2)
-    assert places(whole) == 2
-    assert places(Population((here, here), (np.log(0.5),) * 2)) == 1
-    assert places(Population((here, there), tuple(np.log([1 - 1e-4, 1e-4])))) == 1, "too unlikely to count"
+    assert places_of(whole) == 2
+    assert places_of(Population((here, here), (np.log(0.5),) * 2)) == 1
+    assert places_of(Population((here, there), tuple(np.log([1 - 1e-4, 1e-4])))) == 1, "too unlikely to count"
     fresh = Population((here, there), tuple(np.log([1 - 2e-4, 2e-4])), since=3)
-    assert places(fresh) == 2
-    assert places(replace(fresh, since=40)) == 1
+    assert places_of(fresh) == 2
+    assert places_of(replace(fresh, since=40)) == 1
 
 
 def test_unlikely_hypotheses_go_and_the_parent_of_a_branching_stays_for_a_while():
