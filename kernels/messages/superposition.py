@@ -114,9 +114,8 @@ def superpose(
     arriving: ti.types.ndarray(dtype=ti.f64, ndim=4),  # [2, N, B, 2]
     heard: ti.types.ndarray(dtype=ti.f64, ndim=5),  # [2, N, A, B, 2] `delay` times the samples
     weight: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] mean power of each path
-    scale: ti.types.ndarray(
-        dtype=ti.f64, ndim=1
-    ),  # [2] the noise's power in each sample; that of all samples
+    scale: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [3] the noise's power in each sample; that of all
+    # samples; their number
     told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, 2] or [0, 2]: amplitudes at which `information` is,
     # else at those found
     gram: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [4 N + 1, 4 N, 2] scratch: products with responses

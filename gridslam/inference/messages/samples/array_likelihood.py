@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import ifft
 
 from gridslam import runtime
 from gridslam.arrays import Array
@@ -22,6 +23,8 @@ Complex = NDArray[np.complex128]
 NONE = np.zeros(0, np.complex128)
 POINTS = 2
 """At which delays are tried, in ratio to the frequencies; beams in ratio to their width."""
+FEW = 64
+"""Frequencies up to which a product with a matrix is faster than a Fourier transform (measured)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +35,8 @@ class Beams:
     ----------
     out, back : (T, A) and (R, B) complex64
         Conjugate responses of the elements to the angles.
-    delay : (M, D) complex64
-        Conjugate responses to the lengths.
+    delay : (M, D) complex64, optional
+        Those to the lengths, each turned by a phase; None beyond `FEW` frequencies.
     """
 
     length: Array
@@ -41,7 +44,7 @@ class Beams:
     arriving: Array
     out: NDArray[np.complex64]
     back: NDArray[np.complex64]
-    delay: NDArray[np.complex64]
+    delay: NDArray[np.complex64] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,16 +148,20 @@ class ArrayBand:
         """Where paths are looked for at first: two points for each width of a peak."""
         count = POINTS * len(self.wavenumber)
         leaving, arriving = _directions(self.anchor), _directions(self.agent)
-        length = self.folding_m * np.arange(count) / count
-        path = np.zeros((max(count, len(leaving), len(arriving)), 3))
-        for side, values in enumerate((length, leaving, arriving)):
-            path[: len(values), side] = values
-        made = self.factors(path)
-        delay, out, back = (
-            one[0, : len(values)].astype(np.complex64)
-            for one, values in ((made.delay, length), (made.leaving, leaving), (made.arriving, arriving))
-        )
-        return Beams(length, leaving, arriving, out, back, np.ascontiguousarray(delay.T))
+        out, back = _steered(self.anchor, leaving), _steered(self.agent, arriving)
+        length, delay = self.folding_m * np.arange(count) / count, None
+        if len(self.wavenumber) <= FEW:
+            delay = self.delayed(np.eye(len(self.wavenumber)))
+        return Beams(length, leaving, arriving, out, back, delay)
+
+    def delayed(self, samples: Complex | Array) -> NDArray[np.complex64]:
+        """Samples (..., M) times the conjugate responses to the beams' lengths, (..., D), but for a phase.
+
+        The lengths are even over the folding range, so that this is a Fourier transform; each length's phase
+        is that of the first frequency.
+        """
+        numbers = (samples * np.conj(self.pulse)).astype(np.complex64)
+        return np.asarray(ifft(numbers, POINTS * len(self.wavenumber), norm="forward"))
 
     def factors(self, path: Array) -> Factors:
         """Conjugate responses to paths (N, 3) m, rad, rad; the next call for as many reuses the arrays."""
@@ -187,6 +194,12 @@ def _directions(element: Array) -> Array:
     reach = float(np.linalg.norm(element - element.mean(0), axis=1).max())
     count = int(np.clip(np.ceil(2 * POINTS * reach), 12, 720))
     return np.linspace(-np.pi, np.pi, count, endpoint=False)
+
+
+def _steered(element: Array, angle: Array) -> NDArray[np.complex64]:
+    """Conjugate responses of elements (n, 2) rad to directions (N,), (N, n); (M50)."""
+    phase = np.stack([np.cos(angle), np.sin(angle)], 1) @ element.T
+    return (np.exp(-1j * phase) / np.sqrt(len(element))).astype(np.complex64)
 
 
 @dataclass(frozen=True, eq=False)

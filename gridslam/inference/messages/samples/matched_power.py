@@ -34,7 +34,10 @@ class MatchedPower:
         """That of samples (A, B, M)."""
         beams = band.beams
         anchor, agent, _ = samples.shape
-        delayed = samples.astype(np.complex64).reshape(anchor * agent, -1) @ beams.delay
+        if beams.delay is None:
+            delayed = band.delayed(samples)
+        else:
+            delayed = samples.astype(np.complex64).reshape(anchor * agent, -1) @ beams.delay
         part = (beams.out @ delayed.reshape(anchor, -1)).reshape(len(beams.out), agent, -1)
         part = beams.back @ part
         power = np.square(part.real)
