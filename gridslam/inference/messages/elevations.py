@@ -63,24 +63,25 @@ class Seen:
         amplitude = np.where(np.isfinite(heard.amplitude), heard.amplitude, radio.amplitude(far))
         amplitude = np.maximum(amplitude, radio.threshold)
         anchor = np.full(len(heard), heard.anchor)
-        std = radio.elevation_std(amplitude, anchor, lean(far, heard.height))
-        own = heard.elevation[:, 2:]
-        std = np.where(np.isfinite(own), np.maximum(own, LEAST_STD), std)
-        weight = np.where(measured, 1 / std**2, 0.0)
-        total = weight.sum(1)
-        count, both = (weight > 0).sum(1), (weight > 0).all(1)
-        flat = np.pi**count  # clutter's elevations are uniform
-        values, ratios = [], []
-        for sign in (-1.0, 1.0):
+        own, count = heard.elevation[:, 2:], measured.sum(1)
+        rough = np.abs(value).sum(1) / np.maximum(count, 1)
+        values, variances, ratios = [], [], []
+        # over walls alone as steep as the anchor is high, over a level as it is heard
+        for sign, steep in ((-1.0, lean(far, heard.height)), (1.0, lean(1.0, np.sin(rough)))):
+            std = radio.elevation_std(amplitude, anchor, steep)
+            std = np.where(np.isfinite(own), np.maximum(own, LEAST_STD), std)
+            weight = np.where(measured, 1 / std**2, 0.0)
+            total, both = weight.sum(1), (weight > 0).all(1)
             arrivals = value * (sign, 1.0)
             values.append((weight * arrivals).sum(1) / np.maximum(total, NO_MESSAGE))
+            with np.errstate(divide="ignore"):
+                variances.append(1 / total)
             spread = np.where(both, (1 / np.maximum(weight, NO_MESSAGE)).sum(1), 1.0)
             gap = arrivals[:, 0] - arrivals[:, 1]
             agree = np.exp(-0.5 * gap**2 / spread) / np.sqrt(2 * np.pi * spread)
+            flat = np.pi ** (weight > 0).sum(1)  # clutter's elevations are uniform
             ratios.append(flat * np.where(both, agree, 1.0))
-        with np.errstate(divide="ignore"):
-            variance = np.broadcast_to(1 / total, (2, len(heard)))
-        return cls(np.array(values), variance, np.array(ratios))
+        return cls(np.array(values), np.array(variances), np.array(ratios))
 
     def ratios(self, way: NDArray[np.intp], expected: Array, variance: Array) -> Array:
         """Over clutter, of paths (L, 1) and all measurements, (L, M); 1 where there is no elevation."""
@@ -147,12 +148,17 @@ class Foreseen:
         return cls(way, np.arctan2(height, level), slope, variance)
 
 
+def tells(heard: AnchorScan, radio: RadioModel) -> bool:
+    """Whether elevations were measured, in a scene that has heights."""
+    return heard.elevation is not None and bool(radio.upright)
+
+
 def weigh_elevations(
     state: State, heard: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios, radio: RadioModel,
     model: FilterModel,
 ) -> LikelihoodRatios:  # fmt: skip
     """Likelihood ratios, with the factor of the elevations; docs/model.md, (M302)."""
-    if heard.elevation is None:
+    if not tells(heard, radio):
         return ratios
     seen, foreseen = Seen.of(heard, radio), Foreseen.of(state.belief, paths.rays, model)
     factor = seen.ratios(foreseen.way[:, None], foreseen.value[:, None], foreseen.variance[:, None])
@@ -172,7 +178,7 @@ def weigh_births(
     model: FilterModel,
 ) -> tuple[Births, LikelihoodRatios]:  # fmt: skip
     """Births, of paths over walls alone, by their elevations, and the ratios with their sums; (M303)."""
-    if heard.elevation is None or not len(births):
+    if not tells(heard, radio) or not len(births):
         return births, ratios
     m, seen = births.measurement.astype(np.intp), Seen.of(heard, radio)
     height = model.places[births.anchor, HEIGHT]
@@ -185,11 +191,11 @@ def weigh_births(
     rise = model.places[births.anchor, RISE].astype(np.intp)
     unsure = state.belief.covariance.diagonal()[state.belief.layout.heights]
     if len(unsure):
-        variance = variance + np.where(rise < 0, 0.0, unsure[np.maximum(rise, 0)]) * (cosine / length) ** 2
+        variance = variance + np.where(rise < 0, 0.0, unsure[np.maximum(rise, 0)]) / (length * cosine) ** 2
     expected = np.arcsin(np.clip(height / length, -1.0, 1.0))
     ratio = births.ratio * seen.pairs(np.zeros(len(m), np.intp), m, expected, variance)
     measured = ratios.measured.copy()
-    np.add.at(measured[tables.NEW], m, ratio - births.ratio)
+    measured[tables.NEW] = 1.0 + np.bincount(m, ratio, len(heard))
     return replace(births, ratio=ratio), replace(ratios, measured=measured)
 
 
@@ -201,7 +207,7 @@ def correct_by_elevations(
     Path by path, moment-matched over its measurements as other corrections are: given which path caused a
     measurement, its elevation is independent of the rest.
     """
-    if heard.elevation is None:
+    if not tells(heard, radio):
         return state
     seen, foreseen = Seen.of(heard, radio), Foreseen.of(state.belief, exchange.rays, model)
     begun = state.belief.mean

@@ -1,5 +1,6 @@
 """Elevations: signs by hand, slopes by differences, factors by samples, corrections by the stacked update."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -11,14 +12,17 @@ from gridslam.checks.diagnose import describe
 from gridslam.errors import InputError
 from gridslam.evaluation.bounds import unknown_map_bound
 from gridslam.importers.raytracers import TracedPaths, plane_table
+from gridslam.inference.messages import elevations as elevation_messages
 from gridslam.inference.messages.elevations import Foreseen, Seen, correct_by_elevations
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.state.anchor_measurements import deviations, split_by_anchor
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
+from gridslam.kernels.primitives import tables
 from gridslam.simulation.image_source import simulate_labelled, true_paths
 from gridslam.simulation.reception import true_elevations
+from gridslam.systems import adaptive, grid
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
 from gridslam.world.columns import ELEVATIONS, OPTIONAL
@@ -258,3 +262,89 @@ def test_check_says_where_nothing_is_made_of_elevations(tmp_path):
     assert ["no heights" in line for line in notes] == [True, True]
     notes = describe(tmp_path / "a.csv", tall(1, False))
     assert sum("isn't used: it has no deviations" in line for line in notes) == 2
+
+
+class Step:
+    """What the messages of elevations were handed and returned in a run."""
+
+    def __init__(self, scene, monkeypatch, system=GridSlam, seed=3, outliers=0.0):
+        self.births, self.weights = [], []
+        room = {GridSlam: grid, AdaptiveSlam: adaptive}[system]
+        for name, found in (("weigh_births", self.births), ("weigh_elevations", self.weights)):
+            monkeypatch.setattr(room, name, self.noting(getattr(elevation_messages, name), found))
+        measured = gs.simulate(scene, "agent1", seed=seed)
+        slam, draw = system(scene, seed=1), np.random.default_rng(seed)
+        for k in range(12):
+            scan = measured.scan(k)
+            wrong = draw.random(len(scan)) < outliers
+            steep = np.where(wrong, draw.uniform(-1.5, 1.5, len(scan)), scan.aoa_elevation_rad)
+            slam.step(replace(scan, aoa_elevation_rad=steep))
+            assert np.isfinite(slam.info.log_evidence)
+
+    @staticmethod
+    def noting(message, found):
+        def noted(*arguments):
+            handed = copy.deepcopy(arguments)  # ratios are the workspace's until the next evaluation
+            result = message(*arguments)
+            found.append((handed, copy.deepcopy(result)))
+            return result
+
+        return noted
+
+
+@pytest.mark.slow
+def test_births_weigh_as_means_over_distance_and_height_and_sums_stay_sums(monkeypatch):
+    run = Step(tall(height_std_m=0.1), monkeypatch, outliers=0.2)
+    for (births, _, heard, ratios, _, _), (after, summed) in run.births:
+        m = births.measurement.astype(int)
+        for ones, sums in ((births, ratios), (after, summed)):
+            whole = 1 + np.bincount(m, ones.ratio, len(heard))
+            np.testing.assert_allclose(sums.measured[tables.NEW], whole)
+    births, state, heard, ratios, radio, model = run.births[0][0]
+    near, m = heard.value.copy(), births.measurement.astype(int)
+    near[:, 0] = 2.0  # of anchors 1.5 m above
+    steep = np.tile([np.nan, 0.75, np.nan, 0.05], (len(heard), 1))
+    close = replace(heard, value=near, elevation=steep)
+    after, _ = elevation_messages.weigh_births(births, state, close, ratios, radio, model)
+    anchor, draw = model.places[births.anchor], np.random.default_rng(4)
+    assert len(m)
+    assert np.allclose(anchor[:, 3], 1.5, atol=0.2)
+    for n in range(len(m)):
+        own = deviations(close, m[[n]], heard.amplitude[m[[n]]], near[m[[n]], 1:], radio)[0, 0]
+        height = anchor[n, 3] + 0.1 * draw.standard_normal(400_000)
+        angle = np.arcsin(np.clip(height / (2.0 + own * draw.standard_normal(400_000)), -1, 1))
+        density = np.pi * np.exp(-0.5 * ((0.75 - angle) / 0.05) ** 2) / np.sqrt(2 * np.pi) / 0.05
+        assert after.ratio[n] / births.ratio[n] == pytest.approx(density.mean(), rel=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("system", [GridSlam, AdaptiveSlam])
+def test_every_message_of_a_measurement_is_multiplied_by_the_same_factor(monkeypatch, system):
+    run = Step(tall(reports_std=True), monkeypatch, system)
+    for (state, heard, paths, ratios, radio, model), after in run.weights:
+        seen, path = Seen.of(heard, radio), Foreseen.of(state.belief, paths.rays, model)
+        factor = seen.ratios(path.way[:, None], path.value[:, None], path.variance[:, None])
+        for row in (tables.RATIO, tables.BETA):
+            np.testing.assert_allclose(after.message[row], ratios.message[row] * factor)
+        beta = after.message[tables.BETA]
+        share = np.divide(beta, beta.sum(1, keepdims=True), out=np.zeros_like(beta), where=beta > 1e-30)
+        np.testing.assert_allclose(after.measured[tables.EXPLAINED], (beta * share).sum(0), atol=1e-12)
+
+
+def test_scenes_without_heights_make_nothing_of_elevations():
+    measured = gs.simulate(ROOM, "agent1", seed=2).scan(3)
+    told = np.full(len(measured), 0.4), np.full(len(measured), 0.02)
+    elevated = replace(measured, aoa_elevation_rad=told[0], aoa_elevation_std_rad=told[1])
+    one, other = (GridSlam(ROOM, seed=1) for _ in range(2))
+    np.testing.assert_array_equal(one.step(measured).covariance, other.step(elevated).covariance)
+
+
+def test_elevations_over_levels_are_as_rough_as_they_are_steep_themselves():
+    heard, model = heard_at(tall(), 2)
+    steep = np.full_like(heard.elevation, np.nan)
+    steep[:, 1] = 1.0
+    seen = Seen.of(replace(heard, elevation=steep), model.radio)
+    anchor = np.zeros(len(heard), int)
+    level = model.radio.elevation_std(np.maximum(heard.amplitude, model.radio.threshold), anchor, np.cos(1.0))
+    np.testing.assert_allclose(seen.variance[1], level[:, 1] ** 2)
+    assert (seen.variance[0] != seen.variance[1]).all()

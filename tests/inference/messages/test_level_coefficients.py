@@ -1,14 +1,17 @@
 """Coefficients of floor and ceiling: learned from either side, kept where they are known, in all records."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scene_samples import raised, shortened, with_levels
 
 import gridslam as gs
-from gridslam.inference.messages.level_coefficients import level_means
+from gridslam.inference.messages.level_coefficients import learn_levels, level_means
 from gridslam.inference.messages.level_coefficients import with_levels as believed
+from gridslam.inference.state.state import State
+from gridslam.kernels.primitives import tables
 from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
@@ -69,3 +72,19 @@ def test_priors_have_the_moments_that_are_told():
     assert believed(model, prior) is believed(model, prior.copy())
     assert believed(model, prior).radio.image_gains == (1.0, 0.5, 0.4)
     assert (np.diff(COEFFICIENTS) > 0).all()
+
+
+def test_a_path_that_is_surely_there_and_not_heard_speaks_against_loud_levels():
+    model = told(0.5, 0.4, (0.2, 0.0)).filter_model("agent1")
+    state, length = replace(State.start(model), levels=model.level_prior), 6.0
+    rays = SimpleNamespace(anchor=np.array([model.senders]), table=np.zeros((1, 4), int))
+    paths = SimpleNamespace(rays=rays, prediction=SimpleNamespace(length=np.array([length])))
+    odds = np.zeros((12, 1))
+    odds[tables.CHANCE] = 0.9
+    missed = SimpleNamespace(responsible=np.zeros((1, 0)), odds=odds)
+    heard = SimpleNamespace(value=np.zeros((0, 3)), amplitude=np.zeros(0))
+    after = learn_levels(state, heard, paths, missed, model.radio, model).levels[0]
+    chance = model.radio.detection_probability(model.radio.amplitude_at_1m * COEFFICIENTS / length)
+    wanted = state.levels[0] * (1 - 0.9 * chance)
+    assert chance[0] < 0.1 < 0.8 < chance[-1]
+    np.testing.assert_allclose(after, wanted / wanted.sum(), atol=1e-3)

@@ -16,7 +16,7 @@ from gridslam.arrays import Array
 from gridslam.inference.health.reasons import NOT_FOUND, several_places
 from gridslam.inference.management.mixture import SLACK, TOGETHER
 from gridslam.inference.messages.samples.distance_mode import FREE_M
-from gridslam.inference.messages.samples.image_births import FIRST_BIRTHS, INTENSITIES_DB, Found
+from gridslam.inference.messages.samples.image_births import INTENSITIES_DB, Found, birth_rate
 from gridslam.inference.messages.samples.image_prediction import predict_state
 from gridslam.inference.messages.samples.signal_likelihood import Band, Complex, Inverse
 from gridslam.inference.state.population import Population
@@ -62,7 +62,8 @@ def advance(
         return replace(population, states=states), infos[0], NOT_FOUND
     if len(population) == 1:
         return replace(population, states=states), infos[0], ""
-    log = np.array(population.log_weight) + [log_evidence(info.found, band) for info in infos]
+    rate = birth_rate(0, model.max_bounces)
+    log = np.array(population.log_weight) + [log_evidence(info.found, band, rate) for info in infos]
     likeliest = int(np.argmax(log))
     population = population.having(states, log)
     population = population.merged(is_one, among=population.likely(HOPELESS))
@@ -70,10 +71,11 @@ def advance(
     return population, infos[likeliest], several_places(several) if several > 1 else ""
 
 
-def log_evidence(found: Sequence[Found], band: Band) -> float:
+def log_evidence(found: Sequence[Found], band: Band, rate: float) -> float:
     """Log density of a step's samples given those before, by Laplace's approximation.
 
-    A new path has anywhere to be, at the rate of the first step: who needs more of them is less likely.
+    A new path has anywhere to be, at a rate per delay cell, that of the first step: who needs more of them is
+    less likely.
     """
     total = 0.0
     for one in found:
@@ -82,7 +84,7 @@ def log_evidence(found: Sequence[Found], band: Band) -> float:
         _, after = np.linalg.slogdet(mode.covariance)
         new = len(prior.mean) - one.known
         cells = np.sqrt(2 * np.pi) * FREE_M / band.resolution_m
-        total += mode.log_posterior + 0.5 * (before + after) + new * np.log(FIRST_BIRTHS[0] * cells)
+        total += mode.log_posterior + 0.5 * (before + after) + new * np.log(rate * cells)
     return total
 
 

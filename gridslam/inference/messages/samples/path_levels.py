@@ -33,7 +33,7 @@ RECLAIMED = 0.9
 def start_levels(
     state: DirectState, anchor: int, band: Band, samples: Complex, model: FilterModel
 ) -> DirectState:
-    """Noise, by the median over delays, and the line of sight's intensity, where none is known yet (M86)."""
+    """Noise, see `first_noise`, and the line of sight's intensity, where none is known yet (M86)."""
     links = state.links
     cells = np.asarray(band.folding_m / len(band) * np.arange(len(band)), np.float64)
     power = np.abs(np.conj(band.response(cells)) @ samples) ** 2
