@@ -221,7 +221,10 @@ def _received_rows(
         columns, cause = received(own, scene, name, seed, len(there), offset, rate)
         columns["step"] = columns["step"] + first
         tables.append(columns | {"cause": cause, "agent": np.full(len(cause), index)})
-    whole = {key: np.concatenate([table[key] for table in tables]) for key in tables[0]}
+    whole = {
+        key: np.concatenate([table.get(key, np.full(len(table["step"]), np.nan)) for table in tables])
+        for key in dict.fromkeys(key for table in tables for key in table)
+    }  # one agent's array may measure elevations that another's doesn't
     # by what doesn't depend on clocks, so that these don't change which rows come first
     ranked = np.lexsort((whole["aoa_rad"], whole["cause"], whole["agent"], whole["step"]))
     draw = np.empty(len(ranked))

@@ -55,12 +55,13 @@ class Scan:
         return len(self.anchor)
 
     def content(self) -> Iterator[NDArray[Any] | None]:
-        """All columns in a fixed order; None where there is none, but for elevations."""
+        """All columns in a fixed order, None where there is none; of elevations those there are, numbered."""
         yield from (getattr(self, name) for name in ("anchor", *VALUES, *DEVIATIONS))
         # scans without any keep the identity that they had before there were elevations
-        yield from (
-            column for name in OPTIONAL[len(DEVIATIONS) :] if (column := getattr(self, name)) is not None
-        )
+        for number, name in enumerate(OPTIONAL[len(DEVIATIONS) :]):
+            if (column := getattr(self, name)) is not None:
+                yield np.array(number)
+                yield column
 
     def checked(
         self, anchors: int, after: float | None = None, unlabelled: bool = False, pseudo: bool = False

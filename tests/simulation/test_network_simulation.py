@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scene_samples import raised, shortened
 from scipy.stats import kstest
 
 import gridslam as gs
@@ -92,6 +93,17 @@ def test_agents_of_other_paces_are_refused(scene):
         simulate_network(gs.Scene.checked(whole, "test"), AGENTS)
     with pytest.raises(InputError, match="'agent1' twice"):
         simulate_network(scene, ["agent1", "agent1"])
+
+
+@pytest.mark.parametrize("first", [1, 5])
+def test_elevations_that_one_agent_alone_measures_are_missing_for_the_other(first):
+    data = raised(shortened(gs.Scene.load("room"), 3, agents=2), 1.5).model_dump(exclude_none=True)
+    for agent, layers in zip(data["agents"], (first, 6 - first), strict=True):
+        agent["array"] = {"layers": layers}
+    heard, _ = simulate_network(gs.Scene.checked(data, "room"), AGENTS[:2], seed=1)
+    measured = np.isfinite(heard.table.aoa_elevation_rad)
+    assert len(set(heard.agent)) == 2
+    np.testing.assert_array_equal(measured, heard.agent == (0 if first == 5 else 1))
 
 
 def test_clocks_drift_zigzag_and_jump():

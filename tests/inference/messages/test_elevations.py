@@ -20,6 +20,7 @@ from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.kernels.primitives import tables
+from gridslam.maps.run_identity import Identity
 from gridslam.simulation.image_source import simulate_labelled, true_paths
 from gridslam.simulation.reception import true_elevations
 from gridslam.systems import adaptive, grid
@@ -114,6 +115,9 @@ def test_tables_keep_elevations_and_refuse_what_cannot_be(tmp_path):
         replace(scan, aod_elevation_rad=np.full(len(scan), -2.0)).checked(2)
     plain = replace(scan, **dict.fromkeys(OPTIONAL))
     assert len(list(plain.content())) == 8 < len(list(scan.content()))
+    one, other = (replace(plain, **{name: np.full(len(scan), 0.1)}) for name in ELEVATIONS)
+    start = Identity.of(np.zeros((2, 2)))
+    assert len({str(start.after(each)) for each in (plain, one, other)}) == 3
 
 
 def some_belief(draw, rises=0):
