@@ -10,6 +10,7 @@ from gridslam.errors import InputError
 from gridslam.inference.messages.features.lessons import SETTLED, due
 from gridslam.inference.state.features.features import ENTRIES, MOVING, FeatureBank
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, ParticleBelief, Segment
+from gridslam.inference.state.features.networks import FEATURES, HIDDEN, Network
 from gridslam.world.signal_model import SignalModel
 
 SLACK = 1e-6
@@ -45,6 +46,9 @@ def require_sound(state: HybridState, model: SignalModel, where: str, always_par
     )
     if state.particles is not None:
         claims += _particles(state.particles, anchors)
+    if state.networks is not None:
+        claims += _network(state.networks.places, 3 * FEATURES, "networks/places")
+        claims += _network(state.networks.powers, FEATURES, "networks/powers")
     if state.lesson is not None and due(state):
         require_sound(state.lesson, model, f"{where}/lesson", always_particles)
     for part, holds, allowed in claims:
@@ -61,7 +65,7 @@ def _joint(belief: JointBelief, anchors: int) -> list[tuple[str, bool, str]]:
         2,
     )
     fits = belief.mean.shape == (size,) and belief.covariance.shape == (size, size)
-    levels = belief.existence, belief.los_power, belief.noise
+    levels, places = (belief.existence, belief.los_power, belief.noise), belief.sightings.agent_m
     return [
         ("features", rows, "a row for each feature"),
         ("mean", fits, f"{MOVING} entries, and {ENTRIES} for each feature"),
@@ -70,7 +74,8 @@ def _joint(belief: JointBelief, anchors: int) -> list[tuple[str, bool, str]]:
         ("levels", all(level.shape == (anchors,) for level in levels), "one for each anchor"),
         ("existence", bool(((belief.existence >= 0) & (belief.existence <= 1)).all()), "probabilities"),
         ("extent", bool(0 <= belief.extent < np.inf), "0 or more"),
-        ("sightings", belief.sightings.agent_m.shape == (len(belief.sightings), 2), "a place for each"),
+        ("sightings", places.shape == (len(belief.sightings), 2), "a place for each"),
+        ("sightings/agent_m", bool(np.isfinite(places).all()), "finite"),
         ("noise", bool((belief.noise > 0).all() and (belief.los_power > 0).all()), "positive numbers"),
     ]
 
@@ -99,3 +104,14 @@ def _particles(cloud: ParticleBelief, anchors: int) -> list[tuple[str, bool, str
         ("particles/weight", weights, "probabilities"),
         ("particles/noise", bool((cloud.noise > 0).all() and (cloud.node > 0).all()), "positive numbers"),
     ]
+
+
+def _network(network: Network, outputs: int, name: str) -> list[tuple[str, bool, str]]:
+    shapes = [(HIDDEN, 2), (HIDDEN,), (HIDDEN, HIDDEN), (HIDDEN,), (outputs, HIDDEN), (outputs,)]
+    squares = all(bool((one >= 0).all()) for one in network.second)
+    return [
+        *((f"{name}/{part}", [one.shape for one in getattr(network, part)] == shapes, f"shapes {shapes}")
+          for part in ("weights", "first", "second")),
+        (f"{name}/second", squares, "0 or more"),
+        (f"{name}/moves", network.moves >= 0, "0 or more"),
+    ]  # fmt: skip

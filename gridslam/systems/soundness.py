@@ -171,6 +171,8 @@ def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shap
         yield "presence/chance", state.presence.chance.shape, (anchors, known, BINS)
     if state.noise is not None:
         yield "noise", state.noise.shape, (anchors,)
+    if state.levels is not None and model.level_prior is not None:
+        yield "levels", state.levels.shape, model.level_prior.shape
     if state.rings is not None:
         count, entries = len(state.rings.anchor), MOVING + 2
         mixture: dict[str, Shape] = {
@@ -234,6 +236,14 @@ def _claims_of_parts(state: State, model: FilterModel) -> list[tuple[str, bool, 
     anchors, grid, rings = len(model.anchors), state.grid, state.rings
     if state.noise is not None:
         claims.append(("noise", _within(state.noise, 0, np.inf), "0 or more"))
+    levels, prior = state.levels, model.level_prior
+    claims.append(
+        ("levels", (levels is None) == (prior is None), "where coefficients of levels aren't known")
+    )
+    if levels is not None and prior is not None:
+        known = ~prior.any(1)
+        sound = not levels[known].any() and _sums_to_one(levels[~known])
+        claims.append(("levels", sound, "probabilities, 0 for a known coefficient"))
     if state.by_line is not None:
         positive = _within(state.by_line.ratio, LEAST_EVIDENCE, MOST_EVIDENCE)
         claims += [

@@ -1,13 +1,18 @@
 """Learning as published: the networks' slopes, what they say at first, and that a run goes on bit for bit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from signal_worlds import signal_model
 
 import gridslam as gs
+from gridslam.errors import InputError
 from gridslam.inference.messages.features.lessons import LEARN_EVERY
 from gridslam.inference.messages.features.network_learning import moved, weight_slopes
 from gridslam.inference.state.features.networks import FEATURES, PLACES_M, FeatureNetworks, Network
-from gridslam.systems.published.hybrid_paper import PublishedHybridSlam
+from gridslam.inference.state.features.sightings import Sightings
+from gridslam.systems.published.hybrid_paper import PublishedHybridSlam, start
 
 ANCHORS = np.array([[0.5, 5.0], [-3.0, 2.0]])
 
@@ -50,6 +55,39 @@ def test_steps_go_up_the_slope_and_each_weight_goes_as_far_at_first():
     assert other.moves == 1
     change = np.abs(other.weights[4] - one.weights[4])
     np.testing.assert_allclose(change[change > 0], 1e-4, rtol=1e-3)
+
+
+@pytest.mark.parametrize("which", ["places", "powers"])
+@pytest.mark.parametrize(
+    ("part", "spoil"),
+    [
+        ("weights", lambda x: (*x[:4], x[4][:20], x[5])),
+        ("weights", lambda x: x[:5]),
+        ("first", lambda x: (x[0][:, :1], *x[1:])),
+        ("second", lambda x: (*x[:4], x[4][:, :63], x[5])),
+        ("second", lambda x: (*x[:4], x[4] - 1, x[5])),
+        ("moves", lambda _: -1),
+    ],
+)
+def test_networks_that_cannot_be_are_refused(which, part, spoil):
+    model = signal_model()
+    networks = FeatureNetworks.drawn(model.anchors[:, :2], [1])
+    state = replace(start(model), networks=networks)
+    PublishedHybridSlam.require_sound(state, model, "file")
+    one = getattr(networks, which)
+    broken = replace(networks, **{which: replace(one, **{part: spoil(getattr(one, part))})})
+    with pytest.raises(InputError, match=f"file/networks/{which}/{part}"):
+        PublishedHybridSlam.require_sound(replace(state, networks=broken), model, "file")
+
+
+@pytest.mark.parametrize("place", [np.inf, np.nan])
+def test_places_that_are_not_finite_are_refused(place):
+    model = signal_model()
+    state = start(model)
+    seen = Sightings.none().add(np.array([-1]), np.array([0.0, place]))
+    broken = replace(state, joint=replace(state.joint, sightings=seen))
+    with pytest.raises(InputError, match="file/joint/sightings/agent_m"):
+        PublishedHybridSlam.require_sound(broken, model, "file")
 
 
 @pytest.mark.slow

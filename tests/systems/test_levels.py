@@ -1,5 +1,7 @@
 """Filters in rooms whose floor and ceiling reflect: at the bound if told, phantom walls if not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scene_samples import raised, shortened, with_levels
@@ -10,6 +12,7 @@ from gridslam.evaluation.consistency import nees
 from gridslam.inference.messages.reflection import PRODUCTS, reflected
 from gridslam.inference.messages.updates import _with_images
 from gridslam.inference.state.rays import Rays
+from gridslam.systems.soundness import require_sound
 
 ROOM = gs.Scene.load("room")
 
@@ -49,6 +52,19 @@ def test_a_run_with_levels_goes_on_from_a_checkpoint(tmp_path):
     slam.save(tmp_path / "at3.h5")
     again = gs.GridSlam.resume(tmp_path / "at3.h5")
     np.testing.assert_array_equal(again.step(heard.scan(3)).covariance, slam.step(heard.scan(3)).covariance)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [lambda x: x[:, :3], lambda x: x[:0], lambda x: -x, lambda x: 2 * x, np.ones_like, lambda _: None],
+)
+def test_coefficients_of_levels_that_cannot_be_are_refused(spoil):
+    data = with_levels(raised(shortened(ROOM, 4), 1.2)).model_dump(exclude_none=True)
+    data["ceiling"]["coefficient_std"] = 0.2
+    slam = gs.GridSlam(gs.Scene.checked(data, "room"), seed=1)
+    require_sound(slam.state, slam.model, "file")
+    with pytest.raises(gs.InputError, match="file/levels"):
+        require_sound(replace(slam.state, levels=spoil(slam.state.levels)), slam.model, "file")
 
 
 def test_amplitudes_over_a_level_are_weaker_by_its_coefficient():

@@ -1,5 +1,6 @@
 """Mirrors that were learned as surfaces and cells: where they reflect, how much, and how surely."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -90,6 +91,22 @@ def test_without_a_line_of_sight_nothing_says_how_much_is_reflected():
     assert found.surfaces.reflection[0] == pytest.approx(0.5)
     assert not found.coefficient.any()
     assert not found.observed[cell(1.5, 2.0)]
+
+
+@pytest.mark.parametrize("far", [1e7, 1e12, 1e100])
+def test_a_sighting_from_far_off_takes_no_more_memory(far):
+    table, joint = belief()
+    seen = joint.sightings.add(np.array([IDENTITY, SIGHT]), np.array([-far, 1.0]))
+    tracemalloc.start()
+    try:
+        found = mirrors_of(table, replace(joint, sightings=seen), MODEL)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 1e8
+    assert np.isfinite(found.grid.evidence).all()
+    near = mirrors_of(table, joint, MODEL).grid
+    assert found.grid.observed[near.observed].all()
 
 
 def test_no_mirror_no_surface():

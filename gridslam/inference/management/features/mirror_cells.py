@@ -29,6 +29,8 @@ NEAR_M = 0.35
 """About anchors, agents and walls nothing is free for it."""
 SAMPLED = 0.25
 """Of a cell: steps in which paths are followed."""
+MOST_STEPS = 100_000
+"""Of one path: on longer ones, kilometres, they are larger."""
 Indices = NDArray[np.int64]
 
 
@@ -141,15 +143,15 @@ class _Traced:
 
     def cells(self, points_m: Array) -> tuple[Indices, Indices]:
         """Rows and columns of the cells in which points (n, 2) lie that are on the grid."""
-        cell = np.floor((points_m - self.spec.origin_m) / self.spec.cell_m).astype(np.int64)[:, ::-1]
-        cell = cell[((cell >= 0) & (cell < self.spec.shape)).all(1)]
+        cell = np.floor((points_m - self.spec.origin_m) / self.spec.cell_m)[:, ::-1]
+        cell = cell[((cell >= 0) & (cell < self.spec.shape)).all(1)].astype(np.int64)
         return cell[:, 0], cell[:, 1]
 
     def open(self, start_m: Array, end_m: Array) -> None:
         """Nothing stands between two points, but for what is near to them."""
         way = end_m - start_m
         far = float(np.hypot(*way))
-        count = int(np.ceil(max(far - 2 * NEAR_M, 0.0) / (SAMPLED * self.spec.cell_m)))
+        count = int(min(np.ceil(max(far - 2 * NEAR_M, 0.0) / (SAMPLED * self.spec.cell_m)), MOST_STEPS))
         if not count:
             return
         steps = np.linspace(NEAR_M, far - NEAR_M, count + 1)
