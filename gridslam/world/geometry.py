@@ -51,18 +51,23 @@ def mirror(line: Array, point: Array) -> Array:
 def mirror_derivative(line: Array, point: Array) -> Array:
     """Derivative of `mirror` by (normal angle, offset), shape ``(..., 2, 2)`` [coordinate, parameter]."""
     normal = unit(line[..., 0])
-    tangent = np.stack([-normal[..., 1], normal[..., 0]], axis=-1)
+    tangent = np.empty_like(normal)
+    tangent[..., 0], tangent[..., 1] = -normal[..., 1], normal[..., 0]
     height = line[..., 1] - (normal * point).sum(-1)
     along = (tangent * point).sum(-1)
     by_angle = 2 * height[..., None] * tangent - 2 * along[..., None] * normal
-    return np.stack([by_angle, 2 * np.broadcast_to(normal, by_angle.shape)], axis=-1)
+    slope = np.empty((*by_angle.shape, 2))
+    slope[..., 0], slope[..., 1] = by_angle, 2 * normal
+    return slope
 
 
 def line_between(point: Array, image: Array) -> Array:
     """The line at which `point` is mirrored into `image`: h_sfv of [Li2025adaptive] in line form."""
     angle = direction(point, image)
     middle = 0.5 * (np.asarray(point) + np.asarray(image))
-    return np.stack([angle, (middle * unit(angle)).sum(-1)], axis=-1)
+    line = np.empty((*np.shape(angle), 2))
+    line[..., 0], line[..., 1] = angle, (middle * unit(angle)).sum(-1)
+    return line
 
 
 def line_through(start: Array, end: Array) -> Array:

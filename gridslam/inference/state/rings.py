@@ -129,8 +129,9 @@ def follow(rings: Rings, before: Belief, after: Belief) -> Rings:
         return rings
     # in the frame where the old covariance is 1 and the new one diagonal
     root = np.linalg.cholesky(old)
-    value, vector = np.linalg.eigh(np.linalg.inv(root) @ new @ np.linalg.inv(root).T)
-    value, frame = np.maximum(value, 1e-6), np.linalg.inv(root).T @ vector
+    back = np.linalg.inv(root)
+    value, vector = np.linalg.eigh(back @ new @ back.T)
+    value, frame = np.maximum(value, 1e-6), back.T @ vector
     shift = frame.T @ (after.mean[:MOVING] - before.mean[:MOVING])
     surer = value < 1
     information = frame * np.where(surer, 1 / value - 1, 0.0) @ frame.T

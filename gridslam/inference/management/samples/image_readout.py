@@ -8,7 +8,6 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, RingEstimate, SurfaceEstimate
-from gridslam.inference.messages.samples.image_prediction import image_distances
 from gridslam.inference.state.population import Population, moments
 from gridslam.inference.state.rings import MOVING
 from gridslam.inference.state.samples.images import DirectState
@@ -84,31 +83,27 @@ def note_hits(state: DirectState, model: FilterModel) -> DirectState:
 
 def image_paths(state: DirectState, model: FilterModel, heading_rad: float) -> PathEstimate:
     """Lines of sight and single bounces, anchor by anchor, as the state has them."""
-    rows = []
-    images, mean = state.images, state.belief.mean[:2]
-    place = state.places
-    line = line_between(model.anchor_positions[images.anchor], place)
-    hit = _hits(state, place, line)
-    for anchor, position in enumerate(model.anchor_positions):
-        own = np.flatnonzero(images.anchor == anchor)
-        distance, _ = image_distances(state, own, position)
-        bounce = np.concatenate([np.full((1, 2), np.nan), hit[own]])
-        seen = np.concatenate([position[None], hit[own]])
-        left = np.concatenate([mean[None], hit[own]])
-        level = np.append(state.links.intensity[anchor], images.intensity[own])
-        number = np.append(-1, images.identity[own])
-        ends = np.broadcast_to(position, bounce.shape), np.broadcast_to(mean, bounce.shape)
-        rows.append(
-            (
-                np.full(len(distance), anchor), np.stack([number, number], -1), distance,
-                wrap(direction(position, left) - model.anchor_orientations[anchor]),
-                wrap(direction(mean, seen) - heading_rad),
-                np.sqrt(level / max(state.links.noise[anchor], 1e-300)),
-                np.append(state.links.visible[anchor], images.existence[own] * images.visible[own]),
-                np.stack([ends[0], bounce, bounce, ends[1]], 1),
-            )
-        )  # fmt: skip
-    return PathEstimate(*(np.concatenate(column) for column in zip(*rows, strict=True)))
+    images, links, mean = state.images, state.links, state.belief.mean[:2]
+    positions, anchors = model.anchor_positions, np.arange(len(model.anchor_positions))
+    owner = np.concatenate([anchors, images.anchor])
+    order = np.argsort(owner, kind="stable")  # of each anchor, its own path first
+    owner, bounced = owner[order], order >= len(anchors)
+    image = order[bounced] - len(anchors)
+    source, here = positions[owner], np.broadcast_to(mean, (len(owner), 2))
+    place = source.copy()
+    place[bounced] = state.places[image]
+    hit = np.full(place.shape, np.nan)
+    hit[bounced] = _hits(state, place[bounced], line_between(source[bounced], place[bounced]))
+    numbers = np.concatenate([np.full(len(anchors), -1), images.identity])[order]
+    level = np.concatenate([links.intensity, images.intensity])[order]
+    visible = np.concatenate([links.visible, images.existence * images.visible])[order]
+    return PathEstimate(
+        owner, np.stack([numbers, numbers], -1), np.maximum(np.linalg.norm(mean - place, axis=-1), 1e-6),
+        wrap(direction(source, np.where(bounced[:, None], hit, here)) - model.anchor_orientations[owner]),
+        wrap(direction(mean, np.where(bounced[:, None], hit, source)) - heading_rad),
+        np.sqrt(level / np.maximum(links.noise, 1e-300)[owner]), visible,
+        np.stack([source, hit, hit, here], 1),
+    )  # fmt: skip
 
 
 def motion_heading(mean: Array, own: Array) -> tuple[float, Array]:

@@ -14,6 +14,7 @@ from gridslam.inference.messages.samples.common_walls import (
     SURE,
     TIE_M,
     Places,
+    farness,
     image_there,
     places_by_walls,
     widest,
@@ -80,8 +81,7 @@ def _tied(state: DirectState, anchor: int, places: Places, model: FilterModel) -
 def _settled(state: DirectState, anchor: int, places: Places, model: FilterModel) -> DirectState:
     """Make a ring the image at a place, for one ring that surely is there."""
     taken = state.places[state.images.anchor == anchor]
-    apart = np.linalg.norm(places.place[:, None] - taken, axis=-1).min(1, initial=np.inf)
-    free = np.flatnonzero(apart > FREE_M)
+    free = np.flatnonzero(farness(places.place, taken) > FREE_M)
     if not len(free):
         return state
     worth = places.take(free).log_worth(model.anchor_positions[anchor], model)

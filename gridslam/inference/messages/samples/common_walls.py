@@ -30,8 +30,9 @@ SINGLE, DOUBLE = 0.3, 0.1
 """Probability that an image at such a place is heard and not settled yet, over one wall and over two."""
 UNKNOWN = 5.0
 """Images of an anchor expected at other places."""
-SAME_M = 0.2
-"""Places nearer than this to each other are one."""
+SAME_M, APART_M = 0.2, 0.5
+"""Places nearer than this to each other are one; how near to a known image none is new."""
+NOTHING = np.zeros((0, 2))
 ONE_BOUNCE, TWO_BOUNCES = 1, 2
 
 
@@ -73,24 +74,31 @@ class Places:
         return np.asarray(np.log(chance * 4 * np.pi * model.radius_m * span / UNKNOWN))
 
 
-def places_by_walls(state: DirectState, anchor: int, model: FilterModel, proven: bool = False) -> Places:
+def places_by_walls(
+    state: DirectState, anchor: int, model: FilterModel, proven: bool = False, taken: Array = NOTHING
+) -> Places:
     """Places of an anchor's images over walls that sure images show, one bounce first, then the surest.
 
     Parameters
     ----------
     proven : bool
         Double bounces alone over walls that images of two anchors show.
+    taken : (T, 2) m
+        No places within `APART_M` of these.
     """
     images, position = state.images, model.anchor_positions
     known = (images.existence > SURE) & (images.bounces >= 0) & (images.bounces < TWO_BOUNCES)
     rows = np.flatnonzero(known & (widest(state.place_covariances) < SPREAD_M))
     line = line_between(position[images.anchor], state.places)
-    places = _single(state, rows[images.anchor[rows] != anchor], line, anchor, model)
+    places = _single(state, rows[images.anchor[rows] != anchor], line, anchor, model, taken)
     if model.max_bounces > 1:
         walls = rows[images.bounces[rows] == ONE_BOUNCE] if proven else rows
-        double = _double(state, walls[images.anchor[walls] == anchor], walls, line, anchor, model)
+        own = walls[images.anchor[walls] == anchor]
+        double = _double(state, own, walls, line, anchor, model, taken)
         pairs = ((getattr(places, f.name), getattr(double, f.name)) for f in fields(places))
         places = Places(*(np.concatenate(pair) for pair in pairs))
+    if not len(places):
+        return places
     worst = widest(places.covariance)
     far = np.linalg.norm(places.place - position[anchor], axis=-1) > OWN_PLACE_M
     order = np.lexsort((worst, places.bounces))
@@ -101,20 +109,22 @@ def places_by_walls(state: DirectState, anchor: int, model: FilterModel, proven:
 
 
 def _single(
-    state: DirectState, rows: NDArray[np.intp], line: Array, anchor: int, model: FilterModel
+    state: DirectState, rows: NDArray[np.intp], line: Array, anchor: int, model: FilterModel, taken: Array
 ) -> Places:
     """The anchor's images in the lines (S, 2) of other anchors' images."""
-    position = np.broadcast_to(model.anchor_positions[anchor], (len(rows), 2))
-    slope = mirror_derivative(line[rows], position) @ _line_slopes(state, rows, line, model)
+    position = model.anchor_positions[anchor]
     places = mirror(line[rows], position)
     across = line_between(position, places)
     crosses = np.abs(unit(across[:, 0]) @ model.middle - across[:, 1]) < model.radius_m
-    return _places(state, places, slope, ONE_BOUNCE, rows).take(np.flatnonzero(crosses))
+    here = np.flatnonzero(crosses & (farness(places, taken) > APART_M))
+    rows = rows[here]
+    slope = mirror_derivative(line[rows], position) @ _line_slopes(state, rows, line, model)
+    return _places(state, places[here], slope, ONE_BOUNCE, rows)
 
 
 def _double(
     state: DirectState, own: NDArray[np.intp], walls: NDArray[np.intp], line: Array, anchor: int,
-    model: FilterModel,
+    model: FilterModel, taken: Array,
 ) -> Places:  # fmt: skip
     """The anchor's own images, mirrored once more."""
     first, second = (grid.ravel() for grid in np.meshgrid(own, walls, indexing="ij"))
@@ -123,7 +133,8 @@ def _double(
     other = mirror(mirrored_at, np.broadcast_to(position, image.shape))
     # each of three places follows from the other two: the farthest is the double bounce
     nearer = np.maximum(np.linalg.norm(image - position, axis=-1), np.linalg.norm(other - position, axis=-1))
-    rows = np.flatnonzero((first != second) & (np.linalg.norm(places - position, axis=-1) > nearer))
+    double = (first != second) & (np.linalg.norm(places - position, axis=-1) > nearer)
+    rows = np.flatnonzero(double & (farness(places, taken) > APART_M))
     first, second, image, mirrored_at = first[rows], second[rows], image[rows], mirrored_at[rows]
     normal = unit(mirrored_at[:, 0])
     turned = np.eye(2) - 2 * normal[:, :, None] * normal[:, None, :]
@@ -149,6 +160,11 @@ def _line_slopes(state: DirectState, rows: NDArray[np.intp], line: Array, model:
     """Derivatives (R, 2, N) of the lines halfway between anchors and images by the joint state."""
     back = mirror_derivative(line[rows], model.anchor_positions[state.images.anchor[rows]])
     return np.asarray(np.linalg.inv(back) @ _own_slopes(state, rows))
+
+
+def farness(place: Array, others: Array) -> Array:
+    """Distance (P,) of places (P, 2) from the nearest of others (T, 2), m; infinite where there are none."""
+    return np.asarray(np.linalg.norm(place[:, None] - others, axis=-1).min(1, initial=np.inf))
 
 
 def widest(covariance: Array) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.messages.samples.distance_mode import Mode, PathPrior, joint_mode
 from gridslam.inference.messages.samples.path_search import take_in
-from gridslam.inference.messages.samples.signal_likelihood import Band, Inverse, Sweep
+from gridslam.inference.messages.samples.signal_likelihood import Band, Inverse, Sweep, log_ratio
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rings import BEARINGS, MOVING, Rings, outer
 from gridslam.inference.state.samples.images import DirectState, Tentative
@@ -195,14 +195,21 @@ class _Births:
 
     def _peak(self, table: Sweep) -> tuple[float, float] | None:
         """The likeliest distance of one more path, and its intensity; None where it isn't worth a look."""
-        logs = table.log_ratio(self.intensities[:, None])
+        least = float(np.log(LEAST_EXISTENCE) - np.log(self.rate) - ACCEPTED - SOLVED_AGAIN)
+        matched = np.square(np.abs(table.matched))
+        # the best of all intensities is worth q - 1 - log q, q = matched / self_power > 1
+        worthy = self.open & (matched >= (1 + least) * table.self_power) if least > 0 else self.open
+        rows = np.flatnonzero(worthy)
+        if not len(rows):
+            return None
+        logs = log_ratio(matched[rows], table.self_power[rows], self.intensities[:, None])
         best = logs.max(0)
-        score = np.where(self.open, best + np.log(np.exp(logs - best).mean(0)), -np.inf)
+        score = best + np.log(np.exp(logs - best).mean(0))
         peak = int(score.argmax())
-        if score[peak] < np.log(LEAST_EXISTENCE) - np.log(self.rate) - ACCEPTED - SOLVED_AGAIN:
+        if score[peak] < least:
             return None
         share = np.exp(logs[:, peak] - best[peak])
-        return float(self.grid[peak]), float(share @ self.intensities / share.sum())
+        return float(self.grid[rows[peak]]), float(share @ self.intensities / share.sum())
 
     def widened(self, prior: PathPrior, mode: Mode, peak: tuple[float, float]) -> PathPrior:
         return self._solved[0][0]

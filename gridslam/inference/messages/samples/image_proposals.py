@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.messages.samples.common_walls import SPREAD_M, image_there, places_by_walls, widest
@@ -22,8 +22,6 @@ CONFIRMED, CONFIRMED_HEARD = 0.9, 13.0
 """Existence above which it is there, and how often it must have been heard then to count as any other."""
 SHARP_M = 0.08
 """Deviation of a path's length beyond which no image is proposed."""
-APART_M = 0.5
-"""How near to a known image none is."""
 GATE, GATE_M = 2.0, 0.03
 """Paths within so many deviations, and so much more, are at one place."""
 WORTH = 3.0
@@ -39,7 +37,9 @@ POINTS = np.linspace(-2, 2, 9)
 def propose_images(state: DirectState, paths: AnchorPaths, found: Found, model: FilterModel) -> DirectState:
     """Begin images where walls put them, of those whose path may be there now."""
     mode, anchor = found.mode, paths.anchor
-    places = places_by_walls(state, anchor, model, proven=True)
+    known = (widest(state.place_covariances) < SPREAD_M) | (state.images.bounces != 0)
+    taken = state.places[known & (state.images.anchor == anchor)]
+    places = places_by_walls(state, anchor, model, proven=True, taken=taken)
     if not len(places):
         return state
     places = replace(places, bounces=-places.bounces)
@@ -49,11 +49,8 @@ def propose_images(state: DirectState, paths: AnchorPaths, found: Found, model: 
     slope = -np.einsum("ci,cin->cn", toward, places.slope)
     slope[:, :2] += toward
     spread = np.sqrt(np.einsum("cn,nm,cm->c", slope, state.belief.covariance, slope))
-    known = (widest(state.place_covariances) < SPREAD_M) | (state.images.bounces != 0)
-    taken = state.places[known & (state.images.anchor == anchor)]
-    apart = np.linalg.norm(places.place[:, None] - taken, axis=-1).min(1, initial=np.inf)
     untied, tries = _untied(state, paths, found), list[tuple[float, float, int]]()
-    possible = (spread < SHARP_M) & (apart > APART_M) & (distance > mode.distance[0])
+    possible = (spread < SHARP_M) & (distance > mode.distance[0])
     for row in np.flatnonzero(possible).tolist():
         near = np.abs(mode.distance - distance[row]) < GATE * spread[row] + GATE_M
         matched, own = _alone(found, untied & near, distance[row] + spread[row] * POINTS)
@@ -83,9 +80,11 @@ def judge_proposals(
     """
     images, rows, mode = state.images, paths.images, found.mode
     open_ones = np.flatnonzero((images.bounces[rows] != 0) & (images.existence[rows] < CONFIRMED))
+    if not len(open_ones):
+        return matched, own
     matched, own, untied = matched.copy(), own.copy(), _untied(state, paths, found)
     for row in (1 + open_ones).tolist():
-        out = untied & _beside(found, row)
+        (out,) = untied & _beside(found, [row])
         if out.any():
             out[row] = True
             (matched[row],), (own[row],) = _alone(found, out, mode.distance[[row]])
@@ -96,10 +95,10 @@ def retire_substitutes(state: DirectState, paths: AnchorPaths, found: Found) -> 
     """Rings, and images known badly, that stand where a confirmed image's path is are hardly there."""
     images, rows, joint = state.images, paths.images, paths.joint
     sure = (images.bounces[rows] != 0) & (images.existence[rows] > CONFIRMED) & (images.visible[rows] > 0.5)
-    stands = np.zeros(len(found.mode.distance), bool)
-    for row in (1 + np.flatnonzero(sure)).tolist():
-        stands |= _beside(found, row)
-    stands &= _untied(state, paths, found)
+    stands = _untied(state, paths, found)
+    stands &= _beside(found, 1 + np.flatnonzero(sure)).any(0)
+    if not stands.any():
+        return state
     loose = rows[stands[1:joint] & (widest(state.place_covariances)[rows] > SPREAD_M)]
     rings = state.tentative.rings
     idle = paths.tentative[stands[joint : joint + len(paths.tentative)]]
@@ -116,11 +115,11 @@ def _untied(state: DirectState, paths: AnchorPaths, found: Found) -> Flags:
     return untied
 
 
-def _beside(found: Found, row: int) -> Flags:
-    """Which of the mode's paths are where this one is."""
-    mode = found.mode
-    reach = GATE * np.sqrt(mode.variance[row]) + GATE_M
-    return np.asarray(np.abs(mode.distance - mode.distance[row]) < reach)
+def _beside(found: Found, rows: ArrayLike) -> Flags:
+    """Which of the mode's paths are where each of some (R) is, (R, N)."""
+    mode, some = found.mode, np.asarray(rows)[:, None]
+    reach = GATE * np.sqrt(mode.variance[some]) + GATE_M
+    return np.asarray(np.abs(mode.distance - mode.distance[some]) < reach)
 
 
 def _alone(found: Found, out: Flags, distance: Array) -> tuple[Array, Array]:

@@ -151,7 +151,7 @@ def prune(state: DirectState) -> DirectState:
         own = order[rings.anchor[order] == anchor]
         place[own] = np.arange(len(own))
     stays = (rings.existence > LEAST_EXISTENCE) & (place < MOST_TENTATIVE)
-    return replace(state, tentative=state.tentative.take(stays))
+    return state if stays.all() else replace(state, tentative=state.tentative.take(stays))
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,6 +35,8 @@ def start_levels(
 ) -> DirectState:
     """Noise, see `first_noise`, and the line of sight's intensity, where none is known yet (M86)."""
     links = state.links
+    if links.noise[anchor] > 0 and links.intensity[anchor] > 0:
+        return state
     cells = np.asarray(band.folding_m / len(band) * np.arange(len(band)), np.float64)
     power = np.abs(np.conj(band.response(cells)) @ samples) ** 2
     if links.noise[anchor] <= 0:

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg.lapack import zpotrf, ztrtrs
 
 from gridslam.arrays import Array
 from gridslam.world.radio import SPEED_OF_LIGHT
@@ -149,8 +150,8 @@ def superpose(band: Band, samples: Complex, distance: Array, weight: Array, nois
     root = np.sqrt(weight)
     scaled = gram[:, :count] * root
     inner = np.eye(count) + root[:, None] * scaled[:count] / noise
-    lower = np.linalg.cholesky(inner).astype(np.complex128)
-    half = np.linalg.solve(lower, np.conj(scaled).T)
+    lower, _ = zpotrf(inner, lower=1)
+    half, _ = ztrtrs(lower, np.conj(scaled).T, lower=1)
     product = (gram - np.conj(half).T @ half / noise) / noise
     plain, steep = slice(0, count), slice(count, -1)
     matched = product[plain, -1]  # h^H C^-1 z
@@ -259,9 +260,13 @@ class Inverse:
         points = distance[:, None] + np.sqrt(3 * variance)[:, None] * SPREAD
         nodes = band.response(points)
         power = np.maximum(weight, LEAST_WEIGHT * noise)[:, None] * SHARE
-        flat = nodes.reshape(-1, len(band))
-        covariance = noise * np.eye(len(band)) + (flat.T * power.reshape(-1)) @ np.conj(flat)
-        return cls(band, samples, np.linalg.inv(covariance).astype(np.complex128), nodes, power)
+        # by the fewer products of the nodes with each other, (s2 I + F F^H)^-1 = (I - B^H B) / s2
+        flat = np.sqrt(power / noise).reshape(-1, 1) * nodes.reshape(-1, len(band))
+        back = np.conj(flat)
+        lower, _ = zpotrf(np.eye(len(flat)) + back @ flat.T, lower=1)
+        half, _ = ztrtrs(lower, back, lower=1)
+        matrix = (np.eye(len(band)) - np.conj(half).T @ half) / noise
+        return cls(band, samples, matrix, nodes, power)
 
     @cached_property
     def factors(self) -> Complex:
@@ -271,7 +276,7 @@ class Inverse:
         core = -inner
         core[:, range(3), range(3)] += 1 / self.weight
         lower = np.linalg.cholesky(core)
-        return np.linalg.solve(np.conj(lower), pressed).astype(np.complex128)
+        return np.asarray(np.linalg.inv(np.conj(lower)) @ pressed)
 
     def sweep(self, points: int) -> Sweep:
         """Tables on top of all paths, (G,): trigonometric polynomials, so a Fourier transform gives each."""
@@ -282,8 +287,7 @@ class Inverse:
         padded = np.zeros(size * (2 * size + 1), np.complex128)
         padded[: 2 * size * size].reshape(size, 2 * size)[:, :size] = core
         lags = padded.reshape(size, -1).sum(0)[:size]
-        lags[0] *= 0.5
-        own = 2 * np.fft.fft(lags, points).real
+        own = np.fft.hfft(np.append(lags, np.zeros(points // 2 + 1 - size)), points)
         return Sweep(self.band.folding_m / points, matched, np.maximum(own, 1e-300))
 
     def sweeps_without(self, whole: Sweep, rows: NDArray[np.intp]) -> Sweep:

@@ -8,6 +8,7 @@ place where the agent stood when the image joined: in these the arc is straight 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -189,13 +190,13 @@ class DirectState:
         """Standard deviation of the agent's position, m."""
         return float(np.sqrt(self.belief.covariance[0, 0] + self.belief.covariance[1, 1]))
 
-    @property
+    @cached_property
     def places(self) -> Array:
         """Mean places of the settled images, (S, 2) m."""
         polar = self.belief.mean[MOVING:].reshape(-1, 2)
         return np.asarray(self.images.origin + polar[:, 1:] * unit(polar[:, 0]))
 
-    @property
+    @cached_property
     def place_covariances(self) -> Array:
         """Covariances of the settled images' places, (S, 2, 2) m^2."""
         count, slope = len(self.images), self.place_slopes
@@ -204,7 +205,7 @@ class DirectState:
             slope @ self.belief.covariance[own[:, :, None], own[:, None, :]] @ np.swapaxes(slope, 1, 2)
         )
 
-    @property
+    @cached_property
     def place_slopes(self) -> Array:
         """Derivatives of the places by bearing and range, (S, 2, 2)."""
         polar = self.belief.mean[MOVING:].reshape(-1, 2)
