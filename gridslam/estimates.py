@@ -117,10 +117,10 @@ class Estimate:
     def __repr__(self) -> str:
         """One line."""
         (x, y), own = self.position_m, math.sqrt(max(float(np.trace(self.covariance[:2, :2])), 0.0))
-        said = "" if self.health.ok else f", {self.health.why}"
+        doubt = "" if self.health.ok else f", {self.health.why}"
         return (
             f"<Estimate at step {self.step}: {x:.2f}, {y:.2f} m (+-{own:.2g} m), heading "
-            f"{self.heading_rad:.2f} rad, {int(np.sum(self.detected))} surfaces{said}>"
+            f"{self.heading_rad:.2f} rad, {int(np.sum(self.detected))} surfaces{doubt}>"
         )
 
     @classmethod

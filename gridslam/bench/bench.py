@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from gridslam import runtime
-from gridslam.bench.course import PeakMemory, heard, run
+from gridslam.bench.course import PeakMemory, first_scans, run
 from gridslam.bench.features import feature_speeds
 from gridslam.bench.growth import Growth, fitted, growth, with_hypotheses
 from gridslam.bench.kernels import IdleLaunches, KernelSpeed, compete, largest_launches
@@ -218,7 +218,7 @@ def _steps(kind: Kind, plan: Plan, idle: IdleLaunches | None) -> StepSpeed:
     method, name, particles, before = kind
     scene, found = Scene.load(name).with_filter(particles=particles), method_class(method)
     takes = taken_by(found)
-    scans = heard(scene, before + plan.timed + plan.watched, takes)
+    scans = first_scans(scene, before + plan.timed + plan.watched, takes)
     waveform = scene.waveform() if takes == "signal" else None
     memory, slam = PeakMemory(), built(found, scene, seed=1, waveform=waveform)
     course = run(partial(stepped, slam), scans[: -plan.watched], memory)

@@ -26,14 +26,14 @@ class PeakMemory:
         self._seen = 0.0
         try:  # Linux keeps the peak itself, and lets it be reset
             Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-            self._kept = True
+            self._by_system = True
         except OSError:
-            self._kept = False
+            self._by_system = False
 
     def look(self) -> float:
         """The peak; elsewhere than on Linux, the largest of all looks."""
         memory = psutil.Process().memory_info().rss / 2**20
-        if self._kept:
+        if self._by_system:
             status = Path("/proc/self/status").read_text(encoding="utf-8")
             memory = int(status.partition("VmHWM:")[2].split()[0]) / 2**10
         self._seen = max(self._seen, memory)
@@ -49,7 +49,7 @@ def changed(scene: Scene, **sections: dict[str, Any]) -> Scene:
     return Scene.from_toml(tomli_w.dumps(data), scene.name)
 
 
-def heard(scene: Scene, steps: int, takes: Kind = "paths") -> list[Any]:
+def first_scans(scene: Scene, steps: int, takes: Kind = "paths") -> list[Any]:
     """What the scene's first agent hears in its first steps, of the kind that a method takes."""
     name = scene.agents[0].name
     return list(observations_of(changed(scene, agents={"steps": steps}), name, 1, takes))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import tomli_w
 
-from gridslam.bench.course import PeakMemory, changed, heard, run
+from gridslam.bench.course import PeakMemory, changed, first_scans, run
 from gridslam.bench.plan import Plan
 from gridslam.inference.management.hypotheses import each_stepped
 from gridslam.inference.state.population import Population
@@ -53,8 +53,8 @@ def fitted(
     """Fit the exponents of time against size."""
 
     def exponent(times: Sequence[float]) -> float | None:
-        told = len(set(size)) > 1 and min(times) > 0
-        return float(np.polyfit(np.log(size), np.log(times), 1)[0]) if told else None
+        measurable = len(set(size)) > 1 and min(times) > 0
+        return float(np.polyfit(np.log(size), np.log(times), 1)[0]) if measurable else None
 
     sizes = tuple(float(n) for n in size)
     return Growth(of, sizes, tuple(seconds), tuple(cpu), tuple(memory), exponent(seconds), exponent(cpu))
@@ -92,7 +92,7 @@ def growth(alcove: Scene, plan: Plan) -> list[Growth]:
     for of, scenes in variants.items():
         sizes, seconds, cpu, peaks = [], [], [], []
         for scene in scenes:
-            scans, memory = heard(scene, plan.before + plan.timed), PeakMemory()
+            scans, memory = first_scans(scene, plan.before + plan.timed), PeakMemory()
             course = run(GridSlam(scene, seed=1).step, scans, memory)
             counts = [len(scan) for scan in scans[plan.before :]]
             size = {"surfaces": np.mean(course.surfaces[plan.before :]), "measurements": np.mean(counts)}
@@ -101,7 +101,7 @@ def growth(alcove: Scene, plan: Plan) -> list[Growth]:
             cpu.append(float(np.median(course.cpu[plan.before :])))
             peaks.append(course.peak[-1])
         found.append(fitted(of, sizes, seconds, cpu, peaks))
-    scans, memory = heard(alcove, max(plan.steps)), PeakMemory()
+    scans, memory = first_scans(alcove, max(plan.steps)), PeakMemory()
     course = run(GridSlam(alcove, seed=1).step, scans, memory)
     ends = [steps - 1 for steps in plan.steps]
     total, computed = (np.cumsum(times)[ends].tolist() for times in (course.took, course.cpu))
@@ -110,7 +110,7 @@ def growth(alcove: Scene, plan: Plan) -> list[Growth]:
 
 def with_hypotheses(scene: Scene, plan: Plan) -> Growth:
     """Growth of a step's time with hypotheses, which are kept: each has a grid of its own, none is pruned."""
-    scans, memory = heard(scene, plan.before + plan.timed), PeakMemory()
+    scans, memory = first_scans(scene, plan.before + plan.timed), PeakMemory()
     slam, seconds, cpu, peaks = GridSlam(scene, seed=1), list[float](), list[float](), list[float]()
     run(slam.step, scans[: plan.before], memory)
     for count in plan.hypotheses:

@@ -218,8 +218,8 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
             )
             text = _advice(name, kind)
             if alike:
-                told = "; ".join(f"{_advice(name, label)} ({share:.0%})" for label, share in alike.items())
-                reason += f"; nearly as much is explained by: {told}"
+                advice = "; ".join(f"{_advice(name, label)} ({share:.0%})" for label, share in alike.items())
+                reason += f"; nearly as much is explained by: {advice}"
             more = best.explained >= min(plain.explained + GAINED, EXPLAINED)
             found.append(Suspicion(name, kind, text, more and gain > CERTAIN and not alike, reason))
             if kind == "swapped":
@@ -304,8 +304,8 @@ def _loudness(amplitude: Array, sight: Sight, scene: Scene) -> list[Suspicion]:
     off = readings[""] - expected
     level = 20 / np.log(10) * float(np.median(off))
     shown = f"{len(heard)} lines of sight are {level:+.0f} dB off as it stands"
-    told, way = scene.radio.snr_at_1m_db, "low" if level > 0 else "high"
-    louder = f"the scene's radio.snr_at_1m_db of {told:g} dB is too {way}: {told + level:.0f} fits"
+    stated, way = scene.radio.snr_at_1m_db, "low" if level > 0 else "high"
+    louder = f"the scene's radio.snr_at_1m_db of {stated:g} dB is too {way}: {stated + level:.0f} fits"
     misread = bool(kind) and gain >= ENOUGH and abs(level) >= LEVEL_DB
     # logarithms spread more or less than what they are read as does, so densities of either aren't alike
     stretch = {"": 0.0, "power": -np.log(2) * len(heard), "dB": np.log(readings["dB"]).sum()}

@@ -48,12 +48,12 @@ def suspicions(table: Columns, sight: Sight, scene: Scene, agent: str | None) ->
         left = _miss(READINGS[best][1](values), true)
         if plain < FAR_RAD:
             continue
-        told = f"{len(true)} lines of sight are {plain:.2f} rad off as it stands"
+        reason = f"{len(true)} lines of sight are {plain:.2f} rad off as it stands"
         if left < BETTER * plain:
-            found.append(Suspicion(name, best, READINGS[best][0], True, f"{told}, {left:.2f} else"))
+            found.append(Suspicion(name, best, READINGS[best][0], True, f"{reason}, {left:.2f} else"))
         else:
             text = "not that of the scene's heights: position_m of the anchors, height_m of the agent"
-            found.append(Suspicion(name, "heights", text, False, told))
+            found.append(Suspicion(name, "heights", text, False, reason))
     return found
 
 
@@ -63,14 +63,14 @@ def _miss(values: Array, true: Array) -> float:
 
 def remarks(columns: Columns, scene: Scene, agent: str | None) -> list[str]:
     """Elevations of which no filter makes anything, and why."""
-    told = list[str]()
+    notes = list[str]()
     known = scene.signal_model(agent if agent or not scene.agents else scene.agents[0].name)
     for end, name in enumerate(ELEVATIONS):
         if not len(finite(columns, name)):
             continue
         if not scene.has_heights:
-            told.append(f"note: {name} isn't used: the scene has no heights")
+            notes.append(f"note: {name} isn't used: the scene has no heights")
         elif not known.elevated[end] and not len(finite(columns, name.replace("_rad", "_std_rad"))):
             array = "the anchors' arrays have" if end == 0 else "the agent's array has"
-            told.append(f"note: {name} isn't used: it has no deviations, and {array} one layer")
-    return told
+            notes.append(f"note: {name} isn't used: it has no deviations, and {array} one layer")
+    return notes

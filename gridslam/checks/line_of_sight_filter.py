@@ -139,11 +139,11 @@ def explain(
             chances.append(float(chance.sum()))
         track.append(weight @ position)
         places = (draw.random() + np.arange(len(weight))) / len(weight)  # systematic resampling
-        kept = np.minimum(np.searchsorted(np.cumsum(weight), places), len(weight) - 1)
-        position, heading, pace = position[kept], heading[kept], pace[kept]
-        weight = np.full(len(kept), 1 / len(kept))
+        chosen = np.minimum(np.searchsorted(np.cumsum(weight), places), len(weight) - 1)
+        position, heading, pace = position[chosen], heading[chosen], pace[chosen]
+        weight = np.full(len(chosen), 1 / len(chosen))
         if error is not None and size is not None:
-            size = error.redrawn(size[kept], draw)
+            size = error.redrawn(size[chosen], draw)
     row, chance, places = np.array(rows, dtype=np.intp), np.array(chances), np.reshape(track, (-1, 2))
     judged = _in_sight(scene, anchor[row], places[np.unique(step[row], return_inverse=True)[1]])
     shares = [

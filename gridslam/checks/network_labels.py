@@ -99,13 +99,13 @@ def _distinct(
     place = crossed(columns["step"][found], scene.anchor_positions[anchor], aod, sight.distance_m[sure])
     level = np.hypot(*(place - scene.anchor_positions[anchor]).T)
     late = columns["distance_m"][found] - slant(level, scene.heights(name)[anchor])
-    kept = np.isfinite(late)
+    usable = np.isfinite(late)
     for number in np.unique(anchor):
-        own = (anchor == number) & kept
+        own = (anchor == number) & usable
         if own.any():
             middle, spread = _middle(late[own])
-            kept &= (anchor != number) | (np.abs(late - middle) < max(STRAY_M, 4 * spread))
-    return Links(name, anchor[kept], columns["anchor"][found][kept], late[kept])
+            usable &= (anchor != number) | (np.abs(late - middle) < max(STRAY_M, 4 * spread))
+    return Links(name, anchor[usable], columns["anchor"][found][usable], late[usable])
 
 
 def crossed(step: NDArray[np.intp], place: Array, direction: Array, distance: Array) -> Array:
@@ -156,10 +156,10 @@ def label_lines(links: Sequence[Links], names: Sequence[str]) -> list[str]:
         other = share.argmax(1)
         moved: NDArray[np.bool_] = judged & (share.max(1) > EXCHANGED) & (other != np.arange(len(names)))
         if moved.any():
-            told = tuple(
+            swapped = tuple(
                 f"{names[other[i]]} is the scene's {names[i]}" for i in np.flatnonzero(moved).tolist()
             )
-            exchanged.setdefault(told, []).append(link.agent)
+            exchanged.setdefault(swapped, []).append(link.agent)
         own = np.arange(len(names))
         share[own, np.where(moved, other, own)] = 0.0
         for i, j in np.argwhere(judged[:, None] & ~moved[:, None] & (share > MISTAKEN)):
@@ -167,9 +167,9 @@ def label_lines(links: Sequence[Links], names: Sequence[str]) -> list[str]:
                 f"suspect: {link.agent}: {found[i, j]} of {count[i]} rows with angles and distances of "
                 f"the line of sight to {names[i]} are labelled {names[j]}"
             )
-    for told, who in exchanged.items():
+    for swapped, who in exchanged.items():
         whom = "all agents" if len(who) == len(links) and len(who) > 1 else ", ".join(who)
-        lines.insert(0, f"suspect: labels exchanged for {whom}: {', '.join(told)}")
+        lines.insert(0, f"suspect: labels exchanged for {whom}: {', '.join(swapped)}")
     return lines
 
 
@@ -186,7 +186,7 @@ def clock_lines(links: Sequence[Links], scene: Scene) -> list[str]:
     clocks = clock_model(scene, [link.agent for link in links])
     lines, half, anchors = [], clocks.half_width_m, len(scene.anchors)
     for number, name in enumerate(scene.anchor_names):
-        told = []
+        offsets = []
         for index, link in enumerate(links):
             late = link.late_m[link.anchor == number]
             if len(late) < FEWEST:
@@ -195,14 +195,14 @@ def clock_lines(links: Sequence[Links], scene: Scene) -> list[str]:
             doubt = max(LEAST_OFFSET_M, WRONG * spread / np.sqrt(len(late)))
             allowed = half[number] + half[anchors + index] + doubt
             if abs(middle) > allowed:
-                told.append((link.agent, middle))
-        if told:
-            lines.append(_offset_line(name, told, scene))
+                offsets.append((link.agent, middle))
+        if offsets:
+            lines.append(_offset_line(name, offsets, scene))
     return lines
 
 
-def _offset_line(name: str, told: Sequence[tuple[str, float]], scene: Scene) -> str:
-    each = ", ".join(f"{far:+.2f} m ({far / NS:+.1f} ns) at {agent}" for agent, far in told)
+def _offset_line(name: str, offsets: Sequence[tuple[str, float]], scene: Scene) -> str:
+    each = ", ".join(f"{far:+.2f} m ({far / NS:+.1f} ns) at {agent}" for agent, far in offsets)
     cure = (
         "give the scene a table [clocks]" if scene.clocks is None else "its prior in [clocks] is too narrow"
     )

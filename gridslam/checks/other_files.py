@@ -66,11 +66,11 @@ def track_line(path: Path) -> str:
     """
     track = Trajectory.from_tum(path)
     long = float(np.linalg.norm(np.diff(track.position_m, axis=0), axis=1).sum())
-    told = f"track: {len(track)} poses, {track.time_s[0]:g} to {track.time_s[-1]:g} s, {long:.1f} m long"
+    line = f"track: {len(track)} poses, {track.time_s[0]:g} to {track.time_s[-1]:g} s, {long:.1f} m long"
     if track.height_m is None:
-        return told
+        return line
     low, high = track.height_m.min(), track.height_m.max()
-    return f"{told}, {f'{low:.2f} to {high:.2f}' if high - low > 0.005 else f'{low:.2f}'} m high"
+    return f"{line}, {f'{low:.2f} to {high:.2f}' if high - low > 0.005 else f'{low:.2f}'} m high"
 
 
 def run_line(folder: Path) -> str:
@@ -131,15 +131,15 @@ def nav2_line(path: Path) -> str:
     except ValueError as error:
         raise InputError(str(text), "resolution or origin that is no number", "metres") from error
     shares = [float((cells == value).mean()) for value in (0, 254, 205)]
-    told = ", ".join(
+    line = ", ".join(
         f"{share:.0%} {kind}" for share, kind in zip(shares, ("occupied", "free", "unknown"), strict=True)
     )
     if known.get("mode") == "raw":  # as of reflection coefficients
         values = cells[cells <= MOST_PERCENT]
-        told = f"percents in {values.size / cells.size:.0%} of the cells"
-        told += f", {values.min()} to {values.max()}" if values.size else ""
+        line = f"percents in {values.size / cells.size:.0%} of the cells"
+        line += f", {values.min()} to {values.max()}" if values.size else ""
     place = f"lower left corner at {origin[0]:g}, {origin[1]:g} m"
-    return f"nav2 map: {width} x {height} cells of {side:g} m, {place}; {told}"
+    return f"nav2 map: {width} x {height} cells of {side:g} m, {place}; {line}"
 
 
 def _yaml(path: Path) -> dict[str, str]:

@@ -114,8 +114,8 @@ def _sight_measurements(columns: Mapping[str, NDArray], sight: Sight, scene: Sce
         heard[place, anchor, 1] = columns["aod_rad"][rows] + scene.anchor_orientations[anchor]
     if "aoa_rad" in columns:
         heard[place, anchor, 2] = columns["aoa_rad"][rows]
-    told = np.isfinite(heard)
-    enough = (told.sum((1, 2)) > 3) & (told[:, :, 0].sum(1) > 1) & told[:, :, 1:].any((1, 2))
+    measured = np.isfinite(heard)
+    enough = (measured.sum((1, 2)) > 3) & (measured[:, :, 0].sum(1) > 1) & measured[:, :, 1:].any((1, 2))
     return heard[enough] if enough.sum() >= 5 else None
 
 
@@ -127,9 +127,9 @@ def _misfit(heard: Array, places: Array, error: RangeError | None, sizes: Array)
     places, heights = places[:, :2], places[:, 2]
     first = _first(heard, places, heights)
     pose = np.tile(first, (len(sizes), 1, 1))
-    told = np.isfinite(heard)
+    measured = np.isfinite(heard)
     values = np.nan_to_num(heard)
-    precision = told / np.array([DISTANCE_STD_M, ANGLE_STD_RAD, ANGLE_STD_RAD])
+    precision = measured / np.array([DISTANCE_STD_M, ANGLE_STD_RAD, ANGLE_STD_RAD])
     for last in range(ROUNDS + 1):
         away = pose[..., None, :2] - places
         flat = np.maximum(np.hypot(away[..., 0], away[..., 1]), 1e-3)
@@ -178,5 +178,5 @@ def _first(heard: Array, places: Array, heights: Array) -> Array:
 
 def _mean(values: Array) -> Array:
     """Means (N, 2) over the anchors of (N, J, 2), those without a number left out; 0 of none."""
-    told = np.isfinite(values).all(-1, keepdims=True)
-    return np.where(told, values, 0).sum(1) / np.maximum(told.sum(1), 1)
+    measured = np.isfinite(values).all(-1, keepdims=True)
+    return np.where(measured, values, 0).sum(1) / np.maximum(measured.sum(1), 1)

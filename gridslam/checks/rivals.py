@@ -125,8 +125,8 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
     for fit in alike:
         assert fit.error is not None
         text += f"; or {_words(fit.error, fit.size_m, scene)}: too few anchors at once to tell which"
-    told = Suspicion("distance_m", error.kind, text, not alike and best.gain(plain) >= CERTAIN, reason)
-    return Cure(told, whole, after)
+    suspicion = Suspicion("distance_m", error.kind, text, not alike and best.gain(plain) >= CERTAIN, reason)
+    return Cure(suspicion, whole, after)
 
 
 def _named_beside(best: RangeFit, alike: list[RangeFit]) -> bool:

@@ -52,10 +52,10 @@ def _in_sight(scene: Scene, way: Array) -> str:
     seen = np.zeros(len(way), bool)
     for place in scene.anchor_positions:
         seen |= visible(np.broadcast_to(place, way.shape), way, scene.segments())
-    told = f"{len(way)} steps, an anchor in sight at {seen.mean():.0%} of them"
+    line = f"{len(way)} steps, an anchor in sight at {seen.mean():.0%} of them"
     if seen.all():
-        return told
+        return line
     edges = np.flatnonzero(np.diff(np.concatenate([[True], seen, [True]]).astype(int)))
     first, last = edges[0::2], edges[1::2] - 1
     longest = int((last - first).argmax())
-    return f"{told}, at none from step {first[longest]} to {last[longest]}"
+    return f"{line}, at none from step {first[longest]} to {last[longest]}"

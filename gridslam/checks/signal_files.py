@@ -149,8 +149,8 @@ def _usable_snapshots(raw: dict[str, Any], samples: Array) -> NDArray[np.bool_]:
     """Snapshots (K, J) that are there and can be looked at."""
     flat = samples.reshape(*samples.shape[:2], -1)
     good = np.isfinite(flat).all(-1) & flat.any(-1)
-    told = raw.get("heard")
-    return np.asarray(good if told is None else good & np.asarray(told, bool))
+    received = raw.get("heard")
+    return np.asarray(good if received is None else good & np.asarray(received, bool))
 
 
 def _levels(raw: dict[str, Any], samples: Array, heard: NDArray[np.bool_], waveform: Waveform) -> list[str]:
@@ -256,11 +256,11 @@ def _turned(raw: dict[str, Any], own: Complex, waveform: Waveform, places: Place
         "with their frequencies in falling order; reverse that axis": own[..., ::-1],
     }
     tried = {name: _directions(raw, z, waveform, places, half, True) for name, z in ways.items()}
-    told = "suspect: samples: delays run backwards, as of samples that are"
+    line = "suspect: samples: delays run backwards, as of samples that are"
     shares = [share for share, _ in tried.values()]
     if any(np.isnan(share) for share in shares) or abs(shares[0] - shares[1]) < BETTER:
-        return [f"{told} {' or '.join(name.split(':')[0].split(';')[0] for name in ways)}"]
-    return [f"{told} {max(tried, key=lambda name: tried[name][0])}"]
+        return [f"{line} {' or '.join(name.split(':')[0].split(';')[0] for name in ways)}"]
+    return [f"{line} {max(tried, key=lambda name: tried[name][0])}"]
 
 
 def _directions(

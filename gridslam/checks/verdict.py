@@ -36,23 +36,23 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
     sorted_rows = {name: values[order] for name, values in columns.items()}
     table = sorted_rows | {"anchor": place[columns["anchor"][order]]}
     seen = explain(table, scene, agent)
-    told = f"line of sight to the anchors in {seen.explained:.0%} of {seen.scans} scans"
+    line = f"line of sight to the anchors in {seen.explained:.0%} of {seen.scans} scans"
     if seen.explained >= FITTING:
-        told += ": units and frames fit the scene"
+        line += ": units and frames fit the scene"
         both = steps_to_judge_by(table, seen, scene)
         if both < MANY and any(len(finite(columns, name)) for name in ANGLES):
             total = len(np.unique(table["step"]))
-            told += f"; heights and clocks can't be told: two anchors at once at {both} of {total} steps"
-        return told
+            line += f"; heights and clocks can't be told: two anchors at once at {both} of {total} steps"
+        return line
     if len(scene.anchors) > 1:
         each = zip(scene.anchor_names, seen.shares, strict=True)
-        told += f" ({', '.join(f'{name} {share:.0%}' for name, share in each if share == share)})"
+        line += f" ({', '.join(f'{name} {share:.0%}' for name, share in each if share == share)})"
     if not any(len(finite(columns, name)) for name in ANGLES):
-        return f"{told}: distances alone don't tell where the agent is, so that nothing more can be said"
+        return f"{line}: distances alone don't tell where the agent is, so that nothing more can be said"
     if seen.explained < 0.3 or seen.scans < 10:
         whether = "whether units and frames are right; no single cure explains the rows"
-        return f"{UNSURE}{told}: too few to tell {whether}"
+        return f"{UNSURE}{line}: too few to tell {whether}"
     if not scene.walls:
         hidden = "walls, of which the scene has none, may hide anchors"
-        return f"{told}: no other reading of a column explains more; {hidden}"
-    return f"suspect: {told}: does not fit the scene, and no single cure explains the rows"
+        return f"{line}: no other reading of a column explains more; {hidden}"
+    return f"suspect: {line}: does not fit the scene, and no single cure explains the rows"

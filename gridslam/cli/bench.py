@@ -180,7 +180,7 @@ def _growth(growth: tuple[Growth, ...]) -> Table:
         first = (g.of, *powers)
         for size, seconds, cpu, memory in zip(g.size, g.seconds, g.cpu_s, g.peak_memory_mb, strict=True):
             times = f"{seconds / g.seconds[0]:.1f}" if g.seconds[0] else "-"
-            told = f"{size:.0f}", f"{1e3 * seconds:.1f}", f"{1e3 * cpu:.1f}", times, f"{memory:.0f}"
-            table.add_row(*first, *told)
+            figures = f"{size:.0f}", f"{1e3 * seconds:.1f}", f"{1e3 * cpu:.1f}", times, f"{memory:.0f}"
+            table.add_row(*first, *figures)
             first = "", "", ""
     return table

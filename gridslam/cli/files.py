@@ -143,7 +143,7 @@ def fuse(
     maps = [map_in(path) or path for path in maps]
     whole = fused([Map.load(path) for path in maps], same_frame, [str(path) for path in maps])
     whole.save(output)
-    _say(f"wrote {output}: map {whole.told()}")
+    _say(f"wrote {output}: map {whole.in_words()}")
 
 
 def plot(
@@ -211,7 +211,7 @@ def _describe(file: Path) -> str:
         return own_tables.json_line(file)
     held = _kind(file)
     lines = {
-        "gridslam-map": lambda path: f"map {Map.load(path).told()}",
+        "gridslam-map": lambda path: f"map {Map.load(path).in_words()}",
         "gridslam-steps": other_files.steps_line,
         "gridslam-clocks": own_tables.clocks_line,
         "gridslam-checkpoint": own_tables.checkpoint_line,

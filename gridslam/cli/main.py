@@ -85,12 +85,12 @@ bench.register(app)
 
 def main() -> None:
     """Entry point: bad input is one line and exit code 2, Ctrl-C is 130, never a traceback for either."""
-    said: set[str] = set()
+    printed: set[str] = set()
     gc.set_threshold(COLLECT_EVERY)
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
-        if str(message) not in said:  # a file may be read twice
-            said.add(str(message))
+        if str(message) not in printed:  # a file may be read twice
+            printed.add(str(message))
             err.print(f"note: {message}", highlight=False, markup=False, soft_wrap=True)
 
     try:

@@ -61,10 +61,10 @@ def run_network(asked: Asked) -> None:
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
             resolved = {"agent": list(heard.agents), "particles": world.filter.particles, "start": how}
-            kept = unfinished(asked.context, place, world, method_class(asked.method), resolved)
-            before = kept.network_measurements() if kept is not None else None
+            earlier = unfinished(asked.context, place, world, method_class(asked.method), resolved)
+            before = earlier.network_measurements() if earlier is not None else None
             heard = heard if before is None else before
-            own = kept.agent(0, ", ".join(heard.agents), heard) if kept is not None else None
+            own = earlier.agent(0, ", ".join(heard.agents), heard) if earlier is not None else None
             starts = None
             if how != "exact":
                 starts = {name: assumed_start(world, name, asked.seed) for name in heard.agents}
@@ -75,15 +75,15 @@ def run_network(asked: Asked) -> None:
                 )  # fmt: skip
             if view is not None:
                 view.show_map(done.map)
-            if done.interrupted and kept is not None:
-                go_on_later(folder, kept, termination)
+            if done.interrupted and earlier is not None:
+                go_on_later(folder, earlier, termination)
             stopped = done.interrupted
             try:
                 with busy("scoring"):
                     scores, whole = network_scores(done, heard, truth)
             except KeyboardInterrupt:
-                if kept is not None:
-                    go_on_later(folder, kept, termination)
+                if earlier is not None:
+                    go_on_later(folder, earlier, termination)
                 scores, whole, stopped = [run.score() for run in done.runs.values()], done.score(), True
             runs = list(done.runs.values())
             given = source([] if file is None else [file])

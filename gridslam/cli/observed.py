@@ -124,7 +124,7 @@ def angles_hint(world: Scene, method: str, heard: Observations | None) -> str | 
     if method not in METHODS or not METHODS[method].on_angles:
         return None
     if isinstance(heard, Measurements):
-        told = any(bool(np.isfinite(angle).any()) for angle in (heard.aod_rad, heard.aoa_rad))
+        angles = any(bool(np.isfinite(angle).any()) for angle in (heard.aod_rad, heard.aoa_rad))
     else:
-        told = bool({"aod", "aoa"} & set(world.radio.measures))
-    return None if told else f"distances alone, no angles: --method va is made for them, {method} is not"
+        angles = bool({"aod", "aoa"} & set(world.radio.measures))
+    return None if angles else f"distances alone, no angles: --method va is made for them, {method} is not"

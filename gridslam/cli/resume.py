@@ -94,10 +94,10 @@ def unfinished(
 
     require_savable(options["method"], system)
     if options["resume"] is not None:
-        kept = Unfinished.read(place.part)
-        kept.check(scene)
-        kept.settings |= {name: options[name] for name in FREE}
-        return kept
+        earlier = Unfinished.read(place.part)
+        earlier.check(scene)
+        earlier.settings |= {name: options[name] for name in FREE}
+        return earlier
     settings = {name: _plain(name, options[name]) for name in (*SETTLED, *FREE)}
     sources = [options[name] for name in SOURCES if options[name] is not None]
     sources += [named_file(item)[1] for name in NAMED for item in options[name] or ()]

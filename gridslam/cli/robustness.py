@@ -87,7 +87,7 @@ def _show(results: list[Result]) -> None:
         )  # fmt: skip
         sheet.add_row(
             scene,
-            KINDS[case].told,
+            KINDS[case].description,
             number([r.before for r in own], ".2f"),
             number([r.during for r in own], ".2f"),
             number([r.after for r in own], ".2f"),

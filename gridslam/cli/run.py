@@ -87,19 +87,19 @@ def _run_in_turn(asked: Asked) -> None:
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
             resolved = {"agent": names, "particles": world.filter.particles, "start": how}
-            kept = unfinished(asked.context, place, world, system, resolved)
-            turns = Turns(world, method, asked.seed, how, known, given, view, kept)
+            earlier = unfinished(asked.context, place, world, system, resolved)
+            turns = Turns(world, method, asked.seed, how, known, given, view, earlier)
             runs, observations = _explore(turns, names)
             stopped = len(runs) < len(names) or runs[-1].interrupted
             scores = []
             try:
-                if not (stopped and kept):
+                if not (stopped and earlier):
                     with busy("scoring"):
                         scores = _scores(world, runs, observations, given)
             except KeyboardInterrupt:
                 scores, stopped = [done.score() for done in runs], True
-            if stopped and kept:
-                go_on_later(folder, kept, termination)
+            if stopped and earlier:
+                go_on_later(folder, earlier, termination)
             progress = f"{len(runs[-1].estimates)} of {len(observations[-1])} steps of {runs[-1].agent}"
             notes = [
                 *_height_notes(runs),
@@ -127,7 +127,7 @@ class Turns:
         What the first of them starts from.
     view : RunView or None
         Who shows it meanwhile.
-    kept : Unfinished or None
+    earlier : Unfinished or None
         The checkpoint.
     """
 
@@ -138,30 +138,30 @@ class Turns:
     recorded: Mapping[str, Observations]
     given: Map | None
     view: RunView | None
-    kept: Unfinished | None
+    earlier: Unfinished | None
 
 
 def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observations]]:
     """Run the agents one after the other; Ctrl-C ends the list early.
 
-    It raises only if that is empty and nothing is kept to go on from.
+    It raises only if that is empty and nothing is there to go on from.
     """
     from gridslam.runs.map_scene import map_scene
     from gridslam.runs.progress import progress_bar
     from gridslam.simulation.simulate import observations_of
     from gridslam.world.start import assumed_start
 
-    world, method, seed, kept, view = turns.world, turns.method, turns.seed, turns.kept, turns.view
+    world, method, seed, earlier, view = turns.world, turns.method, turns.seed, turns.earlier, turns.view
     takes = taken_by(method_class(method))
     runs: list[Run] = []
     observations: list[Observations] = []
     try:
         for number, name in enumerate(names):
             with busy(f"simulating {name}"):
-                heard = kept.measurements(number) if kept else None
+                heard = earlier.measurements(number) if earlier else None
                 heard = turns.recorded.get(name) if heard is None else heard
                 heard = observations_of(world, name, seed, takes) if heard is None else heard
-            own = kept.agent(number, name, heard) if kept else None
+            own = earlier.agent(number, name, heard) if earlier else None
             watch = view.follow(name, heard.truth) if view else None
             with progress_bar(name, heard.truth, err) as tell:
                 prior = runs[-1].map if runs else turns.given
@@ -176,7 +176,7 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observatio
             if done.interrupted:
                 break
     except KeyboardInterrupt:
-        if not (runs or kept):
+        if not (runs or earlier):
             raise
     return runs, observations[: len(runs)]
 

@@ -59,9 +59,9 @@ def busy(what: str) -> AbstractContextManager[object]:
     return err.status(what) if err.is_terminal else nullcontext()
 
 
-def go_on_later(folder: Path, kept: Unfinished, termination: Termination) -> None:
+def go_on_later(folder: Path, earlier: Unfinished, termination: Termination) -> None:
     """End a run that was stopped and can be gone on with."""
-    _stop(f"after {kept.where()}; to go on: gridslam run --resume {folder}", termination)
+    _stop(f"after {earlier.where()}; to go on: gridslam run --resume {folder}", termination)
 
 
 def finish(

@@ -130,22 +130,22 @@ def _run(plan: Study, output: Path, where: Workers, overwrite: bool) -> Outcome:
 
     from gridslam.studies.study import run_study
 
-    kept = [0, 0]
+    reported = [0, 0]
     columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
         task = bar.add_task("runs", total=None)
 
         def tell(done: int, total: int) -> None:
-            if not err.is_terminal and done > kept[0]:  # in a log file, a line per run
+            if not err.is_terminal and done > reported[0]:  # in a log file, a line per run
                 err.print(f"{done} of {total} runs", highlight=False)
-            kept[:] = done, total
+            reported[:] = done, total
             bar.update(task, completed=done, total=total)
 
         try:
             return run_study(plan, output, where, overwrite, tell)
         except KeyboardInterrupt:
             bar.stop()
-            again = f"{kept[0]} of {kept[1]} runs are kept; the same command goes on from here"
+            again = f"{reported[0]} of {reported[1]} runs are kept; the same command goes on from here"
             err.print(f"interrupted: {again}", highlight=False, soft_wrap=True)
             raise typer.Exit(130) from None
 

@@ -89,9 +89,9 @@ def _gained(
         for step in np.unique(paths.step[own]):
             rows = own[paths.step[own] == step]
             place = np.column_stack([paths.distance_m[rows], paths.aod_rad[rows], paths.aoa_rad[rows]])
-            told = snapshot_information(band, place, amplitude[rows], paths.amplitude[rows] ** 2)
+            information = snapshot_information(band, place, amplitude[rows], paths.amplitude[rows] ** 2)
             slope = jacobian[rows].reshape(-1, size)
-            gained[step] += slope.T @ told @ slope
+            gained[step] += slope.T @ information @ slope
     return gained
 
 

@@ -198,13 +198,13 @@ def estimable_covariance(information: Array) -> Array:
     that is left once those are marginalised out.
     """
     scale = np.zeros(len(information))
-    told = np.diag(information) > 0
-    scale[told] = 1 / np.sqrt(np.diag(information)[told])
+    informed = np.diag(information) > 0
+    scale[informed] = 1 / np.sqrt(np.diag(information)[informed])
     value, vector = np.linalg.eigh(information * np.outer(scale, scale))
     blind = value < BLIND * len(value)
     inverse = np.divide(1, value, out=np.zeros_like(value), where=~blind)
     covariance = np.asarray((vector * inverse) @ vector.T * np.outer(scale, scale))
-    lost = ~told | ((vector[:, blind] ** 2).sum(1) > REACHED)
+    lost = ~informed | ((vector[:, blind] ** 2).sum(1) > REACHED)
     covariance[lost] = covariance[:, lost] = np.inf
     return covariance
 

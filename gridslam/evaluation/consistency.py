@@ -70,19 +70,19 @@ def complaints(estimates: Sequence[Estimate]) -> dict[str, int]:
     Complaints that differ by their figures alone count as one: told are the median and range of the first
     figure. Anchors are kept apart by name.
     """
-    said: dict[str, list[tuple[float, str, str]]] = defaultdict(list)
+    grouped: dict[str, list[tuple[float, str, str]]] = defaultdict(list)
     for reason in (reason for e in estimates for reason in e.health.why.split("; ") if reason):
         named = ABOUT_ANCHOR.match(reason)  # digits of a name are no figures
         head, rest = (named[0], reason[named.end() :]) if named else ("", reason)
         figure = FIGURE.search(rest)
         shown = figure[0] if figure else ""
-        said[head + FIGURE.sub("#", rest)].append((float(shown or 0), shown, reason))
-    told = {}
-    for group in sorted(said.values(), key=len, reverse=True):
+        grouped[head + FIGURE.sub("#", rest)].append((float(shown or 0), shown, reason))
+    counts = {}
+    for group in sorted(grouped.values(), key=len, reverse=True):
         ranked = sorted(group)
         (low, first, _), (_, _, middle), (high, last, _) = ranked[0], ranked[len(ranked) // 2], ranked[-1]
-        told[middle if low == high else f"{middle}, median of {first} to {last}"] = len(group)
-    return told
+        counts[middle if low == high else f"{middle}, median of {first} to {last}"] = len(group)
+    return counts
 
 
 @dataclass(frozen=True, eq=False)

@@ -101,8 +101,9 @@ def _open(path: Path) -> Any:
 
 
 def _damaged(path: Path, error: Exception) -> InputError:
-    told = (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
-    return InputError(str(path), f"no DXF that can be read ({' '.join(told.split())[:100]})", "a DXF drawing")
+    reason = (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
+    found = f"no DXF that can be read ({' '.join(reason.split())[:100]})"
+    return InputError(str(path), found, "a DXF drawing")
 
 
 def _scale(drawing: Any, unit: str | None, where: str) -> tuple[float, str]:

@@ -208,14 +208,14 @@ def plan_of(
     moved = [
         _moved(replace(line, material=rename.get(line.material, line.material)), origin_m) for line in lines
     ]
-    kept = tuple(line for line in moved if line is not None)
-    if not kept:
+    drawn = tuple(line for line in moved if line is not None)
+    if not drawn:
         raise InputError(source, "no walls", "lines or polygons")
-    plan = Plan(source=source, lines=_apart(kept), reflection=reflection, **more)
-    pieces = sum(len(line.points) or int((line.arc or {}).get("facets", 1)) for line in kept)
+    plan = Plan(source=source, lines=_apart(drawn), reflection=reflection, **more)
+    pieces = sum(len(line.points) or int((line.arc or {}).get("facets", 1)) for line in drawn)
     if pieces > MOST_PIECES:
         raise InputError(source, f"{pieces} pieces of walls", f"at most {MOST_PIECES}")
-    places = [np.reshape(line.points or [line.arc["centre_m"]], (-1, 2)) for line in kept]  # type: ignore[index]
+    places = [np.reshape(line.points or [line.arc["centre_m"]], (-1, 2)) for line in drawn]  # type: ignore[index]
     whole = np.concatenate(places)
     if np.abs(whole).max() > FARTHEST_M:
         near = f"--origin {whole[:, 0].min() + origin_m[0]:.0f},{whole[:, 1].min() + origin_m[1]:.0f}"
@@ -239,14 +239,17 @@ def _moved(line: Line, origin: tuple[float, float]) -> Line | None:
     points = np.reshape(np.array(line.points, dtype=np.float64), (-1, 2)) - origin
     if not np.isfinite(points).all():
         return None
-    kept: list[tuple[float, float]] = []
+    apart: list[tuple[float, float]] = []
     for x, y in points.tolist():
-        if not kept or np.hypot(x - kept[-1][0], y - kept[-1][1]) >= 10 * SAME_PLACE_M:
-            kept.append((round(x, 6), round(y, 6)))
+        if not apart or np.hypot(x - apart[-1][0], y - apart[-1][1]) >= 10 * SAME_PLACE_M:
+            apart.append((round(x, 6), round(y, 6)))
     closed = line.closed
-    if len(kept) > 2 and np.hypot(kept[0][0] - kept[-1][0], kept[0][1] - kept[-1][1]) < 10 * SAME_PLACE_M:
-        kept, closed = kept[:-1], True
-    return replace(line, points=tuple(kept), closed=closed and len(kept) > 2) if len(kept) > 1 else None
+    if (
+        len(apart) > 2
+        and np.hypot(apart[0][0] - apart[-1][0], apart[0][1] - apart[-1][1]) < 10 * SAME_PLACE_M
+    ):
+        apart, closed = apart[:-1], True
+    return replace(line, points=tuple(apart), closed=closed and len(apart) > 2) if len(apart) > 1 else None
 
 
 def _apart(lines: tuple[Line, ...]) -> tuple[Line, ...]:

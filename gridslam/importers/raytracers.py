@@ -175,8 +175,8 @@ def plane_table(
     slope, length = np.abs(paths.departure_zenith_rad - 0.5 * np.pi), SPEED_OF_LIGHT * paths.delay_s
     steepest = slope_deg if slope_deg is not None else 90.0 if scene.has_heights else STEEPEST_DEG
     with np.errstate(invalid="ignore"):
-        kept = (slope <= np.radians(steepest)) & (paths.delay_s > 0) & (amplitude > least)
-        kept &= _in_space(paths, length, scene.verticals(agent)) if scene.has_heights else paths.planar
+        usable = (slope <= np.radians(steepest)) & (paths.delay_s > 0) & (amplitude > least)
+        usable &= _in_space(paths, length, scene.verticals(agent)) if scene.has_heights else paths.planar
     turned = np.broadcast_to(heading, (steps,))[:, None, None]
     columns = {
         "distance_m": length if scene.has_heights else length * np.cos(slope),
@@ -187,7 +187,7 @@ def plane_table(
     for end, zenith in enumerate((paths.departure_zenith_rad, paths.arrival_zenith_rad)):
         if scene.has_heights and any(signal.elevated):
             columns[ELEVATIONS[end]] = 0.5 * np.pi - zenith
-    cut = {name: np.where(kept, values, np.nan) for name, values in columns.items()}
+    cut = {name: np.where(usable, values, np.nan) for name, values in columns.items()}
     return {
         name: {anchor: values[:, j] for j, anchor in enumerate(scene.anchor_names)}
         for name, values in cut.items()
@@ -198,11 +198,11 @@ def _in_space(paths: TracedPaths, length: Array, ways: Verticals) -> NDArray[np.
     """Paths over vertical walls and at most one of the scene's levels, (N, J, L); lengths in m."""
     rise, near = length * np.cos(paths.departure_zenith_rad), SAME_HEIGHT_M + SAME_SLOPE_RAD * length
     # up and down again over floor and ceiling keeps the slope, too
-    kept = paths.planar & (np.abs(rise + ways.height[0][:, None]) < near)
+    usable = paths.planar & (np.abs(rise + ways.height[0][:, None]) < near)
     mirrored = np.abs(paths.departure_zenith_rad - paths.arrival_zenith_rad) < SAME_SLOPE_RAD
     for image in ways.height[1:]:
-        kept |= mirrored & (np.abs(rise - image[:, None]) < near)
-    return np.asarray(kept)
+        usable |= mirrored & (np.abs(rise - image[:, None]) < near)
+    return np.asarray(usable)
 
 
 def measurements_of(paths: TracedPaths, scene: Scene, heading_rad: ArrayLike, **more: Any) -> Measurements:

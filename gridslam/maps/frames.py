@@ -44,11 +44,11 @@ def assured(grid: Map, scene: Scene) -> Map:
     ours = dict(zip(scene.anchor_names, map(tuple, scene.anchor_positions.tolist()), strict=True))
     both = {**ours, **known}
     columns = list(both), [place[0] for place in both.values()], [place[1] for place in both.values()]
-    kept = {key: value for key, value in grid.provenance.items() if key != "frame"}
+    others = {key: value for key, value in grid.provenance.items() if key != "frame"}
     marks: dict[str, Any] = dict(zip(ANCHOR_KEYS, columns, strict=True))
     if scene.frame is not None:
         marks["frame"] = scene.frame
-    return replace(grid, provenance={**kept, **marks})
+    return replace(grid, provenance={**others, **marks})
 
 
 def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False) -> tuple[Map, str | None]:
@@ -88,7 +88,7 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
         sheet = grid.resample(scene.grid.origin_m, scene.grid.cell_m, scene.grid.shape)
     except InputError as error:
         raise InputError(error.where.replace("map", where, 1), error.found, error.allowed) from error
-    notes = [f"{where}: whoever made it was told the {grid.truth_told}"] if grid.truth_told else []
+    notes = [f"{where}: whoever made it was told the {grid.truth_given}"] if grid.truth_given else []
     if sheet is not grid:
         sizes = [f"{g.shape[1]} x {g.shape[0]} cells of {g.cell_m:g} m" for g in (grid, sheet)]
         notes.append(f"{where}: {sizes[0]} resampled to the scene's {sizes[1]}")
@@ -151,10 +151,12 @@ def _require_linked(
 ) -> None:  # fmt: skip
     if _linked(found, own, places, frames):
         return
-    told = f"anchors {', '.join(found)}, none of those of {whose}" if found else "no anchors to go by"
-    told = f"frame {', '.join(sorted(own))}" if own and frames else told
+    found_there = f"anchors {', '.join(found)}, none of those of {whose}" if found else "no anchors to go by"
+    found_there = f"frame {', '.join(sorted(own))}" if own and frames else found_there
     known = f"frame {', '.join(sorted(frames))}" if own and frames else "an anchor in common"
-    raise InputError(where, told, f"{known}, or --same-frame (same_frame=True) if you know that it fits")
+    raise InputError(
+        where, found_there, f"{known}, or --same-frame (same_frame=True) if you know that it fits"
+    )
 
 
 def _require_same(

@@ -136,8 +136,8 @@ def merge_surfaces(
         else:
             groups.append([new])
     surfaces, covariance = _merged(rows, groups, lines, centre_m)
-    told = any(grid.surface_covariance is not None for grid in maps)
-    joint = covariance if told else None
+    correlated = any(grid.surface_covariance is not None for grid in maps)
+    joint = covariance if correlated else None
     posteriors = [grid.surface_reflection for grid in maps if grid.surfaces is not None]
     if any(posterior is None for posterior in posteriors):
         return surfaces, None, joint

@@ -61,15 +61,15 @@ class Map(MapCells):
 
     def __repr__(self) -> str:
         """One line."""
-        return f"<Map {self.told()}>"
+        return f"<Map {self.in_words()}>"
 
-    def told(self) -> str:
+    def in_words(self) -> str:
         """Who made it, and what is in it, in a line."""
         (height, width), who = self.shape, self.provenance.get("agents")
         names = ", ".join(map(str, who)) if isinstance(who, list) and who else "unknown agents"
         surfaces = len(self.surfaces) if self.surfaces is not None else 0
         learned = "" if self.features is None else f", {len(self.features)} features"
-        learned += f"; told the {self.truth_told}" if self.truth_told else ""
+        learned += f"; told the {self.truth_given}" if self.truth_given else ""
         return (
             f"by {names}: {width} x {height} cells of {self.cell_m:g} m, {self.observed.mean():.0%} "
             f"observed, {self.occupied.sum()} occupied, {surfaces} surfaces{learned}"
@@ -78,7 +78,7 @@ class Map(MapCells):
     def _repr_html_(self) -> str:
         from gridslam.drawing.map_figure import draw_map, inlined
 
-        return inlined(draw_map(self), f"Map {self.told()}")
+        return inlined(draw_map(self), f"Map {self.in_words()}")
 
     def wall_segments(self) -> WallSegments:
         """Stretches of the surfaces where there is a wall, see `gridslam.maps.walls.wall_segments`."""

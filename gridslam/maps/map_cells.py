@@ -101,10 +101,10 @@ class MapCells:
         return self.evidence.shape[0], self.evidence.shape[1]
 
     @property
-    def truth_told(self) -> str:
+    def truth_given(self) -> str:
         """What of the truth a reference was told that had a part in it; mostly nothing."""
-        told = self.provenance.get("told")
-        return ", ".join(dict.fromkeys(map(str, told))) if isinstance(told, list) else ""
+        names = self.provenance.get("told")
+        return ", ".join(dict.fromkeys(map(str, names))) if isinstance(names, list) else ""
 
     @property
     def corner_m(self) -> np.ndarray:

@@ -98,13 +98,13 @@ def _seen(
     longer = burnt(grid, np.stack([ends_m[:, 0] - more, ends_m[:, 1] + more], axis=1))
     part, count = ndimage.label(free & ~longer)
     sure = np.bincount(part[grid.evidence < SURELY_CROSSED_NAT], minlength=count + 1)
-    kept = sure * grid.cell_m**2 >= SMALLEST_SEEN_M2
+    shown = sure * grid.cell_m**2 >= SMALLEST_SEEN_M2
     places = np.array([place for _, place in anchors_of(grid.provenance)], float).reshape(-1, 2)
     cell, inside = grid.index(places)
-    kept[part[cell[inside, 0], cell[inside, 1]]] = True
+    shown[part[cell[inside, 0], cell[inside, 1]]] = True
     sure[0] = 0
-    kept[np.argmax(sure)] = True
-    kept[0] = False
-    seen = kept[part]
+    shown[np.argmax(sure)] = True
+    shown[0] = False
+    seen = shown[part]
     # what lies in a wall's prolongation is as seen as what is next to it
     return seen | (free & longer & ndimage.binary_dilation(seen))

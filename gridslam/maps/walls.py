@@ -82,9 +82,9 @@ def wall_segments(grid: MapCells) -> WallSegments:
     pieces: list[tuple[float, float]] = []
     table = grid.surfaces
     if table is not None:
-        told = np.ptp(grid.coefficient, axis=-1)
+        hits = np.ptp(grid.coefficient, axis=-1)
         for row in np.flatnonzero(np.isfinite(table.extent_m).all(axis=1)):
-            own = _stretches(grid, told, table.line[row], table.line_cov[row], table.extent_m[row])
+            own = _stretches(grid, hits, table.line[row], table.line_cov[row], table.extent_m[row])
             rows += [int(row)] * len(own)
             pieces += own
     surface, extent = np.array(rows, np.int64), np.array(pieces, float).reshape(-1, 2)
@@ -97,7 +97,7 @@ def wall_segments(grid: MapCells) -> WallSegments:
 
 
 def _stretches(
-    grid: MapCells, told: NDArray, line: Array, cov: Array, extent: Array
+    grid: MapCells, hits: NDArray, line: Array, cov: Array, extent: Array
 ) -> list[tuple[float, float]]:
     """Where along one surface there is a wall: pairs of coordinates, ascending."""
     corners = np.array([[x, y] for x in (0, 1) for y in (0, 1)]) * (grid.corner_m - grid.origin_m)
@@ -108,7 +108,7 @@ def _stretches(
         return []
     low, high = np.clip([low, high], *nearby)  # maps of others may claim any extent
     edge = np.linspace(low, high, max(1, int(np.ceil((high - low) / (0.5 * grid.cell_m)))) + 1)
-    state, sure = _states(grid, told, line, cov, 0.5 * (edge[1:] + edge[:-1]))
+    state, sure = _states(grid, hits, line, cov, 0.5 * (edge[1:] + edge[:-1]))
     if not (state == WALL).any():  # nothing to go by but what is open
         state, sure = np.where(state == UNKNOWN, WALL, state), state == UNKNOWN
     first, last = _runs(state)
@@ -124,7 +124,7 @@ def _stretches(
 
 
 def _states(
-    grid: MapCells, told: NDArray, line: Array, cov: Array, along: Array
+    grid: MapCells, hits: NDArray, line: Array, cov: Array, along: Array
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """OPEN, WALL or UNKNOWN at places (N,) along a line, and whether a wall there is beyond doubt."""
     normal, tangent = unit(line[0]), unit(line[0] + 0.5 * np.pi)
@@ -138,7 +138,7 @@ def _states(
     at = cell[..., 0], cell[..., 1]
     seen = inside & grid.observed[at]
     evidence = np.where(seen, grid.evidence[at], 0.0)
-    hit = np.where(inside, told[at], 0.0).max(axis=1)
+    hit = np.where(inside, hits[at], 0.0).max(axis=1)
     is_open = (evidence < OPEN_NAT).all(axis=1) & (hit < STRONG_HIT_NAT)
     solid = (evidence > WALL_NAT).any(axis=1)
     is_wall = (hit > HIT_NAT) | solid

@@ -46,8 +46,8 @@ def table(quantities: Mapping[str, Quantity], time_s: ArrayLike | None, interval
     flat |= {name: np.full(counts.sum(), np.nan) for name in VALUES if name not in flat}
     step = np.concatenate([np.repeat(np.arange(steps), row) for row in counts])
     anchor = np.repeat(np.arange(len(anchors)), counts.sum(axis=1))
-    kept = ~np.all([np.isnan(flat[name]) for name in VALUES], axis=0)
-    order = np.flatnonzero(kept)[np.argsort(step[kept], kind="stable")]
+    filled = ~np.all([np.isnan(flat[name]) for name in VALUES], axis=0)
+    order = np.flatnonzero(filled)[np.argsort(step[filled], kind="stable")]
     columns = {"step": step, "time_s": times[step], "anchor": anchor, **flat}
     taken = {name: values[order] for name, values in columns.items()}
     return {"anchors": anchors, "steps": steps, **taken}

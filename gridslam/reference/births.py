@@ -47,8 +47,8 @@ def _proposed(
     std = np.where(heard[:, 3:6] > 0, heard[:, 3:6], np.minimum(std, 1e9))
     std = np.where(heard[:, 3:6] < 0, 1e9, std)
     nodes = np.multiply.outer(radio[7] / np.maximum(length, 1e-3), np.outer([1.0, USUAL], BINS))
-    said = np.exp(log_rician(np.where(silent, 1.0, heard[:, 6])[:, None, None], nodes, radio[8])).mean(2)
-    level = np.where(silent[:, None], 1.0, said) / clutter(heard[:, 6], radio)[:, None]
+    density = np.exp(log_rician(np.where(silent, 1.0, heard[:, 6])[:, None, None], nodes, radio[8])).mean(2)
+    level = np.where(silent[:, None], 1.0, density) / clutter(heard[:, 6], radio)[:, None]
     common, least = rate * length, np.maximum(FAINT, EXPLAINED * explained)
     most = common * (level.max(1) if len(known) > 1 else level[:, 0]) / np.sqrt(2 * np.pi)
     keep = (most > least * np.minimum(std[:, 1], WIDEST)) & (heard[:, [3, 5]] >= 0).all(1)

@@ -123,8 +123,10 @@ def correct(
         own = index[chosen, 1]
         share[chosen] = np.minimum(weight / total[row], np.maximum(1 - taken[own], 0.0))
         taken[own] += share[chosen]
-        kept = share[chosen] > UNMOVED
-        after = update(Belief(mean, covariance), slope, gap[kept], variance[kept], share[chosen][kept], bent)
+        moved = share[chosen] > UNMOVED
+        after = update(
+            Belief(mean, covariance), slope, gap[moved], variance[moved], share[chosen][moved], bent
+        )
         mean, covariance = after.mean, after.covariance
     responsible[index[:count, 0], index[:count, 1]] = share
     return mean, covariance, share, responsible, total, taken

@@ -19,7 +19,7 @@ def rescaled(belief: Array, factor: Array, nodes: Array, fine: float, ratio: flo
     return total
 
 
-def walk(kept: Array, length: Array, existence: Array, table: Array, number: Array) -> Array:
+def walk(earlier: Array, length: Array, existence: Array, table: Array, number: Array) -> Array:
     """Twin of `histograms.walk`: histograms ahead (L, K)."""
     nodes, gap, stay, rise, fall = table[:5]
     fine, ratio, at_1m, p_stay, p_appear = number[:5]
@@ -28,7 +28,7 @@ def walk(kept: Array, length: Array, existence: Array, table: Array, number: Arr
     fresh = gap * (nodes <= np.maximum(np.minimum(free, nodes[-1]), 2 * nodes[0])[:, None])
     fresh = fresh / fresh.sum(1, keepdims=True)
     rows, stayed = length[0] >= 0, fresh.copy()
-    now = rescaled(kept[rows], length[0, rows] / np.maximum(length[1, rows], 1e-3), nodes, fine, ratio)
+    now = rescaled(earlier[rows], length[0, rows] / np.maximum(length[1, rows], 1e-3), nodes, fine, ratio)
     stayed[rows] = now @ step
     before = np.clip((existence - p_appear) / (p_stay - p_appear), 0.0, 1.0)
     share = (p_appear * (1 - before) / np.maximum(existence, 1e-12))[:, None]
@@ -48,6 +48,6 @@ def listen(
         if audible > 0:
             log = log_rician(audible, nodes, samples)
             density = np.exp(log - log.max())
-        said = prior * density
-        after += responsible[:, m, None] * said / said.sum(1, keepdims=True)
+        posterior = prior * density
+        after += responsible[:, m, None] * posterior / posterior.sum(1, keepdims=True)
     return np.asarray(after / np.maximum(after.sum(1, keepdims=True), 1e-12))

@@ -68,9 +68,9 @@ def weigh(
             else np.tile(nodes, (len(belief), 1))
         )
         level = given if ranged[m] else own
-        said = np.exp(log_rician(heard[m, 6], level, radio[0, 8])) if loud[m] else table
-        strength[:, m] = (belief * said).sum(1)
-        mean[:, m] = (belief * said * (level if loud[m] else own)).sum(1)
+        density = np.exp(log_rician(heard[m, 6], level, radio[0, 8])) if loud[m] else table
+        strength[:, m] = (belief * density).sum(1)
+        mean[:, m] = (belief * density * (level if loud[m] else own)).sum(1)
     strength[worth <= 1e-6] = mean[worth <= 1e-6] = 0.0
     usual = (belief * own).sum(1)[:, None]
     mean = np.where(strength > NEVER, mean / np.maximum(strength, NEVER), usual)
@@ -80,7 +80,7 @@ def weigh(
 
 def gate(
     belief: Array, nodes: Array, spreading: float, path: Whole, predicted: Array, heard: Array, chance: Array,
-    step: float, places: Array, radio: Array, kept: float, odds: Array,
+    step: float, places: Array, radio: Array, bandwidth: float, odds: Array,
 ) -> tuple[Whole, Array, Array, Array, Array]:  # fmt: skip
     """Twin of `gating.gate`: index, table and inverse covariance of the pairs; p_d; strength."""
     worth = odds[:3].prod(0)
@@ -106,7 +106,7 @@ def gate(
     flat = np.stack([own[row, 6], *np.full((2, len(row)), 2 * np.pi)], -1)
     density = strength[0][chosen] * np.where(missing, np.sqrt(2 * np.pi * UNMEASURED) / flat, 1.0).prod(1)
     variance = np.where(missing, UNMEASURED, np.maximum(std, 1e-6) ** 2)
-    total = kept * spread[row] + variance[:, :, None] * np.eye(3)
+    total = bandwidth * spread[row] + variance[:, :, None] * np.eye(3)
     pair: Array = np.column_stack([heard[measurement, :3], variance, density, np.linalg.det(total)])
     index = np.stack([row, measurement], -1).astype(np.int32)
     return index, pair, np.asarray(np.linalg.inv(total), np.float64), detected, strength
@@ -136,13 +136,13 @@ def enter(
 
 
 def evaluate(
-    spreading: float, step: float, head: int, kept: float, amplitudes: Amplitudes, rows: PathRows,
+    spreading: float, step: float, head: int, bandwidth: float, amplitudes: Amplitudes, rows: PathRows,
     heard: Array, anchors: Anchors, drawing: Drawing, ratios: Ratios,
 ) -> dict[str, Array | Whole]:  # fmt: skip
     """Twin of `evaluation.evaluate`: what it writes, by the names of the blocks' arrays."""
     (probability, nodes, chance), (path, predicted), (odds, message, measured) = amplitudes, rows, ratios
     index, pair, inverse, detected, _ = gate(
-        probability, nodes, spreading, path, predicted, heard, chance, step, *anchors, kept, odds
+        probability, nodes, spreading, path, predicted, heard, chance, step, *anchors, bandwidth, odds
     )
     odds, start = odds.copy(), np.searchsorted(index[:, 0], np.arange(len(path) + 1)).astype(np.int32)
     odds[3] = detected

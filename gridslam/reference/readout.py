@@ -43,12 +43,17 @@ def describe(
     )  # fmt: skip
     path, existence, together, predicted = list_paths(asked(-1, bounces, head), belief, places, links)
     corners, valid = polylines(at_mean(Belief(mean, covariance, head - AGENT)).state, path, places)
-    told = (existence * together > 0.5) & (valid[:, 0] > 0.5)
-    path, corners, value, length = path[told], corners[told, 0], predicted[told, :3], predicted[told, 12]
+    likely = (existence * together > 0.5) & (valid[:, 0] > 0.5)
+    path, corners, value, length = (
+        path[likely],
+        corners[likely, 0],
+        predicted[likely, :3],
+        predicted[likely, 12],
+    )
     corners[path[:, 0] < 1, 1], corners[path[:, 0] < 2, 2] = np.nan, np.nan
     coefficient = np.append(first, 1.0)
     strength = at_1m / np.maximum(length, 1e-3) * coefficient[path[:, 1]]
     strength *= np.where(path[:, 0] == 2, coefficient[path[:, 2]], 1.0)
     number = np.column_stack([path[:, 3], np.append(identity, -1)[path[:, 1:3]]])
-    there = (existence * together)[told]
+    there = (existence * together)[likely]
     return table, path, number, np.column_stack([value, strength, there, corners.reshape(-1, 8)])

@@ -30,7 +30,7 @@ def superpose(
     samples: Complex,
     weight: Array,
     noise: float,
-    told: Complex | None = None,
+    believed: Complex | None = None,
 ) -> tuple[Complex, Complex, Array, Array, Array, Array]:
     """Twin of `superposition.superpose`, by the whole covariance of the samples (A, B, M).
 
@@ -52,7 +52,7 @@ def superpose(
     amplitude = weight * matched
     gradient = 2 * (amplitude.conj()[:, None] * (steep.conj() @ inverse @ z)).real
     gradient -= 2 * weight[:, None] * np.einsum("nk,kl,npl->np", plain.conj(), inverse, steep).real
-    scale = amplitude if told is None else told
+    scale = amplitude if believed is None else believed
     scaled = scale[:, None, None] * steep
     information = 2 * np.einsum("npk,kl,mql->npmq", scaled.conj(), inverse, scaled).real
     log = -np.linalg.slogdet(covariance)[1] - (z.conj() @ inverse @ z).real

@@ -175,14 +175,14 @@ def _started(
     waveform: Waveform | None,
 ) -> Slam:
     """A method's object, told of a start: by `start_at` where it has one, else by its scene."""
-    told = getattr(method, "start_at", None)
+    start_at = getattr(method, "start_at", None)
     if start is not None and start.heights_m:
         scene = scene.at_heights(agent, start.heights_m)
-    if start is not None and told is None:
+    if start is not None and start_at is None:
         scene = scene.starting(agent, start.position_m, start.heading_rad)
     slam = built(method, scene, prior_map, agent, seed, waveform)
-    if start is not None and told is not None:
-        told(slam, start.position_m, start.heading_rad)
+    if start is not None and start_at is not None:
+        start_at(slam, start.position_m, start.heading_rad)
     return slam
 
 

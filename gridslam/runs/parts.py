@@ -97,13 +97,13 @@ def put_away(part: Path, name: str, process: str) -> Path:
     """Give a finished folder a name that nothing sweeps."""
     number = 1
     while True:
-        kept = part.with_name(f"{name}.{process}.part" if number == 1 else f"{name}.{process}-{number}.part")
-        if not kept.exists():
+        aside = part.with_name(f"{name}.{process}.part" if number == 1 else f"{name}.{process}-{number}.part")
+        if not aside.exists():
             break
         number += 1
     try:
-        part.rename(kept)
+        part.rename(aside)
     except OSError:
-        kept = part  # without its sign nothing sweeps it here, either
-    unsign(kept)
-    return kept
+        aside = part  # without its sign nothing sweeps it here, either
+    unsign(aside)
+    return aside

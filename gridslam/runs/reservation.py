@@ -107,9 +107,9 @@ class Place:
 
     def keep(self) -> Path:
         """Put the filled folder where nothing sweeps it, and say where."""
-        kept = put_away(self.part, self.target.name, str(os.getpid()))
+        aside = put_away(self.part, self.target.name, str(os.getpid()))
         self._done = True
-        return kept
+        return aside
 
     def clear(self) -> None:
         """Remove what was filled, unless it was kept, is to be, or a run can go on from it."""
@@ -298,8 +298,8 @@ def _clear(path: Path, part: re.Match[str]) -> list[str]:
         unsign(folder)
         return [f"{folder} is back: the run that was to replace it ended too early"]
     elif not part["old"] and (path / "run.json").is_file():
-        kept = put_away(path, part["name"], part["process"])
-        return [f"{kept} is a run that process {part['process']}, which is gone, had finished"]
+        aside = put_away(path, part["name"], part["process"])
+        return [f"{aside} is a run that process {part['process']}, which is gone, had finished"]
     else:
         shutil.rmtree(path)
     return []

@@ -104,12 +104,12 @@ def write_steps(path: str | os.PathLike[str], estimates: Sequence[Estimate]) -> 
             for name in HEIGHTS:
                 if all(name in own for own in tall):
                     put(heights, name, np.array([own[name] for own in tall]), "m")
-        told = [e.coefficients for e in estimates]
-        if any(told):
+        each = [e.coefficients for e in estimates]
+        if any(each):
             coefficients = file.create_group("coefficients")
             for name in HEIGHTS:
-                if all(name in own for own in told):
-                    put(coefficients, name, np.array([own[name] for own in told]), "1")
+                if all(name in own for own in each):
+                    put(coefficients, name, np.array([own[name] for own in each]), "1")
 
 
 def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
@@ -136,7 +136,7 @@ def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
         detected = get(surfaces, "detected", (total,), "b")
         rivals = _read_hypotheses(file, count)
         unknown = _read_rings(file, count)
-        tall, told = (_read_pairs(file, group, count) for group in ("heights", "coefficients"))
+        tall, reflected = (_read_pairs(file, group, count) for group in ("heights", "coefficients"))
     all_surfaces, all_paths = SurfaceEstimate(**table), PathEstimate(**route)
     return [
         Estimate(
@@ -153,7 +153,7 @@ def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
             math.nan,
             hypotheses=rivals[n],
             heights=tall[n],
-            coefficients=told[n],
+            coefficients=reflected[n],
             rings=unknown[n],
         )
         for n in range(count)

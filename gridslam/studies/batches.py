@@ -221,13 +221,15 @@ def _benchmarks(variant: Variant, takes: Kind, agents: Sequence[str]) -> dict[st
             bound = scene_signal_bound if has_single_antennas(scene, name) else array_bound
             known, apart = (bound(scene, name, k, truth.paths) for k in (True, False))
             unknown = replace(before, position_m=apart.position_m, heading_rad=apart.heading_rad)
-        told = tells_heading(scene, name, takes)
-        if not told:
+        headed = tells_heading(scene, name, takes)
+        if not headed:
             nothing = np.full_like(known.heading_rad, np.nan)
             known, unknown = replace(known, heading_rad=nothing), replace(unknown, heading_rad=nothing)
         anchors, sight = tuple(scene.anchor_names), np.zeros(rays.shape, bool)
         direct = truth.paths.bounces == 0
         sight[truth.paths.anchor[direct], truth.paths.step[direct]] = True
-        found[name] = Benchmark(known, unknown, rays, likely, heard.first, heard.curve, anchors, sight, told)
+        found[name] = Benchmark(
+            known, unknown, rays, likely, heard.first, heard.curve, anchors, sight, headed
+        )
         earlier.append(truth)
     return found

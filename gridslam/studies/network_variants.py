@@ -91,9 +91,9 @@ def run_variants(
     runs = []
     for seed in seeds:
         for variant in variants:
-            told, heard, truth = variant_of(scene, names, seed, variant)
-            starts = {name: assumed_start(told, name, seed) for name in names}
-            done = map_network(told, heard, seed, starts=starts, method=method)
+            variant_scene, heard, truth = variant_of(scene, names, seed, variant)
+            starts = {name: assumed_start(variant_scene, name, seed) for name in names}
+            done = map_network(variant_scene, heard, seed, starts=starts, method=method)
             scores: dict[str, Any] = done.score(truth.clocks, truth)
             first = min(SETTLED, len(heard) // 2)
             errors = [
@@ -102,8 +102,8 @@ def run_variants(
                 ]
                 for name, run in done.runs.items()
             ]
-            kept = "position_bound_m", "apparent_bias_rmse_ps", "bound_ps", "label_errors", "labels_judged"
-            known = {name: scores[name] for name in kept}
+            columns = "position_bound_m", "apparent_bias_rmse_ps", "bound_ps", "label_errors", "labels_judged"
+            known = {name: scores[name] for name in columns}
             runs.append(VariantRun(variant, seed, rmse(np.concatenate(errors)), **known))
     return runs
 

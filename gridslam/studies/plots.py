@@ -87,9 +87,9 @@ def _resize(figure: Figure, width: float) -> None:
 
 def draw_errors(own: Sequence[Batch]) -> Figure:
     """Position and heading RMSE over time, 80 % of runs, bounds ([Li2025adaptive], Figs. 6b, 6c)."""
-    told = _heading_measured(own)
-    figure = _figure(8, 6.5 if told else 3.8)
-    panels = figure.subplots(2 if told else 1, 1, sharex=True, squeeze=False)[:, 0]
+    headed = _heading_measured(own)
+    figure = _figure(8, 6.5 if headed else 3.8)
+    panels = figure.subplots(2 if headed else 1, 1, sharex=True, squeeze=False)[:, 0]
     for number, batch in enumerate(own):
         color, style = _look(number)
         for axes, (name, scale, least) in zip(panels, ERRORS, strict=False):
@@ -221,9 +221,9 @@ def draw_rays(own: Sequence[Batch]) -> Figure:
 
 def draw_consistency(own: Sequence[Batch]) -> Figure:
     """Mean NEES of position and heading over time in the 95 % band of consistent filters."""
-    told = _heading_measured(own)
-    figure = _figure(8, 6 if told else 3.5)
-    panels = figure.subplots(2 if told else 1, 1, sharex=True, squeeze=False)[:, 0]
+    headed = _heading_measured(own)
+    figure = _figure(8, 6 if headed else 3.5)
+    panels = figure.subplots(2 if headed else 1, 1, sharex=True, squeeze=False)[:, 0]
     for panel, name, degrees in zip(panels, ("position", "heading"), (2, 1), strict=False):
         for number, batch in enumerate(own):
             color, style = _look(number)

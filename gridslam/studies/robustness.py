@@ -37,7 +37,7 @@ class Kind:
 
     Attributes
     ----------
-    told : str
+    description : str
         In words.
     apply : callable
         Case to disturbed case.
@@ -45,7 +45,7 @@ class Kind:
         Where it makes sense.
     """
 
-    told: str
+    description: str
     apply: Callable[[Case], Case]
     scenes: tuple[str, ...] = ("room", "alcove")
 

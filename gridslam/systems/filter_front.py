@@ -63,7 +63,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
     """Whether paths over floor and ceiling have a place in it."""
     finds_heights: ClassVar[bool] = False
     """Whether it estimates heights that a scene gives with deviations."""
-    told: ClassVar[str] = ""
+    truth_given: ClassVar[str] = ""
     """What of the truth a reference is told; its map says so, and maps that go on from it."""
 
     def __init__(
@@ -200,9 +200,9 @@ class FilterFront(ABC, Generic[Observed, Believed]):
             "steps": self.state.step,
             "runs": self.now.identity.text,
         }
-        told = [*self.provenance.get("told", ()), *([self.told] if self.told else ())]
+        names = [*self.provenance.get("told", ()), *([self.truth_given] if self.truth_given else ())]
         lists = {key: [*self.provenance[key], value] for key, value in own.items()}
-        return lists | ({"told": told} if told else {})
+        return lists | ({"told": names} if names else {})
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a checkpoint, from which `resume` goes on bit for bit.
@@ -237,6 +237,6 @@ def _provenance(prior: Map | None) -> dict[str, list[Any]]:
     lists = {key: earlier.get(key) for key in ("agents", "seeds", "steps", "runs")}
     known = {key: list(value) if isinstance(value, list) else [] for key, value in lists.items()}
     unknown = len(known["agents"]) - len(known["runs"])  # maps of earlier versions don't name their runs
-    told = earlier.get("told")
-    truth = {"told": list(told)} if isinstance(told, list) else {}
+    names = earlier.get("told")
+    truth = {"told": list(names)} if isinstance(names, list) else {}
     return known | truth | {"runs": [""] * unknown + known["runs"]}

@@ -66,8 +66,8 @@ def step(
     state = set_clocks(state, scans_of_teachers(state, scan), model, works=work)  # (M103)
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
     state = learn_walk(predicted, state, model)  # (M331)
-    state, told = merge_and_prune_shared(state, model, infos)
-    return replace(state, step=state.step + 1), NetworkInfo(told)
+    state, merging = merge_and_prune_shared(state, model, infos)
+    return replace(state, step=state.step + 1), NetworkInfo(merging)
 
 
 def scans_of_teachers(state: NetworkState, scan: NetworkScan) -> list[Scan | None]:

@@ -90,9 +90,9 @@ class NetworkFront(FilterFront[NetworkScan, Believed]):
         state = self.state
         if state.time_s is not None:
             raise InputError("start", f"told after {state.step} steps", "before the first")
-        for name, told in starts.items():
+        for name, start in starts.items():
             number = self.model.names.index(name)
-            state = self.started_at(state, number, told.position_m, told.heading_rad)
+            state = self.started_at(state, number, start.position_m, start.heading_rad)
         self.now = self.now._replace(believed=self._begun(state))
 
 

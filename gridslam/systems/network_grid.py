@@ -63,8 +63,8 @@ def step(
     ]
     state = update_shared_cells(state, used, works=work)  # eqs. (43) to (46)
     state = learn_walk(predicted, state, model)  # (M331)
-    state, told = merge_and_prune_shared(state, model, infos)
-    return replace(state, step=state.step + 1), NetworkInfo(told)
+    state, merging = merge_and_prune_shared(state, model, infos)
+    return replace(state, step=state.step + 1), NetworkInfo(merging)
 
 
 def turn(

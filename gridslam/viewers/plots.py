@@ -119,12 +119,12 @@ def draw_errors(
     errors do after the first steps.
     """
     truth = _truth(scene, name, found) if truth is None else truth
-    told = tells_heading(scene, name, takes)
+    headed = tells_heading(scene, name, takes)
     counted = maps_surfaces(found)
-    panels = 1 + told + counted
+    panels = 1 + headed + counted
     figure = blank(width, 0.15 * width * panels + 0.1 * width + 0.24 * panels + 0.92)
     rows = list(figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0])
-    position, heading = rows[0], rows[1] if told else None
+    position, heading = rows[0], rows[1] if headed else None
     steps = np.array([e.step for e in found.estimates])
     own = np.sqrt([np.diag(e.covariance)[[0, 1, 4]] for e in found.estimates])
     lines = [("own standard deviation", 100 * np.hypot(*own[:, :2].T), np.degrees(own[:, 2]), GREEN, ":")]

@@ -126,13 +126,13 @@ def _page(title: str, body: str) -> str:
 
 
 def _head(run: RunFiles) -> str:
-    scene, told = run.scene, run.summary
+    scene, summary = run.scene, run.summary
     facts = [
         f"anchors {', '.join(scene.anchor_names)}",
         "true walls known" if scene.walls else "walls not known",
-        f"method {told.get('method', '?')}",
-        f"seed {told.get('seed', '?')}",
-        f"device {told.get('device', '?')}",
+        f"method {summary.get('method', '?')}",
+        f"seed {summary.get('seed', '?')}",
+        f"device {summary.get('device', '?')}",
     ]
     about = f"<p>{escape(scene.description)}</p>" if scene.description else ""
     return f"<h1>{escape(scene.name)}</h1>{about}\n<p>{escape(', '.join(facts))}</p>"

@@ -89,12 +89,12 @@ class FilterModel:
     def places(self) -> Array:
         """The anchors as kernels take them, (J, 6): x, y (m), orientation (rad), height as believed and as
         told (m), and number of its rise; -1 for none, `FIXED` where others have one."""
-        told, rise = self.anchor_heights, np.full(len(self.anchors), -1.0)
-        believed = told
+        stated, rise = self.anchor_heights, np.full(len(self.anchors), -1.0)
+        believed = stated
         if len(self.higher):
-            believed = told + np.where(self.rise >= 0, self.higher[self.rise], 0.0)
+            believed = stated + np.where(self.rise >= 0, self.higher[self.rise], 0.0)
             rise = np.where(self.rise >= 0, self.rise, FIXED).astype(np.float64)
-        return fixed(np.column_stack([self.anchors, believed, told, rise]))
+        return fixed(np.column_stack([self.anchors, believed, stated, rise]))
 
     @cached_property
     def middle(self) -> Array:

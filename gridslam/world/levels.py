@@ -104,13 +104,13 @@ def verticals_of(
     return Verticals((DIRECT, *there), np.stack([above, *images]), gain, *_rises(stds), coefficient)
 
 
-def _coefficients(told: list[tuple[float, float]]) -> Array | None:
+def _coefficients(priors: list[tuple[float, float]]) -> Array | None:
     """Normal beliefs about coefficients by their means and deviations; see `Verticals.coefficient`."""
-    if not any(std for _, std in told):
+    if not any(std for _, std in priors):
         return None
     rows = [
         np.exp(-0.5 * ((COEFFICIENTS - mean) / std) ** 2) if std else np.zeros(len(COEFFICIENTS))
-        for mean, std in told
+        for mean, std in priors
     ]
     return np.array([row / max(float(row.sum()), 1e-300) for row in rows])
 

@@ -193,8 +193,8 @@ class Scene(Strict):
 
     def uncertain_heights(self, agent: str) -> dict[str, tuple[float, float]]:
         """Heights that aren't known, and their deviations, m: of "agent", "floor", "ceiling"."""
-        told: dict[str, Agent | Level] = {"agent": self.agent(agent), **self._levels}
-        both = {name: (float(one.height_m or 0.0), one.height_std_m) for name, one in told.items()}
+        elements: dict[str, Agent | Level] = {"agent": self.agent(agent), **self._levels}
+        both = {name: (float(one.height_m or 0.0), one.height_std_m) for name, one in elements.items()}
         return {name: known for name, known in both.items() if known[1] > 0}
 
     @property
@@ -218,12 +218,12 @@ class Scene(Strict):
 
     def found_heights(self, agent: str, higher: Array, covariance: Array) -> dict[str, tuple[float, float]]:
         """Heights and their deviations, m, by believed rises (G,) and their covariance."""
-        told, ways = self.uncertain_heights(agent), self.verticals(agent)
+        stated, ways = self.uncertain_heights(agent), self.verticals(agent)
         errors = ways.errors(higher, covariance)
         return {
             name: (known + errors[over][0], errors[over][1])
             for over, name in enumerate(("agent", "floor", "ceiling"))
-            for known, _ in ([told[name]] if name in told else [])
+            for known, _ in ([stated[name]] if name in stated else [])
         }
 
     def heights(self, agent: str | None = None) -> Array:

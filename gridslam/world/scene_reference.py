@@ -139,12 +139,12 @@ def _words(annotation: Any) -> list[str]:
 def _range(limits: list[Any]) -> list[str]:
     marks = {annotated_types.Gt: ("gt", "above"), annotated_types.Ge: ("ge", "from"),
              annotated_types.Lt: ("lt", "below"), annotated_types.Le: ("le", "up to")}  # fmt: skip
-    said = []
+    ranges = []
     for limit in limits:
         for kind, (name, word) in marks.items():
             if isinstance(limit, kind) and abs(getattr(limit, name)) < FAR:
-                said.append(f"{word} {getattr(limit, name):g}")
-    return list(dict.fromkeys(said))
+                ranges.append(f"{word} {getattr(limit, name):g}")
+    return list(dict.fromkeys(ranges))
 
 
 def commented(scene: Scene, all_keys: bool = False) -> str:
@@ -159,32 +159,32 @@ def commented(scene: Scene, all_keys: bool = False) -> str:
     return "\n".join(_table("", scene.model_dump(exclude_none=True), set(), all_keys)).lstrip() + "\n"
 
 
-def _table(header: str, values: Mapping[str, Any], told: set[str], all_keys: bool) -> Iterator[str]:
+def _table(header: str, values: Mapping[str, Any], written: set[str], all_keys: bool) -> Iterator[str]:
     """Lines of a table; what a key means stands above its first appearance."""
     tables = {name: value for name, value in values.items() if _is_table(name, value)}
     own = {key.name: key for key in keys() if key.table == header}
     for name in (name for name in values if name not in tables):
         key = own.get(name)
-        if key is not None and f"{header}.{name}" not in told:
-            told.add(f"{header}.{name}")
+        if key is not None and f"{header}.{name}" not in written:
+            written.add(f"{header}.{name}")
             yield f"# {key.meaning}{f' ({key.unit})' if key.unit else ''}"
         yield f"{name} = {_toml(values[name])}"
-    if all_keys and header not in told:
+    if all_keys and header not in written:
         for key in own.values():
             if key.name not in values and key.allowed != TABLE:
                 yield f"# {key.name}{f' ({key.unit})' if key.unit else ''}: {key.meaning}"
-    told.add(header)
+    written.add(header)
     for name, value in tables.items():
         inner = f"{header}.{name}" if header else name
         several = isinstance(value, tuple)
         for item in value if several else (value,):
             yield ""
-            if name in own and f"{header}.{name}" not in told:
-                told.add(f"{header}.{name}")
+            if name in own and f"{header}.{name}" not in written:
+                written.add(f"{header}.{name}")
                 yield f"# {own[name].meaning}"
             plain = inner.replace("[", "").replace("]", "")
             yield f"[[{plain}]]" if several else f"[{plain}]"
-            yield from _table(f"[{inner}]" if several else inner, item, told, all_keys)
+            yield from _table(f"[{inner}]" if several else inner, item, written, all_keys)
 
 
 def _is_table(name: str, value: Any) -> bool:

@@ -88,13 +88,13 @@ def assumed_start(scene: Scene, agent: str, seed: int, how: str = "drawn") -> St
 
 def _drawn_heights(scene: Scene, agent: str, draw: np.random.Generator) -> dict[str, float]:
     """Heights (m) from their priors, such that anchors and agents stay between floor and ceiling."""
-    told = scene.uncertain_heights(agent)
+    stated = scene.uncertain_heights(agent)
     for _ in range(MOST_DRAWS):
-        heights = {name: known + std * float(draw.standard_normal()) for name, (known, std) in told.items()}
+        heights = {name: known + std * float(draw.standard_normal()) for name, (known, std) in stated.items()}
         other = scene.at_heights(agent, heights)
         try:
             check_heights(other.anchors, other.agents, other.floor, other.ceiling)
         except PydanticCustomError:
             continue
         return heights
-    return {name: known for name, (known, _) in told.items()}
+    return {name: known for name, (known, _) in stated.items()}

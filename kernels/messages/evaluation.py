@@ -19,7 +19,7 @@ def evaluate(
     spreading: ti.f64,  # 1 if amplitudes fall with the path's length, else 0
     step: ti.f64,  # of the table of p_d
     head: ti.i32,  # entry of the belief where the lines begin: see `layout`
-    kept: ti.f64,  # bandwidth: share of the belief's covariance
+    bandwidth: ti.f64,  # bandwidth: share of the belief's covariance
     amplitudes: pack(Amplitudes),
     rows: pack(PathRows),
     heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] see `AnchorScan.table`
@@ -33,7 +33,7 @@ def evaluate(
     ti.loop_config(serialize=True)
     for _ in range(1):
         weigh(amplitudes, spreading, step, rows, heard, anchors.radio, scratch, ratios.odds)
-        gate(rows, heard, anchors.places, anchors.radio, kept, scratch, pairs, ratios)
+        gate(rows, heard, anchors.places, anchors.radio, bandwidth, scratch, pairs, ratios)
     for item in range(ti.min(pairs.blocks.shape[1], TASKS) * SPREAD):
         if item % SPREAD == 0:
             share = (pairs.blocks.shape[1] + TASKS - 1) // TASKS

@@ -38,14 +38,14 @@ def exist(
         log[s, 0] = 0.0
     for row in range(path.shape[0]):
         bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
-        said = 1 - odds[DETECTED, row]
+        likelihood = 1 - odds[DETECTED, row]
         for m in range(message.shape[2]):
-            said += message[NU, row, m] * message[RATIO, row, m]
-        odds[WORTH, row] = said
+            likelihood += message[NU, row, m] * message[RATIO, row, m]
+        odds[WORTH, row] = likelihood
         chance, there = odds[SURFACES, row] * odds[POSSIBLE, row], odds[EXISTENCE, row]
-        ahead = there * (chance * said + 1 - chance)
+        ahead = there * (chance * likelihood + 1 - chance)
         after = ahead / (ahead + 1 - there)
-        whole = odds[CHANCE, row] * said + 1 - odds[CHANCE, row]
+        whole = odds[CHANCE, row] * likelihood + 1 - odds[CHANCE, row]
         if bounces == 0:
             sight[anchor] = renewed(sight[anchor], after)
         elif bounces == 1:

@@ -19,7 +19,7 @@ LEAST_STD = 1e-6
 
 @ti.func
 def gate(
-    rows: ti.template(), heard: ti.template(), places: ti.template(), radio: ti.template(), kept,
+    rows: ti.template(), heard: ti.template(), places: ti.template(), radio: ti.template(), bandwidth,
     scratch: ti.template(), pairs: ti.template(), ratios: ti.template(),
 ):  # fmt: skip
     """Pick the pairs whose distance and angles lie within reach of what is predicted, path by path.
@@ -67,7 +67,7 @@ def gate(
                     total = ti.Matrix.zero(ti.f64, 3, 3)
                     for i in ti.static(range(3)):
                         for j in ti.static(range(3)):
-                            total[i, j] = kept * rows.predicted[row, 3 + 3 * i + j]
+                            total[i, j] = bandwidth * rows.predicted[row, 3 + 3 * i + j]
                         total[i, i] += variance[i]
                     a, b, c = total[0, 0], total[1, 1], total[2, 2]
                     d, e, f = total[0, 1], total[0, 2], total[1, 2]

@@ -18,10 +18,10 @@ HEARD = 1e-3
 
 @ti.func
 def rescale(
-    kept: ti.template(), row, factor, number: ti.template(), table: ti.template(), out: ti.template()
+    weights: ti.template(), row, factor, number: ti.template(), table: ti.template(), out: ti.template()
 ):
     """Write what a histogram is where amplitudes are `factor` times what they were."""
-    last = kept.shape[1] - 1
+    last = weights.shape[1] - 1
     for n in range(last + 1):
         out[n] = 0.0
     for n in range(last + 1):
@@ -29,15 +29,15 @@ def rescale(
         place = logarithm_of(x + ti.sqrt(x * x + 1)) / number[RATIO] - 1
         place = ti.max(0.0, ti.min(place, ti.cast(last, ti.f64)))
         below = ti.min(ti.cast(place, ti.i32), last - 1)
-        above = kept[row, n] * (place - below)
+        above = weights[row, n] * (place - below)
         before, after = out[below], out[below + 1]
-        out[below], out[below + 1] = before + kept[row, n] - above, after + above
+        out[below], out[below + 1] = before + weights[row, n] - above, after + above
 
 
 @quick
 @ti.kernel
 def walk(
-    kept: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] histograms as they were
+    earlier: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] histograms as they were
     length: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, L] of the paths then, negative for none; and now
     existence: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] predicted, of the rays
     table: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [6, K] see `NODES`
@@ -57,7 +57,7 @@ def walk(
                 total += table[GAP, n] if table[NODES, n] <= reach else 0.0
             share = ti.f64(1.0)  # of a ray that appears: it may have any amplitude up to that
             if length[0, row] >= 0:
-                rescale(kept, row, length[0, row] / far, number, table, scratch)
+                rescale(earlier, row, length[0, row] / far, number, table, scratch)
                 before = ti.max(0.0, ti.min((there - chance) / (number[P_STAY] - chance), 1.0))
                 share = chance * (1 - before) / ti.max(there, 1e-12)
             for n in range(last + 1):
@@ -115,10 +115,10 @@ def listen(
                 after[row, n] = missed * prior * table[SILENT, n]
             for m in range(heard.shape[0]):
                 if density[m, 0] >= 0 and responsible[row, m] > 0:
-                    said = ti.f64(0.0)
+                    likelihood = ti.f64(0.0)
                     for n in range(last + 1):
-                        said += (ahead[row, n] + number[SURPRISE] * table[GAP, n]) * density[m, n]
-                    part = responsible[row, m] / said
+                        likelihood += (ahead[row, n] + number[SURPRISE] * table[GAP, n]) * density[m, n]
+                    part = responsible[row, m] / likelihood
                     for n in range(last + 1):
                         prior, so_far = ahead[row, n] + number[SURPRISE] * table[GAP, n], after[row, n]
                         after[row, n] = so_far + part * prior * density[m, n]

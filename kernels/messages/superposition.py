@@ -116,7 +116,9 @@ def superpose(
     weight: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] mean power of each path
     scale: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [3] the noise's power in each sample; that of all
     # samples; their number
-    told: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, 2] or [0, 2]: amplitudes at which `information` is,
+    believed: ti.types.ndarray(
+        dtype=ti.f64, ndim=2
+    ),  # [N, 2] or [0, 2]: amplitudes at which `information` is,
     # else at those found
     gram: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [4 N + 1, 4 N, 2] scratch: products with responses
     half: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [5 N + 1, N, 2] scratch: these solved; the root
@@ -157,7 +159,7 @@ def superpose(
         sums[0] = -log_det - samples * logarithm_of(noise) - (scale[1] - explained) / noise
         sums[1], sums[2] = rest, unexplained
         if information.shape[0] > 0:
-            inform(told, noise, gram, half, path, information)
+            inform(believed, noise, gram, half, path, information)
 
 
 @ti.func
@@ -312,7 +314,7 @@ def left_over(gram: ti.template(), half: ti.template(), noise, row, column):
 
 @ti.func
 def inform(
-    told: ti.template(), noise, gram: ti.template(), half: ti.template(), path: ti.template(),
+    believed: ti.template(), noise, gram: ti.template(), half: ti.template(), path: ti.template(),
     information: ti.template(),
 ):  # fmt: skip
     """Information of the samples about the paths' parameters (M76)."""
@@ -320,8 +322,8 @@ def inform(
     for n in range(count):
         for m in range(n, count):
             ax, ay, bx, by = path[n, 0], path[n, 1], path[m, 0], path[m, 1]
-            if told.shape[0] > 0:
-                ax, ay, bx, by = told[n, 0], told[n, 1], told[m, 0], told[m, 1]
+            if believed.shape[0] > 0:
+                ax, ay, bx, by = believed[n, 0], believed[n, 1], believed[m, 0], believed[m, 1]
             x, y = ax * bx + ay * by, ax * by - ay * bx
             u, v = ti.Matrix.zero(ti.f64, 3, 3), ti.Matrix.zero(ti.f64, 3, 3)
             for k in range(count):

@@ -106,8 +106,8 @@ def agrees() -> bool:
             _verdict.append(not trouble)
             if trouble:
                 known = ".".join(map(str, ti.__version__))
-                said = f"Taichi {known} isn't launched quickly, and steps take twice as long: {trouble}"
-                warnings.warn(said, RuntimeWarning, stacklevel=3)
+                warning = f"Taichi {known} isn't launched quickly, and steps take twice as long: {trouble}"
+                warnings.warn(warning, RuntimeWarning, stacklevel=3)
         return _verdict[0]
 
 
@@ -150,14 +150,14 @@ def _hurrying(kernel: Any) -> Launch:
         if len(values) != len(slots):
             return plain(*arguments)
         (code,) = compiled.values()
-        kept = _reused_launch(own, code, primal.runtime.prog, values, key, spare)
-        context, handed = kept.context, kept.handed
+        reused = _reused_launch(own, code, primal.runtime.prog, values, key, spare)
+        context, handed = reused.context, reused.handed
         if not ON_CPU:
-            context, handed = _context(code, kept.empty), [NOTHING] * len(handed)
+            context, handed = _context(code, reused.empty), [NOTHING] * len(handed)
         for number in compress(numbers, map(is_not, values, handed)):
             if not _hand_over(context, handed, number, slots[number], values[number]):
                 return plain(*arguments)
-        return primal.runtime.prog.launch_kernel(kept.machine, context)
+        return primal.runtime.prog.launch_kernel(reused.machine, context)
 
     return launch
 

@@ -46,8 +46,8 @@ def weigh(
                     per_metre = 1 / ti.max(heard[m, 0] - late, 1e-3) if spreading > 0.5 else one
                     for n in range(count):
                         level = amplitudes.nodes[n] * per_metre
-                        said = rician(heard[m, 6], level, samples)
-                        scratch.density[0, m, n], scratch.density[1, m, n] = said, said * level
+                        density = rician(heard[m, 6], level, samples)
+                        scratch.density[0, m, n], scratch.density[1, m, n] = density, density * level
         per_metre = 1 / ti.max(rows.predicted[row, LENGTH], 1e-3) if spreading > 0.5 else one
         usual, seen, both = 0 * one, 0 * one, 0 * one
         for n in range(count):
@@ -71,11 +71,11 @@ def weigh(
                 else:
                     for n in range(count):
                         level = amplitudes.nodes[n] * per_metre
-                        said = amplitudes.probability[row, n] * rician(
+                        density = amplitudes.probability[row, n] * rician(
                             heard[m, 6], level, radio[anchor, SAMPLES]
                         )
-                        total += said
-                        mean += said * level
+                        total += density
+                        mean += density * level
             scratch.strength[0, row, m] = total
             scratch.strength[1, row, m] = mean / total if total > NEVER else usual
     for m in range(heard.shape[0]):

@@ -42,11 +42,11 @@ def fold_messages(
     shift = ti.cast(prior, ti.f32)
     ti.loop_config(serialize=ON_CPU)
     for group in range(news.shape[1]):
-        first, told = group * CELLS, every
+        first, messages = group * CELLS, every
         live = ti.min(CELLS, before.shape[0] - first)
         for slab in range(message.shape[0]):
-            told += ti.cast(news[slab, group], ti.i32)
-        if told == 0:
+            messages += ti.cast(news[slab, group], ti.i32)
+        if messages == 0:
             for i in range(live):
                 evidence[first + i] = before[first + i]
         else:

@@ -116,9 +116,9 @@ def weigh_pairs(
     unknown = unknown_row(places, head, anchor, state.shape[0])
     if unknown >= 0:
         if rise_of(places, anchor) >= 0:
-            told = ti.cast(places[anchor, TOLD_HEIGHT], ti.f32)
+            anchor_height = ti.cast(places[anchor, TOLD_HEIGHT], ti.f32)
             for i in range(BLOCK):
-                far[i] = slant_of(tx[i] * tx[i] + ty[i] * ty[i], told + state[unknown, at + i])
+                far[i] = slant_of(tx[i] * tx[i] + ty[i] * ty[i], anchor_height + state[unknown, at + i])
         else:
             for i in range(BLOCK):
                 far[i] += state[unknown, at + i]

@@ -22,10 +22,10 @@ def trace_paths(
     for row in range(path.shape[0]):
         bounces, last, first = path[row, 0], path[row, 1], path[row, 2]
         place = ti.Vector([spot[0], spot[1], spot[2], spot[3], spot[4]], dt=ti.f64)
-        told, slope = path_of(mean, head, place, bounces, last, first)
+        values, slope = path_of(mean, head, place, bounces, last, first)
         entry = entry_of(head, bounces, last, first)
         for q in ti.static(range(3)):
-            value[row, q] = told[q]
+            value[row, q] = values[q]
             for n in range(mean.shape[0]):
                 total = ti.f64(0.0)
                 for k in ti.static(range(7)):

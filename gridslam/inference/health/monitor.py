@@ -158,7 +158,10 @@ class HealthMonitor:
         if ratio > max(called, MISFIT):
             found.append(reasons.misfit(ratio))
         known = calibration.listened >= LISTENED  # at first, walls that are still to be born pass for clutter
-        clutter = max((level for level, told in zip(heard, known, strict=True) if told), default=0.0) / stated
+        clutter = (
+            max((level for level, has_level in zip(heard, known, strict=True) if has_level), default=0.0)
+            / stated
+        )
         if clutter > LOUD_CLUTTER:
             found.append(reasons.clutter(clutter))
         if turned.any():

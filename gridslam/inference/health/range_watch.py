@@ -60,7 +60,7 @@ class RangeWatch:
         Numbers in it.
     steps : int
         That were looked at, with two anchors or more in sight.
-    told : str
+    doubt : str
         What is wrong, in words; empty if nothing is.
     """
 
@@ -69,7 +69,7 @@ class RangeWatch:
     total: float = 0.0
     count: float = 0.0
     steps: int = 0
-    told: str = ""
+    doubt: str = ""
 
     @classmethod
     def start(cls, anchors: int) -> Self:
@@ -98,7 +98,7 @@ class RangeWatch:
         )  # fmt: skip
         if after.steps < LEAST_STEPS or after.steps % EVERY:
             return after
-        return replace(after, told=after.conclusion(model))
+        return replace(after, doubt=after.conclusion(model))
 
     def conclusion(self, model: FilterModel) -> str:
         """What is wrong beyond doubt, in words."""

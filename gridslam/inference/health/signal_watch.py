@@ -62,10 +62,10 @@ class SignalWatch:
         left = np.linalg.solve(root, np.linalg.solve(root, after).T)
         value, vector = np.linalg.eigh(np.eye(len(shift)) - 0.5 * (left + left.T))
         news = vector.T @ np.linalg.solve(root, shift)
-        told = value > 0.05  # a distance of which nothing was told can't misfit
-        squared = float((news[told] ** 2 / value[told]).sum())
+        informed = value > 0.05  # a distance of which nothing was told can't misfit
+        squared = float((news[informed] ** 2 / value[informed]).sum())
         return replace(
-            self, misfit=self.misfit + squared, freedom=self.freedom + float(told.sum()),
+            self, misfit=self.misfit + squared, freedom=self.freedom + float(informed.sum()),
             explained=self.explained + explained, power=self.power + power,
         )  # fmt: skip
 

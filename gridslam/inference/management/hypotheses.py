@@ -72,8 +72,8 @@ def advance(
     """
     ranges = _ranges(population, scan, model, work)
     population, info = _advanced(population, scan, model, work, start, step)
-    if ranges.told:
-        info = info.doubted(ranges.told)
+    if ranges.doubt:
+        info = info.doubted(ranges.doubt)
     return replace(population, ranges=ranges), info
 
 
@@ -246,11 +246,11 @@ def _doubted(
 
 def comparable(info: StepInfo, state: State, model: FilterModel) -> float:
     """Log evidence of a step, such that hypotheses with clutter levels of their own can be compared."""
-    told, log = model.radio.false_alarms, info.log_evidence
+    stated, log = model.radio.false_alarms, info.log_evidence
     for exchange in info.exchanges:
-        level = state.calibration.level(exchange.anchor, told)
-        if level != told:
-            log += exchange.measured.shape[1] * float(np.log(level / told)) - (level - told)
+        level = state.calibration.level(exchange.anchor, stated)
+        if level != stated:
+            log += exchange.measured.shape[1] * float(np.log(level / stated)) - (level - stated)
     return log
 
 

@@ -26,14 +26,14 @@ def prune(
     Without confirmation a false birth hides: once its rays are believed blocked, no miss counts against it.
     """
     rows = zip(bank.existence.tolist(), bank.age.tolist(), bank.seen.tolist(), strict=True)
-    kept = [
+    passes = [
         existence >= (max(threshold, 0.3) if age >= 3 and seen < 3 else threshold)
         and seen >= next((least for after, least in CONFIRMED if age >= after), 0)
         for existence, age, seen in rows
     ]
-    if all(kept) and (most is None or len(kept) <= most):
+    if all(passes) and (most is None or len(passes) <= most):
         return bank, belief
-    good = np.array(kept)
+    good = np.array(passes)
     if most is not None and good.sum() > most:
         order = np.argsort(-bank.existence * good, kind="stable")
         good = np.zeros(len(bank), dtype=bool)

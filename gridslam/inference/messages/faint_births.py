@@ -129,8 +129,8 @@ def borne_out(
     b, h = _about(mirror(line[:, None], places[:, :2]), left, places)
     at = b, left.anchor[h], left.back[h]
     near, gap = _near(left.value[h], path.value[at])
-    kept = near & possible[at]
-    b, h, gap = b[kept], h[kept], gap[kept]
+    fits = near & possible[at]
+    b, h, gap = b[fits], h[fits], gap[fits]
     if not len(b):
         return np.zeros((len(line), len(REFLECTION_BINS))), np.zeros(len(line), np.int64)
     level = REFLECTION_BINS * radio.amplitude(path.value[..., :1])

@@ -63,9 +63,9 @@ def with_levels(model: FilterModel, levels: Array | None) -> FilterModel:
     """The model with the coefficients that are believed, to a hundredth; the same object while these stay."""
     if levels is None:
         return model
-    mean, told = level_means(levels)[0], np.array(model.radio.image_gains[1:])
+    mean, stated = level_means(levels)[0], np.array(model.radio.image_gains[1:])
     rough = np.maximum(np.round(mean / ROUGH) * ROUGH, ROUGH)
-    return _with_gains(model, (1.0, *np.where(mean > 0, rough, told).tolist()))
+    return _with_gains(model, (1.0, *np.where(mean > 0, rough, stated).tolist()))
 
 
 @lru_cache(64)

@@ -180,11 +180,13 @@ def evaluate(
     state = work.buffers(_states, 0, rows, particles)
     odds[tables.EXISTENCE], odds[tables.SURFACES], odds[tables.OPEN] = rays.existence, rays.surfaces, validity
     launch(
-        1.0 if amplitudes.spreading else 0.0, table.step, recipe.layout.head, recipe.kept,
+        1.0 if amplitudes.spreading else 0.0, table.step, recipe.layout.head, recipe.bandwidth,
         blocks.Amplitudes(amplitudes.probability, nodes, table.chance),
         blocks.PathRows(rays.table, paths.prediction.whole), heard.table,
         blocks.Anchors(model.places, signal.numbers),
         blocks.Drawing(recipe.root, recipe.base, recipe.points, state), scratch, found, ratios,
     )  # fmt: skip
     pairs = Pairs(int(found.start[-1]), found.start, found.index, found.pair)
-    return Cloud(state, recipe.kept, recipe.layout.unknowns), LikelihoodRatios(pairs, found.blocks, *ratios)
+    return Cloud(state, recipe.bandwidth, recipe.layout.unknowns), LikelihoodRatios(
+        pairs, found.blocks, *ratios
+    )

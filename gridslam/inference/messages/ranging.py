@@ -206,10 +206,12 @@ def _level(heard: AnchorScan, signal: RadioModel) -> tuple[NDArray[np.bool_], Ar
     distance = np.where(usable, heard.value[:, 0], 1.0)
     loud = ~np.isnan(heard.amplitude)
     strength = np.where(loud, heard.amplitude, signal.amplitude(distance, 0.5))
-    said = np.exp(signal.log_rician(strength[:, None], signal.amplitude(distance[:, None], REFLECTION_BINS)))
+    density = np.exp(
+        signal.log_rician(strength[:, None], signal.amplitude(distance[:, None], REFLECTION_BINS))
+    )
     std = deviations(heard, np.arange(len(heard)), strength, np.nan_to_num(heard.value[:, 1:]), signal)[:, 0]
     clutter = np.log(signal.false_alarms) + signal.log_clutter(heard.amplitude) + 2 * np.log(2 * np.pi)
-    return usable, std, np.where(loud, said.mean(1), 1.0) * np.exp(-clutter)
+    return usable, std, np.where(loud, density.mean(1), 1.0) * np.exp(-clutter)
 
 
 def claims(rings: Rings, worth: Worth) -> tuple[Array, Array]:
@@ -228,13 +230,13 @@ def learn(rings: Rings, worth: Worth, nu: Array) -> Rings:
         Messages from the association.
     """
     old = rings.take(worth.rows)
-    said = P_STAY * nu[:, None] * worth.ratio
-    factor = said.sum(-1) + P_STAY * (1 - worth.detection)[:, None] + 1 - P_STAY
+    joint = P_STAY * nu[:, None] * worth.ratio
+    factor = joint.sum(-1) + P_STAY * (1 - worth.detection)[:, None] + 1 - P_STAY
     mean = (old.weight * factor).sum(-1)
-    heard = (old.weight * said.sum(-1)).sum(-1) / mean
+    heard = (old.weight * joint.sum(-1)).sum(-1) / mean
     existence = old.existence * mean / (old.existence * mean + 1 - old.existence)
     # the gains of a hypothesis point the same way for all measurements and differ in size alone
-    share, size = said / factor[..., None], 1 / (worth.spread[..., None] + worth.noise)
+    share, size = joint / factor[..., None], 1 / (worth.spread[..., None] + worth.noise)
     step = (share * size * worth.gap).sum(-1)
     among = (share * (size * worth.gap) ** 2).sum(-1) - step**2
     narrower = (share * size).sum(-1) - among

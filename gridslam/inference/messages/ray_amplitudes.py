@@ -182,7 +182,7 @@ def update_amplitudes(
     worth = (rays.existence * rays.surfaces > WORTH_KEEPING).tolist()
     lengths, keys = paths.prediction.length.tolist(), RayAmplitudes.keys(rays, state.surfaces.identity)
     rows = enumerate(zip(keys, lengths, worth, strict=True))
-    changes = {key: (after[row], length) for row, (key, length, kept) in rows if kept}
+    changes = {key: (after[row], length) for row, (key, length, lasting) in rows if lasting}
     return replace(state, amplitudes=amplitudes.having(changes))
 
 

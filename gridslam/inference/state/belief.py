@@ -202,11 +202,11 @@ def separated(belief: Belief) -> Belief:
 
 def lines_covariance(belief: Belief, surfaces: NDArray[np.bool_]) -> Array:
     """Joint covariance of some lines (2 S, 2 S), as they are written for users: with offsets of 0 or more."""
-    kept = keep(belief, surfaces)
-    sign = np.ones(kept.layout.size)
-    sign[kept.layout.offsets] = np.where(kept.lines[:, 1] < 0, -1.0, 1.0)
-    rows = kept.layout.lines
-    return np.asarray(kept.covariance[rows, rows] * np.outer(sign[rows], sign[rows]))
+    marginal = keep(belief, surfaces)
+    sign = np.ones(marginal.layout.size)
+    sign[marginal.layout.offsets] = np.where(marginal.lines[:, 1] < 0, -1.0, 1.0)
+    rows = marginal.layout.lines
+    return np.asarray(marginal.covariance[rows, rows] * np.outer(sign[rows], sign[rows]))
 
 
 def with_lines(belief: Kind, covariance: Array) -> Kind:

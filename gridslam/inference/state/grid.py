@@ -47,12 +47,12 @@ class Grid:
     @classmethod
     def of(cls, evidence: Array, observed: NDArray[np.bool_], coefficient: NDArray[np.float32]) -> Self:
         """Take over whole arrays; `coefficient` (ny, nx, BINS) is 0 where nothing was hit."""
-        told = np.asarray(coefficient, np.float32)
-        known = told.any(-1)
+        logs = np.asarray(coefficient, np.float32)
+        known = logs.any(-1)
         row = np.full(known.shape, NEVER_HIT, np.int32)
         row[known] = np.arange(np.count_nonzero(known))
         whole = np.ascontiguousarray(evidence, np.float64), np.array(observed, dtype=bool, order="C")
-        return cls(*whole, row, np.ascontiguousarray(told[known]))
+        return cls(*whole, row, np.ascontiguousarray(logs[known]))
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -68,15 +68,15 @@ class Leftovers:
     ) -> Self:  # fmt: skip
         """These and what is left of one more step; the oldest are forgotten."""
         recent = int(self.back.searchsorted(MEMORY - 1))
-        kept, steps = slice(max(min(recent, MOST - len(anchor)), 0)), slice(MEMORY - 1)
+        recent_rows, steps = slice(max(min(recent, MOST - len(anchor)), 0)), slice(MEMORY - 1)
         return type(self)(
             np.concatenate([pose[None], self.pose[steps]]),
             np.concatenate([covariance[None], self.covariance[steps]]),
-            np.concatenate([np.zeros(len(anchor), np.int64), self.back[kept] + 1]),
-            np.concatenate([anchor, self.anchor[kept]]),
-            np.concatenate([value, self.value[kept]]),
-            np.concatenate([std, self.std[kept]]),
-            np.concatenate([amplitude, self.amplitude[kept]]),
+            np.concatenate([np.zeros(len(anchor), np.int64), self.back[recent_rows] + 1]),
+            np.concatenate([anchor, self.anchor[recent_rows]]),
+            np.concatenate([value, self.value[recent_rows]]),
+            np.concatenate([std, self.std[recent_rows]]),
+            np.concatenate([amplitude, self.amplitude[recent_rows]]),
         )
 
 

@@ -48,14 +48,14 @@ class Cloud:
     state : (3 + 3 S + J, P) float32 or float64
         x, y (m) and heading (rad); unit normal and offset (m) of every surface; differences of clocks, or
         rises (m), if these are unknown. Particles stay on the device that computes.
-    kept : float
+    bandwidth : float
         h^2: bandwidth, as a share of the covariance.
     unknowns : int
         J or G, 0 if clocks and heights are known.
     """
 
     state: runtime.Resident
-    kept: float
+    bandwidth: float
     unknowns: int = 0
 
     @property
@@ -84,7 +84,7 @@ class Recipe:
         Standard normal; where the device has them.
     count : int
         P.
-    kept : float
+    bandwidth : float
         Bandwidth, as a share of the covariance.
     """
 
@@ -93,7 +93,7 @@ class Recipe:
     base: Single
     points: runtime.Resident
     count: int
-    kept: float
+    bandwidth: float
 
     @property
     def room(self) -> tuple[int, int]:

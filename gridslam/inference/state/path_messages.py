@@ -21,7 +21,7 @@ class PathMessages:
 
     Parameters
     ----------
-    kept : bool
+    records : bool
         False for a system that needs none: there is never any capacity, and nothing is appended.
 
     Attributes
@@ -42,8 +42,8 @@ class PathMessages:
         No path names more surfaces and anchors.
     """
 
-    def __init__(self, kept: bool = True) -> None:
-        self.count, self.among, self._kept = np.zeros(2, np.int32), (0, 0), kept
+    def __init__(self, records: bool = True) -> None:
+        self.count, self.among, self._records = np.zeros(2, np.int32), (0, 0), records
         self.path, self.factor = np.zeros((0, 4), np.int32), np.zeros((0, 2))
         self.summary, self.begin, self.pairs = np.zeros((4, 0)), np.zeros(1, np.int32), np.zeros((2, 0))
 
@@ -66,7 +66,7 @@ class PathMessages:
 
     def reserve(self, paths: int, pairs: int, among: tuple[int, int]) -> None:
         """Have capacity for so many more, which name surfaces and anchors below these."""
-        if not self._kept:
+        if not self._records:
             return
         self.among = max(self.among[0], among[0]), max(self.among[1], among[1])
         listed, paired = self.count.tolist()

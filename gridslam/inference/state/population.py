@@ -160,7 +160,7 @@ class Population(Generic[S]):
         """
         states, logs = list(self.states), list(self.log_weight)
         left, guarded = list(range(len(states)) if among is None else among), self._guarded
-        guard, kept = self.guard, list[int]()
+        guard, survivors = self.guard, list[int]()
         while left:
             one = left.pop(0)
             for other in list(left):
@@ -173,10 +173,10 @@ class Population(Generic[S]):
                 logs[one] = float(np.logaddexp(logs[one], logs[other]))
                 left.remove(other)
                 guard = one if guard == other else guard
-            kept.append(one)
-        if among is None and len(kept) == len(states):
+            survivors.append(one)
+        if among is None and len(survivors) == len(states):
             return self
-        return replace(self, states=tuple(states), log_weight=tuple(logs), guard=guard).take(kept)
+        return replace(self, states=tuple(states), log_weight=tuple(logs), guard=guard).take(survivors)
 
     @property
     def _guarded(self) -> int:

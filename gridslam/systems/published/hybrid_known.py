@@ -124,7 +124,7 @@ class KnownHybridSlam(HybridFilter):
 
     method = "hybrid-known"
     uses_maps = False
-    told = "true walls and scatterers"
+    truth_given = "true walls and scatterers"
     start = staticmethod(start)
     advance = staticmethod(step)
 
@@ -135,5 +135,5 @@ class KnownHybridSlam(HybridFilter):
         super().__init__(scene, prior_map, agent, seed, same_frame, waveform)
         table, joint = true_features(scene, self.model)
         belief = with_features(self.state.joint, table, joint, self.model.anchor_positions)
-        told = replace(self.state, joint=belief, before=belief, next_identity=len(belief.features))
-        self.now = self.now._replace(believed=told)
+        state = replace(self.state, joint=belief, before=belief, next_identity=len(belief.features))
+        self.now = self.now._replace(believed=state)

@@ -23,7 +23,7 @@ def late(heard, metres, anchor=None):
 
 def watched(scene, heard):
     """What is told after every look, each third step."""
-    return [watch.told for watch in looked(scene, heard)]
+    return [watch.doubt for watch in looked(scene, heard)]
 
 
 def crossing_at(scan, model):

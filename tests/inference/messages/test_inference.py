@@ -279,7 +279,7 @@ def test_messages_stay_when_capacity_grows_and_there_is_never_any_where_none_are
     for now, then in zip(found, wanted, strict=True):
         np.testing.assert_array_equal(now, then)
     assert all(array.flags.c_contiguous for array in messages.block())
-    none = PathMessages(kept=False)
+    none = PathMessages(records=False)
     none.reserve(3, 5, (1, 2))
     assert not len(none.path)
 

@@ -167,4 +167,4 @@ def test_a_state_meets_the_messages_of_its_representation(settings, form):
     after = found.with_surfaces(slam.state, slam.model, slam.work)
     assert (after is slam.state) == (form is JointGaussian)
     paths = found.predict_paths(slam.state, 0, slam.model, work=slam.work)
-    assert (paths.recipe.kept == 0.0) == (form is SeparateParticles), "at the particles themselves"
+    assert (paths.recipe.bandwidth == 0.0) == (form is SeparateParticles), "at the particles themselves"

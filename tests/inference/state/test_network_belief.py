@@ -34,7 +34,7 @@ def test_what_a_view_learns_is_what_the_joint_belief_would_have_learned(seed, ag
     slopes = draw.normal(size=(3, len(rows)))
     seen = updated(whole.view(agent), slopes, np.random.default_rng(seed))
     direct = updated(whole, slopes @ rows, np.random.default_rng(seed))
-    absorbed = whole.absorb(agent, seen)
+    absorbed = whole.updated(agent, seen)
     scale = np.sqrt(np.diag(whole.covariance))
     heading = whole.layout.pose(agent).start + 4
     off = absorbed.mean - direct.mean
@@ -48,7 +48,7 @@ def test_a_surface_born_in_a_view_is_correlated_with_all_that_bore_it():
     rows = whole.projection(1)
     by_view, by_number = draw.normal(size=(2, len(rows))), draw.normal(size=(2, 2))
     line, noise = np.array([0.3, 2.0]), np.array([0.1, 0.2])
-    absorbed = whole.absorb(1, give_birth(whole.view(1), line, by_view, by_number, noise))
+    absorbed = whole.updated(1, give_birth(whole.view(1), line, by_view, by_number, noise))
     direct = give_birth(whole, line, by_view @ rows, by_number, noise)
     np.testing.assert_allclose(absorbed.mean, direct.mean, atol=1e-12)
     np.testing.assert_allclose(absorbed.covariance, direct.covariance, atol=1e-9)
@@ -64,7 +64,7 @@ def test_singular_views_are_absorbed():
     belief = append(belief, np.array([0.1, 4.0]), np.diag([1e-6, 1e-4]))
     slopes, draw = np.zeros((3, len(belief.projection(0)))), np.random.default_rng(1)
     slopes[:, :7] = draw.normal(size=(3, 7))
-    after = belief.absorb(0, updated(belief.view(0), slopes, draw))
+    after = belief.updated(0, updated(belief.view(0), slopes, draw))
     direct = updated(belief, slopes @ belief.projection(0), np.random.default_rng(1))
     assert np.isfinite(after.mean).all()
     assert np.linalg.eigvalsh(after.covariance).min() > -1e-9
@@ -77,7 +77,7 @@ def test_one_agent_of_known_clocks_is_its_own_view():
     belief = NetworkBelief.start(model.agents, model.clocks)
     assert (belief.clocks, len(belief.mean)) == (0, 5)
     np.testing.assert_array_equal(belief.view(0).covariance, belief.covariance)
-    np.testing.assert_array_equal(belief.absorb(0, belief.view(0)).mean, belief.mean)
+    np.testing.assert_array_equal(belief.updated(0, belief.view(0)).mean, belief.mean)
 
 
 def test_what_all_clocks_have_in_common_moves_no_view():
@@ -100,7 +100,7 @@ def test_scalar_clock_is_a_kalman_filter_of_a_walk():
         belief = predict_network(belief, dt, model.agents, clocks, np.zeros(1, bool), 0.0, np.zeros(0))
         variance += 0.25 * dt
         seen = update(belief.view(0), slopes, np.zeros((1, 1)), np.full((1, 1), noise), np.ones(1))
-        belief = belief.absorb(0, seen)
+        belief = belief.updated(0, seen)
         variance = variance * noise / (variance + noise)
         assert belief.clock_offsets()[1][0, 0] == pytest.approx(variance, rel=1e-9)
 

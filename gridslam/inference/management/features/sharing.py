@@ -86,7 +86,7 @@ def with_scatterers(
     """
     heard = np.flatnonzero((table.kind == SCATTERER) & (table.steps_seen >= LEAST_STEPS))
     whose, mine = owners(table, model), np.flatnonzero(owners(table, model) >= 0)
-    kept, own_spread = [own], np.square([ONE_PLACE_M, ONE_PLACE_M, TIED_M])
+    features, own_spread = [own], np.square([ONE_PLACE_M, ONE_PLACE_M, TIED_M])
     rows = [np.eye(len(joint))[_entries(mine)]]
     for j, anchor in enumerate(model.anchors[:, :2]):
         for n in heard[whose[heard] != j]:
@@ -102,15 +102,15 @@ def with_scatterers(
             covariance = table.covariance[[n]].copy()
             covariance[0, :3, :3], covariance[0, :3, 3], covariance[0, 3, :3] = square, 0.0, 0.0
             one = replace(one, covariance=covariance)
-            if not any(_stands_for(other, one) for other in kept):
-                kept.append(one)
+            if not any(_stands_for(other, one) for other in features):
+                features.append(one)
                 rows.append(slope)
     jacobian = np.concatenate(rows)
     whole = jacobian @ joint @ jacobian.T
     whole[: len(spread), : len(spread)] = spread
     shared = np.arange(len(spread), len(whole))
     whole[shared, shared] += np.tile(own_spread, len(shared) // 3)
-    return FeatureEstimate.stack(kept), whole
+    return FeatureEstimate.stack(features), whole
 
 
 def _louder(table: FeatureEstimate, row: int, anchor_m: Array, model: SignalModel) -> float:

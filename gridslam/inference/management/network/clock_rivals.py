@@ -175,8 +175,8 @@ def likeliest_choices(likely: list[list[float]], most: int) -> list[tuple[float,
 
 def evidence(state: NetworkState, info: Any, model: NetworkModel) -> float:
     """Log evidence of a step, of what all agents heard."""
-    told = zip(range(len(model.agents)), info.agents, model.agents, strict=True)
-    return sum(comparable(own, state.part(agent), one) for agent, own, one in told if own is not None)
+    parts = zip(range(len(model.agents)), info.agents, model.agents, strict=True)
+    return sum(comparable(own, state.part(agent), one) for agent, own, one in parts if own is not None)
 
 
 def reduced(population: Population[NetworkState]) -> Population[NetworkState]:

@@ -83,9 +83,9 @@ def network_estimate(
     )  # fmt: skip
 
 
-def whose(info: StepInfo, said: NDArray[np.intp]) -> NDArray[np.intp]:
+def whose(info: StepInfo, labels: NDArray[np.intp]) -> NDArray[np.intp]:
     """The anchor that each measurement is believed to be of, (M,); what it says of itself where it does."""
-    given = said.copy()
+    given = labels.copy()
     for exchange in info.exchanges:
         if exchange.anchor < 0 and exchange.responsible.size:
             share = exchange.responsible

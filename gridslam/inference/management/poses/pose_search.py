@@ -90,21 +90,21 @@ def find_modes(
     found = [_refined(snapshot, within, every[row], draw) for row in chosen]
     score = np.array([mode[2] for mode in found])
     order = np.argsort(-score, kind="stable")
-    kept: list[int] = []
+    distinct: list[int] = []
     for one in order.tolist():
-        near = [_near(found[one][0][None], found[other][0], 0.5)[0] for other in kept]
+        near = [_near(found[one][0][None], found[other][0], 0.5)[0] for other in distinct]
         if score[one] > score[order[0]] - BEHIND and not any(near):
-            kept.append(one)
-    pose, spread = np.array([found[k][0] for k in kept]), np.array([found[k][1] for k in kept])
+            distinct.append(one)
+    pose, spread = np.array([found[k][0] for k in distinct]), np.array([found[k][1] for k in distinct])
     unlikely = score[-(len(found) // 10 + 1) :].max() < score[order[0]] - BEHIND  # and so are those left out
-    complete = len(kept) <= cap and (unlikely or not more)
-    kept, pose, spread = kept[:cap], pose[:cap], spread[:cap]
+    complete = len(distinct) <= cap and (unlikely or not more)
+    distinct, pose, spread = distinct[:cap], pose[:cap], spread[:cap]
     gap = pose - mean
     gap[:, 2] = wrap(gap[:, 2])
     known = covariance + np.diag(LEAST)
     far = np.einsum("ki,ij,kj->k", gap, np.linalg.inv(known), gap)
     mass = 0.5 * np.linalg.slogdet(spread)[1] - 0.5 * np.linalg.slogdet(known)[1] - 0.5 * far
-    return Modes(pose, spread, np.minimum(mass, 0.0), score[kept], complete)
+    return Modes(pose, spread, np.minimum(mass, 0.0), score[distinct], complete)
 
 
 @dataclass(frozen=True, eq=False)

@@ -205,8 +205,8 @@ def _follow_powers(belief: JointBelief, anchor: int, known: Products, power: Arr
     amplitude = root * (inverse @ (root * known.matched))
     spread = power * noise * np.diagonal(inverse)
     square = np.abs(amplitude) ** 2 + spread
-    kept = np.vdot(amplitude, known.gram @ amplitude - 2 * known.matched).real
-    noise_now = (known.energy + kept) / (known.size - np.count_nonzero(power))
+    residual = np.vdot(amplitude, known.gram @ amplitude - 2 * known.matched).real
+    noise_now = (known.energy + residual) / (known.size - np.count_nonzero(power))
     los_power, noises, bank = belief.los_power.copy(), belief.noise.copy(), belief.features
     if power[0] > 0:
         los_power[anchor] += FORGETS * (square[0] - los_power[anchor])

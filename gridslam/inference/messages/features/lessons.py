@@ -71,9 +71,9 @@ def take_up(
     since = state.segment.last(state.step - lesson.step)
     joint, evidence, track = replay(after.joint, since, lesson.time_s, lesson.step, model, led=False)
     since = replace(since, agent=track, evidence=evidence)
-    kept = after.segment  # of particles the segment goes on, else it began anew
+    collected = after.segment  # of particles the segment goes on, else it began anew
     return replace(
-        state, joint=joint, before=after.before, before_s=after.before_s, segment=kept.joined(since),
+        state, joint=joint, before=after.before, before_s=after.before_s, segment=collected.joined(since),
         particles=None, next_identity=after.next_identity,
     ), learned  # fmt: skip
 

@@ -138,9 +138,14 @@ def clock_evidence(
     variance = variance + CELL_M**2 / 12
     height = chance[:, None] * weight / clutter[:, heard] / np.sqrt(2 * np.pi * variance)
     nothing = NOTHING * (1 - chance[:, None])
-    told = height > nothing
-    path, late, width, height = np.nonzero(told)[0], shift[told], 2 * variance[told], height[told]
-    reach = np.sqrt(width * np.log(height / np.broadcast_to(nothing, told.shape)[told]))
+    supported = height > nothing
+    path, late, width, height = (
+        np.nonzero(supported)[0],
+        shift[supported],
+        2 * variance[supported],
+        height[supported],
+    )
+    reach = np.sqrt(width * np.log(height / np.broadcast_to(nothing, supported.shape)[supported]))
     begin, end = np.searchsorted(centre, late - reach), np.searchsorted(centre, late + reach, "right")
     pair = np.repeat(np.arange(len(path)), end - begin)
     cell = np.arange(len(pair)) - np.repeat(np.cumsum(end - begin) - end, end - begin)

@@ -30,8 +30,8 @@ def predict_all(
         What each agent heard; None for one that isn't there.
     """
     here: NDArray[np.bool_] = np.array([scan is not None for scan in scans])
-    said = np.concatenate([scan.anchor for scan in scans if scan is not None] or [np.zeros(0, np.intp)])
-    labelled = bool((said >= 0).all()) if len(said) else state.labelled
+    labels = np.concatenate([scan.anchor for scan in scans if scan is not None] or [np.zeros(0, np.intp)])
+    labelled = bool((labels >= 0).all()) if len(labels) else state.labelled
     belief, surfaces, clocks = state.belief, state.surfaces, state.clocks
     if state.time_s is not None:
         settings, dt = model.agents[0].settings, time_s - state.time_s

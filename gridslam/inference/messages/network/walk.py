@@ -46,9 +46,9 @@ def learn_walk(predicted: NetworkState, state: NetworkState, model: NetworkModel
         return state
     own = before.layout.devices[free]
     moved = after.mean[own] - before.mean[own]
-    told = before.covariance[np.ix_(own, own)] - after.covariance[np.ix_(own, own)]
+    gained = before.covariance[np.ix_(own, own)] - after.covariance[np.ix_(own, own)]
     count = len(moved)
-    expected = float(np.trace(told) - told.sum() / count)  # without what all have in common
+    expected = float(np.trace(gained) - gained.sum() / count)  # without what all have in common
     if not expected > 0:
         return state
     surprise = float(moved @ moved - moved.sum() ** 2 / count) / expected - 1

@@ -51,18 +51,18 @@ def propose_network(
     logs = np.full((several, labels, count), -np.inf)
     position = np.zeros((several, labels, count, 2))
     for m in range(several):
-        told = int(heard.label[m])
+        label = int(heard.label[m])
         bearing = own[:, 4] + heard.value[m, 2] + std[m, 2] * draw.standard_normal(count)
         if not np.isfinite(std[m, 2]):
             bearing = draw.uniform(-np.pi, np.pi, count)
         measured = heard.value[m, 0] + std[m, 0] * draw.standard_normal(count) + own[:, CLOCK]
-        for j in range(labels) if told < 0 else (told,):
+        for j in range(labels) if label < 0 else (label,):
             distance = measured - state.clocks[j]
             position[m, j] = own[:, :2] + np.maximum(distance, 1e-3)[:, None] * unit(bearing)
             value = path_values(own[:, :CLOCK], position[m, j][None], np.zeros(1, bool), anchors[j])[1, 0]
             aod = _log_gaussian(wrap(heard.value[m, 1] - value), std[m, 1])
             possible = distance > 0
-            share = 0.0 if told >= 0 else np.log(labels)
+            share = 0.0 if label >= 0 else np.log(labels)
             logs[m, j, possible] = base[m] - share + np.log(distance[possible]) + aod[possible]
     return NetworkBirths(np.exp(logs).mean(-1), logs, position)
 
@@ -81,8 +81,8 @@ def add_network_births(
         state.next_identity + np.arange(size), labels.astype(np.int64), np.zeros(size, bool),
         existence[rows, labels], place, np.zeros((size, count)),
     )  # fmt: skip
-    kept = state.features.take(state.features.existence > FEW)
-    return replace(state, features=kept.joined(born), next_identity=state.next_identity + size)
+    surviving = state.features.take(state.features.existence > FEW)
+    return replace(state, features=surviving.joined(born), next_identity=state.next_identity + size)
 
 
 def _log_gaussian(off: Array, std: float) -> Array:

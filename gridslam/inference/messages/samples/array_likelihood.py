@@ -80,8 +80,8 @@ class Factors:
 
     def delayed(self, samples: Complex) -> Complex:
         """Samples (A, B, M) as the delays make them, (2, N, A, B)."""
-        told = np.matmul(self.delay, samples.reshape(-1, samples.shape[-1]).T)
-        return np.asarray(told.reshape(*told.shape[:2], *samples.shape[:2]))
+        matched = np.matmul(self.delay, samples.reshape(-1, samples.shape[-1]).T)
+        return np.asarray(matched.reshape(*matched.shape[:2], *samples.shape[:2]))
 
 
 @dataclass(frozen=True, eq=False)

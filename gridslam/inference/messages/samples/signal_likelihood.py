@@ -294,9 +294,9 @@ class Inverse:
         """Tables (len(rows), G) of some paths as if each were one more on top of all others."""
         factors = self.factors[rows]
         waves = self._transform(factors, whole.matched.shape[-1])
-        told = np.conj(factors) @ self.samples
+        matched = np.conj(factors) @ self.samples
         return Sweep(
-            whole.spacing_m, whole.matched + (waves * told[..., None]).sum(1),
+            whole.spacing_m, whole.matched + (waves * matched[..., None]).sum(1),
             whole.self_power + (np.abs(waves) ** 2).sum(1),
         )  # fmt: skip
 
@@ -305,8 +305,8 @@ class Inverse:
         response = self.band.response(distance)
         back = np.conj(response)
         waves = (back[:, None] * self.factors).sum(-1)
-        told = np.conj(self.factors) @ self.samples
-        matched = back @ (self.matrix @ self.samples) + (waves * told).sum(1)
+        removed = np.conj(self.factors) @ self.samples
+        matched = back @ (self.matrix @ self.samples) + (waves * removed).sum(1)
         own = ((back @ self.matrix) * response).sum(-1).real + (np.abs(waves) ** 2).sum(1)
         return np.abs(matched) ** 2, np.maximum(own, 1e-300)
 

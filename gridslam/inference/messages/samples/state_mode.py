@@ -116,9 +116,9 @@ class StateMode:
         prediction's (M153).
         """
         own, gradient = _blocks(self.paths.information), self.paths.gradient
-        kept = np.eye(3) - own @ self.spread
-        share = np.maximum(np.linalg.det(kept), 1e-9)
-        cavity = self.spread @ np.linalg.inv(kept + 1e-9 * np.eye(3))
+        shrinkage = np.eye(3) - own @ self.spread
+        share = np.maximum(np.linalg.det(shrinkage), 1e-9)
+        cavity = self.spread @ np.linalg.inv(shrinkage + 1e-9 * np.eye(3))
         pulled = np.einsum("np,npq,nq->n", gradient, cavity, gradient)
         return np.asarray(0.5 * np.log(np.minimum(share, 1.0)) - 0.5 * np.clip(pulled, 0.0, 50.0))
 

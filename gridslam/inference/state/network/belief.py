@@ -2,7 +2,7 @@
 
 Whatever an agent hears depends on a linear view of it: its own pose, the differences between the anchors'
 clocks and its own, and the lines. So a step about one agent works on its view, and what it learned there is
-absorbed: the rest of the state, given the view, is as before.
+taken over: the rest of the state, given the view, is as before.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ class NetworkBelief(Belief):
         """Views that were asked for."""
         return {}
 
-    def absorb(self, agent: int, view: Belief) -> NetworkBelief:
+    def updated(self, agent: int, view: Belief) -> NetworkBelief:
         """The joint belief after an agent's view has become `view`, exactly.
 
         The view may have been updated in any way, and have new lines at its end. With

@@ -138,7 +138,7 @@ class NetworkState:
         records[agent] = AgentRecord(part.calibration, part.monitor, part.amplitudes or RayAmplitudes())
         return replace(
             self,
-            belief=self.belief.absorb(agent, part.belief),
+            belief=self.belief.updated(agent, part.belief),
             surfaces=replace(bank, single=single, double=double),
             los=los,
             records=tuple(records),
