@@ -5,6 +5,7 @@ Each takes what its kernel takes and returns what that writes, worked out anothe
 
 from gridslam.reference.births import initialise_surface, likely, propose, weigh_by_visibility
 from gridslam.reference.cells import cast, cells_of, dense, fold_messages, learn, learn_ratios, mark, recall
+from gridslam.reference.distances import climb_distances
 from gridslam.reference.feature_likelihood import (
     back_project,
     columns,
@@ -30,6 +31,7 @@ __all__ = [
     "cast",
     "cells_of",
     "climb",
+    "climb_distances",
     "columns",
     "correct",
     "dense",

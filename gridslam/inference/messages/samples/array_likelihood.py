@@ -16,6 +16,7 @@ from scipy.fft import ifft
 
 from gridslam import runtime
 from gridslam.arrays import Array
+from gridslam.inference.messages.samples.signal_likelihood import pairs
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.waveform import Waveform
 
@@ -180,11 +181,6 @@ class ArrayBand:
     def _rooms(self) -> dict[int, Factors]:
         """What `factors` writes to, by the number of paths."""
         return {}
-
-
-def pairs(numbers: Complex) -> Array:
-    """The same memory as real and imaginary parts, the last axis."""
-    return numbers.view(np.float64).reshape(*numbers.shape, 2)
 
 
 def _directions(element: Array) -> Array:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
+from gridslam import runtime
 from gridslam.arrays import Array
-from gridslam.inference.messages.samples.path_search import climb
-from gridslam.inference.messages.samples.signal_likelihood import Band, Superposition, superpose
+from gridslam.inference.messages.samples.path_search import HALVINGS, ROUNDS, STILL
+from gridslam.inference.messages.samples.signal_likelihood import Band, Superposition, pairs, superpose
 
 Complex = NDArray[np.complex128]
 FARTHEST = 0.2
@@ -59,8 +61,10 @@ class Mode:
         Inverse of prior precision plus information.
     log_posterior : float
         log CN(z; 0, C) + log prior but for constants.
-    paths : Superposition
-        The paths at the mode.
+    band : Band
+    samples : (M,) complex128
+    weight : (N,)
+        Mean power of each path, as assumed.
     noise : float
         Power of the noise in each sample, as assumed.
     """
@@ -68,8 +72,15 @@ class Mode:
     distance: Array
     covariance: Array
     log_posterior: float
-    paths: Superposition
+    band: Band
+    samples: Complex
+    weight: Array
     noise: float
+
+    @cached_property
+    def paths(self) -> Superposition:
+        """The paths at the mode."""
+        return superpose(self.band, self.samples, self.distance, self.weight, self.noise)
 
     @property
     def noise_ratio(self) -> float:
@@ -81,40 +92,6 @@ class Mode:
     def variance(self) -> Array:
         """(N,) m^2."""
         return np.asarray(self.covariance.diagonal())
-
-
-@dataclass(frozen=True, eq=False)
-class _Place:
-    """Paths at some distances, and their log posterior."""
-
-    paths: Superposition
-    value: float
-
-
-@dataclass(frozen=True, eq=False)
-class _Distances:
-    """Log posterior of the distances of all paths; see `path_search.Posterior`."""
-
-    band: Band
-    samples: Complex
-    prior: PathPrior
-    noise: float
-
-    def at(self, distance: Array) -> _Place:
-        prior = self.prior
-        paths = superpose(self.band, self.samples, distance, prior.weight, self.noise)
-        off = distance - prior.mean
-        value = paths.log_density - 0.5 * float(off @ prior.precision @ off)
-        return _Place(paths, value + float(log_behind(distance).sum()))
-
-    def slopes(self, distance: Array, place: _Place) -> tuple[Array, Array]:
-        push, stiff = _order(distance)
-        prior, paths = self.prior, place.paths
-        gradient = paths.gradient - prior.precision @ (distance - prior.mean) + push
-        return gradient, prior.precision + paths.information + stiff
-
-    def shortened(self, place: _Place, step: Array) -> Array:
-        return step * min(1.0, FARTHEST * self.band.resolution_m / np.abs(step).max())
 
 
 def joint_mode(
@@ -130,25 +107,23 @@ def joint_mode(
     start : (N,) m, optional
         Where the search begins. Default: the predicted distances.
     """
-    posterior = _Distances(band, samples, prior, noise)
-    begin = prior.mean if start is None else start
-    distance, place = climb(posterior, begin, posterior.at(begin))
-    covariance = np.linalg.inv(prior.precision + place.paths.information)
-    return Mode(distance, 0.5 * (covariance + covariance.T), place.value, place.paths, noise)
+    runtime.start()
+    from gridslam.kernels.messages.distances import climb_distances
+
+    size = len(prior.mean)
+    distance = np.array(prior.mean if start is None else start, np.float64)
+    information, value = np.empty((size, size)), np.empty(1)
+    limits = noise, FARTHEST * band.resolution_m, BEHIND_M, ROUNDS, HALVINGS, STILL**2, 1 / np.sqrt(2 * np.pi)
+    climb_distances(
+        band.wavenumber, pairs(band.pulse), pairs(np.ascontiguousarray(samples)), prior.mean,
+        prior.precision, prior.weight, np.array(limits), np.empty((7, size + 1, size, 2)),
+        np.empty((size, 9)), distance, information, value,
+    )  # fmt: skip
+    covariance = np.linalg.inv(prior.precision + information)
+    covariance = 0.5 * (covariance + covariance.T)
+    return Mode(distance, covariance, float(value[0]), band, samples, prior.weight, noise)
 
 
 def log_behind(distance: Array, margin: float = BEHIND_M) -> Array:
     """Log probability (N - 1,) that images at distances [1:] are farther than their anchor at [0]."""
     return np.asarray(log_ndtr((distance[1:] - distance[0]) / margin))
-
-
-def _order(distance: Array) -> tuple[Array, Array]:
-    """Gradient (N,) and curvature (N, N) of the sum of `log_behind`."""
-    gap = (distance[1:] - distance[0]) / BEHIND_M
-    slope = np.exp(-0.5 * gap**2 - log_ndtr(gap)) / np.sqrt(2 * np.pi)
-    bend = slope * (slope + gap) / BEHIND_M**2
-    slope = slope / BEHIND_M
-    gradient = np.concatenate([[-slope.sum()], slope])
-    curvature = np.diag(np.concatenate([[bend.sum()], bend]))
-    curvature[0, 1:] = curvature[1:, 0] = -bend
-    return gradient, curvature

@@ -25,6 +25,11 @@ LEAST_WEIGHT = 1e-9
 """Power of a path in ratio to the noise, below which it counts as this."""
 
 
+def pairs(numbers: Complex) -> Array:
+    """The same memory as real and imaginary parts, the last axis."""
+    return numbers.view(np.float64).reshape(*numbers.shape, 2)
+
+
 @dataclass(frozen=True, eq=False)
 class Band:
     """The frequencies of a snapshot, and the pulse on them.
