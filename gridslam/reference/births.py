@@ -130,8 +130,8 @@ def weigh_by_visibility(
 def initialise_surface(
     mean: Array, covariance: Array, head: int, anchor: int, places: Array, heard: Array, m: int, last: int,
     first: int, radio: Array,
-) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Twin of `initialisation.bear`: mean, covariance, and belief over the coefficient.
+) -> tuple[Array, Array, Array, float]:  # fmt: skip
+    """Twin of `initialisation.initialise_surface`: mean, covariance, belief over the coefficient, and misfit.
 
     Lines are worked out at all inputs at once, and derivatives are differences.
     """
@@ -195,4 +195,12 @@ def initialise_surface(
     if amplitude >= 0:
         level = radio[7] / max(value[0], 1e-3) * BINS * (1.0 if known < 0 else USUAL)
         density = np.exp(log_rician(np.full(len(BINS), amplitude), level, radio[8])) + 1e-6
-    return fresh.mean, fresh.covariance, density / density.sum()
+    whole = np.concatenate([fresh.mean[head:].reshape(-1, 2), fresh.lines[-1:]])  # -1: the new one
+    path = trace(
+        fresh.mean[None, :2], place[None], whole[None, last], whole[None, first],
+        np.array([1 if known < 0 else 2]), float(tall(fresh.mean, head, anchor, places)),
+    )  # fmt: skip
+    late_by = float(late(fresh.mean, head, anchor, places))
+    missed = abs(heard[m, 0] - late_by - path.distance[0]) / std[0]
+    missed = max(missed, abs(wrap(heard[m, 2] - path.arrival[0] + fresh.mean[4])) / std[2])
+    return fresh.mean, fresh.covariance, density / density.sum(), float(missed)

@@ -137,6 +137,16 @@ def correct_by_departure(
 
 
 @ti.func
+def unexplained(
+    mean: ti.template(), head, place, bounces, last, first, heard: ti.template(), m, std: ti.template()
+):  # fmt: skip
+    """By how many deviations a line misses the distance or AoA that it was made of: what linearising cost."""
+    value, _slope = path_of(mean, head, place, bounces, last, first)
+    by_distance = ti.abs(heard[m, 0] - value[0]) / std[0]
+    return ti.max(by_distance, ti.abs(wrapped(heard[m, 2] - value[2])) / std[2])
+
+
+@ti.func
 def share_unknown(joint: ti.template(), covariance: ti.template(), slope, unknown, place, length):
     """Correlate the new line with all else by what is unknown of its anchor, which shortens its path."""
     size = covariance.shape[0]
@@ -234,8 +244,8 @@ def initialise_surface(
                     else:
                         out.joint[size + r, size + q] = so_far - own
         out.fresh[size], out.fresh[size + 1] = angle, offset
+        ends = (newest if last < 0 else last), (newest if first < 0 else first)
         if departs:
-            ends = (newest if last < 0 else last), (newest if first < 0 else first)
             correct_by_departure(
                 out.fresh,
                 out.joint,
@@ -253,6 +263,10 @@ def initialise_surface(
         out.fresh[size], out.fresh[size + 1] = moved_angle + back[0], moved_offset + back[1]
         heading = out.fresh[HEADING]
         out.fresh[HEADING] = wrapped(heading)
+        out.missed[0] = unexplained(
+            out.fresh, head, anchor_of(anchors.places, out.fresh, head, anchor), bounces, ends[0], ends[1],
+            heard, m, std,
+        )  # fmt: skip
         # its coefficient, by the amplitude alone
         total, other = ti.f64(0.0), (1.0 if surface < 0 else USUAL_REFLECTION)
         for n in range(BINS):

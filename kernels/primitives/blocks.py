@@ -305,12 +305,13 @@ class Sketch(NamedTuple):
 
 class Newborn(NamedTuple):
     """Scratch [N + 2]; out: mean and covariance with the new line [N + 2], [N + 2, N + 2]; belief over its
-    coefficient [BINS]."""
+    coefficient [BINS]; by how many deviations it misses its own distance or AoA [1]."""
 
     spread: Doubles
     fresh: Doubles
     joint: Square
     coefficient: Doubles
+    missed: Doubles
 
 
 class Solver(NamedTuple):

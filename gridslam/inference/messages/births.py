@@ -26,6 +26,9 @@ from gridslam.world.radio import REFLECTION_BINS, RadioModel
 
 MOST_DOUBTFUL_M = 2.0
 """A birth whose offset is less certain than this is put off until the agent knows better where it is."""
+MOST_BENT = 6.0
+"""Deviations by which a new line may miss its own distance or AoA; one that bends too much to be linearised,
+as beside an anchor, misses them by hundreds and is put off, too."""
 RIVAL = 0.2
 """Share of a measurement's births from which on the second likeliest is followed, too."""
 
@@ -155,8 +158,8 @@ def add_chosen(
     bearers: list[tuple[Key, int]] = []
     born: list[tuple[int, float]] = []
     for number, existence in births.chosen(claimed, 0.5 * model.settings.prune_below):
-        belief, reflection = initialise_surface(births, number, heard, state.belief, signal, model)
-        if belief.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not np.isfinite(belief.mean).all():
+        belief, reflection, misfit = initialise_surface(births, number, heard, state.belief, signal, model)
+        if belief.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not misfit < MOST_BENT:
             continue
         if births.support is not None:
             reflection = reflection * births.support[number]
@@ -181,13 +184,15 @@ def add_chosen(
 
 def initialise_surface(
     births: Births, number: int, heard: AnchorScan, belief: Belief, signal: RadioModel, model: FilterModel
-) -> tuple[Belief, Array]:
+) -> tuple[Belief, Array, float]:
     """Belief with one hypothesis' surface appended, correlated with the agent, and corrected by the AoD.
 
     Returns
     -------
-    (belief, reflection)
-        reflection (BINS,): first belief over the new surface's coefficient, from the amplitude alone.
+    (belief, reflection, misfit)
+        reflection (BINS,): first belief over the new surface's coefficient, from the amplitude alone; misfit:
+        by how many deviations the surface misses the distance or AoA that it was made of, NaN if it isn't
+        finite.
     """
     runtime.start()
     from gridslam.kernels.management.initialisation import initialise_surface as launch
@@ -197,12 +202,13 @@ def initialise_surface(
     if max(last, first) >= len(belief.lines) or row >= len(heard) or anchor >= len(model.anchors):
         raise ValueError("a birth names a surface, measurement or anchor that doesn't exist")
     mean, covariance = np.empty(size + 2), np.empty((size + 2, size + 2))
-    reflection = np.empty(len(REFLECTION_BINS))
+    reflection, misfit = np.empty(len(REFLECTION_BINS)), np.empty(1)
     launch(
         belief.layout.head, anchor, row, last, first, blocks.Belief(belief.mean, belief.covariance),
         blocks.Anchors(model.places, signal.numbers), heard.table,
-        blocks.Newborn(np.empty(size + 2), mean, covariance, reflection),
+        blocks.Newborn(np.empty(size + 2), mean, covariance, reflection, misfit),
     )  # fmt: skip
     if np.pi < abs(mean[-2]) < np.inf:  # derivatives beside an anchor turn a line by full turns
         mean[-2] = wrap(mean[-2])
-    return replace(belief, mean=mean, covariance=covariance), reflection
+    bent = float(misfit[0]) if np.isfinite(mean).all() else np.nan
+    return replace(belief, mean=mean, covariance=covariance), reflection, bent

@@ -2,20 +2,21 @@
 
 import numpy as np
 import pytest
-from filter_states import model_of
+from filter_states import model_of, state_of
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from kernel_worlds import UNKNOWN, random_belief, random_places, random_radio, random_table
 
 import gridslam as gs
 from gridslam import reference, runtime
-from gridslam.inference.messages.births import Births, initialise_surface
+from gridslam.inference.messages.births import Births, add_chosen, initialise_surface
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief, append
 from gridslam.world.geometry import trace, wrap
 
 SIGNAL = gs.Scene.load("alcove").signal_model("agent1")
 PLACE, AGENT, HEADING = np.array([-0.7, 4.2]), np.array([4.25, -3.2]), np.pi
+NOBODY = np.full((1, 2), -1, np.int32)
 KNOWN, NEW = np.array([np.pi, 3.0]), np.array([0.5 * np.pi, 5.0])  # x = -3, y = 5
 
 
@@ -41,6 +42,32 @@ def test_chances_of_rivals_stay_a_distribution(ratio, claimed):
     assert 1 <= len(chosen) <= 2
     assert 0 < sum(chance for _, chance in chosen) < 1
     assert births.ratio[chosen[0][0]] == max(ratio)
+
+
+def beside_the_sight(departs_deg, arrives_deg):
+    """A birth of a wall 0.7 m beside a line of sight of 10 m, whose angles were measured so much off."""
+    place, agent, wall = np.array([11.5, 4.5]), np.array([1.55, 4.44]), np.array([[0.5 * np.pi, 5.2]])
+    path = trace(agent[None], place[None], wall, wall, np.array([1]))
+    value = np.array([path.distance[0], wrap(path.departure[0]), wrap(path.arrival[0])])
+    value += [0, np.radians(departs_deg), np.radians(arrives_deg)]
+    heard = AnchorScan.of(0, place, 0.0, value[None], np.full((1, 3), np.nan), np.array([2.5]))
+    belief = Belief(np.array([*agent, 0, 0, 0.0]), np.diag(np.square([0.05, 0.05, 0.05, 0.05, 0.03])))
+    model = model_of("alcove", [[*place, 0.0]])
+    births = Births(np.zeros(1, int), NOBODY, wall, np.ones(1), np.zeros(1, np.int32))
+    found = add_chosen(state_of(belief), births, heard, np.zeros(1), SIGNAL, model)[0]
+    return found.belief.lines, initialise_surface(births, 0, heard, belief, SIGNAL, model)
+
+
+def test_a_line_that_bends_too_much_to_be_linearised_is_put_off():
+    lines, (belief, _, misfit) = beside_the_sight(3.0, -2.0)
+    assert misfit < 2
+    np.testing.assert_array_equal(lines, belief.lines)
+    assert abs(lines[0, 1] - 5.2 + 11.5 * np.cos(lines[0, 0])) < 1.5
+    for angles in ((-32.0, 6.0), (-23.0, 10.0), (39.0, 15.0)):
+        lines, (belief, _, misfit) = beside_the_sight(*angles)
+        assert abs(belief.lines[0, 1]) > 15, "tens of metres from where it was heard"
+        assert misfit > 100
+        assert not len(lines)
 
 
 def born(off_deg, double, new=NEW):
@@ -143,6 +170,7 @@ def test_a_new_surface_joins_the_belief_as_in_its_twin(seed, surfaces, unknown):
     mean, covariance, reflection = np.full(size, np.nan), np.full((size, size), np.nan), np.full(20, np.nan)
     names = "mean", "covariance", "head", "anchor", "places", "heard", "m", "last", "first", "radio"
     out = {"spread": np.full(size, np.nan), "fresh": mean, "joint": covariance, "coefficient": reflection}
+    out["missed"] = misfit = np.full(1, np.nan)
     launch.named(**dict(zip(names, into, strict=True)), **out)
     wanted = reference.initialise_surface(*into)
     # an image next to its anchor makes no line: none that differences tell, and it is moved round and round
@@ -155,6 +183,7 @@ def test_a_new_surface_joins_the_belief_as_in_its_twin(seed, surfaces, unknown):
     )
     np.testing.assert_array_equal(covariance, covariance.T)
     np.testing.assert_allclose(reflection, wanted[2], rtol=1e-5, atol=1e-9)
+    assert misfit[0] == pytest.approx(wanted[3], rel=0.02, abs=0.02)
 
 
 def test_a_birth_of_what_is_not_there_is_refused():
