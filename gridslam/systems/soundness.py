@@ -17,6 +17,7 @@ from gridslam.inference.state.anchor_measurements import LEAST_STD
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.layout import AGENT, StateLayout
 from gridslam.inference.state.leftovers import LEAST_EVIDENCE, MOST_EVIDENCE, REFLECTIONS
+from gridslam.inference.state.network.clock_walk import SHARES, WAYS, ClockWalk
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.published.state_samples import StateSamples
@@ -75,9 +76,21 @@ def require_sound_networks(believed: Population[NetworkState], where: str) -> No
         claims = [
             ("mean", bool(np.isfinite(mean).all()), "finite"),
             ("covariance", sound, "symmetric, with variances that aren't negative"),
-            ("walk", 0 < state.walk <= 1, "a share of the walk of clocks"),
+            ("walks", state.walks is None or _sound_walks(state.walks, state), "as many as ways and clocks"),
         ]
         _require(claims, f"{where}/states/{number}/belief")
+
+
+def _sound_walks(walks: ClockWalk, state: NetworkState) -> bool:
+    """Whether filters of clocks could have become so."""
+    clocks = len(state.belief.layout.devices)
+    shape = (WAYS, len(SHARES))
+    return (
+        walks.log.shape == walks.variance.shape == shape
+        and walks.mean.shape == (*shape, clocks)
+        and walks.free.shape == (clocks,)
+        and bool((walks.log <= 0).all() and (walks.log.max(1) == 0).all() and (walks.variance >= 0).all())
+    )
 
 
 def _weights(log_weight: Sequence[float] | Array, count: int) -> list[tuple[str, bool, str]]:

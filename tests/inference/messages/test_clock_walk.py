@@ -6,20 +6,24 @@ import numpy as np
 import pytest
 
 import gridslam as gs
+from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.network.walk import (
     FIRST_STEP,
-    GAIN,
-    LEAST_SHARE,
-    MOST_SURPRISED,
+    FORGETTING,
     learn_walk,
-    walking,
+    walk_covariance,
 )
+from gridslam.inference.state.network.clock_walk import SHARES, WAYS, ClockWalk, ways_of
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.world.clocks import NS
 from gridslam.world.network_scene import network_model
 
 AGENTS = ["agent1", "agent2", "agent3"]
-FREE = 7
+J, FREE = 4, 7
+ALL = np.ones(FREE, bool)
+AMONG_ANCHORS = np.array([1.0, -1, 0, 0, 0, 0, 0])
+AMONG_AGENTS = np.array([0.0, 0, 0, 0, 1, 0, -1])
+AGAINST = np.array([3.0, 3, 3, 3, -4, -4, -4])
 
 
 @pytest.fixture(scope="module")
@@ -27,8 +31,8 @@ def world():
     """Model and state of `exchange`, all clocks set."""
     model = network_model(gs.Scene.load("exchange"), AGENTS)
     state = NetworkState.start(model)
-    clocks = replace(state.clocks, unset=np.zeros(4, bool))
-    return model, replace(state, clocks=clocks, step=FIRST_STEP, here=np.ones(3, bool))
+    clocks = replace(state.clocks, unset=np.zeros(J, bool))
+    return model, replace(state, clocks=clocks, step=FIRST_STEP, here=np.ones(3, bool), time_s=0.0)
 
 
 def with_clocks(state, mean, covariance):
@@ -39,61 +43,140 @@ def with_clocks(state, mean, covariance):
     return replace(state, belief=replace(belief, mean=centre, covariance=whole))
 
 
-def learned(world, moved, step=FIRST_STEP, walk=0.5, **changes):
-    """Share of the walk after clocks of variance 2 were moved, and variance 1 is left."""
+def learned(world, moved, before=2.0, after=1.0, **changes):
+    """What is learned once the clocks, known to `before` m^2 after a first step, are moved in another."""
     model, state = world
-    before = with_clocks(replace(state, walk=walk, step=step), np.zeros(FREE), 2 * np.eye(FREE))
-    after = replace(with_clocks(before, moved, np.eye(FREE)), **changes)
-    return learn_walk(before, after, model).walk
+    first = learn_walk(
+        with_clocks(state, np.zeros(FREE), 2 * before * np.eye(FREE)),
+        with_clocks(state, np.zeros(FREE), before * np.eye(FREE)), model,
+    )  # fmt: skip
+    ahead = with_clocks(replace(first, time_s=1.0), np.zeros(FREE), before * np.eye(FREE))
+    return learn_walk(ahead, replace(with_clocks(ahead, moved, after * np.eye(FREE)), **changes), model).walks
 
 
-def test_clocks_that_are_moved_less_than_expected_walk_less(world):
-    contrast = np.array([1.0, -1, 1, -1, 1, -1, 0])  # 6 squares: as many as the 6 that are expected
-    assert learned(world, contrast) == pytest.approx(0.5)
-    assert learned(world, 0 * contrast) == pytest.approx(0.5 * np.exp(-6 * GAIN))
-    assert learned(world, np.sqrt(2) * contrast) == pytest.approx(0.5 * np.exp(6 * GAIN))
-    assert learned(world, contrast + 30.0) == pytest.approx(0.5)  # what all have in common isn't observed
-    most = 0.1 * np.exp(6 * GAIN * MOST_SURPRISED)
-    assert learned(world, 100 * contrast, walk=0.1) == pytest.approx(most)
-    assert learned(world, 100 * contrast, walk=0.9) == 1.0  # the scene says the most
-    assert learned(world, 0 * contrast, walk=LEAST_SHARE) == LEAST_SHARE
+def test_ways_are_all_in_which_clocks_can_walk():
+    """Orthogonal projections; with what is common to all, they are all that there is."""
+    ways = ways_of(J, ALL, common=False)
+    np.testing.assert_allclose([np.trace(way) for way in ways], [3, 2, 1], atol=1e-12)
+    for a, one in enumerate(ways):
+        for b, other in enumerate(ways):
+            np.testing.assert_allclose(one @ other, one if a == b else 0 * one, atol=1e-12)
+    for number, walk in enumerate((AMONG_ANCHORS, AMONG_AGENTS, AGAINST)):
+        np.testing.assert_allclose(ways[number] @ walk, walk, atol=1e-12)
+    np.testing.assert_allclose(ways.sum(0) @ np.ones(FREE), 0, atol=1e-12)
+    np.testing.assert_allclose(ways_of(J, ALL, common=True).sum(0), np.eye(FREE), atol=1e-12)
+    lone = ways_of(1, np.array([True, True]), common=False)
+    np.testing.assert_allclose(lone[:2], 0)
+    np.testing.assert_allclose(lone[2], [[0.5, -0.5], [-0.5, 0.5]])
+    synchronised = ways_of(J, np.arange(FREE) >= J, common=True)  # the agents' alone aren't known
+    np.testing.assert_allclose(synchronised.sum(0), np.diag((np.arange(FREE) >= J).astype(float)), atol=1e-12)
+
+
+def test_each_way_of_walking_is_learned_by_itself(world):
+    prior = float(SHARES.mean())
+    told = world[0].clocks.walk_m
+    still = learned(world, 0 * AMONG_ANCHORS, before=told**2, after=0.5 * told**2).share
+    assert (still < prior).all()
+    for way, walk in enumerate((AMONG_ANCHORS, AMONG_AGENTS, AGAINST)):
+        moved = told * walk / np.abs(walk).max()
+        share = learned(world, moved, before=told**2, after=0.5 * told**2).share
+        assert share[way] > 1.02 * still[way]
+        np.testing.assert_allclose(np.delete(share, way), np.delete(still, way))
+    common = learned(world, 0 * AMONG_ANCHORS + 5 * told, before=told**2, after=0.5 * told**2).share
+    np.testing.assert_allclose(common, still)  # what all have in common isn't observed
+
+
+def test_walks_are_weighed_by_what_they_expect(world):
+    """By hand: one direction, 2 told^2 after the first step, heard to told^2 in the second."""
+    told = world[0].clocks.walk_m ** 2
+    moved = np.sqrt(told) * AGAINST / np.linalg.norm(AGAINST)
+    walks = learned(world, moved, before=2 * told, after=told)
+    noise, value = 2 * told, 2 * np.sqrt(told)  # halves the variance, and so moves half of the way
+    ahead = 2 * told + told * SHARES
+    wanted = -0.5 * (value**2 / (ahead + noise) + np.log(ahead + noise))
+    np.testing.assert_allclose(walks.log[2], wanted - wanted.max())
+    gain = ahead / (ahead + noise)
+    np.testing.assert_allclose(walks.variance[2], (1 - gain) * ahead)
+    np.testing.assert_allclose(walks.mean[2] @ AGAINST / np.linalg.norm(AGAINST), gain * value)
+
+
+def test_a_clock_that_jumps_says_nothing_of_walks(world):
+    told = world[0].clocks.walk_m
+    jumped = learned(world, 40 * told * AMONG_ANCHORS, before=told**2, after=0.5 * told**2)
+    np.testing.assert_array_equal(jumped.log, 0)  # as before it
+    np.testing.assert_allclose(jumped.mean[0], np.tile(40 * told * AMONG_ANCHORS, (len(SHARES), 1)))
+    np.testing.assert_allclose(jumped.variance, 0.5 * told**2)
 
 
 def test_steps_that_say_nothing_of_the_walk_leave_it_alone(world):
     model, state = world
     open_one = replace(state.clocks, unset=np.array([False, True, False, False]))
     astray = replace(state.records[0], monitor=replace(state.records[0].monitor, lost=1))
-    only_lost = np.append(np.zeros(4), [30.0, 0, 0])
-    assert learned(world, np.zeros(FREE), step=FIRST_STEP - 1) == 0.5
-    assert learned(world, np.zeros(FREE), clocks=open_one) == 0.5
-    assert learned(world, np.zeros(FREE), records=(astray,) * 3) == 0.5
-    others = learned(world, only_lost, records=(astray, *state.records[1:]))
-    assert others == learned(world, only_lost, here=np.array([False, True, True]))
-    assert others == pytest.approx(0.5 * np.exp(-5 * GAIN))  # one clock fewer, and where it went is no matter
-    before = with_clocks(state, np.zeros(FREE), np.eye(FREE))  # nothing was heard
-    assert learn_walk(before, before, model) is before
+    before = with_clocks(state, np.zeros(FREE), np.eye(FREE))
+    for changes in (
+        {"step": FIRST_STEP - 1}, {"clocks": open_one}, {"records": (astray,) * 3}, {"time_s": None},
+    ):  # fmt: skip
+        other = replace(with_clocks(before, np.ones(FREE), 0.5 * np.eye(FREE)), **changes)
+        assert learn_walk(before, other, model) is other
+    unheard = learned(world, np.zeros(FREE), before=1.0, after=1.0)
+    np.testing.assert_array_equal(unheard.log, 0)
+    assert (np.diff(unheard.variance) > 0).all()  # but clocks have walked on
+    without = learned(world, 1e-3 * AMONG_AGENTS, records=(astray, *state.records[1:]))
+    assert without.free.tolist() == [True] * 4 + [False, True, True]
+    np.testing.assert_array_equal(without.log, 0)  # filters start again where other clocks are heard
+    np.testing.assert_array_equal(without.mean[..., 4], 0)
 
 
-@pytest.mark.parametrize("true", [1.0, 0.3])
-def test_the_walk_of_simulated_clocks_is_found(world, true):
+def test_clocks_walk_as_was_learned(world):
+    model, state = world
+    told, own = model.clocks.walk_m**2, state.belief.layout.devices
+    np.testing.assert_allclose(walk_covariance(state, model), told * np.eye(FREE))
+    log = np.full((WAYS, len(SHARES)), -np.inf)
+    log[[0, 1, 2], [0, 4, 8]] = 0.0
+    blank = np.zeros((WAYS, len(SHARES), FREE))
+    walks = ClockWalk(log, blank, blank[..., 0], ALL, 0.0)
+    np.testing.assert_allclose(walks.share, SHARES[[0, 4, 8]])
+    after = predict_all(replace(state, walks=walks), 2.0, [None] * 3, model)
+    grown = (after.belief.covariance - state.belief.covariance)[np.ix_(own, own)]
+    for walk, share in ((AMONG_ANCHORS, 0), (AMONG_AGENTS, 4), (AGAINST, 8), (np.ones(FREE), 8)):
+        np.testing.assert_allclose(grown @ walk, 2.0 * told * SHARES[share] * walk, atol=1e-12)
+
+
+@pytest.mark.parametrize("true", [(1.0, 1.0, 1.0), (0.3, 0.3, 0.3), (0.03, 1.0, 0.2)])
+def test_the_walks_of_simulated_clocks_are_found(world, true):
     """Clocks alone, all pairs of anchors and agents measured at each step, by a textbook Kalman filter."""
     model, state = world
     told, noise, draw = model.clocks.walk_m, 3 * NS * 0.1, np.random.default_rng(5)
-    rows = np.array([np.eye(FREE)[j] - np.eye(FREE)[i] for i in (4, 5, 6) for j in range(4)])
+    rows = np.array([np.eye(FREE)[j] - np.eye(FREE)[i] for i in (4, 5, 6) for j in range(J)])
+    root = np.einsum("w,wij->ij", np.array(true), ways_of(J, ALL, common=True))
     offset, state = np.zeros(FREE), with_clocks(state, np.zeros(FREE), np.eye(FREE))
-    own, shares = state.belief.layout.devices, []
-    for _ in range(600):
-        offset = offset + true * told * draw.standard_normal(FREE)
+    own, squares = state.belief.layout.devices, []
+    ways = ways_of(J, ALL, common=False).sum(0)
+    for step in range(400):
+        offset = offset + told * root @ draw.standard_normal(FREE)
         mean, covariance = state.belief.mean[own], state.belief.covariance[np.ix_(own, own)]
-        covariance = covariance + walking(model.clocks, state.walk).walk_m ** 2 * np.eye(FREE)
-        before = with_clocks(state, mean, covariance)
+        covariance = covariance + walk_covariance(state, model)
+        before = replace(with_clocks(state, mean, covariance), time_s=float(step))
         size = rows @ covariance @ rows.T + noise**2 * np.eye(len(rows))
         gain = np.linalg.solve(size, rows @ covariance).T
         heard = rows @ offset + noise * draw.standard_normal(len(rows))
-        after = with_clocks(
-            before, mean + gain @ (heard - rows @ mean), covariance - gain @ rows @ covariance
-        )
+        mean, covariance = mean + gain @ (heard - rows @ mean), covariance - gain @ rows @ covariance
+        after = with_clocks(before, mean, covariance)
         state = learn_walk(before, after, model)
-        shares.append(state.walk)
-    found = np.exp(np.log(shares[300:]).mean())
-    assert found == pytest.approx(true**2, rel=0.25)
+        error = ways @ (mean - offset)
+        squares.append(error @ np.linalg.pinv(ways @ covariance @ ways, rcond=1e-6) @ error / (FREE - 1))
+    np.testing.assert_allclose(np.sqrt(state.walks.share), true, rtol=0.35, atol=0.02)
+    assert 0.7 < np.mean(squares[100:]) < 1.3
+    assert state.walks.log.min() > -1e4
+    assert 0.99 < FORGETTING < 1
+
+
+def test_walks_of_old_checkpoints_are_as_told(world):
+    """Fields that such a file lacks: None, and the scene's walk."""
+    model, state = world
+    assert state.walks is None
+    same = predict_all(state, 1.0, [None] * 3, model)
+    own = state.belief.layout.devices
+    grown = (same.belief.covariance - state.belief.covariance)[np.ix_(own, own)]
+    np.testing.assert_array_equal(grown, np.diag(np.diag(grown)))
+    np.testing.assert_allclose(np.diag(grown), model.clocks.walk_m**2, rtol=1e-6)

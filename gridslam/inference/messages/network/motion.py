@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
 from gridslam.inference.messages.motion import JITTER, chances
-from gridslam.inference.messages.network.walk import walking
+from gridslam.inference.messages.network.walk import walk_covariance
 from gridslam.inference.state import surface_bank
 from gridslam.inference.state.network.belief import predict_network
 from gridslam.inference.state.network.state import NetworkState
@@ -36,8 +36,8 @@ def predict_all(
     if state.time_s is not None:
         settings, dt = model.agents[0].settings, time_s - state.time_s
         belief = predict_network(
-            belief, dt, model.agents, walking(model.clocks, state.walk), here & state.here,
-            JITTER * settings.surface_m, surfaces.foot,
+            belief, dt, model.agents, model.clocks, here & state.here, JITTER * settings.surface_m,
+            surfaces.foot, None if state.walks is None else walk_covariance(state, model),
         )  # fmt: skip
         surfaces = surface_bank.evolve(
             surfaces, settings.survival, settings.reflection, best_chances(state, scans, model)

@@ -222,7 +222,7 @@ def _taken_over(layout: NetworkLayout, agent: int, new: int) -> tuple[NDArray[np
 
 def predict_network(
     belief: NetworkBelief, dt: float, models: tuple[FilterModel, ...], clocks: ClockModel,
-    moved: NDArray[np.bool_], shift: float, feet: Array,
+    moved: NDArray[np.bool_], shift: float, feet: Array, walk: Array | None = None,
 ) -> NetworkBelief:  # fmt: skip
     """Agents that are there move with near-constant velocity, headings and clocks walk, lines jitter.
 
@@ -237,6 +237,8 @@ def predict_network(
         Jitter of a surface along its normal at the point where it is hit.
     feet : (S,) m
         Where along each line it is hit.
+    walk : (D, D) m^2, optional
+        By how much all clocks walk in a second; default: as `clocks` tells, each by itself.
     """
     layout, mean, covariance = belief.layout, belief.mean.copy(), belief.covariance.copy()
     for number in np.flatnonzero(moved).tolist():
@@ -258,7 +260,10 @@ def predict_network(
         covariance[rates, rates] += power * dt
         covariance[own, rates] += power * dt**2 / 2
         covariance[rates, own] += power * dt**2 / 2
-    covariance[own, own] += clocks.walk_m**2 * dt
+    if walk is None:
+        covariance[own, own] += clocks.walk_m**2 * dt
+    elif layout.clocks:
+        covariance[np.ix_(layout.devices, layout.devices)] += walk * dt
     angle, offset = np.arange(layout.size)[layout.angles], np.arange(layout.size)[layout.offsets]
     turn = (shift / 5.0) ** 2  # a turn by w about tangential coordinate t changes the offset by t w
     lever = turn * feet

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -14,6 +14,7 @@ from gridslam.inference.state.calibration import Calibration
 from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.network.belief import NetworkBelief
 from gridslam.inference.state.network.clock_search import ClockSearch
+from gridslam.inference.state.network.clock_walk import ClockWalk
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.state import FRESH_SIGHT, State
 from gridslam.inference.state.surface_bank import FRESH_DOUBLE, FRESH_SINGLE, SurfaceBank
@@ -63,8 +64,8 @@ class NetworkState:
         Of the latest step; None before the first.
     grid : Grid, optional
         Occupancy and coefficients of cells, of all agents (network grid SLAM).
-    walk : float
-        Share of the variance that the scene tells that clocks seem to walk by; see `messages.network.walk`.
+    walks : ClockWalk, optional
+        How far clocks seem to walk, once that is learned; see `messages.network.walk`.
     """
 
     belief: NetworkBelief
@@ -78,7 +79,7 @@ class NetworkState:
     next_identity: int = 0
     time_s: float | None = None
     grid: Grid | None = None
-    walk: float = field(default=1.0, metadata={"later": True})
+    walks: ClockWalk | None = None
 
     @classmethod
     def start(cls, model: NetworkModel) -> Self:

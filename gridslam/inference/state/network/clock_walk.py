@@ -1,0 +1,80 @@
+"""How far clocks walk, as it is learned: filters side by side with a walk each; docs/model.md, (M331)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array
+
+SHARES: Array = np.geomspace(1e-4, 1.0, 9)
+"""Of the variance that the scene tells: a walk of a hundredth of its own, up to its own."""
+WAYS = 3
+"""Anchors' clocks among themselves, agents' among themselves, and those against these."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClockWalk:
+    """Filters of D clocks in three ways of walking, with G walks each.
+
+    Attributes
+    ----------
+    log : (3, G)
+        Log weight of each walk, 0 for the likeliest.
+    mean : (3, G, D) m
+        Of the clocks, in the part of them that is the way's.
+    variance : (3, G) m^2
+        In each of the way's directions.
+    free : (D,) bool
+        Which clocks these are about.
+    time_s : float
+    """
+
+    log: Array
+    mean: Array
+    variance: Array
+    free: NDArray[np.bool_]
+    time_s: float
+
+    @property
+    def share(self) -> Array:
+        """Share of the variance that the scene tells by which clocks walk in each way, the mean, (3,)."""
+        weight = np.exp(self.log)
+        return np.asarray(weight @ SHARES / weight.sum(1))
+
+
+def ways_of(anchors: int, free: NDArray[np.bool_], common: bool) -> Array:
+    """Projections onto the ways in which some of the clocks can walk, (3, D, D); 0 for a way that they can't.
+
+    Whatever walks treat anchors alike and agents alike are sums of these three, and of what all clocks
+    have in common.
+
+    Parameters
+    ----------
+    anchors : int
+        J, whose clocks stand first.
+    free : (D,) bool
+    common : bool
+        Whether the last is to hold what they all have in common.
+    """
+    return _ways_of(anchors, tuple(free.tolist()), common)
+
+
+@lru_cache(64)
+def _ways_of(anchors: int, free: tuple[bool, ...], common: bool) -> Array:
+    there = np.array(free)
+    one = np.stack([there & (np.arange(len(free)) < anchors), there & (np.arange(len(free)) >= anchors)])
+    own = one / np.sqrt(np.maximum(one.sum(1, keepdims=True), 1))
+    among = np.array(
+        [np.diag(is_.astype(float)) - np.outer(unit, unit) for is_, unit in zip(one, own, strict=True)]
+    )
+    against = own.T @ own
+    if not common:
+        all_ = there / np.sqrt(max(int(there.sum()), 1))
+        against = against - np.outer(all_, all_)
+    ways = np.stack([*among, against])
+    ways.setflags(write=False)
+    return ways
