@@ -44,6 +44,8 @@ def start(device: str = "auto", threads: int | None = None) -> str:
         A GPU was asked for and can't be had, or another device is already running.
     """
     global _started
+    if _started is not None and device == "auto":  # as every launch of a kernel asks
+        return _started
     if device not in ("auto", "cpu", "gpu"):
         raise InputError("device", repr(device), "auto, cpu or gpu")
     if _started is None:

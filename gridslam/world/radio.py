@@ -8,6 +8,7 @@ depends on follows from it: a strong path is seen surely and measured sharply.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -89,7 +90,7 @@ class RadioModel:
     @property
     def distance_scale(self) -> float:
         """sigma_d times u, m."""
-        return SPEED_OF_LIGHT / (np.sqrt(8) * np.pi * self.bandwidth_hz / np.sqrt(12))
+        return SPEED_OF_LIGHT / (math.sqrt(8) * math.pi * self.bandwidth_hz / math.sqrt(12))
 
     @cached_property
     def numbers(self) -> Array:
@@ -124,7 +125,7 @@ class RadioModel:
         """
         square = np.sin(angle) ** 2 * aperture[..., 0] + np.cos(angle) ** 2 * aperture[..., 1]
         with np.errstate(divide="ignore"):
-            return 1 / (np.sqrt(8) * np.pi * amplitude * np.sqrt(square)) / steep
+            return 1 / (math.sqrt(8) * math.pi * amplitude * np.sqrt(square)) / steep
 
     @property
     def elevated(self) -> tuple[bool, bool]:
@@ -177,10 +178,11 @@ class RadioModel:
         amplitude that clutter can't have would otherwise overflow the likelihood ratio. Missing
         amplitudes (NaN) leave that factor out.
         """
-        known = np.nan_to_num(amplitude, nan=1.0)
+        missing = np.isnan(amplitude)
+        known = np.where(missing, 1.0, amplitude)
         tail = np.log(2 * known) - (known**2 - self.threshold**2)
-        tail = np.where(np.isnan(amplitude), 0.0, np.maximum(tail, CLUTTER_LOG_FLOOR))
-        return tail - np.log(self.span_m) - 2 * np.log(2 * np.pi)
+        tail = np.where(missing, 0.0, np.maximum(tail, CLUTTER_LOG_FLOOR))
+        return np.asarray(tail - np.log(self.span_m) - 2 * np.log(2 * np.pi))
 
 
 def aperture(rows: int, columns: int, spacing_wavelengths: float) -> Array:

@@ -119,11 +119,11 @@ def _doubtful(
     others = np.array([column for name, column in columns.items() if name not in signed])
     steep = [columns[name] for name in ELEVATIONS if name in columns]
     return bool(
-        anchor.min() < (-1 if unlabelled else 0)
-        or anchor.max() >= anchors
-        or np.isnan(others[0]).any()
-        or (others[1 if pseudo else 0 :] <= 0).any()
-        or np.isinf(others).any()
-        or (np.abs(angles) > 2 * np.pi).any()
+        np.minimum.reduce(anchor) < (-1 if unlabelled else 0)
+        or np.maximum.reduce(anchor) >= anchors
+        or np.isnan(np.minimum.reduce(others[0]))
+        or np.fmin.reduce(others[1 if pseudo else 0 :], None) <= 0
+        or np.fmax.reduce(np.abs(others), None) == np.inf
+        or np.fmax.reduce(np.abs(angles), None) > 2 * np.pi
         or any(not (np.abs(column[~np.isnan(column)]) <= 0.5 * np.pi).all() for column in steep)
     )

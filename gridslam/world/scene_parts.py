@@ -207,8 +207,8 @@ class GridSpec(Strict):
 
     def holds(self, points: Array) -> NDArray[np.bool_]:
         """Whether points (..., 2) in m lie in the region, (...)."""
-        low, high = np.array([self.x_m, self.y_m]).T
-        return ((points >= low) & (points <= high)).all(-1)
+        x, y = points[..., 0], points[..., 1]
+        return (self.x_m[0] <= x) & (x <= self.x_m[1]) & (self.y_m[0] <= y) & (y <= self.y_m[1])
 
 
 class Anchor(Strict):

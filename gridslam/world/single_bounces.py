@@ -66,12 +66,17 @@ class SingleBounces:
         return by_line, by_pose
 
 
-def single_bounces(line: Array, place: Array, pose: Array) -> SingleBounces:
+def single_bounces(line: Array, place: Array, pose: Array, image: Array | None = None) -> SingleBounces:
     """Single bounces over lines (..., 2) from places (..., 4 or more) to poses (..., 3), which broadcast.
 
     docs/model.md, (M221) for heights.
+
+    Parameters
+    ----------
+    image : (..., 2), optional
+        The places' mirror images, where they are known.
     """
-    toward = mirror(line, place[..., :2]) - pose[..., :2]
+    toward = (mirror(line, place[..., :2]) if image is None else image) - pose[..., :2]
     level = np.maximum(np.hypot(toward[..., 0], toward[..., 1]), LEAST_M)
     arrival = np.arctan2(toward[..., 1], toward[..., 0])
     value = np.empty((*level.shape, 3))

@@ -31,48 +31,42 @@ def crossing_of(
     deviations : sequence of (M, 3)
         As of `own_deviations`.
     """
-    rows, heading, spread = list[tuple[AnchorScan, int]](), list[float](), list[Array]()
-    for heard, own in zip(scans, deviations, strict=True):
-        row = _first(heard)
-        if row is None:
-            continue
-        value, std = heard.value[row], own[row]
-        if np.isfinite(std).all():
-            rows.append((heard, row))
-            heading.append(float(value[1] + heard.orientation + np.pi - value[2]))
-            spread.append(std)
-    if len(rows) < 2:
+    first = [(heard, own, row) for heard, own in zip(scans, deviations, strict=True)
+             if (row := _first(heard)) is not None]  # fmt: skip
+    if len(first) < 2:
         return None
-    stds = np.array(spread)
-    apart = np.abs(wrap(np.array(heading)[:, None] - heading))
-    reach = AGREE * np.hypot(np.hypot(stds[:, 1], stds[:, 2]), SLACK[1])
-    chosen = np.flatnonzero((apart < np.hypot(reach[:, None], reach)).sum(1) > 1)
-    if len(chosen) < 2:
+    anchor = np.array([heard.anchor for heard, _, _ in first])
+    value = np.array([heard.value[row] for heard, _, row in first])
+    std = np.array([own[row] for _, own, row in first])
+    direction = value[:, 1] + model.places[anchor, 2]
+    heading = direction + np.pi - value[:, 2]
+    reach = AGREE * np.hypot(np.hypot(std[:, 1], std[:, 2]), SLACK[1])
+    agree = np.abs(wrap(heading[:, None] - heading)) < np.hypot(reach[:, None], reach)
+    known = np.isfinite(std).all(1)
+    chosen = known & ((agree & known).sum(1) > 1)
+    if np.count_nonzero(chosen) < 2:
         return None
-    anchors, size = model.senders, 2 * model.senders + 1
-    place, precision = np.empty((len(chosen), 2)), np.empty((len(chosen), 2, 2))
-    slope = np.zeros((len(chosen), 2, size))
-    for n, k in enumerate(chosen.tolist()):
-        (heard, row), std = rows[k], stds[k]
-        distance, direction = float(heard.value[row, 0]), float(heard.value[row, 1]) + heard.orientation
-        level, steep = float(level_of(distance, heard.height)), float(lean(distance, heard.height))
-        toward, across = unit(direction), unit(direction + 0.5 * np.pi)
-        place[n] = heard.position + level * toward
-        along, aside = np.hypot(std[0], SLACK[0]) / steep, level * np.hypot(std[1], SLACK[1]) + 1e-3
-        precision[n] = np.outer(toward, toward) / along**2 + np.outer(across, across) / aside**2
-        slope[n, :, heard.anchor] = toward / steep
-        slope[n, :, anchors + heard.anchor] = level * across
-        if not model.anchor_heights.any():
-            slope[n, :, -1] = toward / (2 * distance)
-    return Crossing(place, precision, slope)
+    anchor, distance, direction, std = anchor[chosen], value[chosen, 0], direction[chosen], std[chosen]
+    height = model.places[anchor, 3]
+    level, steep = level_of(distance, height)[:, None], lean(distance, height)[:, None]
+    toward, across = unit(direction), unit(direction + 0.5 * np.pi)
+    along = np.hypot(std[:, :1], SLACK[0]) / steep
+    aside = level * np.hypot(std[:, 1:2], SLACK[1]) + 1e-3
+    precision = (toward[:, :, None] * toward[:, None]) / along[..., None] ** 2
+    precision += (across[:, :, None] * across[:, None]) / aside[..., None] ** 2
+    slope, n = np.zeros((len(anchor), 2, 2 * model.senders + 1)), np.arange(len(anchor))
+    slope[n, :, anchor], slope[n, :, model.senders + anchor] = toward / steep, level * across
+    if not model.anchor_heights.any():
+        slope[..., -1] = toward / (2 * distance[:, None])
+    return Crossing(model.places[anchor, :2] + level * toward, precision, slope)
 
 
 def _first(heard: AnchorScan) -> int | None:
     """The row that is an anchor's line of sight, if any is: the shortest path, and the loudest."""
-    whole = np.isfinite(heard.value).all(1)
-    if not whole.any():
+    if not len(heard):
         return None
-    row = int(np.where(whole, heard.value[:, 0], np.inf).argmin())
-    if not heard.amplitude[row] >= np.nanmax(heard.amplitude, initial=-np.inf):
+    length = np.where((heard.table[:, 3:6] >= 0).all(1), heard.value[:, 0], np.inf)
+    row = int(length.argmin())
+    if not abs(heard.height) < length[row] < np.inf:
         return None
-    return row if heard.value[row, 0] > abs(heard.height) else None
+    return row if heard.amplitude[row] >= heard.table[:, 6].max() else None

@@ -157,11 +157,10 @@ class HealthMonitor:
             found.append(reasons.few_explained(share, self.usual))
         if ratio > max(called, MISFIT):
             found.append(reasons.misfit(ratio))
-        known = calibration.listened >= LISTENED  # at first, walls that are still to be born pass for clutter
-        clutter = (
-            max((level for level, has_level in zip(heard, known, strict=True) if has_level), default=0.0)
-            / stated
-        )
+        # at first, walls that are still to be born pass for clutter
+        known = (calibration.listened >= LISTENED).tolist()
+        levels = [level for level, has_level in zip(heard, known, strict=True) if has_level]
+        clutter = max(levels, default=0.0) / stated
         if clutter > LOUD_CLUTTER:
             found.append(reasons.clutter(clutter))
         if turned.any():

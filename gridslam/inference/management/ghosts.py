@@ -35,7 +35,7 @@ def drop_ghosts(
     runtime.start()
     from gridslam.kernels.management.merging import find_ghosts
 
-    if len(belief.lines) != len(bank) or len(places) > len(bank.single):
+    if belief.layout.surfaces != len(bank) or len(places) > len(bank.single):
         raise ValueError("surfaces or anchors don't belong together")
     often = sorted(bank.seen.tolist())
     if len(often) < 3 or often[-2] < OFTEN:

@@ -74,7 +74,7 @@ def advance(
     population, info = _advanced(population, scan, model, work, start, step)
     if ranges.doubt:
         info = info.doubted(ranges.doubt)
-    return replace(population, ranges=ranges), info
+    return population if ranges is population.ranges else replace(population, ranges=ranges), info
 
 
 def _ranges(population: Population[State], scan: Scan, model: FilterModel, work: Workspace) -> RangeWatch:

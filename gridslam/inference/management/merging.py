@@ -50,7 +50,7 @@ def merge(bank: SurfaceBank, belief: Belief) -> tuple[SurfaceBank, Belief]:
     runtime.start()
     from gridslam.kernels.management.merging import find_duplicates
 
-    if len(belief.lines) != len(bank):
+    if belief.layout.surfaces != len(bank):
         raise ValueError("belief and bank don't hold the same surfaces")
     for _ in range(len(bank) + 1):
         found, tie = np.empty(2, np.int32), np.empty((2, 5))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -98,7 +99,7 @@ def conclude(
     """
     fits = np.concatenate([exchange.fit for exchange in exchanges])
     monitor, calibration = state.monitor.fitted(fits), state.calibration.fitted(fits)
-    spread = np.sqrt(float(state.belief.covariance[0, 0] + state.belief.covariance[1, 1]))
+    spread = math.sqrt(state.belief.covariance[0, 0] + state.belief.covariance[1, 1])
     effective = min((exchange.effective_sample_size for exchange in exchanges), default=np.inf)
     health, monitor = monitor.assess(calibration, reckoned.turned, model, spread, effective)
     found_again = monitor.since == 0

@@ -99,7 +99,7 @@ def propose_births(
     from gridslam.kernels.management.births import propose as launch
 
     belief, bank, anchor = state.belief, state.surfaces, heard.anchor
-    known, surfaces = partners(bank, belief, model.max_bounces), len(belief.lines)
+    known, surfaces = partners(bank, belief, model.max_bounces), belief.layout.surfaces
     if len(bank) != surfaces or cloud.surfaces != surfaces or not -1 <= anchor < len(model.anchors):
         raise ValueError("surfaces or anchors don't belong together")
     able = _senders(anchor, model.senders)

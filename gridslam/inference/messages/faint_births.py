@@ -55,44 +55,45 @@ def recall_leftovers(
     left = state.leftovers
     if left is None or not len(left) or not len(births):
         return births, ratios
-    explained, amplitude = ratios.explained[births.measurement], heard.amplitude[births.measurement]
-    new = (births.hit < 0).all(1) & (births.ratio < CERTAIN) & (explained < CERTAIN)
-    new &= np.isfinite(heard.value[births.measurement]).all(1) & (amplitude > 0)
-    rows = np.flatnonzero(new)
+    unsure = (births.ratio < CERTAIN) & (ratios.explained[births.measurement] < CERTAIN)
+    (rows,) = (unsure & heard.whole[births.measurement] & (births.hit < 0).all(1)).nonzero()
     if len(rows):
         rows = rows[_has_company(births.line[rows], left, model.places)]
     if not len(rows):
         return births, ratios
     support = np.ones((len(births), len(REFLECTION_BINS)))
     seen = np.zeros(len(births), np.int64)
-    borne_by = births.measurement[rows].astype(np.intp)
-    gain, seen[rows] = borne_out(births.line[rows], heard, borne_by, state, left, radio, model)
+    m = births.measurement[rows].astype(np.intp)
+    gain, seen[rows] = borne_out(births.line[rows], heard, m, state, left, radio, model)
     support[rows] += gain
-    level = REFLECTION_BINS * radio.amplitude(heard.value[births.measurement[rows], 0])[:, None]
-    prior = np.exp(radio.log_rician(amplitude[rows, None], level))
+    level = REFLECTION_BINS * radio.amplitude(heard.value[m, 0])[:, None]
+    prior = np.exp(radio.log_rician(heard.amplitude[m, None], level))
     prior /= prior.sum(1, keepdims=True)
     ratio = births.ratio.copy()
     ratio[rows] *= (prior * support[rows]).sum(1)
     measured = ratios.measured.copy()
-    np.add.at(measured[tables.NEW], births.measurement[rows], ratio[rows] - births.ratio[rows])
+    np.add.at(measured[tables.NEW], m, ratio[rows] - births.ratio[rows])
     return replace(births, ratio=ratio, support=support, seen=seen), replace(ratios, measured=measured)
 
 
 def _has_company(line: Array, left: Leftovers, places: Array) -> NDArray[np.bool_]:
     """Whether any leftover lies roughly where a single bounce over each line (B, 2) is predicted, (B,)."""
-    b, h = _about(mirror(line[:, None], places[:, :2]), left, places)
-    path = single_bounces(line[b], places[left.anchor[h]], left.taken_at[h])
+    b, h, image = _about(line, left, places)
     found = np.zeros(len(line), np.bool_)
+    if not len(b):
+        return found
+    path = single_bounces(line[b], places[left.anchor[h]], left.taken_at[h], image)
     found[b[_near(left.value[h], path.value)[0]]] = True
     return found
 
 
-def _about(image: Array, left: Leftovers, places: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Lines and leftovers whose distances are about the same, by images (B, J, 2) of the anchors."""
-    away = image[:, left.anchor] - left.taken_at[:, :2]
+def _about(line: Array, left: Leftovers, places: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Lines and leftovers (N,) whose distances are about the same, and the anchors' images there, (N, 2)."""
+    image = mirror(line[:, None], places[:, :2])[:, left.anchor]
+    away = image - left.taken_at[:, :2]
     far = slant(np.hypot(away[..., 0], away[..., 1]), places[left.anchor, 3])
-    b, h = np.nonzero(np.abs(left.value[:, 0] - far) < NEAR_M)
-    return b, h
+    b, h = (np.abs(left.value[:, 0] - far) < NEAR_M).nonzero()
+    return b, h, image[b, h]
 
 
 def _near(value: Array, predicted: Array) -> tuple[NDArray[np.bool_], Array]:
@@ -122,27 +123,29 @@ def borne_out(
     (gain, seen)
         gain (B, BINS): by the line's coefficient; seen (B,): how often it was heard before.
     """
+    gain, seen = np.zeros((len(line), len(REFLECTION_BINS))), np.zeros(len(line), np.int64)
     line, covariance = _corrected(line, heard, m, state, radio, model)
     places = model.places
-    path = single_bounces(line[:, None, None], places[:, None], left.pose)  # of all anchors, at all steps
-    possible = path.possible
-    b, h = _about(mirror(line[:, None], places[:, :2]), left, places)
-    at = b, left.anchor[h], left.back[h]
-    near, gap = _near(left.value[h], path.value[at])
-    fits = near & possible[at]
-    b, h, gap = b[fits], h[fits], gap[fits]
-    if not len(b):
-        return np.zeros((len(line), len(REFLECTION_BINS))), np.zeros(len(line), np.int64)
-    level = REFLECTION_BINS * radio.amplitude(path.value[..., :1])
+    b, h, image = _about(line, left, places)
+    one = single_bounces(line[b], places[left.anchor[h]], left.taken_at[h], image)
+    near, gap = _near(left.value[h], one.value)
+    (fits,) = (near & one.possible).nonzero()
+    if not len(fits):
+        return gain, seen
+    b, h, gap, image = b[fits], h[fits], gap[fits], image[fits]
+    log = _log_density(line[b], covariance[b], gap, h, left, places, image)
+    log -= radio.log_clutter(left.amplitude[h]) + np.log(radio.false_alarms)
+    # of the lines that have any: paths of all anchors, at all steps
+    rows, b = np.unique(b, return_inverse=True)
+    path = single_bounces(line[rows, None, None], places[:, None], left.pose)
+    level, possible = REFLECTION_BINS * radio.amplitude(path.value[..., :1]), path.possible
     missed = np.ones(level.shape)
     missed[possible] = np.maximum(1 - detection_table(model.radio)(level[possible]), LEAST_DOUBT)
     at = b, left.anchor[h], left.back[h]
-    log = _log_density(line[b], covariance[b], gap, h, left, places)
-    log -= radio.log_clutter(left.amplitude[h]) + np.log(radio.false_alarms)
     loud = radio.log_rician(left.amplitude[h, None], level[at])
     ratio, either = np.exp(np.minimum(log[:, None] + loud, MOST_LOG)), missed.copy()
     np.add.at(either, at, ratio)
-    seen = np.bincount(b, (ratio / either[at]).max(1), len(line))
+    seen[rows] = np.rint(np.bincount(b, (ratio / either[at]).max(1), len(rows)))
     # of the latest 1, 2 ... steps: if nothing was the line's, and if anything may have been
     logs = np.empty((2, *missed.shape))
     logs[:] = np.log(missed)
@@ -150,8 +153,9 @@ def borne_out(
     logs = logs.cumsum(3)
     others = np.arange(len(places)) != heard.anchor
     logs[:, :, others] = np.log(1 - OPEN + OPEN * np.exp(np.minimum(logs[:, :, others], 500.0)))
-    gain = np.exp(np.minimum(logs.sum(2), 50.0)).mean(2)
-    return gain[1] - gain[0], np.rint(seen).astype(np.int64)
+    silent, borne = np.exp(np.minimum(logs.sum(2), 50.0)).mean(2)
+    gain[rows] = borne - silent
+    return gain, seen
 
 
 def _corrected(
@@ -173,11 +177,12 @@ def _corrected(
 
 
 def _log_density(
-    line: Array, covariance: Array, gap: Array, h: NDArray[np.intp], left: Leftovers, places: Array
-) -> Array:
+    line: Array, covariance: Array, gap: Array, h: NDArray[np.intp], left: Leftovers, places: Array,
+    image: Array,
+) -> Array:  # fmt: skip
     """Log densities (N,) of leftovers `h` that miss what lines with covariances predict by `gap` (N, 3)."""
     back = left.back[h]
-    by_line, by_pose = single_bounces(line, places[left.anchor[h]], left.pose[back]).slopes()
+    by_line, by_pose = single_bounces(line, places[left.anchor[h]], left.pose[back], image).slopes()
     spread = by_line @ covariance @ by_line.transpose(0, 2, 1)
     spread += _spread(by_pose, left.covariance[back], left.std[h])
     far = np.einsum("ni,ni->n", gap, np.linalg.solve(spread, gap[..., None])[..., 0])
@@ -209,7 +214,7 @@ def remember_leftovers(
         if len(exchange.born):
             free[first + exchange.born[exchange.born[:, 1] > KNOWN, 0].astype(np.intp)] = False
         first += len(heard)
-    rows, belief = np.flatnonzero(free), state.belief
+    (rows,), belief = free.nonzero(), state.belief
     leftovers = state.leftovers.joined(
         belief.mean[POSE], belief.covariance[OF_POSE], anchor[rows], value[rows], std[rows], amplitude[rows]
     )
@@ -223,6 +228,6 @@ def _stated(
     value, amplitude = (
         np.concatenate(part) for part in zip(*((h.value, h.amplitude) for h in scans), strict=True)
     )
-    anchor = np.repeat(np.array([heard.anchor for heard in scans], np.int64), [len(heard) for heard in scans])
-    whole = np.isfinite(value).all(1) & (amplitude > 0)
-    return whole, anchor, value, np.minimum(np.concatenate(std), WIDEST), amplitude
+    whole, anchor = (np.concatenate(part) for part in zip(*((h.whole, h.label) for h in scans), strict=True))
+    spread = np.minimum(np.concatenate(std), WIDEST)
+    return whole, anchor.astype(np.int64, copy=False), value, spread, amplitude

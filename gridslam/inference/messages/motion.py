@@ -58,7 +58,7 @@ def chances(bank: SurfaceBank, lines: Array, position: Array, model: FilterModel
     Surfaces that were seen often need none: theirs is 1.
     """
     chance = np.ones(len(bank))
-    few = np.flatnonzero(bank.seen < OFTEN)
+    (few,) = (bank.seen < OFTEN).nonzero()
     if len(few):
         image = mirror(lines[few, None], model.places[:, :2])
         level = np.linalg.norm(image - position, axis=-1)

@@ -109,7 +109,7 @@ def update_coefficients(state: State, drawn: Polylines, model: FilterModel, *, w
 
     messages, bank, belief, grid = work.messages, state.surfaces, state.belief, state.require_grid()
     surfaces = len(bank)
-    if messages.among[0] > surfaces or len(belief.lines) != surfaces:
+    if messages.among[0] > surfaces or belief.layout.surfaces != surfaces:
         raise ValueError("messages or belief aren't of these surfaces")
     reflection, foot, extent = bank.reflection.copy(), bank.foot.copy(), bank.extent.copy()
     seen = bank.seen.copy()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,10 +71,15 @@ class AnchorScan:
     def __len__(self) -> int:
         return len(self.amplitude)
 
-    @property
+    @cached_property
     def loud(self) -> NDArray[np.bool_]:
         """Measurements (M,) that clutter is unlikely to be the cause of: one in a thousand is as loud."""
         return np.asarray(self.table[:, 7] > 0.5)
+
+    @cached_property
+    def whole(self) -> NDArray[np.bool_]:
+        """Measurements (M,) that lack nothing."""
+        return np.asarray((self.table[:, 3:6] >= 0).all(1) & (self.table[:, 6] > 0))
 
     @classmethod
     def of(
@@ -140,9 +146,9 @@ def whole_scan(scan: Scan, model: FilterModel) -> AnchorScan:
 
 def _elevation(scan: Scan, rows: NDArray[np.intp]) -> Array | None:
     """Elevations and their deviations of some rows, (M, 4); None where none was measured."""
-    columns = [getattr(scan, name) for name in (*ELEVATIONS, *(_std_of(name) for name in ELEVATIONS))]
-    if columns[0] is None and columns[1] is None:
+    if all(getattr(scan, name) is None for name in ELEVATIONS):
         return None
+    columns = [getattr(scan, name) for name in (*ELEVATIONS, *(_std_of(name) for name in ELEVATIONS))]
     none = np.full(len(scan), np.nan)
     return np.array([none if column is None else column for column in columns]).T[rows]
 
@@ -213,7 +219,7 @@ def own_deviations(scans: Sequence[AnchorScan], signal: RadioModel) -> list[Arra
     value, own_std = np.concatenate([h.value for h in scans]), np.concatenate([h.own_std for h in scans])
     amplitude = np.concatenate([heard.amplitude for heard in scans])
     count, heights = [len(heard) for heard in scans], [heard.height for heard in scans]
-    aperture = signal.anchor_aperture[np.repeat([heard.anchor for heard in scans], count)]
+    aperture = signal.anchor_aperture[np.concatenate([heard.label for heard in scans])]
     steep = _lean(value, np.repeat(heights, count)) if any(heights) else 1.0
     std = _deviations(value, own_std, amplitude, value[:, 1:], aperture, steep, signal)
     ends = itertools.accumulate(count, initial=0)
@@ -222,7 +228,7 @@ def own_deviations(scans: Sequence[AnchorScan], signal: RadioModel) -> list[Arra
 
 def _lean(value: Array, height: Array | float) -> Array:
     """Cosine of the elevation of paths with measured values (n, 3)."""
-    return lean(np.nan_to_num(value[:, 0], nan=np.inf), height)
+    return lean(np.where(np.isnan(value[:, 0]), np.inf, value[:, 0]), height)
 
 
 def _deviations(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,6 +48,7 @@ class StateLayout:
     rises: int = field(default=0, kw_only=True)
 
     @classmethod
+    @lru_cache(64)
     def of_view(cls, size: int, clocks: int = 0, rises: int = 0) -> StateLayout:
         """Layout of a view of one agent by its number of entries.
 

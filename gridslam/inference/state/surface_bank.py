@@ -151,7 +151,8 @@ def evolve(bank: SurfaceBank, survival: float, walk: float, chance: Array | floa
     """
     reflection = bank.reflection
     if walk:
-        reflection, step = reflection.copy(), 0.5 * (walk * BINS) ** 2 * np.diff(reflection)
+        step = 0.5 * (walk * BINS) ** 2 * (reflection[:, 1:] - reflection[:, :-1])
+        reflection = reflection.copy()
         reflection[:, :-1] += step
         reflection[:, 1:] -= step
     return replace(bank, existence=bank.existence * survival, reflection=reflection, age=bank.age + chance)

@@ -36,6 +36,8 @@ class Workspace:
         Messages of all paths to coefficients and cells, within a step.
     seconds : dict of str to float
         Time of the latest step, by stage.
+    stage : str
+        For which time counts now.
     recovers : bool
         Whether a step may look for a lost agent by itself.
 
@@ -69,7 +71,7 @@ class Workspace:
         self.seconds: dict[str, float] = {}
         self._buffers: dict[tuple[Callable[..., Any], Hashable], tuple[tuple[Any, ...], Any]] = {}
         self._shared: dict[tuple[Any, ...], tuple[tuple[Any, ...], Any]] = {}
-        self._stages = [OTHER]
+        self.stage = OTHER
         self._since = time.perf_counter()
         self._turned: tuple[FilterModel, bytes, FilterModel] | None = None
 
@@ -79,7 +81,7 @@ class Workspace:
         if self._cells is not None:
             self._cells.settle()
         self.seconds = {}
-        self._stages = [OTHER]
+        self.stage = OTHER
         self._since = time.perf_counter()
 
     def buffers(self, make: Callable[..., Made], slot: Hashable, *shape: Any) -> Made:
@@ -127,29 +129,16 @@ class Workspace:
             self._turned = model, key, model.calibrated(turns, higher)
         return self._turned[2]
 
-    @property
-    def stage(self) -> str:
-        """For which stage time counts now."""
-        return self._stages[-1]
-
-    def enter(self, stage: str) -> None:
-        """From now on time counts for this stage."""
-        self._count()
-        self._stages.append(stage)
-
-    def leave(self) -> None:
-        """From now on time counts for the stage before."""
-        self._count()
-        self._stages.pop()
-
-    def _count(self) -> None:
-        now, stage = time.perf_counter(), self._stages[-1]
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._since
-        self._since = now
+    def turn_to(self, stage: str) -> str:
+        """Count time for this stage from now on; the stage for which it counted."""
+        now, before = time.perf_counter(), self.stage
+        self.seconds[before] = self.seconds.get(before, 0.0) + now - self._since
+        self._since, self.stage = now, stage
+        return before
 
     def times(self) -> dict[str, float]:
         """Seconds of the step so far, by stage."""
-        self._count()
+        self.turn_to(self.stage)
         return dict(self.seconds)
 
 
@@ -161,11 +150,11 @@ def timed(stage: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
         def run(*arguments: P.args, **named: P.kwargs) -> R:
             work = named["work"]
             assert isinstance(work, Workspace)
-            work.enter(stage)
+            before = work.turn_to(stage)
             try:
                 return function(*arguments, **named)
             finally:
-                work.leave()
+                work.turn_to(before)
 
         return run
 

@@ -87,8 +87,8 @@ class SnapshotTerms:
         rows = np.arange(len(heard))
         known = np.isfinite(heard.amplitude)
         strength = np.where(known, heard.amplitude, radio.threshold)
-        std = deviations(heard, rows, strength, np.nan_to_num(heard.value[:, 1:]), radio)
-        value = np.nan_to_num(heard.value)
+        value = heard.table[:, :3].copy()
+        std = deviations(heard, rows, strength, value[:, 1:], radio)
         value[:, 1] += heard.orientation
         flat = np.log([radio.max_distance_m, 2 * np.pi, 2 * np.pi])
         clutter = radio.log_clutter(heard.amplitude) + (flat * ~np.isfinite(std)).sum(1)
@@ -117,33 +117,6 @@ class SnapshotTerms:
             By which deviations are multiplied.
         """
         return Snapshot((self,)).score(poses, widen)
-
-    def measurement_rows(self, widen: float) -> Array:
-        """What the kernel takes of the measurements, (M, HEARD): columns as in `kernels.primitives.clues`."""
-        rows, measured = np.zeros((len(self), column.HEARD)), np.isfinite(self.variance)
-        variance = np.where(measured, widen**2 * self.variance, 1.0)
-        loud = np.isfinite(self.amplitude)
-        rows[:, :3], rows[:, column.AMPLITUDE] = self.value, np.where(loud, self.amplitude, -1.0)
-        for first, noise, share in (
-            (column.STRAIGHT, variance, IN_SIGHT),
-            (column.OVER, variance + MAP_VARIANCE, 1.0),
-        ):
-            norm = np.where(measured, -0.5 * np.log(2 * np.pi * noise), 0.0).sum(1)
-            rows[:, first : first + 3] = measured / noise
-            rows[:, first + 3] = norm + np.log(share) - self.log_clutter
-        most = np.log(np.maximum(2 * rows[:, column.AMPLITUDE], 1.0))  # a density of so much at most
-        rows[:, column.PEAK] = np.where(loud, most, 0.0)
-        level = level_of(self.value[:, 0], self.height)
-        rows[:, column.BORN] = np.exp(self.log_born - self.log_clutter)
-        rows[:, column.TOWARD : column.TURNED] = level[:, None] * unit(self.value[:, 2])
-        rows[:, column.TURNED : column.FIT] = unit(self.value[:, 1] + self.value[:, 2])
-        both, spread = measured[:, 1:].all(1), variance[:, 1] + variance[:, 2]
-        rows[:, column.FIT] = both * (1 - TWICE) / np.sqrt(2 * np.pi * spread)
-        rows[:, column.SURE] = both / spread
-        rows[:, column.ANY] = np.where(both, TWICE / (2 * np.pi), 1.0)  # a double bounce leaves anywhere
-        widest = np.minimum(np.where(both, MISFIT * np.sqrt(spread), 0.0), np.pi)
-        rows[:, column.NEAR] = np.where(widest < np.pi, np.cos(widest), -2.0)
-        return rows
 
     def over(self) -> Array:
         """What the kernel takes of single bounces over known surfaces, (S, KNOWN)."""
@@ -197,13 +170,44 @@ class Snapshot:
         return score
 
 
+def measurement_rows(terms: Sequence[SnapshotTerms], widen: float) -> Array:
+    """What the kernel takes of all measurements, (M, HEARD): columns as in `kernels.primitives.clues`."""
+    value, variance, amplitude, log_clutter, log_born = (
+        np.concatenate([getattr(own, name) for own in terms])
+        for name in ("value", "variance", "amplitude", "log_clutter", "log_born")
+    )
+    height = np.repeat([own.height for own in terms], [len(own) for own in terms])
+    rows, measured, loud = np.zeros((len(value), column.HEARD)), np.isfinite(variance), np.isfinite(amplitude)
+    variance = np.where(measured, widen**2 * variance, 1.0)
+    rows[:, :3], rows[:, column.AMPLITUDE] = value, np.where(loud, amplitude, -1.0)
+    for first, noise, share in (
+        (column.STRAIGHT, variance, IN_SIGHT),
+        (column.OVER, variance + MAP_VARIANCE, 1.0),
+    ):
+        norm = np.where(measured, -0.5 * np.log(2 * np.pi * noise), 0.0).sum(1)
+        rows[:, first : first + 3] = measured / noise
+        rows[:, first + 3] = norm + np.log(share) - log_clutter
+    most = np.log(np.maximum(2 * rows[:, column.AMPLITUDE], 1.0))  # a density of so much at most
+    rows[:, column.PEAK] = np.where(loud, most, 0.0)
+    rows[:, column.BORN] = np.exp(log_born - log_clutter)
+    rows[:, column.TOWARD : column.TURNED] = level_of(value[:, 0], height)[:, None] * unit(value[:, 2])
+    rows[:, column.TURNED : column.FIT] = unit(value[:, 1] + value[:, 2])
+    both, spread = measured[:, 1:].all(1), variance[:, 1] + variance[:, 2]
+    rows[:, column.FIT] = both * (1 - TWICE) / np.sqrt(2 * np.pi * spread)
+    rows[:, column.SURE] = both / spread
+    rows[:, column.ANY] = np.where(both, TWICE / (2 * np.pi), 1.0)  # a double bounce leaves anywhere
+    widest = np.minimum(np.where(both, MISFIT * np.sqrt(spread), 0.0), np.pi)
+    rows[:, column.NEAR] = np.where(widest < np.pi, np.cos(widest), -2.0)
+    return rows
+
+
 @lru_cache(4)
 def clues_of(snapshot: Snapshot, widen: float) -> Clues:
     """A scan as the kernel takes it, with deviations multiplied."""
     terms = snapshot.terms
-    heard, over = [own.measurement_rows(widen) for own in terms], [own.over() for own in terms]
-    ends = [np.cumsum([0, *map(len, parts)]) for parts in (heard, over)]
+    over = [own.over() for own in terms]
+    ends = [np.cumsum([0, *map(len, parts)]) for parts in (terms, over)]
     whose = np.stack([end for last in ends for end in (last[:-1], last[1:])], 1).astype(np.int32)
     listeners = [(*own.position, own.height, own.radio.amplitude_at_1m, own.radio.samples) for own in terms]
-    whole, known = np.concatenate(heard), np.concatenate(over)
+    whole, known = measurement_rows(terms, widen), np.concatenate(over)
     return Clues(np.array(listeners), np.ascontiguousarray(whose), whole, known, terms[0].table.chance)
