@@ -244,7 +244,7 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
                 found.append(cure.suspicion)
                 sight = cure.sight
         found = offset_beside(found, asis, trusted, scene, agent, sight)
-        found += time_units.slow_times(asis, sight)
+        found += time_units.slow_times(asis, sight) + time_units.fast_times(asis, sight)
     heard = len(finite(table, "distance_m")) and len(finite(table, "amplitude"))
     found += elevations.suspicions(trusted | table, sight, scene, agent) if sight is not None else []
     if sight is not None and "amplitude" not in known and heard:
@@ -306,7 +306,9 @@ def _loudness(amplitude: Array, sight: Sight, scene: Scene) -> list[Suspicion]:
     shown = f"{len(heard)} lines of sight are {level:+.0f} dB off as it stands"
     stated, way = scene.radio.snr_at_1m_db, "low" if level > 0 else "high"
     louder = f"the scene's radio.snr_at_1m_db of {stated:g} dB is too {way}: {stated + level:.0f} fits"
-    misread = bool(kind) and gain >= ENOUGH and abs(level) >= LEVEL_DB
+    # decibels may be as large as what they stand for; their course with the distance isn't
+    misread = bool(kind) and gain >= (ENOUGH if abs(level) >= LEVEL_DB or kind != "dB" else CERTAIN)
+    misread &= abs(level) >= LEVEL_DB or kind == "dB"
     # logarithms spread more or less than what they are read as does, so densities of either aren't alike
     stretch = {"": 0.0, "power": -np.log(2) * len(heard), "dB": np.log(readings["dB"]).sum()}
     if abs(level) >= MOST_OFF_DB and len(heard) >= ENOUGH_HEARD:

@@ -13,6 +13,10 @@ LATEST_S = 1e11
 UNITS = ((1e17, "nanoseconds", 1e-9), (1e14, "microseconds", 1e-6), (LATEST_S, "milliseconds", 1e-3))
 LONG_S, LEAST_MPS, LEAST_WAY_M = 10.0, 0.01, 1.0
 """Interval and speed that make one doubt of seconds, and how far the agent must get to tell a speed."""
+MOST_MPS = 30.0
+"""Speed from which on one doubts of seconds, too."""
+LEGS, FEW = 8, 3
+"""Legs of the way by which a speed is told, at most, and positions in the middle of which each ends."""
 
 
 def intervals(columns: Columns) -> list[str]:
@@ -42,6 +46,21 @@ def slow_times(columns: Columns, sight: Sight) -> list[Suspicion]:
         return []
     reason = f"{gap:.4g} s between steps, so that the agent would move at {1000 * speed:.2g} mm/s"
     return [Suspicion("time_s", "milliseconds", _words("milliseconds", 1e-3), False, reason)]
+
+
+def fast_times(columns: Columns, sight: Sight) -> list[Suspicion]:
+    """Times that would make the agent race, by the way that lines of sight put it on."""
+    gap = _interval_s(columns)
+    if gap <= 0 or len(sight.position_m) < FEW * (LEGS + 1):
+        return []
+    parts = np.array_split(sight.position_m, LEGS + 1)
+    way = float(np.linalg.norm(np.diff([np.median(part, axis=0) for part in parts], axis=0), axis=1).sum())
+    span = float(np.ptp(columns["step"][sight.row])) * LEGS / (LEGS + 1)
+    speed = way / (gap * max(span, 1.0))
+    if way < LEAST_WAY_M or speed < MOST_MPS:
+        return []
+    reason = f"{gap:.4g} s between steps, so that the agent would move at {speed:.0f} m/s"
+    return [Suspicion("time_s", "fast", "too small for seconds", False, reason)]
 
 
 def _words(unit: str, factor: float) -> str:

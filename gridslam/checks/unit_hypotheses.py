@@ -28,7 +28,7 @@ class Suspicion:
     ----------
     column : str
     kind : str
-        "padding", "missing", "case", "names", "offset", "slant", "milliseconds", "microseconds",
+        "padding", "missing", "case", "names", "offset", "slant", "milliseconds", "microseconds", "fast",
         "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "round trip",
         "flipped", "world frame", "backwards", "swapped", "dB", "power" or "level".
     text : str

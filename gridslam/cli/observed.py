@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gridslam.errors import InputError
-from gridslam.systems.registry import METHODS
+from gridslam.systems.registry import METHODS, method_class, taken_by
 
 if TYPE_CHECKING:
     from gridslam.cli.asked import Asked
@@ -114,12 +114,43 @@ def source(files: Sequence[Path]) -> dict[str, Any]:
     return {"source": known[0] if len(known) == 1 else known}
 
 
+def hints(world: Scene, method: str, heard: Observations | None) -> list[str]:
+    """What to say before a run: what a method doesn't use of what it gets, and which one is made for it."""
+    found = angles_hint(world, method, heard), samples_hint(world, method, heard)
+    return [hint for hint in (*found, elevations_hint(world, method, heard)) if hint]
+
+
+def samples_hint(world: Scene, method: str, heard: Observations | None) -> str | None:
+    """What to say where the scene is one of sampled signals, and a method on paths simulates its own."""
+    if heard is not None or world.radio.frequencies is None or taken_by(method_class(method)) == "signal":
+        return None
+    return (
+        f"{world.name} is a scene of sampled signals, made for --method direct or hybrid; {method} gets "
+        "the paths that a perfect front end would measure of them"
+    )
+
+
+def elevations_hint(world: Scene, method: str, heard: Observations | None) -> str | None:
+    """What to say where elevations are measured that a method doesn't use."""
+    from gridslam.measurements.table import Measurements
+
+    if taken_by(method_class(method)) == "signal":
+        return None
+    told = isinstance(heard, Measurements) and (
+        heard.aod_elevation_rad is not None or heard.aoa_elevation_rad is not None
+    )
+    used = getattr(method_class(method), "over_levels", False) and world.has_heights
+    if used or not told:
+        return None
+    why = "--method grid and adaptive do" if world.has_heights else "the scene gives no heights"
+    return f"the elevations that were measured aren't used by {method}: {why}"
+
+
 def angles_hint(world: Scene, method: str, heard: Observations | None) -> str | None:
     """What to say where a method that lives on angles gets none."""
     import numpy as np
 
     from gridslam.measurements.table import Measurements
-    from gridslam.systems.registry import METHODS
 
     if method not in METHODS or not METHODS[method].on_angles:
         return None

@@ -13,7 +13,7 @@ from gridslam.cli.agents import agents_of
 from gridslam.cli.asked import Asked, RunOptions
 from gridslam.cli.network import run_network
 from gridslam.cli.observed import (
-    angles_hint,
+    hints,
     recorded,
     require_map_used,
     source,
@@ -83,7 +83,7 @@ def _run_in_turn(asked: Asked) -> None:
         )
         with view_of(asked, names) as view:
             runtime.start(asked.device, asked.threads)
-            for line in (*place.notes, note, angles_hint(world, method, every[names[0]])):
+            for line in (*place.notes, note, *hints(world, method, every[names[0]])):
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
             resolved = {"agent": names, "particles": world.filter.particles, "start": how}

@@ -100,7 +100,7 @@ def draw_errors(own: Sequence[Batch]) -> Figure:
         known = [scale * getattr(batch.benchmark.known, name) for batch in own]
         unknown = [scale * getattr(batch.benchmark.unknown, name) for batch in own]
         _bound(axes, known, "known-map bound", ":")
-        _bound(axes, unknown, "bound", "--")
+        _bound(axes, unknown, "unknown-map bound", "--")
         axes.grid(alpha=0.3)
     for axes, what, (name, scale, _) in zip(
         panels, ("position RMSE (cm)", "heading RMSE (deg)"), ERRORS, strict=False
@@ -147,7 +147,9 @@ def draw_mospa(own: Sequence[Batch]) -> Figure:
             low, high = np.maximum(batch.quantiles(name), LEAST_M)
             axes.fill_between(np.arange(len(low)), low, high, color=color, alpha=0.18, lw=0)
             axes.plot(batch.mean(name), color=color, ls=style, lw=1.3, label=_label(batch, own))
-        count.plot(batch.mean("surfaces"), color=color, ls=style, lw=1.3)
+        number_of = batch.mapped(batch.mean("surfaces"))
+        if not np.isnan(number_of).all():
+            count.plot(number_of, color=color, ls=style, lw=1.3)
     _bound(distance, [batch.benchmark.mospa_m for batch in own], "mapping error bound", "--")
     _bound(count, [batch.benchmark.surfaces for batch in own], "true", "--")
     distance.set(yscale="log", ylabel="MOSPA of the surfaces (m)")

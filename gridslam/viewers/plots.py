@@ -37,6 +37,7 @@ from gridslam.drawing.map_figure import (
 )
 from gridslam.evaluation.ground_truth import inherited_truth, known_bound, tells_heading, truth_of
 from gridslam.evaluation.metrics import SETTLED_STEP, track_errors
+from gridslam.evaluation.surface_truth import AudibleSurfaces
 from gridslam.io.files import cannot_write, write_bytes
 from gridslam.maps.map import Map
 from gridslam.measurements.recording import Recording
@@ -221,6 +222,7 @@ def draw_all(
     first = next(iter(run.agents.values()))
     earlier = inherited_truth(run.scene, first.map, latest=False)
     takes = kind_of(str(run.summary.get("method")))
+    at_once = (Path(directory) / network_files.H5).exists()  # several agents, none before the others
     for name, found in run.agents.items():
         truth = _truth(run.scene, name, found)
         with fonts(width):
@@ -246,8 +248,8 @@ def draw_all(
                 tracks = found.trajectory, found.truth
                 drawn["features"] = draw_features(run.scene, found.map.features, *tracks, width)
             written += _save(folder, {f"{name}-{title}": figure for title, figure in drawn.items()}, form)
-        earlier += [truth] if truth is not None else []
-    if (Path(directory) / network_files.H5).exists():  # several agents at once
+        earlier += [truth] if truth is not None and not at_once else []
+    if at_once:
         clocks, truth_of_clocks = network_files.read_clocks(Path(directory) / network_files.H5)
         with fonts(width):
             drawn = {
@@ -284,15 +286,9 @@ def _truth(scene: Scene, name: str, found: AgentFiles) -> Truth | None:
 
 
 def _seen_so_far(truth: Truth, earlier: Sequence[Truth], steps: int) -> list[int]:
-    """How many true surfaces some path had hit by each step."""
-    surface = truth.segments.surface
-    seen = {int(s) for other in earlier for s in surface[other.paths.segment[other.paths.segment >= 0]]}
-    counts = []
-    for step in range(steps):
-        hit = truth.paths.segment[truth.paths.step == step]
-        seen |= set(surface[hit[hit >= 0]].tolist())
-        counts.append(len(seen))
-    return counts
+    """How many true surfaces some path had hit by each step, a curved wall once: as scores count them."""
+    audible = AudibleSurfaces.of(truth, earlier)
+    return [audible.count(step) for step in range(steps)]
 
 
 def _save(folder: Path, figures: dict[str, Figure], form: str = "png") -> list[Path]:

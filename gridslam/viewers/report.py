@@ -41,8 +41,11 @@ SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
     "surfaces_detected": ("surfaces found", "{:.0f}".format),
     "features": ("learned features", "{:.0f}".format),
     "surfaces_matched": ("true surfaces among them", "{:.0f}".format),
-    "surfaces_true": ("surfaces there are", "{:.0f}".format),
-    "surface_ospa_m": ("surfaces, OSPA", lambda v: f"{100 * v:.1f} cm"),
+    "surfaces_true": ("true surfaces that paths hit", "{:.0f}".format),
+    "surface_ospa_m": (
+        "surfaces, OSPA (each that is missed or false counts 5 m)",
+        lambda v: f"{100 * v:.1f} cm",
+    ),
     "reflection_mae": ("reflection coefficient, mean error", "{:.3f}".format),
     "occupied_precision": ("cells called occupied that are", "{:.1%}".format),
     "occupied_recall": ("cells hit that were found", "{:.1%}".format),

@@ -283,8 +283,6 @@ class Scene(Strict):
             no such agent.
         """
         self.require_planar()
-        if self.radio.frequencies is None:
-            raise InputError(f"{self.name}: radio.frequencies", "none", "frequencies and frequency_step_hz")
         body = self.agent(agent) if agent is not None else self.agents[0]
         return waveform_of(self.radio, self.anchors, body, self.name)
 

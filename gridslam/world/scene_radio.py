@@ -66,16 +66,17 @@ def waveform_of(radio: Radio, anchors: Sequence[Anchor], agent: Agent, scene: st
 
     Parameters
     ----------
-    radio : Radio
-        With frequencies.
     scene : str
         Its name, for errors.
 
     Raises
     ------
     InputError
-        The anchors' arrays differ in size, or have layers.
+        There are no frequencies, or the anchors' arrays differ in size, or have layers.
     """
+    if radio.frequencies is None:
+        allowed = "frequencies and frequency_step_hz: sampled signals, as scenes overlap and scatter have"
+        raise InputError(f"{scene}: radio.frequencies", "none", allowed)
     arrays = [(anchor.array or radio.array) for anchor in anchors]
     tall = max(array.layers for array in (*arrays, agent.array or radio.array))
     if tall > 1:

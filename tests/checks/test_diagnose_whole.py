@@ -107,13 +107,27 @@ def test_names_that_differ_in_case_are_named_and_the_rest_still_judged():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("epoch", "kind"), [(0.0, "milliseconds"), (1.7e12, "milliseconds"), (1.7e18, "nanoseconds")]
+    ("epoch", "kind"),
+    [(0.0, "milliseconds"), (1.7e12, "milliseconds"), (1.7e18, "nanoseconds"), (0.0, "fast")],
 )
 def test_times_that_are_no_seconds_are_named(epoch, kind):
     columns = heard("room", 1, steps=BRIEF)
-    factor = 1e9 if kind == "nanoseconds" else 1e3
+    factor = {"nanoseconds": 1e9, "milliseconds": 1e3, "fast": 1e-3}[kind]
     (found,) = named(columns | {"time_s": epoch + factor * columns["time_s"]}, "room")
     assert (found.column, found.kind) == ("time_s", kind)
+
+
+@pytest.mark.slow
+def test_decibels_are_named_where_they_are_as_large_as_what_they_stand_for():
+    data = SCENES["room"].model_dump(exclude_none=True)
+    loud = gs.Scene.checked({**data, "radio": {**data["radio"], "snr_at_1m_db": 41}}, "loud")
+    table = gs.simulate(loud, "agent1", 1)
+    columns = {key: np.array(getattr(table, key)) for key in NAMES}
+    assert suspicions(columns, loud.anchor_names, loud, "agent1") == []
+    decibels = columns | {"amplitude": 20 * np.log10(columns["amplitude"])}
+    (found,) = suspicions(decibels, loud.anchor_names, loud, "agent1")
+    assert (found.column, found.kind) == ("amplitude", "dB")
+    assert "+1 dB off" in found.reason, "too little to be noticed by the level"
 
 
 @pytest.mark.slow

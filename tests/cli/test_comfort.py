@@ -14,6 +14,7 @@ from scene_samples import shortened
 from tiny import TINY
 
 import gridslam as gs
+from gridslam.cli.observed import hints
 from gridslam.runs.progress import LEAST_STEPS, LINES, progress_bar
 
 
@@ -123,6 +124,18 @@ def test_distances_alone_point_to_the_method_for_them(say, method, told):
     assert ("--method va" in alone.err) == told
     assert alone.code == 0
     assert "--method va" not in say(*words, "--measurements", "whole.csv", "-o", "other").err
+
+
+def test_before_a_run_it_is_said_what_a_method_does_not_use():
+    overlap, tall = gs.Scene.load("overlap"), gs.Scene.load("ceiling")
+    assert "made for --method direct or hybrid" in " ".join(hints(overlap, "grid", None))
+    assert hints(overlap, "direct", None) == hints(gs.Scene.load("room"), "grid", None) == []
+    one = np.array([0])
+    values = dict.fromkeys(("time_s", "distance_m", "aod_rad", "aoa_rad", "amplitude"), np.ones(1))
+    heard = gs.Measurements(anchors=("A",), step=one, anchor=one, **values, aoa_elevation_rad=np.ones(1))
+    assert hints(tall, "grid", heard) == []
+    assert "grid and adaptive do" in " ".join(hints(tall, "va", heard))
+    assert "gives no heights" in " ".join(hints(gs.Scene.load("room"), "grid", heard))
 
 
 @pytest.mark.slow
