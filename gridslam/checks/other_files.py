@@ -85,7 +85,9 @@ def run_line(folder: Path) -> str:
     each = []
     for name, own in found.agents.items():
         surfaces = int(own.estimates[-1].detected.sum()) if own.estimates else 0
-        each.append(f"{name} ({len(own.estimates)} steps, {surfaces} surfaces)")
+        cut = found.summary["agents"][name].get("interrupted")
+        steps = f"cut short, {len(own.estimates)} of {len(own.measurements)}" if cut else len(own.estimates)
+        each.append(f"{name} ({steps} steps, {surfaces} surfaces)")
     return f"run of {found.scene.name} by {found.summary.get('method', '?')}: {', '.join(each)}"
 
 

@@ -49,8 +49,10 @@ def check(
     from gridslam.checks.verdict import UNSURE
     from gridslam.measurements.recording import Recording
     from gridslam.measurements.table import Measurements
+    from gridslam.runs.parts import refuse_unfinished
     from gridslam.world.scene import Scene
 
+    refuse_unfinished(file)
     world = Scene.load(scene) if scene is not None else None
     samples = _holds_samples(file)
     if not (samples or _is_table(file)):

@@ -146,12 +146,13 @@ def network_scores(
 ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Scores of every agent, and those of clocks and labels."""
     whole = done.score(heard.clocks, truth)
-    scores = []
-    for name, run in done.runs.items():
-        if truth is not None:
-            scores.append(run.score(truth.agents[name].first(len(run.estimates))))
-        else:
-            scores.append(run.score(heard.tracks.get(name)))
+    if truth is None:
+        return [run.score(heard.tracks.get(name)) for name, run in done.runs.items()], whole
+    own = {name: truth.agents[name].first(len(run.estimates)) for name, run in done.runs.items()}
+    scores = [  # the map is of all that any of them heard
+        run.score(own[name], [other for one, other in own.items() if one != name])
+        for name, run in done.runs.items()
+    ]
     return scores, whole
 
 

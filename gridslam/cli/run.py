@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
     from gridslam.world.scene import Scene
 
 err = Console(stderr=True)
+UNWELL = 0.1
+"""Share of the steps from which on measurements, which weren't simulated, are doubted."""
 
 
 def run(context: typer.Context, options: RunOptions) -> None:
@@ -101,10 +105,9 @@ def _run_in_turn(asked: Asked) -> None:
             if stopped and earlier:
                 go_on_later(folder, earlier, termination)
             progress = f"{len(runs[-1].estimates)} of {len(observations[-1])} steps of {runs[-1].agent}"
-            notes = [
-                *_height_notes(runs),
-                *(_range_notes(world, runs, observations) if file is not None else []),
-            ]
+            notes = _height_notes(runs)
+            if file is not None:
+                notes += _range_notes(world, runs, observations) or _unwell_notes(runs, file, asked.scene)
             given_files = source([by_name[one.agent] for one in runs if by_name])
             done = Done(runs, observations, scores, given_files, progress, lines=notes)
             finish(folder, place, world, done, stopped, termination)
@@ -205,6 +208,19 @@ def _range_notes(world: Scene, runs: list[Run], observations: list[Observations]
             (done.agent, range_note(world, done.agent, h)) for done, h in zip(runs, observations, strict=True)
         ]
     return [f"note: {agent}: {note}" for agent, note in notes if note]
+
+
+def _unwell_notes(runs: list[Run], file: Path, scene: str) -> list[str]:
+    """Where filters were unwell on measurements that weren't simulated: who looks at these."""
+    import numpy as np
+
+    unwell = [
+        run.agent for run in runs if np.mean([not e.health.ok for e in run.estimates] or [False]) > UNWELL
+    ]
+    if not unwell:
+        return []
+    asked = shlex.join(["gridslam", "check", str(file), "--scene", scene])
+    return [f"note: {', '.join(unwell)}: whether units, angles and anchors' names fit is told by: {asked}"]
 
 
 def _scores(

@@ -122,7 +122,7 @@ def _table(runs: list[Run], scores: list[dict[str, Any]]) -> Table:
     """One line per agent; units in the titles."""
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     titles = "agent", "steps", "position\nRMSE cm", "bound\ncm", "heading\nRMSE deg", "bound\ndeg"
-    for title in (*titles, "surfaces\nfound true", "map\nprecision", "map\nrecall", "s/step"):
+    for title in (*titles, "surfaces\nfound true false", "map\nprec.", "map\nrecall", "s/step"):
         table.add_column(title, justify="left" if title == "agent" else "right", no_wrap=True)
 
     def number(value: float | None, form: str, scale: float = 1, own: float | None = None) -> str:
@@ -132,7 +132,7 @@ def _table(runs: list[Run], scores: list[dict[str, Any]]) -> Table:
 
     for done, score in zip(runs, scores, strict=True):
         found, matched, true = (score[f"surfaces_{key}"] for key in ("detected", "matched", "true"))
-        of = "" if true is None else f" {matched}/{true}"
+        of = "" if true is None else f" {matched}/{true} {score['surfaces_false']}"
         if found is None:
             found = "-" if score["features"] is None else f"{score['features']} features"
         table.add_row(

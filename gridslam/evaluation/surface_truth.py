@@ -99,6 +99,11 @@ class AudibleSurfaces:
         there = self.curve[whom[distance[which, whom] < MATCHED_M]]
         return int((there < 0).sum() + len(np.unique(there[there >= 0])))
 
+    def false(self, found: SurfaceEstimate) -> int:
+        """How many found surfaces lie at none of them: 0.5 m or more as feature vectors from each."""
+        distance = np.linalg.norm(found.sfv_m[:, None] - self.feature, axis=-1)
+        return int((distance.min(1, initial=np.inf) >= MATCHED_M).sum())
+
     def _distance(self, found: Array, there: NDArray[np.bool_]) -> float:
         """OSPA against some of the surfaces; of a curved wall, the facets that lines were found for."""
         from scipy.optimize import linear_sum_assignment
@@ -136,10 +141,14 @@ def assigned_error(found: Array, truth: Array, cutoff: float = OSPA_CUTOFF_M) ->
 
 
 def surface_scores(found: SurfaceEstimate, truth: Truth) -> dict[str, float | int]:
-    """Compare detected surfaces with all that the truth's paths hit: how many, how many found, the OSPA."""
+    """Compare detected surfaces with all that the truth's paths hit: how many, how many found, the OSPA.
+
+    Several found at the facets of one curved wall count once as matched, and none of them as false.
+    """
     heard = AudibleSurfaces.of(truth)
     return {
         "surfaces_matched": heard.matched(found),
         "surfaces_true": heard.count(),
+        "surfaces_false": heard.false(found),
         "surface_ospa_m": heard.ospa(found),
     }

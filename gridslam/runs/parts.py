@@ -13,6 +13,7 @@ import shutil
 import socket
 from pathlib import Path
 
+from gridslam.errors import InputError
 from gridslam.io.files import beside
 
 MARK = ".gridslam-part"
@@ -40,6 +41,14 @@ def unfinished_part(directory: str | os.PathLike[str]) -> Path | None:
         if part and part["name"] == target.name and not path.is_symlink() and holds_checkpoint(path):
             found.append(path)
     return max(found, key=lambda path: (path / UNFINISHED / INDEX).stat().st_mtime_ns, default=None)
+
+
+def refuse_unfinished(folder: Path) -> None:
+    """Raise `InputError` if nothing stands there but the checkpoint of a run into it."""
+    if not folder.exists() and unfinished_part(folder) is not None:
+        raise InputError(
+            f"{folder}", "an unfinished run", f"to go on with it (gridslam run --resume {folder})"
+        )
 
 
 def sign(folder: Path, process: int) -> None:

@@ -75,7 +75,8 @@ def progress_bar(
                 there = [np.interp(estimate.time_s, truth.time_s, axis) for axis in truth.position_m.T]
                 square, count = square + float(((estimate.position_m - there) ** 2).sum()), count + 1
             if count:
-                state += f", error {100 * (square / count) ** 0.5:.1f} cm"
+                since = "" if count == done else f" of the last {count} steps"  # since a run was resumed
+                state += f", RMSE{since} {100 * (square / count) ** 0.5:.1f} cm"
             bar.update(task, completed=done, total=total, state=state)
             due = total >= LEAST_STEPS and done * LINES // total > (done - 1) * LINES // total
             if due and not console.is_terminal:

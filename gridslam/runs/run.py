@@ -216,6 +216,7 @@ AGENT_KEYS = (
     "features",
     "surfaces_matched",
     "surfaces_true",
+    "surfaces_false",
     "surface_ospa_m",
     "reflection_mae",
     "map",

@@ -21,7 +21,7 @@ from gridslam.estimates import Estimate
 from gridslam.io.files import cannot_write, write_bytes
 from gridslam.maps.map import Map
 from gridslam.measurements.observations import NAMES, Observations, kind_of, read_observations
-from gridslam.runs.parts import holds_checkpoint
+from gridslam.runs.parts import holds_checkpoint, refuse_unfinished
 from gridslam.runs.reservation import Place, reserve
 from gridslam.runs.run import Run
 from gridslam.runs.step_files import read_steps, write_steps
@@ -173,6 +173,7 @@ def read_run(directory: str | os.PathLike[str]) -> RunFiles:
         Not a run's folder, or one of its files is missing or damaged.
     """
     folder = Path(directory)
+    refuse_unfinished(folder)
     try:
         summary = json.loads((folder / "run.json").read_text(encoding="utf-8"))
         scores = summary["agents"]

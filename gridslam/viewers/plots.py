@@ -112,12 +112,13 @@ def draw_errors(
     earlier: Sequence[Truth] = (),
     width: float = PAGE_IN,
     takes: Kind = "paths",
+    beside: Sequence[Truth] = (),
 ) -> Figure:
     """Errors over time, the filter's own deviations, the known-map bound, and the number of surfaces.
 
     Without the heading where nothing tells of it, and the surfaces of a method that maps none. The true
-    number is of the walls that could be heard of so far, by this agent and those before it. Axes end where
-    errors do after the first steps.
+    number is of the walls that paths hit so far, of this agent, those before it, and those beside it that
+    share its map. Axes end where errors do after the first steps.
     """
     truth = _truth(scene, name, found) if truth is None else truth
     headed = tells_heading(scene, name, takes)
@@ -154,7 +155,8 @@ def draw_errors(
     if heading is not None:
         heading.set_ylabel("heading (deg)")
     if counted:
-        _count_surfaces(rows[-1], found, None if truth is None else _seen_so_far(truth, earlier, len(steps)))
+        shared = None if truth is None else _seen_so_far(truth.joined(beside), earlier, len(steps))
+        _count_surfaces(rows[-1], found, shared)
         if truth is not None:
             rows[-1].legend(ncols=2, **place)
     rows[-1].set(xlabel="step", xlim=(steps[0], max(steps[-1], steps[0] + 1)))
@@ -177,7 +179,9 @@ def _count_surfaces(count: Axes, found: AgentFiles, true: list[int] | None) -> N
     steps, number = [e.step for e in found.estimates], [int(e.detected.sum()) for e in found.estimates]
     count.step(steps, number, where="mid", color=BLUE, lw=2.0, label="detected")
     if true is not None:
-        count.step(steps, true, where="mid", color="k", lw=0.9, ls="--", label="true, heard of so far")
+        count.step(
+            steps, true, where="mid", color="k", lw=0.9, ls="--", label="true, hit so far (curved ones once)"
+        )
     count.set(ylabel="surfaces", ylim=(0, 1.15 * max([1, *number, *(true or ())])))
     count.yaxis.set_major_locator(MaxNLocator(5, integer=True))
 
@@ -222,13 +226,15 @@ def draw_all(
     first = next(iter(run.agents.values()))
     earlier = inherited_truth(run.scene, first.map, latest=False)
     takes = kind_of(str(run.summary.get("method")))
-    at_once = (Path(directory) / network_files.H5).exists()  # several agents, none before the others
+    shared = (Path(directory) / network_files.H5).exists()  # several agents at once
+    truths = {name: _truth(run.scene, name, found) for name, found in run.agents.items()}
     for name, found in run.agents.items():
-        truth = _truth(run.scene, name, found)
+        truth = truths[name]
+        beside = [t for other, t in truths.items() if shared and other != name and t is not None]
         with fonts(width):
             drawn = {
                 "map": draw_map(found.map, run.scene, found.trajectory, found.truth, found.estimates, width),
-                "errors": draw_errors(run.scene, name, found, truth, earlier, width, takes),
+                "errors": draw_errors(run.scene, name, found, truth, earlier, width, takes, beside),
             }
             if any(np.isfinite(e.paths.points).any() for e in found.estimates):
                 drawn["rays"] = draw_rays(run.scene, name, found, truth=truth, width=width)
@@ -248,8 +254,8 @@ def draw_all(
                 tracks = found.trajectory, found.truth
                 drawn["features"] = draw_features(run.scene, found.map.features, *tracks, width)
             written += _save(folder, {f"{name}-{title}": figure for title, figure in drawn.items()}, form)
-        earlier += [truth] if truth is not None and not at_once else []
-    if at_once:
+        earlier += [truth] if truth is not None and not shared else []
+    if shared:
         clocks, truth_of_clocks = network_files.read_clocks(Path(directory) / network_files.H5)
         with fonts(width):
             drawn = {

@@ -1,5 +1,7 @@
 """`check` reads all that the project writes, and says of damaged files what is wrong with them."""
 
+import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ from tiny import TINY
 import gridslam as gs
 from gridslam.runs.network_files import write_clocks, write_csv
 from gridslam.runs.network_run import ClockTrack
+from gridslam.runs.parts import INDEX, UNFINISHED
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +56,24 @@ def test_every_file_of_a_run_is_told(say, made, name, told):
     said = say("check", made / name if name != "room" else name)
     assert (said.code, said.err) == (0, "")
     assert told in said.out
+
+
+def test_a_run_that_was_cut_short_says_so(say, made, tmp_path):
+    short = shutil.copytree(made / "out", tmp_path / "short")
+    summary = json.loads((short / "run.json").read_text())
+    summary["agents"]["agent1"]["interrupted"] = True
+    (short / "run.json").write_text(json.dumps(summary))
+    assert "agent1 (cut short, 3 of 3 steps, " in say("check", short).out
+
+
+@pytest.mark.parametrize("command", ["check", "report"])
+def test_an_unfinished_run_is_no_missing_file(say, tmp_path, command):
+    rest = tmp_path / ".out.7.part" / UNFINISHED
+    rest.mkdir(parents=True)
+    (rest / INDEX).write_text("{}")
+    said = say(command, tmp_path / "out")
+    assert said.code == 2
+    assert said.err.endswith(f"to go on with it (gridslam run --resume {tmp_path / 'out'})\n")
 
 
 def test_scene_tells_where_no_anchor_is_in_sight(say):

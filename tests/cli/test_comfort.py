@@ -66,9 +66,9 @@ def test_counts_of_surfaces_agree_in_table_and_file(say):
     Path("tiny.toml").write_text(TINY)
     said = say("run", "tiny.toml", "--agent", "agent1", "-o", "out")
     own = json.loads(Path("out/run.json").read_text())["agents"]["agent1"]
-    counts = [own[f"surfaces_{name}"] for name in ("detected", "matched", "true")]
+    counts = [own[f"surfaces_{name}"] for name in ("detected", "matched", "true", "false")]
     assert counts[1] <= min(counts[0], counts[2])
-    assert f"{counts[0]} {counts[1]}/{counts[2]}" in said.out
+    assert f"{counts[0]} {counts[1]}/{counts[2]} {counts[3]} " in said.out
     assert own["position_std_m"] > 0
 
 
@@ -103,6 +103,15 @@ def test_other_columns_of_a_table_are_passed_over_and_noted(say):
     np.testing.assert_array_equal(again.distance_m, heard.distance_m)
     Path("wrong.csv").write_text("\n".join([f"{first},distence_m", *(f"{row},1" for row in rows)]))
     assert "distance_m (nearest known)" in say("check", "wrong.csv").err
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_measurements_that_make_a_filter_unwell_point_to_check(say, short_room):
+    say("simulate", short_room, "-o", "heard.csv")
+    table = Path("heard.csv").read_text().replace(",A,", ",C,").replace(",B,", ",A,").replace(",C,", ",B,")
+    Path("heard.csv").write_text(table)
+    said = say("run", short_room, "--agent", "agent1", "--measurements", "heard.csv", "-o", "one")
+    assert f"is told by: gridslam check heard.csv --scene {short_room}" in said.out
 
 
 @pytest.mark.slow

@@ -49,7 +49,10 @@ def test_surface_seen_by_no_path_is_not_demanded_and_a_window_is_no_second_wall(
     assert heard.first.tolist() == [0, 2]
     assert [heard.count(step) for step in range(3)] == [1, 1, 2]
     scores = surface_scores(lines_at([[0, 4]]), truth_of(segments, seen))
-    assert scores == {"surfaces_matched": 1, "surfaces_true": 2, "surface_ospa_m": pytest.approx(2.5)}
+    counts = {"surfaces_matched": 1, "surfaces_true": 2, "surfaces_false": 0}
+    assert scores == counts | {"surface_ospa_m": pytest.approx(2.5)}
+    beside = surface_scores(lines_at([[0, 4], [0, 4.3], [0, 4.6]]), truth_of(segments, seen))
+    assert (beside["surfaces_matched"], beside["surfaces_false"]) == (1, 1)
     assert heard.ospa(lines_at([[0, 4]]), step=1) == pytest.approx(0, abs=1e-9)
 
 
