@@ -19,6 +19,7 @@ from gridslam.maps.map_cells import blocks_of, joint_of
 from gridslam.maps.map_files import LARGEST_CELLS
 from gridslam.maps.run_identity import refuse_shared_runs
 from gridslam.world.geometry import canonical, unit, wrap
+from gridslam.world.levels import COEFFICIENTS
 
 MERGE_MAHALANOBIS = 3.0
 MERGE_DISTANCE_M = 0.5
@@ -91,7 +92,23 @@ def fuse(maps: Iterable[Map], same_frame: bool = False, names: Sequence[str] | N
         features,
         covariance,
         joint,
+        _surest(ordered),
     )
+
+
+def _surest(maps: Sequence[Map]) -> dict[str, np.ndarray]:
+    """Of floor and ceiling the belief of the map that is surest: the prior that all have is in each."""
+    found: dict[str, np.ndarray] = {}
+    for belief in (dict(grid.levels) for grid in maps):
+        for name, row in belief.items():
+            if name not in found or _variance(row) < _variance(found[name]):
+                found[name] = row
+    return found
+
+
+def _variance(belief: np.ndarray) -> float:
+    """Of a belief over coefficients."""
+    return float(belief @ COEFFICIENTS**2 - (belief @ COEFFICIENTS) ** 2)
 
 
 def merge_surfaces(

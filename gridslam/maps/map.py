@@ -46,6 +46,8 @@ class Map(MapCells):
     surface_covariance : (2 S, 2 S) float64 or None
         Of all surfaces' angles and offsets together, in the order of their lines; without it they are
         taken as independent. Surfaces found by one agent share its errors.
+    levels : dict of (50,) float64
+        Of "floor" and "ceiling", if coefficients were learned: beliefs over `world.levels.COEFFICIENTS`.
 
     Raises
     ------

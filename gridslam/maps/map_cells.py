@@ -14,14 +14,29 @@ from scipy.special import expit, logit
 from gridslam.errors import InputError
 from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate
 from gridslam.io.covariances import require_covariance
+from gridslam.world.levels import COEFFICIENTS
 from gridslam.world.radio import REFLECTION_BINS
 
 ANCHOR_KEYS = ("anchors", "anchor_x_m", "anchor_y_m")
 """Parallel lists in a map's provenance."""
 ON_LATTICE = 1e-6
 """Largest deviation, in cells, at which two grids still count as aligned."""
+LEVELS = ("floor", "ceiling")
+"""Whose coefficients a map may hold."""
+BELIEVED = 1e-6
+"""By which a sum of probabilities may differ from 1."""
 SAME_BLOCKS = 1e-6
 """By which a joint covariance may differ from those of the surfaces, as a share."""
+
+
+def _level(name: str, belief: ArrayLike) -> np.ndarray:
+    """A belief about the coefficient of floor or ceiling, or an error."""
+    row = np.ascontiguousarray(belief, dtype=np.float64)
+    _require(name in LEVELS, "levels", repr(name), " or ".join(LEVELS))
+    _require(row.shape == COEFFICIENTS.shape, f"levels: {name}", row.shape, f"{COEFFICIENTS.shape}")
+    likely = bool(np.isfinite(row).all() and (row >= 0).all() and abs(row.sum() - 1) < BELIEVED)
+    _require(likely, f"levels: {name}", "no probabilities", "numbers from 0 on whose sum is 1")
+    return row
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +55,7 @@ class MapCells:
     features: FeatureEstimate | None = None
     feature_covariance: np.ndarray | None = None
     surface_covariance: np.ndarray | None = None
+    levels: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         types = {
@@ -73,6 +89,7 @@ class MapCells:
             square = np.ascontiguousarray(self.feature_covariance, dtype=np.float64)
             object.__setattr__(self, "feature_covariance", square)
             _require(square.shape == (size, size), "feature_covariance", square.shape, f"{(size, size)}")
+        object.__setattr__(self, "levels", {n: _level(n, one) for n, one in self.levels.items()})
         if self.surface_covariance is not None:
             self._require_joint(np.ascontiguousarray(self.surface_covariance, dtype=np.float64))
 

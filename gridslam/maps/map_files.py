@@ -24,10 +24,11 @@ from gridslam.io.files import (
     write_bytes,
     writing_h5,
 )
-from gridslam.maps.map_cells import MapCells, anchors_of
+from gridslam.maps.map_cells import LEVELS, MapCells, anchors_of
 from gridslam.maps.nav2 import trinary
 from gridslam.maps.walls import WallSegments
 from gridslam.world.geometry import line_of_sfv
+from gridslam.world.levels import COEFFICIENTS
 from gridslam.world.radio import REFLECTION_BINS
 
 FORMAT = "gridslam-map"
@@ -69,7 +70,8 @@ def write_map(grid: MapCells, path: str | os.PathLike[str]) -> None:
     cells with hits, ``coefficient_cell`` (T, 2) [iy, ix] and ``coefficient`` (T, BINS). ``/surfaces`` has one
     dataset per field of `SurfaceEstimate`, ``reflection_posterior`` (S, BINS) and ``joint_covariance`` (2 S,
     2 S) of all lines; ``/features`` one per field
-    of `FeatureEstimate` and ``joint_covariance`` (3 F, 3 F); ``/provenance`` attributes.
+    of `FeatureEstimate` and ``joint_covariance`` (3 F, 3 F); ``/levels`` beliefs about floor and
+    ceiling; ``/provenance`` attributes.
 
     Raises
     ------
@@ -101,6 +103,8 @@ def write_map(grid: MapCells, path: str | os.PathLike[str]) -> None:
                 put(features, name, getattr(grid.features, name), unit)
             if grid.feature_covariance is not None:
                 put(features, "joint_covariance", grid.feature_covariance, "m^2")
+        for name, belief in grid.levels.items():
+            put(file.require_group("levels"), name, belief, "1")
         put_attributes(file.create_group("provenance"), grid.provenance)
 
 
@@ -137,6 +141,7 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
             "surface_covariance": joint,
             "provenance": get_attributes(subgroup(file, "provenance")) if "provenance" in file else {},
             **(_read_features(file) if "features" in file else {}),
+            "levels": _read_levels(file),
         }
 
 
@@ -227,6 +232,12 @@ def _read_features(file: h5py.File) -> dict[str, Any]:
         table["anchor_m"] = place[table["anchor"]]
     joint = get(group, "joint_covariance", (3 * count, 3 * count)) if "joint_covariance" in group else None
     return {"features": FeatureEstimate(**table), "feature_covariance": joint}
+
+
+def _read_levels(file: h5py.File) -> dict[str, np.ndarray]:
+    """Beliefs (50,) about coefficients of floor and ceiling, where stored."""
+    group = subgroup(file, "levels") if "levels" in file else {}
+    return {name: get(group, name, (len(COEFFICIENTS),), "f") for name in LEVELS if name in group}
 
 
 def read_owner(group: h5py.Group, count: int) -> np.ndarray:

@@ -176,8 +176,8 @@ def _started(
 ) -> Slam:
     """A method's object, told of a start: by `start_at` where it has one, else by its scene."""
     start_at = getattr(method, "start_at", None)
-    if start is not None and start.heights_m:
-        scene = scene.at_heights(agent, start.heights_m)
+    if start is not None and (start.heights_m or start.coefficients):
+        scene = scene.at_heights(agent, start.heights_m).at_coefficients(start.coefficients)
     if start is not None and start_at is None:
         scene = scene.starting(agent, start.position_m, start.heading_rad)
     slam = built(method, scene, prior_map, agent, seed, waveform)

@@ -32,7 +32,7 @@ from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.map import Map
-from gridslam.systems.front import SurfaceFilter, inherit_surfaces
+from gridslam.systems.front import SurfaceFilter, inherit_levels, inherit_surfaces
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.scan import Scan
 
@@ -40,8 +40,9 @@ from gridslam.world.scan import Scan
 def start(model: FilterModel, prior: Map | None = None) -> State:
     """The state before the first step: the agent's prior, and the surfaces of an earlier agent's map."""
     state = replace(
-        State.start(model), amplitudes=RayAmplitudes(), leftovers=Leftovers.none(), levels=model.level_prior
-    )
+        State.start(model), amplitudes=RayAmplitudes(), leftovers=Leftovers.none(),
+        levels=inherit_levels(model, prior),
+    )  # fmt: skip
     return state if prior is None else inherit_surfaces(state, prior)
 
 

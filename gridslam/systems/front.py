@@ -109,7 +109,9 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
         table = surface_estimate(state, work=self.work)
         found = table.existence > self.model.settings.detect_above
         joint = lines_covariance(state.belief, found)
-        return bare_map(self, table.take(found), state.surfaces.reflection[found], joint)
+        sheet = bare_map(self, table.take(found), state.surfaces.reflection[found], joint)
+        levels = () if state.levels is None else zip(self.model.level_names, state.levels, strict=True)
+        return replace(sheet, levels={name: belief for name, belief in levels if belief.any()})
 
     def _strength(self, state: State) -> Callable[[Rays, Array], Array] | None:
         """Amplitudes (L,) of rays of given distances (L,); None where they follow from coefficients."""
@@ -137,9 +139,8 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
         """Coefficients of floor and ceiling that the scene gives with deviations, as believed, and theirs."""
         if state.levels is None:
             return {}
-        names = ("", "floor", "ceiling")
-        found = zip(self.scene.verticals(self.agent).over[1:], *level_means(state.levels), strict=True)
-        return {names[over]: (float(mean), float(std)) for over, mean, std in found if mean > 0}
+        found = zip(self.model.level_names, *level_means(state.levels), strict=True)
+        return {name: (float(mean), float(std)) for name, mean, std in found if mean > 0}
 
     def _heights(self, state: State) -> dict[str, tuple[float, float]]:
         """Heights that the scene gives with deviations, as believed, and their deviations, m."""
@@ -192,6 +193,20 @@ def bare_map(
         slam.latest(), surface_covariance=joint if len(surfaces) else None,
     )  # fmt: skip
     return stamped(sheet, slam.scene)
+
+
+def inherit_levels(model: FilterModel, prior: Map | None) -> Array | None:
+    """Beliefs (W, 50) about coefficients of floor and ceiling: an earlier agent's, or else the prior.
+
+    The former holds the prior already. A level that the scene says is known stays so.
+    """
+    if model.level_prior is None or prior is None:
+        return model.level_prior
+    levels = model.level_prior.copy()
+    for row, name in enumerate(model.level_names):
+        if levels[row].any():
+            levels[row] = prior.levels.get(name, levels[row])
+    return levels
 
 
 def inherit_surfaces(state: Mapped, prior: Map) -> Mapped:

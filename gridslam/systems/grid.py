@@ -28,7 +28,7 @@ from gridslam.inference.state.leftovers import Leftovers
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.map import Map
-from gridslam.systems.front import SurfaceFilter, inherit_surfaces
+from gridslam.systems.front import SurfaceFilter, inherit_levels, inherit_surfaces
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.scan import Scan
 
@@ -41,7 +41,7 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
     prior : Map, optional
         On the model's grid.
     """
-    state = replace(State.start(model), leftovers=Leftovers.none(), levels=model.level_prior)
+    state = replace(State.start(model), leftovers=Leftovers.none(), levels=inherit_levels(model, prior))
     if prior is None:
         return replace(state, grid=Grid.empty(model.grid.shape))
     grid = Grid.of(prior.evidence, prior.observed, prior.coefficient)

@@ -52,6 +52,8 @@ class FilterModel:
         What the rises are believed to be (m).
     level_prior : (W, 50) float64 or None
         Prior beliefs about coefficients of floor and ceiling; see `levels.Verticals.coefficient`.
+    level_names : tuple of str
+        What the levels are: "floor", "ceiling".
     """
 
     scene: str
@@ -69,6 +71,7 @@ class FilterModel:
     rise_variance: Array
     higher: Array
     level_prior: Array | None = field(default=None, kw_only=True)
+    level_names: tuple[str, ...] = field(default=(), kw_only=True)
 
     @property
     def senders(self) -> int:

@@ -173,7 +173,7 @@ class Scene(Strict):
         InputError
             One of them reflects.
         """
-        for name in self._levels:
+        for name in self.levels:
             allowed = "none, or grid or adaptive SLAM, whose paths may go over it"
             raise InputError(f"{self.name}: {name}", f"a {name} that reflects, for {method}", allowed)
 
@@ -193,27 +193,29 @@ class Scene(Strict):
 
     def uncertain_heights(self, agent: str) -> dict[str, tuple[float, float]]:
         """Heights that aren't known, and their deviations, m: of "agent", "floor", "ceiling"."""
-        elements: dict[str, Agent | Level] = {"agent": self.agent(agent), **self._levels}
+        elements: dict[str, Agent | Level] = {"agent": self.agent(agent), **self.levels}
         both = {name: (float(one.height_m or 0.0), one.height_std_m) for name, one in elements.items()}
         return {name: known for name, known in both.items() if known[1] > 0}
 
     @property
-    def _levels(self) -> dict[str, Level]:
+    def levels(self) -> dict[str, Level]:
         """Floor and ceiling, where they reflect."""
         both = {"floor": self.floor, "ceiling": self.ceiling}
         return {name: level for name, level in both.items() if level is not None}
 
+    def at_coefficients(self, coefficients: Mapping[str, float]) -> Scene:
+        """The scene with other coefficients of "floor" and "ceiling"."""
+        own = {n: self.levels[n].model_copy(update={"coefficient": one}) for n, one in coefficients.items()}
+        return self.model_copy(update=own)
+
     def at_heights(self, agent: str | None, heights_m: Mapping[str, float]) -> Scene:
         """The scene with other heights (m) of an agent, by default the first, of "floor" and "ceiling"."""
         body = self.agent(agent) if agent is not None else self.agents[0]
-        changes: dict[str, Any] = {
-            name: level.model_copy(update={"height_m": heights_m[name]})
-            for name, level in self._levels.items()
-            if name in heights_m
-        }
+        other = ((n, {"height_m": heights_m[n]}) for n in self.levels if n in heights_m)
+        changes: dict[str, Any] = {n: self.levels[n].model_copy(update=one) for n, one in other}
         if "agent" in heights_m:
             own = body.model_copy(update={"height_m": heights_m["agent"]})
-            changes["agents"] = type(self.agents)([own if a is body else a for a in self.agents])
+            changes["agents"] = tuple(own if a is body else a for a in self.agents)
         return self.model_copy(update=changes)
 
     def found_heights(self, agent: str, higher: Array, covariance: Array) -> dict[str, tuple[float, float]]:
@@ -311,6 +313,7 @@ class Scene(Strict):
             self.grid, self.filter, fixed(mean), fixed(variance),
             np.repeat(ways.rise, len(self.anchors)), fixed(ways.rise_variance),
             fixed(np.zeros(len(ways.rise_variance))), level_prior=ways.coefficient,
+            level_names=tuple(self.levels),
         )  # fmt: skip
 
     def segments(self) -> Segments:

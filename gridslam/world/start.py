@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.world.geometry import wrap
-from gridslam.world.levels import check_heights
+from gridslam.world.levels import COEFFICIENTS, check_heights
 from gridslam.world.scene import Scene
 
 How = Literal["drawn", "exact"]
@@ -32,12 +32,15 @@ class Start:
     how : "drawn" or "exact"
     heights_m : dict
         Heights (m) that it is told other than the scene's: of "agent", "floor", "ceiling".
+    coefficients : dict
+        The same of coefficients, of "floor" and "ceiling".
     """
 
     position_m: Array
     heading_rad: float
     how: How
     heights_m: dict[str, float] = field(default_factory=dict)
+    coefficients: dict[str, float] = field(default_factory=dict)
 
 
 def require_seed(seed: int) -> None:
@@ -60,8 +63,8 @@ def assumed_start(scene: Scene, agent: str, seed: int, how: str = "drawn") -> St
     how : str
         "drawn": uniform about the first pose of the agent's track (of an agent without waypoints, about
         its `start_m`), within the half widths of its prior and the region; the same for the same seed,
-        whatever is heard; so are heights with deviations, normally distributed. "exact": the scene's own
-        `start_m`, `start_heading_deg` and `height_m`.
+        whatever is heard; so are heights and coefficients with deviations, normally distributed. "exact": the
+        scene's own.
 
     Raises
     ------
@@ -82,8 +85,18 @@ def assumed_start(scene: Scene, agent: str, seed: int, how: str = "drawn") -> St
     low, high = np.transpose([scene.grid.x_m, scene.grid.y_m])
     off = body.prior.position_m * draw.uniform(-1, 1, 2)
     turn = np.radians(body.prior.heading_deg) * draw.uniform(-1, 1)
-    heights = _drawn_heights(scene, agent, draw)
-    return Start(np.clip(place + off, low, high), float(wrap(heading + turn)), "drawn", heights)
+    heights, coefficients = _drawn_heights(scene, agent, draw), _drawn_coefficients(scene, draw)
+    return Start(np.clip(place + off, low, high), float(wrap(heading + turn)), "drawn", heights, coefficients)
+
+
+def _drawn_coefficients(scene: Scene, draw: np.random.Generator) -> dict[str, float]:
+    """Coefficients of floor and ceiling from their priors, as far as they can be such."""
+    stated = {name: (one.coefficient, one.coefficient_std) for name, one in scene.levels.items()}
+    return {
+        name: float(np.clip(known + std * draw.standard_normal(), COEFFICIENTS[0], COEFFICIENTS[-1]))
+        for name, (known, std) in stated.items()
+        if std > 0
+    }
 
 
 def _drawn_heights(scene: Scene, agent: str, draw: np.random.Generator) -> dict[str, float]:

@@ -16,6 +16,7 @@ from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam
 from gridslam.world.levels import COEFFICIENTS, _coefficients
+from gridslam.world.start import assumed_start
 
 ROOM = raised(shortened(gs.Scene.load("room"), 30), 1.5, agent_m=1.1)
 TRUE = with_levels(ROOM, (0.0, 0.5), (3.0, 0.4))
@@ -55,6 +56,60 @@ def test_one_that_is_known_stays_and_steps_and_checkpoints_hold_the_other(tmp_pa
     slam.save(tmp_path / "c.h5")
     again = GridSlam.resume(tmp_path / "c.h5")
     np.testing.assert_array_equal(again.state.levels, slam.state.levels)
+
+
+@pytest.mark.slow
+def test_what_was_learned_of_levels_goes_on_with_the_map(tmp_path):
+    scene = told(0.2, 0.7, (0.2, 0.2))
+    slam, estimates = followed(GridSlam, scene)
+    slam.map().save(tmp_path / "map.h5")
+    kept = gs.Map.load(tmp_path / "map.h5")
+    assert sorted(kept.levels) == ["ceiling", "floor"]
+    later = GridSlam(scene, prior_map=kept)
+    np.testing.assert_array_equal(later.state.levels, slam.state.levels)
+    for method in (GridSlam, AdaptiveSlam):  # what the scene is sure of, it says itself
+        state = method(told(0.5, 0.7, (0.0, 0.2)), prior_map=kept).state
+        assert not state.levels[0].any()
+        np.testing.assert_array_equal(state.levels[1], kept.levels["ceiling"])
+    mean, _ = estimates[-1].coefficients["floor"]
+    blank = gs.Map.blank(kept.origin_m, kept.cell_m, kept.shape, kept.prior)
+    other = replace(blank, levels={"floor": _coefficients([(0.9, 0.3)])[0]})
+    for maps in ([kept, other], [other, kept]):
+        fused = gs.fuse(maps, same_frame=True)
+        np.testing.assert_array_equal(fused.levels["floor"], kept.levels["floor"])
+    assert level_means(np.array([fused.levels["floor"]]))[0] == pytest.approx(mean)
+    assert fused.resample([0.0, 0.0], 0.2, (9, 9)).levels.keys() == kept.levels.keys()
+    for wrong in ({"roof": np.full(50, 0.02)}, {"floor": np.ones(50)}, {"floor": np.ones(20) / 20}):
+        with pytest.raises(gs.InputError, match="levels"):
+            replace(kept, levels=wrong)
+
+
+def test_simulated_agents_are_told_coefficients_that_are_drawn():
+    scene, known = told(0.5, 0.4, (0.1, 0.0)), told(0.5, 0.4, (0.0, 0.0))
+    drawn = [assumed_start(scene, "agent1", seed).coefficients["floor"] for seed in range(200)]
+    assert abs(np.mean(drawn) - 0.5) < 0.03
+    assert 0.08 < np.std(drawn) < 0.12
+    one = assumed_start(scene, "agent1", 3)
+    assert list(one.coefficients) == ["floor"]
+    assert scene.at_coefficients(one.coefficients).floor.coefficient == one.coefficients["floor"]
+    assert assumed_start(known, "agent1", 3).coefficients == {}
+    assert assumed_start(scene, "agent1", 3, "exact").coefficients == {}
+    np.testing.assert_array_equal(assumed_start(known, "agent1", 3).position_m, one.position_m)
+
+
+@pytest.mark.slow
+def test_a_run_is_told_what_was_drawn_and_scored_by_the_truth():
+    scene = told(0.5, 0.4, (0.2, 0.0))
+    heard = gs.simulate(scene, "agent1", seed=4)
+    start = assumed_start(scene, "agent1", 4)
+    run = gs.map_scene(scene, heard, seed=4, start=start)
+    first = run.estimates[0].coefficients["floor"][0]
+    exact = GridSlam(scene, seed=4).step(heard.scan(0)).coefficients["floor"][0]
+    assert start.coefficients["floor"] > 0.8
+    assert first > exact + 0.05
+    assert run._coefficients(True)["floor"]["error"] == pytest.approx(
+        run.estimates[-1].coefficients["floor"][0] - 0.5
+    )
 
 
 def test_known_coefficients_ask_for_nothing():
