@@ -110,7 +110,7 @@ class FilterModel:
         """Radius of the circle about the region, m."""
         return float(0.5 * np.hypot(*(np.array(self.grid.shape[::-1]) * self.grid.cell_m)))
 
-    @property
+    @cached_property
     def birth_rate(self) -> float:
         """Births per anchor, step and unit of the lines (rad m) that cross the region."""
         return self.settings.births / (4 * np.pi * self.radius_m)

@@ -30,8 +30,8 @@ EVERY = 10
 """Steps from one comparison to the next."""
 HANDICAP, CHALLENGERS, POSES, LISTED = 7.0, 3, 60_000, 20
 """Log weight of challengers below the best, how many, uniform poses scored for them, modes listed at most."""
-DRAWN, COPIES = 100, 3
-"""Poses about the best line of sight, and per measurement that may be one, in a comparison."""
+ROUNDS, DRAWN, COPIES = 2, 100, 3
+"""Rounds of a comparison, poses drawn in each, and per measurement that may be a line of sight."""
 HERE_M, HERE_RAD = 0.1, 0.1
 """What is nearer to where the agent is believed to be is no other place."""
 PURPOSE, PURPOSE_OF_LEAD = 4, 5
@@ -55,23 +55,24 @@ def best_snapshot(snapshot: Snapshot, believed: Array, draw: np.random.Generator
     poses = np.concatenate(asked)
     log = snapshot.score(poses, 2.0)
     top = poses[int(log.argmax())]
-    here, there = _refined(snapshot, believed, draw), _refined(snapshot, top, draw)
+    here, there = _refined(snapshot, np.array([believed, top]), draw).tolist()
     best = max(here, there)
     x, y, turn = top - believed
     # beside an anchor a few millimetres decide, which looks about the believed pose miss
     return best, best if np.hypot(x, y) < HERE_M and abs(wrap(turn)) < HERE_RAD else here
 
 
-def _refined(snapshot: Snapshot, pose: Array, draw: np.random.Generator) -> float:
-    """Score of about the best pose near one."""
-    best, std = -np.inf, np.array([0.08, 0.08, 0.04])
-    for _ in range(2):
-        near = pose + std * draw.standard_normal((DRAWN, 3))
-        near[0] = pose
-        score = snapshot.score(near)
-        pose, std = near[int(score.argmax())], 0.4 * std
-        best = max(best, float(score.max()))
-    return best
+def _refined(snapshot: Snapshot, pose: Array, draw: np.random.Generator) -> Array:
+    """Scores (K,) of about the best poses near each of some (K, 3)."""
+    count, std = len(pose), np.array([0.08, 0.08, 0.04])
+    drawn, scores = draw.standard_normal((count, ROUNDS, DRAWN, 3)), list[Array]()
+    for k in range(ROUNDS):
+        near = pose[:, None] + std * drawn[:, k]
+        near[:, 0] = pose
+        score = snapshot.score(near.reshape(-1, 3)).reshape(count, DRAWN)
+        pose, std = near[np.arange(count), score.argmax(1)], 0.4 * std
+        scores.append(score.max(1))
+    return np.max(scores, 0)
 
 
 def watched(

@@ -31,11 +31,11 @@ def neighbours(table: Array) -> NDArray[np.bool_]:
     if len(table) <= OTHERS:
         return none
     amplitude = table[:, 6]
-    able = np.flatnonzero((table[:, 3] >= 0) & (table[:, 5] >= 0) & (amplitude >= 0) & (amplitude < FAINT))
+    (able,) = ((table[:, 3] >= 0) & (table[:, 5] >= 0) & (amplitude >= 0) & (amplitude < FAINT)).nonzero()
     if len(able) <= OTHERS:
         return none
-    length = np.sort(table[able, 0])
-    if (length[OTHERS:] - length[:-OTHERS]).min() >= 2 * NEAR_M:
+    length = sorted(table[able, 0].tolist())
+    if all(last - first >= 2 * NEAR_M for first, last in zip(length, length[OTHERS:], strict=False)):
         return none
     (distance, _, arrival), label = table[able, :3].T, table[able, LABEL]
     near = (np.abs(distance[:, None] - distance) < NEAR_M) & (label[:, None] == label)

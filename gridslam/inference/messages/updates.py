@@ -68,7 +68,7 @@ class Exchange:
     @property
     def effective_sample_size(self) -> float:
         """Least effective number of particles behind a sure association; all if there is none."""
-        return float(min(self.fit[:, 8].min(), self.particles))
+        return float(min(*self.fit[:, 8].tolist(), self.particles))
 
     @cached_property
     def log_evidence(self) -> float:
@@ -169,8 +169,10 @@ def _crowds_as_one(
 
 def _copied(state: State) -> State:
     """The state, with arrays of its own for all that the correction writes."""
-    exists = {name: getattr(state.surfaces, name).copy() for name in ("existence", "single", "double")}
-    surfaces = replace(state.surfaces, **exists)
+    bank = state.surfaces
+    surfaces = replace(
+        bank, existence=bank.existence.copy(), single=bank.single.copy(), double=bank.double.copy()
+    )
     return replace(state, belief=state.belief.copy(), los=state.los.copy(), surfaces=surfaces)
 
 

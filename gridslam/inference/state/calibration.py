@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Self
 
 import numpy as np
 
 from gridslam.arrays import Array, replace
+from gridslam.world.filter_model import fixed
 from gridslam.world.radio import RadioModel
 
 KEEP, KEEP_GAIN = 0.9, 0.99
@@ -78,7 +79,8 @@ class Calibration:
     def turned(self) -> Array:
         """How far each anchor is turned from its stated orientation, (J,) rad; 0 unless beyond doubt."""
         sums = zip(self.turn.tolist(), self.turn_weight.tolist(), strict=True)
-        return np.array([t / w if abs(t) > BEYOND_DOUBT * math.sqrt(w) else 0.0 for t, w in sums])
+        angles = [t / w if abs(t) > BEYOND_DOUBT * math.sqrt(w) else 0.0 for t, w in sums]
+        return np.array(angles) if any(angles) else _unturned(len(angles))
 
     def estimate(self, anchor: int, stated: float) -> float:
         """Mean clutter per step of an anchor: a Gamma-Poisson estimate about the scene's level."""
@@ -118,3 +120,9 @@ class Calibration:
             pull=self.pull + pull,
             weight=self.weight + weight,
         )
+
+
+@lru_cache(16)
+def _unturned(anchors: int) -> Array:
+    """No turns of so many anchors, (J,): one array, which kernels needn't be handed anew at every step."""
+    return fixed(np.zeros(anchors))
