@@ -232,8 +232,8 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
         if plain.explained < EXPLAINED:
             cure = whole_cure(asis, scene, agent, sight, plain)
             if cure is not None:  # it explains more than all readings of single columns
-                found, sight, trusted = [], cure.sight, cure.table
-                found.append(cure.suspicion)
+                sight, trusted = cure.sight, cure.table
+                found = [cure.suspicion] if cure.suspicion is not None else []
             elif sight.explained < FITTING:
                 found = []  # a reading that leaves much unexplained would make things worse
         if sight.explained >= EXPLAINED and not any(
@@ -241,7 +241,7 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
         ):
             cure = range_cure(trusted, scene, agent, sight)
             if cure is not None:
-                found.append(cure.suspicion)
+                found += [cure.suspicion] if cure.suspicion is not None else []
                 sight = cure.sight
         found = offset_beside(found, asis, trusted, scene, agent, sight)
         found += time_units.slow_times(asis, sight) + time_units.fast_times(asis, sight)

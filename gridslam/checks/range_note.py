@@ -42,4 +42,4 @@ def range_note(scene: Scene, agent: str, heard: Observations) -> str | None:
             return None
         sight = top
     cure = range_cure(table, scene, agent, sight)
-    return None if cure is None else cure.suspicion.text
+    return None if cure is None or cure.suspicion is None else cure.suspicion.text

@@ -14,6 +14,7 @@ from gridslam.checks.range_errors import RangeError
 from gridslam.checks.range_fit import RangeFit, fits
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite
 from gridslam.world.columns import Columns
+from gridslam.world.network_scene import clock_model
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 
@@ -38,14 +39,15 @@ class Cure:
 
     Attributes
     ----------
-    suspicion : Suspicion
+    suspicion : Suspicion or None
+        None of what the scene allows for: an offset within the priors of its clocks.
     table : dict of (K,) arrays
         As it should have been.
     sight : Sight
         What the line of sight explains then.
     """
 
-    suspicion: Suspicion
+    suspicion: Suspicion | None
     table: Columns
     sight: Sight
 
@@ -126,7 +128,15 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
         assert fit.error is not None
         text += f"; or {_words(fit.error, fit.size_m, scene)}: too few anchors at once to tell which"
     suspicion = Suspicion("distance_m", error.kind, text, not alike and best.gain(plain) >= CERTAIN, reason)
-    return Cure(suspicion, whole, after)
+    return Cure(None if _allowed_for(error, best.size_m, scene, agent) else suspicion, whole, after)
+
+
+def _allowed_for(error: RangeError, size_m: float, scene: Scene, agent: str | None) -> bool:
+    """Whether the scene's clocks, as little as it knows of them, may be the reason."""
+    if error.kind != "offset" or scene.clocks is None:
+        return False
+    width = clock_model(scene, [agent or scene.agents[0].name]).half_width_m
+    return bool(abs(size_m) <= width[list(error.anchors)].min() + width[-1] + error.least_m)
 
 
 def _named_beside(best: RangeFit, alike: list[RangeFit]) -> bool:

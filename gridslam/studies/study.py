@@ -25,7 +25,8 @@ from gridslam.simulation.image_source import Truth, ground_truth
 from gridslam.simulation.simulate import observations_of
 from gridslam.studies.files import FORMAT, VERSION, Results
 from gridslam.studies.workers import LocalWorkers, Workers
-from gridslam.systems.registry import DEFAULT, method_class, portable_name, taken_by
+from gridslam.systems.registry import DEFAULT, METHODS, method_class, portable_name, taken_by
+from gridslam.world.network_scene import require_known_clocks
 from gridslam.world.scene import Scene
 from gridslam.world.start import HOWS, assumed_start
 
@@ -143,7 +144,17 @@ class Study:
                 raise InputError(f"{scene.name}: walls", "none", "walls to simulate from")
             for name in self._agents(scene):
                 scene.track(name)
+        for scene, method in product(self.scenes, self.methods):
+            self._require_suited(scene, method)
         self.variants()
+
+    def _require_suited(self, scene: Scene, method: str) -> None:
+        """Refuse what would end in the first run of a pair, after all runs of others."""
+        for name in self._agents(scene):
+            if taken_by(method_class(method)) == "signal":
+                scene.waveform(name)
+            elif method in METHODS and not METHODS[method].several:
+                require_known_clocks(scene, name)
 
     def _agents(self, scene: Scene) -> tuple[str, ...]:
         found = self.agents or tuple(agent.name for agent in scene.agents)

@@ -47,7 +47,14 @@ from gridslam.simulation.image_source import Truth
 from gridslam.systems.registry import kind_of
 from gridslam.viewers import network_plots
 from gridslam.viewers.feature_plots import draw_features, draw_sights
-from gridslam.viewers.signal_plots import BELIEVED, draw_gospa, draw_images, draw_signal, has_images
+from gridslam.viewers.signal_plots import (
+    BELIEVED,
+    draw_gospa,
+    draw_images,
+    draw_signal,
+    has_images,
+    typical_step,
+)
 from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
 
@@ -68,8 +75,8 @@ def draw_rays(
     truth: Truth | None = None,
     width: float = PAGE_IN,
 ) -> Figure:
-    """Rays of one step (default: the middle one) coloured by SNR: estimated and, where known, true."""
-    step = len(found.estimates) // 2 if step is None else step
+    """Rays of one step (default: `typical_step`) coloured by SNR: estimated and, where known, true."""
+    step = typical_step(found.estimates) if step is None else step
     truth = _truth(scene, name, found) if truth is None else truth
     own = found.estimates[step]
     paths = own.paths.take(own.paths.existence > BELIEVED)

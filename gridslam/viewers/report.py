@@ -60,7 +60,7 @@ CAPTIONS = {
     "errors": "Errors over time.",
     "features": "Features learned, with three standard deviations, over the true walls.",
     "sights": "Lines of sight over time: whether they are there, and how strong.",
-    "signal": "Delay profile of each anchor at one step, and what the model makes of it.",
+    "signal": "Delay profile of each anchor at one step, and the paths believed in (features are none).",
     "images": "Images of each anchor: those found, places where others may be, true virtual anchors.",
     "gospa": "Errors of the images of anchors over time (GOSPA).",
 }

@@ -34,17 +34,24 @@ BELIEVED = 0.5
 FLOOR_DB = -10.0
 
 
+def typical_step(estimates: Sequence[Estimate]) -> int:
+    """The step nearest to the middle at which some path is believed in; the middle one if none ever is."""
+    middle = len(estimates) // 2
+    telling = [step for step, own in enumerate(estimates) if (own.paths.existence > BELIEVED).any()]
+    return min(telling, key=lambda step: abs(step - middle), default=middle)
+
+
 def draw_signal(
     recording: Recording, estimates: list[Estimate], step: int | None = None, truth: Truth | None = None,
     width: float = PAGE_IN,
 ) -> Figure:  # fmt: skip
-    """Delay profile of every anchor at one step (default: the middle one), and what the model makes of it.
+    """Delay profile of every anchor at one step (default: `typical_step`), and what the model makes of it.
 
     Each panel: the matched filter's output over the noise; its mean by the paths believed in; these paths as
     stems, and true ones as ticks, where they are known. Elements of arrays are averaged: each gets its share
     of a path.
     """
-    step = len(estimates) // 2 if step is None else step
+    step = typical_step(estimates) if step is None else step
     band = Band.of(recording.waveform.offset_hz, recording.waveform.pulse)
     own, names = estimates[step].paths, recording.anchors
     figure = blank(width, 0.6 + 1.9 * len(names))

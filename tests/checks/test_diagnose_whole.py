@@ -60,6 +60,15 @@ class TestErrorsOfDistancesAreNamed:
         assert size(found.text) == pytest.approx(OFFSET_M, abs=0.1)
         assert size(found.text, "ns") == pytest.approx(5, abs=0.4)
 
+    def test_clock_offset_that_the_scene_allows_for_is_none(self, name, seed):
+        columns = heard(name, seed, steps=BRIEF)
+        late = columns | {"distance_m": columns["distance_m"] + OFFSET_M}
+        text = SCENES[name].to_toml()
+        for prior, kinds in ((10.0, []), (1.0, ["offset"])):
+            scene = gs.Scene.from_toml(f"{text}\n[clocks]\nanchor_prior_ns = {prior}\n", name)
+            found = suspicions(late, scene.anchor_names, scene, "agent1")
+            assert [item.kind for item in found] == kinds
+
     def test_clock_offset_of_one_anchor(self, name, seed):
         columns = heard(name, seed, steps=BRIEF)
         late = columns["distance_m"] + np.where(columns["anchor"] == 1, OFFSET_M, 0)

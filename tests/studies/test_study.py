@@ -162,6 +162,8 @@ def test_worker_of_another_version_is_refused(scene, tmp_path, monkeypatch):
         ({"settings": (("filter.particles", ("many",)),)}, "filter.particles"),
         ({"settings": (("filter.births", (0.1,)), ("filter.births", (0.2,)))}, "every key once"),
         ({"scenes": ()}, "scenes of different names"),
+        ({"methods": ("grid", "direct")}, "radio.frequencies: found none"),
+        ({"scenes": (Scene.load("annex"),), "methods": ("network", "grid")}, "clocks that aren't known"),
     ],
 )
 def test_study_that_cannot_be_run_is_refused_before_anything_is_written(scene, more, says):

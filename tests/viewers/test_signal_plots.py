@@ -1,6 +1,7 @@
 """Figures of runs on sampled signals show what they are of."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,14 @@ import gridslam as gs
 from gridslam.estimate_tables import RingEstimate, SurfaceEstimate
 from gridslam.runs.run_files import AgentFiles
 from gridslam.viewers.plots import draw_errors, draw_rays
-from gridslam.viewers.signal_plots import BELIEVED, draw_gospa, draw_images, draw_signal, has_images
+from gridslam.viewers.signal_plots import (
+    BELIEVED,
+    draw_gospa,
+    draw_images,
+    draw_signal,
+    has_images,
+    typical_step,
+)
 
 STEPS = 30
 
@@ -83,6 +91,15 @@ def test_found_images_lie_at_the_mirror_images_of_their_surfaces(ran):
     np.testing.assert_allclose(curves(second)["images found"], [[6 - x, y]])
     assert len(second.patches) == 1 > len(first.patches)
     assert not len(curves(first)["images found"])
+
+
+@pytest.mark.parametrize(
+    ("believed", "expected"),
+    [([1, 1, 1, 1, 1], 2), ([1, 0, 0, 0, 1], 0), ([0, 0, 0, 1, 0], 3), ([0, 0, 0], 1)],
+)
+def test_the_typical_step_is_one_at_which_a_path_is_believed_in(believed, expected):
+    steps = [SimpleNamespace(paths=SimpleNamespace(existence=np.array([0.2, 0.9 * b]))) for b in believed]
+    assert typical_step(steps) == expected
 
 
 def test_images_are_of_methods_that_have_them_alone(ran):
