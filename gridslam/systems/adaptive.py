@@ -25,6 +25,7 @@ from gridslam.inference.messages.ray_amplitudes import (
     start_amplitudes,
     update_amplitudes,
 )
+from gridslam.inference.messages.surface_walk import learn_surface_walks
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.leftovers import Leftovers
@@ -78,6 +79,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state, exchange, born = form.add_births(state, births, heard, exchange, radio, model, work=work)
         state = start_amplitudes(state, born, heard, model.radio)
         exchanges.append(exchange)
+    state = learn_surface_walks(recalled, state)  # (M361)
     state = form.park(recalled, merge_and_prune(state, model, None), model, work=work)
     state = remember_leftovers(state, scans, exchanges, model, work=work)
     return conclude(state, exchanges, reckoned, model, work)

@@ -21,6 +21,7 @@ from gridslam.inference.messages.faint_births import recall_leftovers, remember_
 from gridslam.inference.messages.level_coefficients import learn_levels, with_levels
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.reflection import reflected, update_coefficients
+from gridslam.inference.messages.surface_walk import learn_surface_walks
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.grid import Grid
@@ -79,6 +80,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     drawn = cast_messages(state, model, work=work)  # eqs. (43) to (45)
     state = update_coefficients(state, drawn, model, work=work)  # (M42)
     state = update_cells(state, work=work)  # eq. (46)
+    state = learn_surface_walks(recalled, state)  # (M361)
     state = form.park(recalled, merge_and_prune(state, model, None), model, work=work)
     state = remember_leftovers(state, scans, exchanges, model, work=work)
     return conclude(state, exchanges, reckoned, model, work)

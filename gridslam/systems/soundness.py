@@ -13,6 +13,7 @@ from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
+from gridslam.inference.messages.surface_walk import LEAST, WIDEST
 from gridslam.inference.state.anchor_measurements import LEAST_STD
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.layout import AGENT, StateLayout
@@ -205,7 +206,7 @@ def _shapes_of_bank(bank: SurfaceBank, name: str, anchors: int) -> Iterator[tupl
     surfaces = len(bank)
     whole: dict[str, Shape] = {
         "reflection": (surfaces, BINS), "extent": (surfaces, 2), "single": (anchors, surfaces),
-        "double": (anchors, surfaces, surfaces),
+        "double": (anchors, surfaces, surfaces), "walk": (surfaces, 2),
     }  # fmt: skip
     for field in fields(bank):
         found = getattr(bank, field.name).shape
@@ -218,6 +219,7 @@ def _claims_of_bank(bank: SurfaceBank, name: str, anchors: int) -> list[tuple[st
         (f"{name}/owner", _within(bank.owner, -1, anchors - 1), "an anchor's number, or -1"),
         (f"{name}/age", _within(bank.age, 0, np.inf), "0 or more"),
         (f"{name}/seen", _within(bank.seen, 0, np.inf), "0 or more"),
+        (f"{name}/walk", _within(bank.walk, LEAST, np.log(max(WIDEST))), "-0.5 to 4.61"),
         (f"{name}/reflection", _sums_to_one(bank.reflection), "probabilities"),
         *((f"{name}/{part}", _within(getattr(bank, part), 0, 1), "probabilities")
           for part in ("existence", "single", "double")),

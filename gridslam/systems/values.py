@@ -2,7 +2,8 @@
 
 What a file holds never says what is made of it: the classes are those that the annotations name. A field that
 may be None is absent then. Field metadata ``{"blank": True}`` lets an array hold NaN; all others are finite.
-``{"later": True}`` marks a field that older files lack, which then is its default; ``FORMER_NAMES`` of a
+``{"later": True}`` marks a field that older files lack, which then is its default, or what a function in
+place of True makes of the fields before it; ``FORMER_NAMES`` of a
 class are those that it has in older files. Annotations name parts of generic classes: ``Population[State]``.
 """
 
@@ -126,9 +127,12 @@ def _dataclass(
     found = group.attrs.get(KIND)
     if found not in (kind.__name__, *getattr(kind, "FORMER_NAMES", ())):
         raise InputError(where, f"a {found}", f"a {kind.__name__}")
-    hints, values = _hints(kind), {}
+    hints, values = _hints(kind), dict[str, Any]()
     for field in fields(kind):
-        if field.metadata.get("later", False) and not (field.name in group.attrs or field.name in group):
+        later = field.metadata.get("later", False)
+        if later and not (field.name in group.attrs or field.name in group):
+            if callable(later):
+                values[field.name] = later(values)
             continue
         hint = hints[field.name]
         open_ = getattr(hint, "__parameters__", ())

@@ -1,17 +1,20 @@
 """Values in files: what goes in comes out, of the type that is annotated, or not at all."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import h5py
 import numpy as np
 import pytest
+from filter_states import state_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from gridslam.errors import InputError
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.systems.values import get_value, put_value
 
 
@@ -128,3 +131,14 @@ def test_what_is_of_another_type_is_refused(value, kind, says):
 def test_what_has_no_form_is_not_written():
     with pytest.raises(TypeError, match="set"):
         through({1}, Part)
+
+
+def test_walks_of_surfaces_that_an_older_file_lacks_are_those_of_flat_walls():
+    belief = Belief(np.append(np.zeros(5), [0.3, 4.0, 1.0, 2.0]), np.eye(9))
+    bank = state_of(belief).surfaces
+    bank = replace(bank, walk=np.full((2, 2), 0.7))
+    equal(through(bank, SurfaceBank), bank)
+    with h5py.File("memory", "w", driver="core", backing_store=False) as file:
+        put_value(file, "it", bank)
+        del file["it/walk"]
+        np.testing.assert_array_equal(get_value(file, "it", SurfaceBank).walk, np.zeros((2, 2)))

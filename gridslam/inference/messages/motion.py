@@ -35,7 +35,7 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
             parked = parked.predicted(time_s - state.time_s, JITTER * settings.surface_m)
         joint = belief.predict(
             joint, time_s - state.time_s, settings.acceleration_mps2, np.radians(settings.heading_deg),
-            JITTER * settings.surface_m, surfaces.foot,
+            JITTER * settings.surface_m, surfaces.foot, np.exp(np.maximum(surfaces.walk, 0.0)),
         )  # fmt: skip
         surfaces = surface_bank.evolve(
             surfaces, settings.survival, settings.reflection,

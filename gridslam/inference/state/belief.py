@@ -83,8 +83,9 @@ class Belief:
 
 
 def predict(
-    belief: Belief, dt: float, acceleration: float, heading: float, shift: float, feet: Array
-) -> Belief:
+    belief: Belief, dt: float, acceleration: float, heading: float, shift: float, feet: Array,
+    wider: Array | float = 1.0,
+) -> Belief:  # fmt: skip
     """Near-constant velocity, random-walk heading, and jitter of every surface at its wall.
 
     Parameters
@@ -93,6 +94,8 @@ def predict(
         `shift` is the jitter of a surface along its normal at the point where it is hit.
     feet : (S,) m
         Tangential coordinate of the place where each surface is hit, about which it turns.
+    wider : (S, 2) or float
+        How many times as far each surface shifts, and turns.
     """
     mean, covariance = belief.mean.copy(), belief.covariance.copy()
     mean[:2] += dt * mean[2:4]
@@ -106,14 +109,15 @@ def predict(
         covariance[axis + 2, axis] += place * speed
     covariance[HEADING, HEADING] += heading**2
     # a turn by w about the point at tangential coordinate t changes the offset by t w
-    size, turn = len(mean), (shift / 5.0) ** 2
+    more = np.broadcast_to(wider, (len(feet), 2))
+    size, slid, turn = len(mean), (shift * more[:, 0]) ** 2, (shift / 5.0 * more[:, 1]) ** 2
     entries, on, lever = covariance.reshape(-1), 2 * (size + 1), turn * feet
     # where angle, and offset after it, of the first surface stand on the diagonal
     angle = belief.layout.head * (size + 1)
     entries[angle::on] += turn
     entries[angle + 1 :: on][: len(feet)] += lever
     entries[angle + size :: on] += lever
-    entries[angle + size + 1 :: on] += lever * feet + shift**2
+    entries[angle + size + 1 :: on] += lever * feet + slid
     return replace(belief, mean=mean, covariance=covariance)
 
 

@@ -21,6 +21,11 @@ SETTLED = 100
 """Age and number of sightings of a surface that an earlier agent left."""
 
 
+def _flat(values: dict[str, Any]) -> Array:
+    """The walks of an earlier version's surfaces: those of flat walls, (S, 2)."""
+    return np.zeros((values["identity"].size, 2))
+
+
 @dataclass(frozen=True, eq=False)
 class SurfaceBank:
     """Potential surfaces, aligned with the lines in a `Belief`.
@@ -45,6 +50,9 @@ class SurfaceBank:
         Tangential coordinate of the latest hit.
     owner : (S,) int
         The one anchor that a surface serves (a virtual anchor); -1 for all.
+    walk : (S, 2) float64
+        Log of how many times as far as a flat wall's line each shifts, and turns, from step to step; where it
+        is below 0, as far.
     """
 
     identity: NDArray[np.int64]
@@ -57,6 +65,7 @@ class SurfaceBank:
     extent: Array = field(metadata={"blank": True})
     foot: Array
     owner: NDArray[np.int64]
+    walk: Array = field(metadata={"later": _flat})
 
     def __len__(self) -> int:
         return len(self.identity)
@@ -79,7 +88,7 @@ class SurfaceBank:
         none, whole = np.zeros(0), np.zeros(0, np.int64)
         return cls(
             whole, none, np.zeros((0, BINS)), none.copy(), whole.copy(), np.zeros((anchors, 0)),
-            np.zeros((anchors, 0, 0)), np.zeros((0, 2)), none.copy(), whole.copy(),
+            np.zeros((anchors, 0, 0)), np.zeros((0, 2)), none.copy(), whole.copy(), np.zeros((0, 2)),
         )  # fmt: skip
 
     def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> SurfaceBank:
@@ -131,6 +140,7 @@ class SurfaceBank:
             _longer(self.extent, np.nan if extent is None else extent),
             _longer(self.foot, foot),
             _longer(self.owner, owner),
+            _longer(self.walk, 0.0),
         )
 
 

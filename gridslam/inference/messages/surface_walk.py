@@ -1,0 +1,65 @@
+"""How far the lines of surfaces walk from step to step: those of curved walls do; docs/model.md, (M361)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gridslam.arrays import Array, replace
+from gridslam.inference.state.layout import PER_LINE
+from gridslam.inference.state.state import State
+from gridslam.world.geometry import wrap
+
+GAIN = 0.1
+"""Of the logarithm by a step."""
+DOUBT = 0.5
+"""By how much a correction must be above its expected square to speak for a walk: most walls are flat."""
+MOST_SURPRISED = 5.0
+"""What one step may say at most, in expected squares."""
+LEAST = -0.5
+"""Of the logarithm: how much must speak for a walk before a line that has stood still moves at all."""
+WIDEST = (30.0, 100.0)
+"""Times a flat wall's walk at most: shift, turn."""
+TOLD = 1e-3
+"""Share of the variance by which a step must have told of a line to judge its walk."""
+
+
+def learn_surface_walks(predicted: State, state: State) -> State:
+    """The state after a step with the walks of its lines judged by how far the step has moved them; (M361).
+
+    A line that stands for a flat wall is corrected by as much as its covariance shrinks. One that stands for
+    a curved wall, along which it is dragged from piece to piece, is corrected by more.
+
+    Parameters
+    ----------
+    predicted : State
+        At the same time, before what was heard; its surfaces are the first of `state`.
+
+    Raises
+    ------
+    ValueError
+        They aren't.
+    """
+    bank, count = state.surfaces, len(predicted.surfaces)
+    if not np.array_equal(bank.identity[:count], predicted.surfaces.identity):
+        raise ValueError("the state after a step doesn't begin with the surfaces before it")
+    if not count or state.samples is not None:  # particles walk as published
+        return state
+    foot = predicted.surfaces.foot
+    before, after = _at_foot(predicted, foot), _at_foot(state, foot)
+    change = state.belief.lines[:count] - predicted.belief.lines
+    turned = wrap(change[:, 0])
+    moved = np.column_stack([change[:, 1] - foot * turned, turned])
+    gained = before - after
+    told = gained > TOLD * before
+    surprise = moved**2 / np.where(told, gained, np.inf) - 1 - DOUBT
+    learned = bank.walk.copy()
+    learned[:count] += GAIN * told * np.minimum(surprise, MOST_SURPRISED)
+    return replace(state, surfaces=replace(bank, walk=np.clip(learned, LEAST, np.log(WIDEST))))
+
+
+def _at_foot(state: State, foot: Array) -> Array:
+    """Variances of shift and turn of the first lines about the places where they were hit, (S, 2)."""
+    angle = state.belief.layout.head + PER_LINE * np.arange(len(foot))
+    covariance = state.belief.covariance
+    turn, offset = covariance[angle, angle], covariance[angle + 1, angle + 1]
+    return np.column_stack([offset - 2 * foot * covariance[angle, angle + 1] + foot**2 * turn, turn])
