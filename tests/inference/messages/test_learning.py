@@ -21,13 +21,15 @@ from gridslam.inference.messages.features.proposals import (
     with_proposals,
 )
 from gridslam.inference.messages.features.rivals import (
-    BESIDE_STD,
+    CLEAR,
     FOLLOWED,
     HOPELESS,
+    LOUD,
     PRICES,
-    STARTS,
+    REACH,
+    SEEN,
     Lesson,
-    moved_starts,
+    best_of,
     usual_prices,
 )
 from gridslam.inference.messages.features.seeding import (
@@ -41,6 +43,7 @@ from gridslam.inference.messages.features.seeding import (
     propose,
     stretch_of,
 )
+from gridslam.inference.messages.features.ways import BESIDE_STD, STARTS, drifted, moved_starts
 from gridslam.inference.state.features.features import MOVING, FeatureBank, entries, places
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
 
@@ -101,7 +104,7 @@ def test_features_that_do_not_foretell_the_last_steps_are_refused():
 
 
 def lesson_of(state, model):
-    return Lesson(state.before, None, 0, 0, JUDGED, Front(model.waveform), model)
+    return Lesson.of(state, state.segment, JUDGED, Front(model.waveform), model)
 
 
 @pytest.mark.slow
@@ -164,7 +167,8 @@ def test_features_of_a_crowd_are_not_taken_at_their_word(many, monkeypatch):
     rows = np.tile([*MIRROR, 500.0], (many, 1))
     rows[0] = [*SCATTERER, 500.0]
     monkeypatch.setattr(proposals, "propose", lambda *_: (rows, kind))
-    looks = proposals.surveys(state.before, state.joint, state.segment, JUDGED, Front(model.waveform), model)
+    given = Front(model.waveform), model, lesson_of(state, model).tables
+    looks = proposals.surveys(state.before, state.joint, state.segment, JUDGED, *given)
     found = with_proposals(state.before, state.segment, looks, PRICES[0], 0, 0, model)
     length, _, extra = found.mean[MOVING:].reshape(-1, 3).T
     std = np.sqrt(np.diagonal(found.covariance)[MOVING:].reshape(-1, 3))
@@ -178,7 +182,7 @@ def test_features_of_a_crowd_are_not_taken_at_their_word(many, monkeypatch):
 @pytest.mark.parametrize("steps", [START_STEPS, START_STEPS + 1])
 def test_a_short_track_does_not_tell_that_an_image_is_one(steps):
     state, model = state_after([MIRROR], [1500.0], 5)
-    lesson = Lesson(state.before, None, 0, 0, 0, Front(model.waveform), model)
+    lesson = Lesson.of(state, state.segment, 0, Front(model.waveform), model)
     (one, _) = lesson.rivals(state.segment, state.joint, PRICES, state.segment.first(steps))
     extra = one.start.covariance[MOVING + 2, MOVING + 2] ** 0.5
     length = one.start.mean[MOVING]
@@ -187,9 +191,9 @@ def test_a_short_track_does_not_tell_that_an_image_is_one(steps):
 
 def test_the_noise_is_what_features_leave():
     state, model = state_after([MIRROR], [1500.0], 2)
-    stretch = stretch_of(state.joint, state.segment, 0, JUDGED, Front(model.waveform), model)
+    stretch, _ = stretch_of(state.joint, state.segment, 0, JUDGED, Front(model.waveform), model)
     assert stretch.points[0, 3] > 1.5, "nothing explains the mirror's path yet"
-    assert stretch.quieter(np.array([[*MIRROR, 1500.0]])).points[:, 3] == pytest.approx(1.0, abs=0.05)
+    assert stretch.quieter(np.array([[*MIRROR, 1500.0]]))[0].points[:, 3] == pytest.approx(1.0, abs=0.05)
 
 
 def test_a_segment_that_is_too_short_is_kept_for_later():
@@ -202,8 +206,8 @@ def test_a_segment_that_is_too_short_is_kept_for_later():
 
 def stretch_and_gains(points, powers):
     state, model = state_after(points, powers, 2)
-    stretch = stretch_of(state.joint, state.segment, 0, JUDGED, Front(model.waveform), model)
-    return stretch, first_gains(stretch, np.zeros((0, 4)))
+    stretch, left = stretch_of(state.joint, state.segment, 0, JUDGED, Front(model.waveform), model)
+    return stretch, first_gains(stretch, left)
 
 
 def test_samples_less_what_features_explain_are_those_of_the_covariance_of_all():
@@ -239,7 +243,7 @@ def test_gains_that_are_older_than_the_latest_feature_lead_to_the_same_best_plac
 @pytest.mark.slow
 def test_what_is_proposed_is_nearer_than_the_grid():
     stretch, gains = stretch_and_gains([MIRROR], [1500.0])
-    table, kind = propose(stretch, np.zeros((0, 4)), gains, PRICES[0])
+    table, kind = propose(stretch, np.zeros((0, 4)), stretch.unexplained(np.zeros((0, 4))), gains, PRICES[0])
     assert kind[0] == IMAGE
     off = table[0, :2] - MIRROR[:2]
     along = MIRROR[:2] / np.hypot(*MIRROR[:2])
@@ -315,6 +319,54 @@ def test_ways_from_other_starts_are_the_same_way_about_the_believed_start():
     np.testing.assert_allclose(begin.sum(0), 0.0, atol=1e-12)
 
 
+def test_an_agent_that_is_not_heard_drifts_by_its_velocity_and_jolts():
+    state, model = state_after([], [], 1, spread=(0.2, 0.2, 0.5, 0.5))
+    steps = STEPS // 2 - 1
+    free = 0.2**2 + (0.5 * 0.1 * steps) ** 2
+    acceleration = model.settings.acceleration_mps2
+    jolts = sum((acceleration * (0.1**2 * k + 0.5 * 0.1**2)) ** 2 for k in range(steps))
+    assert drifted(state.before, state.segment, None, model) == pytest.approx(np.sqrt(free + jolts))
+
+
+def crowd_with(place, power, existence=0.99, extent=CROWD_EXTENT_M):
+    """A lesson, and a belief with one feature of a crowd beside a line of sight."""
+    state, model = state_after([], [], 1)
+    spread, origin = 0.01 * np.eye(3), np.array([0.5, 0.0])
+    joint = state.joint.with_feature(0, entries(place, origin), spread, origin, power, 0, 0)
+    return lesson_of(state, model), replace(joint, extent=extent, existence=np.array([existence]))
+
+
+def test_a_line_of_sight_says_where_a_crowd_is_unless_a_feature_is_as_loud_and_near():
+    reach = REACH * crowd_with(MIRROR, 1.0)[0].drift_m
+    near, far = LOS + np.outer([0.9 * reach, 1.1 * reach], [1.0, 0.0, 0.0])
+    loud, faint = 1.1 * LOUD * LOS_POWER, 0.9 * LOUD * LOS_POWER
+    for place, power, existence, extent, expected in (
+        (near, loud, 0.99, 0.2, False),
+        (far, loud, 0.99, 0.2, True),
+        (near, faint, 0.99, 0.2, True),
+        (near, loud, 0.99, 0.0, True),
+        (far, faint, 0.1, 0.2, False),
+    ):
+        lesson, joint = crowd_with(place, power, existence, extent)
+        assert lesson.placed(joint) is expected
+        short = replace(lesson, samples=lesson.samples[:START_STEPS])
+        assert short.placed(joint) is (existence > 0.5), "so short a track doesn't tell"
+
+
+def test_in_a_crowd_a_set_that_sees_its_line_of_sight_is_preferred_within_the_scatter_of_scores():
+    lesson, joint = crowd_with(MIRROR, 1.0)
+    state, _ = state_after([], [], 1)
+    plain = lesson.judge(state.before, state.segment)
+    seen = plain._replace(joint=joint, score=0.0, placed=True)
+    for ahead, wins in ((0.9 * SEEN, True), (1.1 * SEEN, False)):
+        hidden = seen._replace(placed=False, score=ahead)
+        assert (best_of([hidden, seen]) is seen) is wins
+        assert seen.beats(hidden) is wins
+    image = seen._replace(joint=replace(joint, extent=0.0))
+    assert best_of([image._replace(placed=False, score=1.0), image]) is not image
+    assert not seen._replace(score=0.9 * CLEAR).beats(seen, CLEAR)
+
+
 @pytest.mark.slow
 def test_a_crowd_is_looked_for_from_other_starts_and_the_best_are_followed_up():
     """Along a way half a metre off, some of the others explain the segment better."""
@@ -323,9 +375,11 @@ def test_a_crowd_is_looked_for_from_other_starts_and_the_best_are_followed_up():
     off = np.array([0.4, -0.5, 0.0, 0.0])
     astray = replace(segment, agent=segment.agent + off)
     (wrong,) = lesson.rivals(astray, state.joint, PRICES[:1])
-    lost = wrong._replace(track=astray.agent, score=wrong.score - 200)
+    lost = wrong._replace(track=astray.agent, score=wrong.score - 200, placed=False)
     found, ways = lesson.elsewhere(lost, astray, PRICES[0])
     assert len(found) == len(ways) == FOLLOWED
-    assert found[0].score >= found[1].score > lost.score
-    found, ways = lesson.elsewhere(lost._replace(score=np.inf), astray, PRICES[0])
-    assert ways[0] is astray
+    assert found[0].placed, "the first that sees its line of sight will do"
+    assert found[0].score > lost.score
+    assert ways[0] is not astray
+    found, ways = lesson.elsewhere(lost._replace(placed=True), astray, PRICES[0])
+    assert [len(found), ways] == [1, [astray]]

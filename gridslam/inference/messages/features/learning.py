@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gridslam.inference.messages.features.feature_likelihood import Front
-from gridslam.inference.messages.features.proposals import CROWD
 from gridslam.inference.messages.features.rivals import CLEAR, Lesson, usual_prices
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
 from gridslam.world.signal_model import SignalModel
@@ -32,18 +31,17 @@ def learn(state: HybridState, front: Front, model: SignalModel) -> tuple[HybridS
     segment, old = state.segment, len(state.before.features)
     if len(segment) <= 2 * JUDGED:
         return state, Learned()
-    first, prices = state.step - len(segment), usual_prices(state.before, model)
-    lesson = Lesson(state.before, state.before_s, first, state.next_identity, JUDGED, front, model)
+    prices = usual_prices(state.before, model)
+    lesson = Lesson.of(state, segment, JUDGED, front, model)
     best, price = None, prices[0]
     for rival, kind in zip(lesson.rivals(segment, state.joint, prices), prices, strict=True):
         # in doubt, images are the rule
-        if best is None or rival.score > best.score + CLEAR:
+        if best is None or rival.beats(best, CLEAR):
             best, price = rival, kind
     assert best is not None
-    sets, ways = [best], [segment]
-    if not old and len(best.joint.features) > CROWD:
-        sets, ways = lesson.elsewhere(best, segment, price)
-    best = lesson.best(sets, ways, price)
+    best = lesson.best([best], [segment], price)
+    if not old and best.joint.extent > 0 and not best.placed:
+        best = lesson.best(*lesson.elsewhere(best, segment, price), price)
     proposed, gain = len(best.joint.features) - old, float((best.evidence - segment.evidence)[-JUDGED:].sum())
     if not proposed or gain <= 0:
         return begun(state, state.joint), Learned(proposed, 0, gain if proposed else 0.0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.inference.messages.features.feature_likelihood import Front
+from gridslam.inference.messages.features.feature_likelihood import Front, Tables
 from gridslam.inference.messages.features.following import START_STEPS
 from gridslam.inference.messages.features.seeding import (
     FREE,
@@ -49,29 +49,38 @@ class Survey:
     stretch : Stretch
     known : (D, 4)
         Features that are there already: x, y, extra length (m) and power.
+    left : (K, T, N, 2) float32
+        What they leave unexplained, see `Stretch.unexplained`.
     gains : Gains
     """
 
     anchor: int
     stretch: Stretch
     known: Array
+    left: Tables
     gains: Gains
 
 
 def surveys(
-    before: JointBelief, after: JointBelief, segment: Segment, judged: int, front: Front, model: SignalModel
-) -> list[Survey]:
+    before: JointBelief, after: JointBelief, segment: Segment, judged: int, front: Front, model: SignalModel,
+    tables: list[Tables],
+) -> list[Survey]:  # fmt: skip
     """One of every anchor that was heard at more than a few steps, but for a segment's last ones.
 
     Features are where the belief after the segment has them; those that the one before doesn't hold
     aren't known yet.
+
+    Parameters
+    ----------
+    tables : list of (K or more, N, T, 4) float32
+        Matched outputs of every anchor at the segment's steps.
     """
     known = after.keep(np.isin(after.features.identity, before.features.identity))
     used, found = slice(0, len(segment) - judged), []
     for j in range(len(model.anchors)):
         if segment.heard[used, j].sum() > judged:
-            stretch, table = stretch_of(known, segment, j, judged, front, model), feature_table(known, j)
-            found.append(Survey(j, stretch, table, first_gains(stretch, table)))
+            stretch, left = stretch_of(known, segment, j, judged, front, model, tables[j])
+            found.append(Survey(j, stretch, feature_table(known, j), left, first_gains(stretch, left)))
     return found
 
 
@@ -88,7 +97,7 @@ def with_proposals(
     """
     origin = segment.agent[len(segment) // 2, :2]
     for look in looks:
-        table, kind = propose(look.stretch, look.known, look.gains, price)
+        table, kind = propose(look.stretch, look.known, look.left, look.gains, price)
         crowded = len(look.known) + len(table) > CROWD
         if crowded:
             belief = replace(belief, extent=CROWD_EXTENT_M)

@@ -8,24 +8,31 @@ If one stands beside an anchor, all may be beside where it belongs: that is trie
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.messages.features.feature_likelihood import Front
+from gridslam.inference.messages.features.feature_likelihood import Front, Tables
+from gridslam.inference.messages.features.following import START_STEPS
 from gridslam.inference.messages.features.joint_update import predict, update
 from gridslam.inference.messages.features.proposals import surveys, with_proposals
 from gridslam.inference.messages.features.seeding import LEAST_GAIN
+from gridslam.inference.messages.features.ways import apart, drifted, moved_starts, spread_m
 from gridslam.inference.state.features.features import ENTRIES, MOVING, places
-from gridslam.inference.state.features.hybrid_state import JointBelief, Segment
+from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
 from gridslam.world.signal_model import SignalModel
 
+Complex = NDArray[np.complex128]
 PRICES = np.array([[0.0, 10.0, 10.0], [10.0, 0.0, 10.0]])
 """Nats that each of these costs, where images are the rule and where scatterers are."""
 CLEAR = 10.0
 """Nats by which one set has to explain a segment better than another to be preferred for it."""
+SEEN = 200.0
+"""Nats that it is worth in a crowd that a set sees a line of sight where it should be: scores of sets along
+ways that differ by decimetres scatter by as much."""
 HOPELESS = 60.0
 """Nats by which one has to be behind another at some step for the rest of the segment not to matter."""
 ROUNDS = 3
@@ -35,10 +42,9 @@ MOVED_M = 0.1
 SHIFTS, ASTRAY, STRONG = 2, 3.0, 0.2
 """Times that all is shifted. Deviations of the start within which a feature may be a line of sight seen from
 a wrong place; its least power in that of the line of sight."""
-
-
-STARTS, BESIDE_STD = 8, 2.0
-"""Starts about the one that is believed that are tried in a crowd; how far off, in its deviations."""
+REACH, LOUD = 2.0, 0.7
+"""Deviations of the agent's unheard drift within which no feature may be so loud, in the power of a line of
+sight, if that is to say where the agent is."""
 FOLLOWED = 2
 """Of these, the best, that are followed up."""
 
@@ -57,6 +63,8 @@ class Rival(NamedTuple):
         Log of each step's.
     start : JointBelief
         With the set at the segment's beginning.
+    placed : bool
+        Whether a line of sight is seen that says where the agent is, see `Lesson.placed`.
     """
 
     score: float
@@ -64,6 +72,17 @@ class Rival(NamedTuple):
     track: Array
     evidence: Array
     start: JointBelief
+    placed: bool
+
+    def beats(self, other: Rival, by: float = 0.0) -> bool:
+        """Whether this set is better by so many nats."""
+        return best_of([other._replace(score=other.score + by), self]) is self
+
+
+def best_of(rivals: list[Rival]) -> Rival:
+    """The set that explains the segment best; in crowds, one that sees its line of sight is preferred."""
+    crowd = any(one.joint.extent > 0 for one in rivals)
+    return max(rivals, key=lambda one: one.score + SEEN * (crowd and one.placed))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +99,10 @@ class Lesson:
         Number of its first step; of the next feature.
     judged : int
         Its last steps, of which no feature is made.
+    drift_m : float
+        Deviation of where the agent is half-way through it, before it is heard.
+    samples : (K, J, N, M) complex128
+        Of all its steps.
     front : Front
     model : SignalModel
     """
@@ -89,8 +112,26 @@ class Lesson:
     first: int
     identity: int
     judged: int
+    drift_m: float
+    samples: Complex
     front: Front
     model: SignalModel
+
+    @classmethod
+    def of(
+        cls, state: HybridState, segment: Segment, judged: int, front: Front, model: SignalModel
+    ) -> Lesson:
+        """That of a state's segment."""
+        before, first = state.before, state.step - len(segment)
+        drift = drifted(before, segment, state.before_s, model)
+        return cls(
+            before, state.before_s, first, state.next_identity, judged, drift, segment.samples, front, model
+        )
+
+    @cached_property
+    def tables(self) -> list[Tables]:
+        """Matched outputs of every anchor: they are the same along any way."""
+        return [self.front.tables(self.samples[:, j]) for j in range(len(self.model.anchors))]
 
     def rivals(
         self, segment: Segment, after: JointBelief, prices: Array, taught: Segment | None = None,
@@ -108,7 +149,7 @@ class Lesson:
             One that all have to keep up with, see `judge`; else the first of them.
         """
         part = segment if taught is None else taught
-        looks = surveys(self.before, after, part, self.judged, self.front, self.model)
+        looks = surveys(self.before, after, part, self.judged, self.front, self.model, self.tables)
         found: list[Rival] = []
         for price in prices:
             wider = with_proposals(self.before, part, looks, price, self.first, self.identity, self.model)
@@ -116,7 +157,7 @@ class Lesson:
             doubtful = self.sights(rival.joint)
             if doubtful.any():
                 without = self.judge(wider.keep(~doubtful), segment, rival)
-                rival = max(rival, without, key=lambda one: one.score)
+                rival = best_of([rival, without])
             found.append(rival)
         return found
 
@@ -131,9 +172,10 @@ class Lesson:
         """
         cost, lead = self._cost(belief), None
         if other is not None:
-            lead = np.cumsum(other.evidence) - self._cost(other.start) + cost - HOPELESS
+            slack = HOPELESS + SEEN * (other.joint.extent > 0 and not other.placed)
+            lead = np.cumsum(other.evidence) - self._cost(other.start) + cost - slack
         joint, evidence, track = replay(belief, segment, self.before_s, self.first, self.model, least=lead)
-        return Rival(float(evidence.sum()) - cost, joint, track, evidence, belief)
+        return Rival(float(evidence.sum()) - cost, joint, track, evidence, belief, self.placed(joint))
 
     def _cost(self, belief: JointBelief) -> float:
         """Nats that a belief's new features cost."""
@@ -149,8 +191,8 @@ class Lesson:
                 return rival
             segment = replace(segment, agent=rival.track)
             (following,) = self.rivals(segment, rival.joint, price[None], other=rival)
-            if following.score < rival.score + CLEAR:
-                return max(rival, following, key=lambda one: one.score)
+            if not following.beats(rival, CLEAR):
+                return best_of([rival, following])
             rival = following
         return rival
 
@@ -168,7 +210,7 @@ class Lesson:
         for rival, segment in zip(rivals, ways, strict=True):
             known = any(apart(rival.track, one.track) < MOVED_M for one in climbed)
             climbed.append(rival if known else self.climb(rival, segment, price))
-        found = max(climbed, key=lambda one: one.score)
+        found = best_of(climbed)
         if len(self.before.features):
             return found
         for _ in range(SHIFTS):
@@ -178,7 +220,7 @@ class Lesson:
             along = replace(ways[0], agent=found.track + np.append(shift, np.zeros(2)))
             (rival,) = self.rivals(along, found.joint, price[None])
             rival = self.climb(rival, along, price)
-            if rival.score <= found.score:
+            if not rival.beats(found):
                 return found
             found = rival
         return found
@@ -190,24 +232,38 @@ class Lesson:
         """
         found = [(rival, segment)]
         for way in moved_starts(replace(segment, agent=rival.track), self.before):
-            lead = max((one for one, _ in found), key=lambda one: one.score)
+            lead = best_of([one for one, _ in found])
+            if lead.placed:
+                break
             (other,) = self.rivals(way, rival.joint, price[None], other=lead)
             found.append((other, way))
-        found = sorted(found, key=lambda one: -one[0].score)[:FOLLOWED]
+        found = sorted(found, key=lambda one: one[0].score + SEEN * one[0].placed, reverse=True)[:FOLLOWED]
         return [one for one, _ in found], [way for _, way in found]
 
     def sights(self, joint: JointBelief) -> NDArray[np.bool_]:
         """Which new features may be a line of sight that is seen from a wrong place, (F,)."""
         bank, gap = joint.features, np.hypot(*self._beside(joint).T)
-        reach = ASTRAY * np.sqrt(np.trace(self.before.agent_covariance[:2, :2]) / 2)
         strong = bank.power > STRONG * joint.los_power[bank.anchor]
-        near: NDArray[np.bool_] = (gap < reach) & strong
+        near: NDArray[np.bool_] = (gap < ASTRAY * spread_m(self.before)) & strong
         near[: len(self.before.features)] = False
         return near
 
+    def placed(self, joint: JointBelief) -> bool:
+        """Whether a line of sight is seen, and not a feature instead, which short tracks don't tell."""
+        seen = joint.existence > 0.5
+        if len(self.samples) > START_STEPS:
+            seen[joint.features.anchor[self.sights(joint) | self.loud(joint)]] = False
+        return bool(seen.any())
+
+    def loud(self, joint: JointBelief) -> NDArray[np.bool_]:
+        """Features (F,) of a crowd about as loud as a line of sight, and within an agent's drift off it."""
+        bank, gap = joint.features, np.hypot(*self._beside(joint).T)
+        near: NDArray[np.bool_] = (gap < REACH * self.drift_m) & (joint.extent > 0)
+        return near & (bank.power > LOUD * joint.los_power[bank.anchor])
+
     def shift(self, rival: Rival) -> Array | None:
-        """How far (2,) m all has to move for the strongest feature of `sights` to be an anchor."""
-        near, bank = self.sights(rival.joint), rival.joint.features
+        """How far (2,) m all has to move for the strongest feature of `sights` or `loud` to be an anchor."""
+        near, bank = self.sights(rival.joint) | self.loud(rival.joint), rival.joint.features
         if not near.any():
             return None
         top = int(np.argmax(np.where(near, bank.power, 0.0)))
@@ -221,21 +277,6 @@ class Lesson:
         way = length[:, None] * np.stack([np.cos(direction), np.sin(direction)], 1)
         gap: Array = self.model.anchors[bank.anchor, :2] - bank.origin_m - way
         return gap
-
-
-def moved_starts(segment: Segment, before: JointBelief) -> list[Segment]:
-    """The same way from places about where the agent is believed to have started."""
-    reach = BESIDE_STD * np.sqrt(np.trace(before.agent_covariance[:2, :2]) / 2)
-    angle = 2 * np.pi * np.arange(STARTS) / STARTS
-    shift = np.zeros((STARTS, 1, MOVING))
-    shift[:, 0, :2] = reach * np.stack([np.cos(angle), np.sin(angle)], 1)
-    shift[..., :2] += before.mean[:2] - segment.agent[0, :2]
-    return [replace(segment, agent=segment.agent + one) for one in shift]
-
-
-def apart(one: Array, other: Array) -> float:
-    """Largest distance (m) between two ways (K, 4) at the same step."""
-    return float(np.hypot(*(one - other)[:, :2].T).max())
 
 
 def replay(

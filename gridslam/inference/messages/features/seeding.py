@@ -7,7 +7,6 @@ that are older than the latest feature serve as bounds, and only the best of the
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,8 +60,10 @@ class Stretch:
     unit : float
         Power of the line of sight.
     front : Front
-    tables : (K, N, T, 4) float32
-        Matched outputs of the samples.
+    steps : (K,) int32
+        Which table each point takes.
+    tables : (K or more, N, T, 4) float32
+        Matched outputs of samples.
     """
 
     points: Array
@@ -70,12 +71,8 @@ class Stretch:
     anchor_m: Array
     unit: float
     front: Front
+    steps: NDArray[np.int32]
     tables: Tables
-
-    @cached_property
-    def steps(self) -> NDArray[np.int32]:
-        """Which table each point takes, (K,)."""
-        return np.arange(len(self.points), dtype=np.int32)
 
     @property
     def centre(self) -> Array:
@@ -110,28 +107,45 @@ class Stretch:
 
     def unexplained(self, table: Array) -> Tables:
         """Matched outputs of ``C^-1 P z`` under features (D, 4), (K, T, N, 2)."""
-        return self.front.coarse(self.rest(table) / self.points[:, 3, None, None])
+        return self._matched(self.rest(table))
 
-    def quieter(self, table: Array) -> Stretch:
-        """The same with the noise's power that features (D, 4) leave."""
+    def quieter(self, table: Array) -> tuple[Stretch, Tables]:
+        """The same with the noise's power that features (D, 4) leave, and what is unexplained then."""
         rest = self.rest(table)
         free = rest[0].size - 1 - len(table)
         noise = float((np.abs(rest) ** 2).sum() / (len(rest) * free))
         points = self.points.copy()
         points[:, 3] = noise
-        return replace(self, points=points)
+        quiet = replace(self, points=points)
+        return quiet, quiet._matched(rest)
+
+    def _matched(self, rest: Complex) -> Tables:
+        """Matched outputs of what is left of the samples, in units of the noise."""
+        return self.front.coarse(rest / self.points[:, 3, None, None])
 
 
 def stretch_of(
-    belief: JointBelief, segment: Segment, anchor: int, judged: int, front: Front, model: SignalModel
-) -> Stretch:
-    """A segment of an anchor but for its last steps, with the noise that what a belief holds leaves."""
+    belief: JointBelief, segment: Segment, anchor: int, judged: int, front: Front, model: SignalModel,
+    tables: Tables | None = None,
+) -> tuple[Stretch, Tables]:  # fmt: skip
+    """A segment of an anchor but for its last steps, with the noise that what a belief holds leaves.
+
+    And what is unexplained then, (K, T, N, 2).
+
+    Parameters
+    ----------
+    tables : (K, N, T, 4) float32, optional
+        Matched outputs of this anchor's samples at all steps, if they are known.
+    """
     used = np.flatnonzero(segment.heard[: len(segment) - judged, anchor])
     noise = np.full(len(used), belief.noise[anchor])
     points = np.column_stack([segment.agent[used, :2], segment.heading_rad[used], noise])
     power = float(belief.los_power[anchor])
     samples, anchor_m = segment.samples[used, anchor], model.anchors[anchor, :2].copy()
-    raw = Stretch(points, samples, anchor_m, power, front, front.tables(samples))
+    steps = used.astype(np.int32)
+    if tables is None:
+        steps, tables = np.arange(len(used), dtype=np.int32), front.tables(samples)
+    raw = Stretch(points, samples, anchor_m, power, front, steps, tables)
     return raw.quieter(feature_table(belief, anchor))
 
 
@@ -185,9 +199,9 @@ class Gains:
             total[old] = np.where(np.isfinite(total[old]), self.gain[old] - price[self.kinds[old]], -np.inf)
 
 
-def first_gains(stretch: Stretch, known: Array) -> Gains:
-    """Gains of all places about a stretch on top of the features (D, 4) that are known."""
-    left, powers = stretch.unexplained(known), stretch.unit * POWERS
+def first_gains(stretch: Stretch, left: Tables) -> Gains:
+    """Gains of all places about a stretch, of what is unexplained (K, T, N, 2)."""
+    powers = stretch.unit * POWERS
     places, kinds = candidates(stretch.centre, stretch.front.longest_m, stretch.anchor_m)
     gain, power = np.full(len(places), -np.inf), np.zeros(len(places))
     keep = np.ones(len(places), bool)
@@ -251,13 +265,15 @@ def nearer(place: Array, power: float, kind: int, stretch: Stretch, left: Tables
     return best, gain
 
 
-def propose(stretch: Stretch, known: Array, gains: Gains, price: Array) -> tuple[Array, Kinds]:
+def propose(stretch: Stretch, known: Array, left: Tables, gains: Gains, price: Array) -> tuple[Array, Kinds]:
     """New features (n, 4) of an anchor: x, y, extra length (m) and power; and of which kind each is (n,).
 
     Parameters
     ----------
     known : (D, 4)
         Features that are there already, and stay where they are.
+    left : (K, T, N, 2) float32
+        What they leave unexplained.
     gains : Gains
         On top of these.
     price : (3,)
@@ -265,7 +281,6 @@ def propose(stretch: Stretch, known: Array, gains: Gains, price: Array) -> tuple
     """
     gains, new, kind, fixed = gains.copy(), np.zeros((0, 4)), np.zeros(0, np.int64), len(known)
     while len(known) + len(new) < MOST_FEATURES:
-        left = stretch.unexplained(np.concatenate([known, new]))
         top = gains.best(price, None, stretch, left)
         if top < 0:
             break
@@ -285,7 +300,7 @@ def propose(stretch: Stretch, known: Array, gains: Gains, price: Array) -> tuple
             risen.append((value - price[what], table, what))
         _, table, what = max(risen, key=lambda end: end[0])
         new, kind = table[fixed:], np.append(kind, what)
-        quieter = stretch.quieter(table)
+        quieter, left = stretch.quieter(table)
         gains.age(stretch.points[0, 3] / quieter.points[0, 3])
         stretch = quieter
     if len(new):

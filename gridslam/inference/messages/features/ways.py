@@ -1,0 +1,46 @@
+"""Ways of the agent through a segment: how far it may have come, and others that it may have gone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gridslam.arrays import Array
+from gridslam.inference.messages.features.joint_update import predict
+from gridslam.inference.state.features.features import MOVING
+from gridslam.inference.state.features.hybrid_state import JointBelief, Segment
+from gridslam.world.signal_model import SignalModel
+
+STARTS, BESIDE_STD = 8, 2.0
+"""Starts about the one that is believed that are tried in a crowd; how far off, in its deviations."""
+
+
+def spread_m(belief: JointBelief) -> float:
+    """Deviation of the agent's place, along either axis, m."""
+    return float(np.sqrt(np.trace(belief.agent_covariance[:2, :2]) / 2))
+
+
+def drifted(belief: JointBelief, segment: Segment, before_s: float | None, model: SignalModel) -> float:
+    """The same half-way through a segment of which nothing is heard."""
+    agent, earlier = belief.keep(np.zeros(len(belief.features), bool)), before_s
+    for time_s in segment.time_s[: len(segment) // 2]:
+        if earlier is not None:
+            agent = predict(agent, time_s - earlier, model.settings.acceleration_mps2)
+        earlier = float(time_s)
+    return spread_m(agent)
+
+
+def moved_starts(segment: Segment, before: JointBelief) -> list[Segment]:
+    """The same way from places about where the agent is believed to have started."""
+    reach = BESIDE_STD * spread_m(before)
+    angle = 2 * np.pi * np.arange(STARTS) / STARTS
+    shift = np.zeros((STARTS, 1, MOVING))
+    shift[:, 0, :2] = reach * np.stack([np.cos(angle), np.sin(angle)], 1)
+    shift[..., :2] += before.mean[:2] - segment.agent[0, :2]
+    return [replace(segment, agent=segment.agent + one) for one in shift]
+
+
+def apart(one: Array, other: Array) -> float:
+    """Largest distance (m) between two ways (K, 4) at the same step."""
+    return float(np.hypot(*(one - other)[:, :2].T).max())
