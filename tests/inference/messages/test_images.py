@@ -1,4 +1,4 @@
-"""Images of direct SLAM: joining, merging, reclaiming the line of sight, and the mode against sampling."""
+"""Images of direct SLAM: joining, merging, coming back; the line of sight reclaimed; the mode by sampling."""
 
 from dataclasses import replace
 
@@ -8,16 +8,17 @@ import pytest
 import gridslam as gs
 from gridslam.inference.management.samples.image_merging import merge_images
 from gridslam.inference.messages.samples.distance_mode import PathPrior, joint_mode
-from gridslam.inference.messages.samples.image_births import NewPath, add_tentative
+from gridslam.inference.messages.samples.image_births import NewPath, add_tentative, birth_rate, find_births
 from gridslam.inference.messages.samples.image_prediction import image_distances, predict_paths
 from gridslam.inference.messages.samples.image_rings import forbid_own_place, join_straight_rings
-from gridslam.inference.messages.samples.path_levels import reclaim_line_of_sight
+from gridslam.inference.messages.samples.path_levels import reclaim_line_of_sight, update_levels
 from gridslam.inference.messages.samples.signal_likelihood import Band, log_densities
 from gridslam.inference.state.belief import append
 from gridslam.inference.state.samples.images import DirectState, Images
 from gridslam.world.geometry import unit
 
 BAND = Band.of(1e7 * (np.arange(41) - 20))
+RATE = birth_rate(100, 1)
 
 
 @pytest.fixture(scope="module")
@@ -130,3 +131,66 @@ def test_mode_and_covariance_are_those_of_the_posterior():
     deviation = np.sqrt(np.diag(mode.covariance))
     assert (np.abs(mode.distance - mean) < 0.3 * deviation).all()
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), deviation, rtol=0.15)
+
+
+def away(model, visible, existence=0.3):
+    """A state with one image that has hardly been seen for long, and its anchor's paths."""
+    state = state_with(model, model.start_mean[:2] + 6 * unit(1.5))
+    images = replace(
+        state.images,
+        visible=np.array([visible]),
+        existence=np.array([existence]),
+        intensity=np.array([200.0]),
+    )
+    links = replace(state.links, visible=np.ones(2), intensity=np.full(2, 300.0), noise=np.ones(2))
+    state = replace(state, images=images, links=links)
+    return state, predict_paths(state, 0, model)
+
+
+def snapshot(seed, *paths):
+    """Noise of power 1 and paths: distance and amplitude each."""
+    draw = np.random.default_rng(seed)
+    samples = np.sqrt(0.5) * (draw.normal(size=41) + 1j * draw.normal(size=41))
+    for number, (distance, amplitude) in enumerate(paths):
+        samples = samples + amplitude * np.exp(1j * number) * BAND.response(distance)
+    return samples
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("off", [0.0, 0.05])
+def test_a_path_that_is_back_is_its_images(model, seed, off):
+    state, paths = away(model, 0.001)
+    sight, image = paths.prior.mean
+    found = find_births(BAND, snapshot(seed, (sight, 17), (image + off, 14)), paths.prior, 1.0, RATE)
+    assert not found.new
+    assert found.prior.weight[1] == 200.0
+    assert found.mode.distance[1] == pytest.approx(image + off, abs=0.08)
+    after = update_levels(state, paths, found).images
+    assert after.visible[0] > 0.99
+    assert after.existence[0] > 0.9
+
+
+def test_a_path_elsewhere_is_new_and_the_image_stays_away(model):
+    state, paths = away(model, 0.001)
+    sight, image = paths.prior.mean
+    found = find_births(BAND, snapshot(5, (sight, 17), (image + 1.5, 14)), paths.prior, 1.0, RATE)
+    assert [new.distance for new in found.new] == pytest.approx([image + 1.5], abs=0.05)
+    assert found.prior.weight[1] < 1.0
+    assert update_levels(state, paths, found).images.visible[0] < 0.1
+
+
+def test_noise_brings_nothing_back(model):
+    _, paths = away(model, 0.001)
+    samples = (snapshot(seed, (paths.prior.mean[0], 17)) for seed in range(40))
+    mine = [find_births(BAND, one, paths.prior, 1.0, RATE).prior.weight[1] for one in samples]
+    assert max(mine) < 200.0
+
+
+def test_images_that_are_seen_are_not_away(model):
+    _, paths = away(model, 0.9)
+    assert not paths.prior.away.any()
+    prior = PathPrior(np.ones(2), np.eye(2), np.array([3.0, 0.1]), np.array([0.0, 4.0]))
+    back = prior.back(1)
+    assert (back.weight.tolist(), back.away.tolist()) == ([3.0, 4.0], [0.0, 0.0])
+    assert prior.weight.tolist() == [3.0, 0.1]
+    assert back.with_path(2.0, 1.0).away.tolist() == [0.0, 0.0, 0.0]

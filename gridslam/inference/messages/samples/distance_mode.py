@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -35,11 +35,23 @@ class PathPrior:
         Inverse covariance.
     weight : (N,)
         Mean power of each path, times the probability that it is there.
+    away : (N,), optional
+        Mean power of those that are hardly there and may be back; 0 for others (default: all).
     """
 
     mean: Array
     precision: Array
     weight: Array
+    away: Array | None = None
+
+    def back(self, row: int) -> PathPrior:
+        """The same where a path that was away is there."""
+        weight, away = (
+            self.weight.copy(),
+            np.zeros(len(self.weight)) if self.away is None else self.away.copy(),
+        )
+        weight[row], away[row] = away[row], 0.0
+        return replace(self, weight=weight, away=away)
 
     def with_path(self, distance: float, weight: float) -> PathPrior:
         """One path more, whose distance is free; the search starts from the one that is given."""
@@ -47,7 +59,8 @@ class PathPrior:
         precision = np.zeros((size + 1, size + 1))
         precision[:size, :size] = self.precision
         precision[size, size] = FREE_M**-2
-        return PathPrior(np.append(self.mean, distance), precision, np.append(self.weight, weight))
+        away = None if self.away is None else np.append(self.away, 0.0)
+        return PathPrior(np.append(self.mean, distance), precision, np.append(self.weight, weight), away)
 
 
 @dataclass(frozen=True, eq=False)

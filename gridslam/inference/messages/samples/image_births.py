@@ -42,6 +42,8 @@ ACCEPTED = np.log(8.0) - 2.0
 less what fitting a distance and an intensity gains in noise."""
 SOLVED_AGAIN = 1.0
 """What solving everything again may gain on top of what the others' present fit shows; 0.5 is usual."""
+BACK_M = 0.3
+"""How near to a peak a path that was away may be what makes it."""
 WIDEST_M = 0.3
 """Deviation of a predicted distance beyond which it isn't broadened any more."""
 OWN_PLACE_M = 0.6
@@ -121,6 +123,16 @@ def find_births(band: Band, samples: Complex, prior: PathPrior, noise: float, ra
     return Found(prior, mode, births.taken + births.weak, inverse, table, known)
 
 
+@dataclass(frozen=True, eq=False)
+class _Explanation:
+    """What may make a peak: all paths then, the log odds of it before the snapshot, whether one is back."""
+
+    prior: PathPrior
+    log_odds: float
+    is_back: bool
+    peak: tuple[float, float]
+
+
 class _Births:
     """Peaks over distance; see `path_search.Candidates`. A peak is a distance (m) and an intensity.
 
@@ -149,6 +161,7 @@ class _Births:
         self.intensities = noise * 10 ** (INTENSITIES_DB / 10)
         self._latest: tuple[Mode, Inverse, Sweep] | None = None
         self._solved: list[tuple[PathPrior, Mode]] = []
+        self._judged: _Explanation
         self._predicted: tuple[PathPrior, Sweep] | None = None
 
     def solve(self, prior: PathPrior) -> Mode:
@@ -177,13 +190,27 @@ class _Births:
         """
         _, table = self.explained(prior, mode)
         peaks = [peak for peak in map(self._peak, (table, self._before(prior))) if peak is not None]
-        wider = [prior.with_path(*peak) for peak in peaks]
-        self._solved = [(each, self.solve(each)) for each in wider]
-        if not peaks:
+        explanations = [one for peak in peaks for one in self._explanations(prior, peak)]
+        if not explanations:
             return None
-        best = int(np.argmax([trial.log_posterior for _, trial in self._solved]))
-        self._solved = [self._solved[best]]
-        return peaks[best]
+        self._solved = [(one.prior, self.solve(one.prior)) for one in explanations]
+        worth = [
+            trial.log_posterior + one.log_odds
+            for one, (_, trial) in zip(explanations, self._solved, strict=True)
+        ]
+        best = int(np.argmax(worth))
+        self._solved, self._judged = [self._solved[best]], explanations[best]
+        return explanations[best].peak
+
+    def _explanations(self, prior: PathPrior, peak: tuple[float, float]) -> list[_Explanation]:
+        """What may make a peak: a new path; known ones that were away and are back (M332)."""
+        found = [_Explanation(prior.with_path(*peak), float(np.log(self.rate) + ACCEPTED), False, peak)]
+        if prior.away is not None and prior.away.any():
+            for row in np.flatnonzero((prior.away > 0) & (np.abs(prior.mean - peak[0]) < BACK_M)).tolist():
+                chance = prior.weight[row] / prior.away[row]
+                log_odds = float(np.log(chance / (1 - chance)))
+                found.append(_Explanation(prior.back(row), log_odds, True, peak))
+        return found
 
     def _before(self, prior: PathPrior) -> Sweep:
         """What one more path would be worth, with the others as broad as they were predicted."""
@@ -215,7 +242,11 @@ class _Births:
         return self._solved[0][0]
 
     def takes(self, prior: PathPrior, mode: Mode, trial: Mode, peak: tuple[float, float]) -> bool:
-        log_odds = trial.log_posterior - mode.log_posterior + np.log(self.rate) + ACCEPTED
+        log_odds = trial.log_posterior - mode.log_posterior + self._judged.log_odds
+        if self._judged.is_back:
+            if log_odds <= 0:
+                self.open &= np.abs(self.grid - peak[0]) > BESIDE_M
+            return log_odds > 0
         existence = float(1 / (1 + np.exp(-np.clip(log_odds, -50, 50))))
         new = NewPath(existence, float(trial.distance[-1]), float(trial.variance[-1]), peak[1])
         farthest = self.nearest + self.band.folding_m - self.band.resolution_m

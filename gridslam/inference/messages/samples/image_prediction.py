@@ -19,6 +19,8 @@ P_STAY, P_APPEAR = 0.97, 0.01
 """A path that is there stays so for a step; one that isn't appears."""
 WALK_M = 1e-4
 """Random walk of an image per step, [LiangDirect], section IV."""
+AWAY = 0.2
+"""Probability that a path is there, below which it is away for now."""
 LEAST_VARIANCE = 1e-10
 """Of a predicted distance beside the others, m^2: keeps their covariance regular."""
 
@@ -97,7 +99,9 @@ def predict_paths(state: DirectState, anchor: int, model: FilterModel) -> Anchor
     ring_mean, ring_variance = ring_distances(tentative.rings)
 
     visible = P_APPEAR + (P_STAY - P_APPEAR) * np.append(links.visible[anchor], images.visible[own])
-    power = visible * np.append(links.intensity[anchor], images.existence[own] * images.intensity[own])
+    intensity = np.append(links.intensity[anchor], images.intensity[own])
+    power = visible * np.append(1.0, images.existence[own]) * intensity
+    away = np.concatenate([np.where(visible < AWAY, intensity, 0.0), np.zeros(len(others))])
     joint, size = len(mean), len(mean) + len(others)
     precision = np.zeros((size, size))
     precision[:joint, :joint] = np.linalg.inv(covariance)
@@ -106,6 +110,7 @@ def predict_paths(state: DirectState, anchor: int, model: FilterModel) -> Anchor
         np.concatenate([mean, ring_mean]),
         symmetric(precision),
         np.concatenate([power, tentative.rings.existence * tentative.intensity]),
+        away,
     )
     return AnchorPaths(anchor, own, others, slope, covariance, visible, prior)
 
