@@ -25,6 +25,7 @@ from gridslam.inference.management.samples.image_readout import (
 from gridslam.inference.management.samples.image_starts import advance, begun
 from gridslam.inference.management.samples.image_ties import share_walls
 from gridslam.inference.messages.samples.image_births import (
+    FIRST_STEPS,
     Found,
     add_tentative,
     birth_rate,
@@ -106,7 +107,8 @@ def step(
         samples = scan.samples[anchor, 0, 0]
         state = start_levels(state, anchor, band, samples, model)
         paths = predict_paths(state, anchor, model)
-        found = find_births(band, samples, paths.prior, float(state.links.noise[anchor]), rate)
+        noise = float(state.links.noise[anchor])
+        found = find_births(band, samples, paths.prior, noise, rate, state.step < FIRST_STEPS)
         state = update_state(state, paths, found.mode)
         state = learn_rings(state, paths, found)
         state = watch_fit(state, paths, found)

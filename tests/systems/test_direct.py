@@ -188,3 +188,13 @@ def test_noise_gives_birth_to_nothing_that_joins(overlap):
         begun += sum(len(found.new) for found in info.found) if number > 40 else 0
     assert not len(state.images)
     assert begun < 8
+
+
+@pytest.mark.parametrize(("steps", "louder"), [(0, True), (7, True), (8, False)])
+def test_the_line_of_sight_may_be_louder_than_guessed_in_the_first_steps_alone(overlap, steps, louder):
+    recording, model = overlap
+    state = start(model)
+    links = replace(state.links, intensity=np.full(2, 2.0), noise=np.ones(2))
+    _, info = step(replace(state, links=links, step=steps), recording.scan(0), model)
+    weight = np.array([one.prior.weight[0] for one in info.found])
+    assert (weight > 5.0).any() == louder

@@ -8,7 +8,13 @@ import pytest
 import gridslam as gs
 from gridslam.inference.management.samples.image_merging import merge_images
 from gridslam.inference.messages.samples.distance_mode import PathPrior, joint_mode
-from gridslam.inference.messages.samples.image_births import NewPath, add_tentative, birth_rate, find_births
+from gridslam.inference.messages.samples.image_births import (
+    NewPath,
+    add_tentative,
+    birth_rate,
+    find_births,
+    with_sight,
+)
 from gridslam.inference.messages.samples.image_prediction import image_distances, predict_paths
 from gridslam.inference.messages.samples.image_rings import forbid_own_place, join_straight_rings
 from gridslam.inference.messages.samples.path_levels import reclaim_line_of_sight, update_levels
@@ -194,3 +200,22 @@ def test_images_that_are_seen_are_not_away(model):
     assert (back.weight.tolist(), back.away.tolist()) == ([3.0, 4.0], [0.0, 0.0])
     assert prior.weight.tolist() == [3.0, 0.1]
     assert back.with_path(2.0, 1.0).away.tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "believed", "low", "high"),
+    [(17.0, 5.0, 50.0, 150.0), (17.0, 300.0, 300.0, 300.0), (0.0, 5.0, 5.0, 5.0)],
+)
+def test_the_line_of_sight_may_be_louder_at_first_than_was_guessed(amplitude, believed, low, high):
+    prior = PathPrior(np.array([5.0, 6.0]), np.diag([150.0, 10.0]), np.array([believed, 60.0]))
+    found = with_sight(BAND, snapshot(3, (5.0, amplitude), (6.0, 8.0)), prior, 1.0)
+    assert low <= found.weight[0] <= high
+    assert found.weight[1] == 60.0
+
+
+def test_a_faded_line_of_sight_keeps_its_place_at_first():
+    prior = PathPrior(np.array([4.75, 5.4]), np.diag([150.0, 5.0]), np.array([4.0, 40.0]))
+    samples = snapshot(1, (4.75, 12.0), (5.43, 6.0))
+    taken, kept = (find_births(BAND, samples, prior, 1.0, 0.05, first).mode for first in (False, True))
+    assert taken.distance[1] < 5.0  # the reflection stands in the line of sight's place
+    assert kept.distance[:2] == pytest.approx([4.75, 5.43], abs=0.1)

@@ -46,12 +46,16 @@ class PathPrior:
 
     def back(self, row: int) -> PathPrior:
         """The same where a path that was away is there."""
-        weight, away = (
-            self.weight.copy(),
-            np.zeros(len(self.weight)) if self.away is None else self.away.copy(),
-        )
-        weight[row], away[row] = away[row], 0.0
-        return replace(self, weight=weight, away=away)
+        away = np.zeros(len(self.weight)) if self.away is None else self.away.copy()
+        there = self.weighed(row, float(away[row]))
+        away[row] = 0.0
+        return replace(there, away=away)
+
+    def weighed(self, row: int, weight: float) -> PathPrior:
+        """The same with another mean power of one path."""
+        fresh = self.weight.copy()
+        fresh[row] = weight
+        return replace(self, weight=fresh)
 
     def with_path(self, distance: float, weight: float) -> PathPrior:
         """One path more, whose distance is free; the search starts from the one that is given."""

@@ -18,6 +18,8 @@ from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import line_between, unit
 
 Complex = NDArray[np.complex128]
+LEVELS = (1.0, 3.0, 10.0, 30.0)
+"""By how much the line of sight may be louder at the first steps than is believed, equally likely."""
 INTENSITIES_DB = np.arange(3.0, 34.0, 5.0)
 """Intensities of a new path over the noise, equally likely."""
 MOST_NEW, MOST_TENTATIVE = 10, 8
@@ -109,18 +111,35 @@ def birth_rate(step: int, bounces: int) -> float:
     return max(BIRTHS[which], FIRST_BIRTHS[which] * float(np.exp(-step / FIRST_STEPS)))
 
 
-def find_births(band: Band, samples: Complex, prior: PathPrior, noise: float, rate: float) -> Found:
+def find_births(
+    band: Band, samples: Complex, prior: PathPrior, noise: float, rate: float, first: bool = False
+) -> Found:
     """The joint mode of the known paths, and of new ones that these leave unexplained; see `take_in`.
 
     Parameters
     ----------
     rate : float
         Probability of a new path per delay cell; see `birth_rate`.
+    first : bool
+        At the first steps the line of sight may be louder than it was when its level was guessed; see
+        `with_sight`.
     """
+    prior = with_sight(band, samples, prior, noise) if first else prior
     births, known = _Births(band, samples, prior, noise, rate), len(prior.mean)
     prior, mode = take_in(births, prior)
     inverse, table = births.explained(prior, mode)
     return Found(prior, mode, births.taken + births.weak, inverse, table, known)
+
+
+def with_sight(band: Band, samples: Complex, prior: PathPrior, noise: float) -> PathPrior:
+    """The prior with the level of the anchor's own path at which the known paths are likeliest (M333).
+
+    At the first steps little is known of that level, and if the path has faded then, the next reflection
+    takes its place for good.
+    """
+    louder = [prior.weighed(0, level * float(prior.weight[0])) for level in LEVELS]
+    trials = [joint_mode(band, samples, each, noise).log_posterior for each in louder]
+    return louder[int(np.argmax(trials))]
 
 
 @dataclass(frozen=True, eq=False)
