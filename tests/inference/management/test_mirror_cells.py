@@ -116,6 +116,14 @@ def test_no_mirror_no_surface():
     assert not found.grid.observed.any()
 
 
+def test_no_feature_of_a_crowd_is_a_wall():
+    table, joint = belief()
+    assert len(mirrors_of(table, joint, MODEL).surfaces) == 1
+    found = mirrors_of(table, replace(joint, extent=0.2), MODEL)
+    assert len(found.surfaces) == len(found.reflection) == 0
+    assert not found.grid.observed.any()
+
+
 def test_a_wall_that_was_heard_from_nowhere_has_no_extent():
     found = drawn(heard=(SIGHT,))
     assert np.isnan(found.surfaces.extent_m).all()

@@ -54,9 +54,11 @@ class Mirrors:
 def mirrors_of(table: FeatureEstimate, joint: JointBelief, model: FilterModel) -> Mirrors:
     """Surfaces and cells that mirrors among a belief's features, and lines of sight, tell.
 
-    Without a mirror nothing is told of cells.
+    Without a mirror nothing is told of cells. Features of a crowd stand for scatterers and aren't mirrors.
     """
     found, anchors = mirror_surfaces(table), model.anchors[:, :2]
+    if joint.extent > 0:
+        found = SurfaceEstimate.empty()
     if not len(found):
         return Mirrors(found, np.zeros((0, BINS)), Grid.empty(model.grid.shape))
     log = np.array([coefficient_of(table, joint, int(one)) for one in found.identity])
