@@ -23,7 +23,7 @@ class ClockWalk:
     Attributes
     ----------
     log : (3, G)
-        Log weight of each walk, 0 for the likeliest.
+        Log likelihood of each walk, 0 for the best.
     mean : (3, G, D) m
         Of the clocks, in the part of them that is the way's.
     variance : (3, G) m^2
@@ -41,8 +41,11 @@ class ClockWalk:
 
     @property
     def share(self) -> Array:
-        """Share of the variance that the scene tells by which clocks walk in each way, the mean, (3,)."""
-        weight = np.exp(self.log)
+        """Share of the variance that the scene tells by which clocks walk in each way, the mean, (3,).
+
+        Before anything is learned, walks up to the one that is told are all as likely.
+        """
+        weight = np.exp(self.log) * np.sqrt(SHARES)
         return np.asarray(weight @ SHARES / weight.sum(1))
 
 
