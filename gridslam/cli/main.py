@@ -71,7 +71,8 @@ def simulate(
     else:
         several = hear(world, names, seed, unlabelled)
         (several.to_csv if output.suffix == ".csv" else several.to_h5)(output)
-        counts = f"{len(names)} agents, {len(several)} steps, {len(several.agent)} measurements"
+        agents = f"{len(names)} agent{'s' * (len(names) > 1)}"
+        counts = f"{agents}, {len(several)} steps, {len(several.agent)} measurements"
     out.print(f"wrote {output}: {counts}", highlight=False, soft_wrap=True)
 
 

@@ -136,9 +136,10 @@ def _run(plan: Study, output: Path, where: Workers, overwrite: bool) -> Outcome:
         task = bar.add_task("runs", total=None)
 
         def tell(done: int, total: int) -> None:
-            if not err.is_terminal and done > reported[0]:  # in a log file, a line per run
-                err.print(f"{done} of {total} runs", highlight=False)
+            more = done > reported[0]
             reported[:] = done, total
+            if not err.is_terminal and more:  # in a log file, a line per run
+                err.print(f"{done} of {total} runs", highlight=False)
             bar.update(task, completed=done, total=total)
 
         try:

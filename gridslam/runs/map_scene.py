@@ -87,10 +87,12 @@ def map_scene(
     Raises
     ------
     InputError
-        Unknown method or agent, a class that is no method, a step that returns no estimate, a number of
-        particles out of range, a map of another frame, measurements of anchors that aren't the scene's, or of
-        the kind that the method doesn't take.
+        No scene, unknown method or agent, a class that is no method, a step that returns no estimate, a
+        number of particles out of range, a map of another frame, measurements of anchors that aren't the
+        scene's, or of the kind that the method doesn't take.
     """
+    if not isinstance(scene, Scene):
+        raise InputError("scene", type(scene).__name__, "a Scene, as gs.Scene.load(name or path) returns")
     waveform = measurements.waveform if isinstance(measurements, Recording) else None
     method = suited(method, waveform)
     found = method_class(method)

@@ -76,7 +76,7 @@ def progress_bar(
                 square, count = square + float(((estimate.position_m - there) ** 2).sum()), count + 1
             if count:
                 since = "" if count == done else f" of the last {count} steps"  # since a run was resumed
-                state += f", RMSE{since} {100 * (square / count) ** 0.5:.1f} cm"
+                state += f", error{since} {100 * (square / count) ** 0.5:.1f} cm"
             bar.update(task, completed=done, total=total, state=state)
             due = total >= LEAST_STEPS and done * LINES // total > (done - 1) * LINES // total
             if due and not console.is_terminal:

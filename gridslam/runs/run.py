@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gridslam.errors import InputError
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.estimates import Estimate
 from gridslam.maps.map import Map
@@ -78,12 +79,15 @@ class Run:
         -------
         matplotlib.figure.Figure
             Notebooks show it; ``savefig`` writes it.
+
+        Raises
+        ------
+        InputError
+            The truth is none.
         """
         from gridslam.drawing.map_figure import draw_map
-        from gridslam.simulation.image_source import Truth
 
-        went = truth.trajectory if isinstance(truth, Truth) else truth
-        return draw_map(self.map, self.scene, self.trajectory, went, self.estimates)
+        return draw_map(self.map, self.scene, self.trajectory, _track(truth), self.estimates)
 
     def _repr_html_(self) -> str:
         from gridslam.drawing.map_figure import inlined
@@ -109,7 +113,7 @@ class Run:
         Raises
         ------
         InputError
-            The true track doesn't cover the run.
+            The truth is none, or its track doesn't cover the run.
         """
         from gridslam.evaluation.consistency import complaints
         from gridslam.evaluation.ground_truth import known_bound, tells_heading
@@ -144,11 +148,10 @@ class Run:
             "peak_memory_mb": float(self.peak_memory_mb),
         }
         if self.estimates and self.estimates[-1].heights:
-            went = truth.trajectory if isinstance(truth, Truth) else truth
-            scores["heights"] = self._heights(isinstance(truth, Truth), went)
+            scores["heights"] = self._heights(isinstance(truth, Truth), _track(truth))
         if self.estimates and self.estimates[-1].coefficients:
             scores["coefficients"] = self._coefficients(isinstance(truth, Truth))
-        track = truth.trajectory if isinstance(truth, Truth) else truth
+        track = _track(truth)
         if track is not None and len(self.trajectory):
             position, heading = track_errors(self.trajectory, track)
             scores |= {
@@ -198,6 +201,15 @@ class Run:
             name: {"height_m": height, "std_m": std, "error_m": height - true[name] if name in true else None}
             for name, (height, std) in last.heights.items()
         }
+
+
+def _track(truth: Truth | Trajectory | None) -> Trajectory | None:
+    """The true track of whatever a user hands over as the truth."""
+    from gridslam.simulation.image_source import Truth
+
+    if not isinstance(truth, Truth | Trajectory | None):
+        raise InputError("truth", type(truth).__name__, "a Truth (gs.ground_truth) or a Trajectory")
+    return truth.trajectory if isinstance(truth, Truth) else truth
 
 
 AGENT_KEYS = (

@@ -75,6 +75,8 @@ def _input_error(error: ErrorDetails, where: str) -> InputError:
         found, allowed = "nothing", "a value, this key has no default"
     else:
         plain = {"model_type": "a table", "dict_type": "a table", "tuple_type": "a list"}
+        plain["too_long"] = f"at most {context.get('max_length')} items"
+        plain["too_short"] = f"at least {context.get('min_length')} items"
         message = error["msg"].removeprefix("Input should be ")
         found, allowed = _short(error["input"]), plain.get(error["type"], message)
     return InputError(f"{where}: {field}" if field else where, found, allowed)

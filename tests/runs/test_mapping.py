@@ -73,6 +73,14 @@ def test_particles_replace_those_of_the_scene(scene, heard, run):
         gs.map_scene(scene, heard, particles=0)
 
 
+def test_what_is_no_scene_or_truth_is_refused(heard, run):
+    with pytest.raises(gs.InputError, match=r"scene: found str; allowed: a Scene"):
+        gs.map_scene("room", heard)
+    for use in (run.plot, run.score):
+        with pytest.raises(gs.InputError, match=r"truth: found str; allowed: a Truth"):
+            use("hall")
+
+
 def test_unknown_method_names_the_known_ones(scene, heard):
     with pytest.raises(gs.InputError, match=r"'magic'; allowed: .*grid"):
         gs.map_scene(scene, heard, method="magic")

@@ -89,6 +89,11 @@ REFUSED = {
         "agents[0].waypoints_m",
         "in walls[0]",
     ),
+    "decimal commas": (
+        put("anchors", 0, "position_m", [0, 8, 7, 2]),
+        "anchors[0].position_m",
+        "at most 3 values",
+    ),
     "way to nowhere": (put("agents", 0, "waypoints_m", [[0.0, 0.0]]), "agents[0].waypoints_m", "differ"),
     "no way at all": (put("agents", 0, "waypoints_m", []), "agents[0].waypoints_m", "differ"),
     "U-turn": (put("agents", 0, "waypoints_m", 1, [0.0, 0.01]), "agents[0].waypoints_m[0]", "0.4 m or more"),
