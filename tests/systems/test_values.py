@@ -13,6 +13,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from gridslam.errors import InputError
+from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.systems.values import get_value, put_value
@@ -142,3 +143,12 @@ def test_walks_of_surfaces_that_an_older_file_lacks_are_those_of_flat_walls():
         put_value(file, "it", bank)
         del file["it/walk"]
         np.testing.assert_array_equal(get_value(file, "it", SurfaceBank).walk, np.zeros((2, 2)))
+
+
+def test_a_range_watch_of_an_older_file_has_no_doubt_yet():
+    watch = replace(RangeWatch.start(2), doubt="too long")
+    equal(through(watch, RangeWatch), watch)
+    with h5py.File("memory", "w", driver="core", backing_store=False) as file:
+        put_value(file, "it", watch)
+        del file["it"].attrs["doubt"]
+        assert get_value(file, "it", RangeWatch).doubt == ""

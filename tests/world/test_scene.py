@@ -92,7 +92,7 @@ REFUSED = {
     "decimal commas": (
         put("anchors", 0, "position_m", [0, 8, 7, 2]),
         "anchors[0].position_m",
-        "at most 3 values",
+        "at most 3 items",
     ),
     "way to nowhere": (put("agents", 0, "waypoints_m", [[0.0, 0.0]]), "agents[0].waypoints_m", "differ"),
     "no way at all": (put("agents", 0, "waypoints_m", []), "agents[0].waypoints_m", "differ"),

@@ -7,7 +7,7 @@ anchors whose distances are too long put the agent at two places, whoever follow
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import NamedTuple, Self
 
@@ -69,7 +69,7 @@ class RangeWatch:
     total: float = 0.0
     count: float = 0.0
     steps: int = 0
-    doubt: str = ""
+    doubt: str = field(default="", metadata={"later": True})
 
     @classmethod
     def start(cls, anchors: int) -> Self:
