@@ -144,9 +144,8 @@ class Study:
                 raise InputError(f"{scene.name}: walls", "none", "walls to simulate from")
             for name in self._agents(scene):
                 scene.track(name)
-        for scene, method in product(self.scenes, self.methods):
-            self._require_suited(scene, method)
-        self.variants()
+        for variant, method in product(self.variants(), self.methods):
+            self._require_suited(Scene.from_toml(variant.scene, variant.name), method)
 
     def _require_suited(self, scene: Scene, method: str) -> None:
         """Refuse what would end in the first run of a pair, after all runs of others."""

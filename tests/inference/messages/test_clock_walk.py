@@ -125,6 +125,8 @@ def test_steps_that_say_nothing_of_the_walk_leave_it_alone(world):
     assert without.free.tolist() == [True] * 4 + [False, True, True]
     np.testing.assert_array_equal(without.log, 0)  # filters start again where other clocks are heard
     np.testing.assert_array_equal(without.mean[..., 4], 0)
+    np.testing.assert_array_equal(without.share, 1)  # nothing was weighed: clocks walk as they are told
+    assert (learned(world, 1e-3 * AMONG_AGENTS).share < 1).all()
 
 
 def test_clocks_walk_as_was_learned(world):

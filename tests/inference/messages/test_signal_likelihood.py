@@ -164,6 +164,22 @@ def test_tables_are_those_of_dense_covariances(band):
             assert here[1][left_out] == pytest.approx(np.vdot(response, pressed).real, rel=1e-7)
 
 
+@pytest.mark.parametrize("count", [0, 2])
+@pytest.mark.parametrize("frequencies", [41, 600, 1100])
+def test_tables_have_room_for_any_number_of_frequencies(frequencies, count):
+    """More than half as many as there are points, and more than there are; with and without paths."""
+    band = Band.of(4e5 * (np.arange(frequencies) - 0.5 * (frequencies - 1)))
+    distance = np.array([40.0, 90.0])[:count]
+    z = 30 * band.response(np.array([200.0]))[0] + band.response(np.array([10.0]))[0]
+    inverse = Inverse.of(band, z, np.full(count, 4.0), distance, np.full(count, 0.01), 0.5)
+    table = inverse.sweep(1024)
+    for at in (0, 17, 400):
+        response = band.response(np.array([at * table.spacing_m]))[0]
+        own = (np.conj(response) @ inverse.matrix @ response).real
+        assert table.self_power[at] == pytest.approx(own, rel=1e-9)
+        assert abs(table.matched[at]) == pytest.approx(abs(np.conj(response) @ inverse.matrix @ z), rel=1e-9)
+
+
 def test_ratio_of_one_more_path_is_that_of_the_densities():
     distance, weight, noise, samples, _ = world(8, SHAPED)
     inverse = Inverse.of(SHAPED, samples, weight, distance, np.zeros(3), noise)

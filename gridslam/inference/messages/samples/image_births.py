@@ -174,7 +174,8 @@ class _Births:
         self.band, self.samples, self.noise, self.rate = band, samples, noise, rate
         self.taken, self.weak = list[NewPath](), list[NewPath]()
         self.nearest = float(prior.mean[0] + NEAR_M + DEVIATIONS * np.sqrt(1 / prior.precision[0, 0]))
-        grid = band.folding_m / POINTS * np.arange(POINTS)
+        self.points = max(POINTS, 2 * len(band))
+        grid = band.folding_m / self.points * np.arange(self.points)
         self.grid = grid + band.folding_m * (grid < self.nearest)
         self.open = self.grid < self.nearest + band.folding_m - band.resolution_m
         self.intensities = noise * 10 ** (INTENSITIES_DB / 10)
@@ -198,7 +199,7 @@ class _Births:
             inverse = Inverse.of(
                 self.band, self.samples, prior.weight, mode.distance, mode.variance, self.noise
             )
-            self._latest = mode, inverse, inverse.sweep(POINTS)
+            self._latest = mode, inverse, inverse.sweep(self.points)
         return self._latest[1:]
 
     def strongest(self, prior: PathPrior, mode: Mode) -> tuple[float, float] | None:
@@ -236,7 +237,7 @@ class _Births:
         if self._predicted is None or self._predicted[0] is not prior:
             spread = np.minimum(np.linalg.inv(prior.precision).diagonal(), WIDEST_M**2)
             inverse = Inverse.of(self.band, self.samples, prior.weight, prior.mean, spread, self.noise)
-            self._predicted = prior, inverse.sweep(POINTS)
+            self._predicted = prior, inverse.sweep(self.points)
         return self._predicted[1]
 
     def _peak(self, table: Sweep) -> tuple[float, float] | None:

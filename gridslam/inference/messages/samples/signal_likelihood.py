@@ -268,9 +268,11 @@ class Inverse:
         # by the fewer products of the nodes with each other, (s2 I + F F^H)^-1 = (I - B^H B) / s2
         flat = np.sqrt(power / noise).reshape(-1, 1) * nodes.reshape(-1, len(band))
         back = np.conj(flat)
-        lower, _ = zpotrf(np.eye(len(flat)) + back @ flat.T, lower=1)
-        half, _ = ztrtrs(lower, back, lower=1)
-        matrix = (np.eye(len(band)) - np.conj(half).T @ half) / noise
+        matrix = np.eye(len(band), dtype=np.complex128) / noise
+        if len(flat):
+            lower, _ = zpotrf(np.eye(len(flat)) + back @ flat.T, lower=1)
+            half, _ = ztrtrs(lower, back, lower=1)
+            matrix = matrix - np.conj(half).T @ half / noise
         return cls(band, samples, matrix, nodes, power)
 
     @cached_property
@@ -284,8 +286,12 @@ class Inverse:
         return np.asarray(np.linalg.inv(np.conj(lower)) @ pressed)
 
     def sweep(self, points: int) -> Sweep:
-        """Tables on top of all paths, (G,): trigonometric polynomials, so a Fourier transform gives each."""
+        """Tables on top of all paths, (G,): trigonometric polynomials, so a Fourier transform gives each.
+
+        G is `points`, or twice the number of frequencies if that is more: fewer wouldn't tell them.
+        """
         size = len(self.band)
+        points = max(points, 2 * size)
         matched = self._transform(self.matrix @ self.samples, points)
         core = np.conj(self.band.pulse)[:, None] * self.matrix * self.band.pulse
         # sums along the diagonals, g(d) = sum_l t_l exp(j l k d): in rows one entry longer they are columns

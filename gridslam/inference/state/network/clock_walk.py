@@ -43,10 +43,11 @@ class ClockWalk:
     def share(self) -> Array:
         """Share of the variance that the scene tells by which clocks walk in each way, the mean, (3,).
 
-        Before anything is learned, walks up to the one that is told are all as likely.
+        Walks up to the one that is told are all as likely beforehand. Of a way in which nothing was weighed
+        yet, as of agents that are heard in turns, it is all of it.
         """
         weight = np.exp(self.log) * np.sqrt(SHARES)
-        return np.asarray(weight @ SHARES / weight.sum(1))
+        return np.where(self.log.any(1), weight @ SHARES / weight.sum(1), 1.0)
 
 
 def ways_of(anchors: int, free: NDArray[np.bool_], common: bool) -> Array:
