@@ -135,8 +135,10 @@ def _allowed_for(error: RangeError, size_m: float, scene: Scene, agent: str | No
     """Whether the scene's clocks, as little as it knows of them, may be the reason."""
     if error.kind != "offset" or scene.clocks is None:
         return False
-    width = clock_model(scene, [agent or scene.agents[0].name]).half_width_m
-    return bool(abs(size_m) <= width[list(error.anchors)].min() + width[-1] + error.least_m)
+    names = [agent] if agent is not None else [body.name for body in scene.agents[:1]]
+    width = clock_model(scene, names).half_width_m
+    own = width[len(scene.anchors) :].sum()  # nobody's where the scene has no agent
+    return bool(abs(size_m) <= width[list(error.anchors)].min() + own + error.least_m)
 
 
 def _named_beside(best: RangeFit, alike: list[RangeFit]) -> bool:

@@ -136,11 +136,11 @@ def elevations_hint(world: Scene, method: str, heard: Observations | None) -> st
 
     if taken_by(method_class(method)) == "signal":
         return None
-    told = isinstance(heard, Measurements) and (
+    measured = isinstance(heard, Measurements) and (
         heard.aod_elevation_rad is not None or heard.aoa_elevation_rad is not None
     )
     used = getattr(method_class(method), "over_levels", False) and world.has_heights
-    if used or not told:
+    if used or not measured:
         return None
     why = "--method grid and adaptive do" if world.has_heights else "the scene gives no heights"
     return f"the elevations that were measured aren't used by {method}: {why}"

@@ -68,6 +68,8 @@ class TestErrorsOfDistancesAreNamed:
             scene = gs.Scene.from_toml(f"{text}\n[clocks]\nanchor_prior_ns = {prior}\n", name)
             found = suspicions(late, scene.anchor_names, scene, "agent1")
             assert [item.kind for item in found] == kinds
+        nobody = scene.model_copy(update={"agents": ()})
+        assert [item.kind for item in suspicions(late, scene.anchor_names, nobody)] == ["offset"]
 
     def test_clock_offset_of_one_anchor(self, name, seed):
         columns = heard(name, seed, steps=BRIEF)

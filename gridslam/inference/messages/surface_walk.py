@@ -50,10 +50,10 @@ def learn_surface_walks(predicted: State, state: State) -> State:
     turned = wrap(change[:, 0])
     moved = np.column_stack([change[:, 1] - foot * turned, turned])
     gained = before - after
-    told = gained > TOLD * before
-    surprise = moved**2 / np.where(told, gained, np.inf) - 1 - DOUBT
+    informed = gained > TOLD * before
+    surprise = moved**2 / np.where(informed, gained, np.inf) - 1 - DOUBT
     learned = bank.walk.copy()
-    learned[:count] += GAIN * told * np.minimum(surprise, MOST_SURPRISED)
+    learned[:count] += GAIN * informed * np.minimum(surprise, MOST_SURPRISED)
     return replace(state, surfaces=replace(bank, walk=np.clip(learned, LEAST, np.log(WIDEST))))
 
 

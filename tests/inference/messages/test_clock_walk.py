@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import gridslam as gs
+from gridslam.bench.course import changed
 from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.network.walk import (
     FIRST_STEP,
@@ -84,6 +85,23 @@ def test_each_way_of_walking_is_learned_by_itself(world):
         np.testing.assert_allclose(np.delete(share, way), np.delete(still, way))
     common = learned(world, 0 * AMONG_ANCHORS + 5 * told, before=told**2, after=0.5 * told**2).share
     np.testing.assert_allclose(common, still)  # what all have in common isn't observed
+
+
+def test_what_agents_have_in_common_is_learned_beside_clocks_that_are_known():
+    known = changed(gs.Scene.load("exchange"), clocks={"anchor_prior_ns": 0.0})
+    known = known.model_copy(
+        update={"anchors": tuple(a.model_copy(update={"clock": None}) for a in known.anchors)}
+    )
+    model = network_model(known, AGENTS)
+    assert model.clocks.known.tolist() == [True] * J + [False] * 3
+    state = NetworkState.start(model)
+    clocks = replace(state.clocks, unset=np.zeros(J, bool))
+    there = model, replace(state, clocks=clocks, step=FIRST_STEP, here=np.ones(3, bool), time_s=0.0)
+    told, together = model.clocks.walk_m, np.append(np.zeros(J), np.ones(3))
+    still = learned(there, 0 * together, before=told**2, after=0.5 * told**2).share
+    moved = learned(there, told * together, before=told**2, after=0.5 * told**2).share
+    assert moved[2] > 1.02 * still[2]
+    np.testing.assert_allclose(moved[:2], still[:2])
 
 
 def test_walks_are_weighed_by_what_they_expect(world):

@@ -269,7 +269,7 @@ class Inverse:
         flat = np.sqrt(power / noise).reshape(-1, 1) * nodes.reshape(-1, len(band))
         back = np.conj(flat)
         matrix = np.eye(len(band), dtype=np.complex128) / noise
-        if len(flat):
+        if len(flat):  # LAPACK complains of none
             lower, _ = zpotrf(np.eye(len(flat)) + back @ flat.T, lower=1)
             half, _ = ztrtrs(lower, back, lower=1)
             matrix = matrix - np.conj(half).T @ half / noise
