@@ -1,4 +1,4 @@
-"""The kernels that take a snapshot for a sum of paths, for direct grid SLAM, against their twins."""
+"""The kernels that take a snapshot for a sum of paths, for direct SLAM, against their twins."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ import numpy as np
 from gridslam import reference
 from gridslam.bench.kernels import KernelSpeed, race
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand, climbed, superpose_arrays
+from gridslam.inference.messages.samples.distance_mode import PathPrior, joint_mode, limits_of
+from gridslam.inference.messages.samples.signal_likelihood import Band
 
-NAMES = ("respond", "superpose", "climb")
+NAMES = ("respond", "superpose", "climb", "climb_distances")
 PATHS, SIDE, FREQUENCIES = 13, 3, 21
+RINGS, ANTENNA = 8, 41
 
 
 def superposition_speeds(seconds: float) -> list[KernelSpeed]:
@@ -48,4 +51,21 @@ def superposition_speeds(seconds: float) -> list[KernelSpeed]:
             lambda: climbed(band, samples, path[0], 3), lambda: climbed(band, samples, path[0], 0),
             lambda: reference.climb(*of_band, band.steepness, samples, 3, path[0]),
         ),
+        _distances(draw, seconds),
     ]  # fmt: skip
+
+
+def _distances(draw: np.random.Generator, seconds: float) -> KernelSpeed:
+    """Time of the search for the joint mode of all distances of one antenna."""
+    band = Band.of(1e7 * (np.arange(ANTENNA) - 0.5 * (ANTENNA - 1)))
+    length, weight = np.linspace(3.0, 20.0, RINGS), np.full(RINGS, 100.0)
+    samples = 10 * band.response(length + 0.05).sum(0) + draw.normal(size=ANTENNA)
+    prior, alone = (PathPrior(length[:n], 100.0 * np.eye(n), weight[:n]) for n in (RINGS, 1))
+    limits = limits_of(band, 1.0)
+    return race(
+        "climb_distances", f"{RINGS} paths", "path", RINGS, seconds, 1.0,
+        lambda: joint_mode(band, samples, prior, 1.0), lambda: joint_mode(band, samples, alone, 1.0),
+        lambda: reference.climb_distances(
+            band.wavenumber, band.pulse, samples, prior.mean, prior.precision, weight, limits, length
+        ),
+    )  # fmt: skip

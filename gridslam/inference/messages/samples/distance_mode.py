@@ -130,15 +130,20 @@ def joint_mode(
     size = len(prior.mean)
     distance = np.array(prior.mean if start is None else start, np.float64)
     information, value = np.empty((size, size)), np.empty(1)
-    limits = noise, FARTHEST * band.resolution_m, BEHIND_M, ROUNDS, HALVINGS, STILL**2, 1 / np.sqrt(2 * np.pi)
     climb_distances(
         band.wavenumber, pairs(band.pulse), pairs(np.ascontiguousarray(samples)), prior.mean,
-        prior.precision, prior.weight, np.array(limits), np.empty((7, size + 1, size, 2)),
+        prior.precision, prior.weight, limits_of(band, noise), np.empty((7, size + 1, size, 2)),
         np.empty((size, 9)), distance, information, value,
     )  # fmt: skip
     covariance = np.linalg.inv(prior.precision + information)
     covariance = 0.5 * (covariance + covariance.T)
     return Mode(distance, covariance, float(value[0]), band, samples, prior.weight, noise)
+
+
+def limits_of(band: Band, noise: float) -> Array:
+    """Numbers of a search, (7,), as the kernel takes them."""
+    farthest, norm = FARTHEST * band.resolution_m, 1 / np.sqrt(2 * np.pi)
+    return np.array([noise, farthest, BEHIND_M, ROUNDS, HALVINGS, STILL**2, norm])
 
 
 def log_behind(distance: Array, margin: float = BEHIND_M) -> Array:
