@@ -105,7 +105,7 @@ def _run_in_turn(asked: Asked) -> None:
             if stopped and earlier:
                 go_on_later(folder, earlier, termination)
             progress = f"{len(runs[-1].estimates)} of {len(observations[-1])} steps of {runs[-1].agent}"
-            notes = _height_notes(runs)
+            notes = _height_notes(runs) + _twice_notes(runs)
             if file is not None:
                 notes += _range_notes(world, runs, observations) or _unwell_notes(runs, file, asked.scene)
             given_files = source([by_name[one.agent] for one in runs if by_name])
@@ -208,6 +208,19 @@ def _range_notes(world: Scene, runs: list[Run], observations: list[Observations]
             (done.agent, range_note(world, done.agent, h)) for done, h in zip(runs, observations, strict=True)
         ]
     return [f"note: {agent}: {note}" for agent, note in notes if note]
+
+
+def _twice_notes(runs: list[Run]) -> list[str]:
+    """Where the map that a run began with holds the very measurements that it heard."""
+    twice = []
+    for done in runs:
+        known = done.map.provenance.get("runs")
+        if isinstance(known, list) and known and known[-1] and known[-1] in known[:-1]:
+            twice.append(done.agent)
+    return [
+        f"note: {agent}: the map it began with holds these very measurements: they count twice"
+        for agent in twice
+    ]
 
 
 def _unwell_notes(runs: list[Run], file: Path, scene: str) -> list[str]:

@@ -55,3 +55,12 @@ def test_a_map_of_whoever_was_told_the_truth_says_so(say, tmp_path):
     assert "whoever made it was told the true walls and scatterers" in said.err
     said = say("run", "screen.toml", "--method", "grid", "--map", "next/map.h5", "-o", "third")
     assert "whoever made it was told the true walls and scatterers" in said.err
+
+
+@runs
+def test_measurements_that_a_map_holds_already_are_named(say, short_room):
+    first = ("run", short_room, "--agent", "agent1")
+    assert "count twice" not in say(*first, "--seed", 1, "-o", "first").out
+    for seed, twice in ((1, True), (2, False)):
+        said = say(*first, "--seed", seed, "--map", "first/map.h5", "-o", f"then-{seed}")
+        assert ("agent1: the map it began with holds these very measurements" in said.out) == twice
