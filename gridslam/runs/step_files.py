@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 import h5py
 import numpy as np
@@ -44,6 +45,8 @@ HYPOTHESIS_UNITS = {
 }
 RING_UNITS = {"ring": "1", "anchor": "1", "existence": "1", "weight": "1", "position_m": "m"}
 HEIGHTS = ("agent", "floor", "ceiling")
+Pair = tuple[float, float]
+Rows = TypeVar("Rows", HypothesisEstimate, RingEstimate)
 TAILS = {
     "position_m": (2,),
     "velocity_mps": (2,),
@@ -88,28 +91,13 @@ def write_steps(path: str | os.PathLike[str], estimates: Sequence[Estimate]) -> 
             put(surfaces, name, getattr(all_surfaces, name), unit)
         for name, unit in PATH_UNITS.items():
             put(paths, name, getattr(all_paths, name), unit)
-        group, rivals = file.create_group("hypotheses"), [e.hypotheses for e in estimates]
-        put(group, "offset", np.cumsum([0, *map(len, rivals)]), "1")
-        for name, unit in HYPOTHESIS_UNITS.items():
-            put(group, name, getattr(HypothesisEstimate.stack(rivals), name), unit)
-        unknown = [e.rings for e in estimates]
-        if any(map(len, unknown)):
-            group = file.create_group("rings")
-            put(group, "offset", np.cumsum([0, *map(len, unknown)]), "1")
-            for name, unit in RING_UNITS.items():
-                put(group, name, getattr(RingEstimate.stack(unknown), name), unit)
-        tall = [e.heights for e in estimates]
-        if any(tall):
-            heights = file.create_group("heights")
-            for name in HEIGHTS:
-                if all(name in own for own in tall):
-                    put(heights, name, np.array([own[name] for own in tall]), "m")
-        each = [e.coefficients for e in estimates]
-        if any(each):
-            coefficients = file.create_group("coefficients")
-            for name in HEIGHTS:
-                if all(name in own for own in each):
-                    put(coefficients, name, np.array([own[name] for own in each]), "1")
+        _write_tables(
+            file, "hypotheses", HypothesisEstimate, HYPOTHESIS_UNITS, [e.hypotheses for e in estimates]
+        )
+        if any(len(e.rings) for e in estimates):
+            _write_tables(file, "rings", RingEstimate, RING_UNITS, [e.rings for e in estimates])
+        _write_pairs(file, "heights", [e.heights for e in estimates], "m")
+        _write_pairs(file, "coefficients", [e.coefficients for e in estimates], "1")
 
 
 def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
@@ -123,19 +111,16 @@ def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
     with reading_h5(path, FORMAT) as file:
         steps, surfaces, paths = (subgroup(file, name) for name in ("steps", "surfaces", "paths"))
         count = len(get(steps, "step", (None,), "iu"))
-        rows = {name: get(steps, name, (count, *TAILS.get(name, ()))) for name in STEP_UNITS}
-        surface_at, path_at = (get(group, "offset", (count + 1,), "iu") for group in (surfaces, paths))
-        for offset in (surface_at, path_at):
-            if offset[0] != 0 or (np.diff(offset) < 0).any():
-                raise InputError(f"{path}: offset", "offsets that fall", "offsets from 0 that never fall")
+        rows = _columns(steps, STEP_UNITS, count)
+        surface_at, path_at = (_offsets(group, count) for group in (surfaces, paths))
         total, lines = int(surface_at[-1]), int(path_at[-1])
         own = [name for name in SURFACE_UNITS if name != "owner"]
         table = {name: get(surfaces, name, (total, *TAILS.get(name, ()))) for name in own}
         table["owner"] = read_owner(surfaces, total)
-        route = {name: get(paths, name, (lines, *TAILS.get(name, ()))) for name in PATH_UNITS}
+        route = _columns(paths, PATH_UNITS, lines)
         detected = get(surfaces, "detected", (total,), "b")
-        rivals = _read_hypotheses(file, count)
-        unknown = _read_rings(file, count)
+        rivals = _read_tables(file, "hypotheses", HypothesisEstimate, HYPOTHESIS_UNITS, count)
+        unknown = _read_tables(file, "rings", RingEstimate, RING_UNITS, count)
         tall, reflected = (_read_pairs(file, group, count) for group in ("heights", "coefficients"))
     all_surfaces, all_paths = SurfaceEstimate(**table), PathEstimate(**route)
     return [
@@ -160,37 +145,49 @@ def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
     ]
 
 
-def _read_pairs(file: h5py.File, what: str, count: int) -> list[dict[str, tuple[float, float]]]:
-    """Heights (m) or coefficients of every step that a file holds, and their deviations."""
-    if what not in file:
+def _write_tables(
+    file: h5py.File, name: str, kind: type[Rows], units: dict[str, str], tables: list[Rows]
+) -> None:
+    """Tables of all steps below one another, and where each begins."""
+    group, whole = file.create_group(name), kind.stack(tables)
+    put(group, "offset", np.cumsum([0, *map(len, tables)]), "1")
+    for column, unit in units.items():
+        put(group, column, getattr(whole, column), unit)
+
+
+def _read_tables(
+    file: h5py.File, name: str, kind: type[Rows], units: dict[str, str], count: int
+) -> list[Rows]:
+    """The tables of every step; empty ones where a file holds none."""
+    if name not in file:
+        return [kind.empty()] * count
+    group = subgroup(file, name)
+    offset = _offsets(group, count)
+    rows = int(offset[-1])
+    whole = kind(**_columns(group, units, rows))
+    return [whole.take(slice(offset[n], offset[n + 1])) for n in range(count)]
+
+
+def _columns(group: h5py.Group, units: dict[str, str], rows: int) -> dict[str, np.ndarray]:
+    return {column: get(group, column, (rows, *TAILS.get(column, ()))) for column in units}
+
+
+def _write_pairs(file: h5py.File, name: str, steps: Sequence[Mapping[str, Pair]], unit: str) -> None:
+    """Heights or coefficients and their deviations, of those that are known of at every step."""
+    known = [what for what in HEIGHTS if all(what in step for step in steps)]
+    if any(steps):
+        group = file.create_group(name)
+        for what in known:
+            put(group, what, np.array([step[what] for step in steps]), unit)
+
+
+def _read_pairs(file: h5py.File, name: str, count: int) -> list[dict[str, Pair]]:
+    """Heights or coefficients of every step and their deviations; none where a file holds none."""
+    if name not in file:
         return [{}] * count
-    group = subgroup(file, what)
-    rows = {name: get(group, name, (count, 2)).tolist() for name in HEIGHTS if name in group}
-    return [{name: (row[n][0], row[n][1]) for name, row in rows.items()} for n in range(count)]
-
-
-def _read_hypotheses(file: h5py.File, count: int) -> list[HypothesisEstimate]:
-    """Hypotheses of every step; none where a file of an earlier version holds none."""
-    if "hypotheses" not in file:
-        return [HypothesisEstimate.empty()] * count
-    group = subgroup(file, "hypotheses")
-    offset = _offsets(group, count)
-    total = int(offset[-1])
-    rows = {name: get(group, name, (total, *TAILS.get(name, ()))) for name in HYPOTHESIS_UNITS}
-    table = HypothesisEstimate(**rows)
-    return [table.take(slice(offset[n], offset[n + 1])) for n in range(count)]
-
-
-def _read_rings(file: h5py.File, count: int) -> list[RingEstimate]:
-    """Rings of every step; none where a file holds none."""
-    if "rings" not in file:
-        return [RingEstimate.empty()] * count
-    group = subgroup(file, "rings")
-    offset = _offsets(group, count)
-    total = int(offset[-1])
-    rows = {name: get(group, name, (total, *TAILS.get(name, ()))) for name in RING_UNITS}
-    table = RingEstimate(**rows)
-    return [table.take(slice(offset[n], offset[n + 1])) for n in range(count)]
+    group = subgroup(file, name)
+    rows = {what: get(group, what, (count, 2)).tolist() for what in HEIGHTS if what in group}
+    return [{what: (row[n][0], row[n][1]) for what, row in rows.items()} for n in range(count)]
 
 
 def _offsets(group: h5py.Group, count: int) -> np.ndarray:

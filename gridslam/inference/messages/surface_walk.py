@@ -19,8 +19,8 @@ LEAST = -0.5
 """Of the logarithm: how much must speak for a walk before a line that has stood still moves at all."""
 WIDEST = (30.0, 100.0)
 """Times a flat wall's walk at most: shift, turn."""
-TOLD = 1e-3
-"""Share of the variance by which a step must have told of a line to judge its walk."""
+LEAST_GAIN = 1e-3
+"""Share of its variance that a line must lose at a step for the step to judge its walk."""
 
 
 def learn_surface_walks(predicted: State, state: State) -> State:
@@ -50,7 +50,7 @@ def learn_surface_walks(predicted: State, state: State) -> State:
     turned = wrap(change[:, 0])
     moved = np.column_stack([change[:, 1] - foot * turned, turned])
     gained = before - after
-    informed = gained > TOLD * before
+    informed = gained > LEAST_GAIN * before
     surprise = moved**2 / np.where(informed, gained, np.inf) - 1 - DOUBT
     learned = bank.walk.copy()
     learned[:count] += GAIN * informed * np.minimum(surprise, MOST_SURPRISED)

@@ -10,7 +10,12 @@ import gridslam as gs
 from gridslam.inference.management.samples.image_merging import merge_images
 from gridslam.inference.management.samples.image_ties import share_walls
 from gridslam.inference.messages.samples.common_walls import TIE_M, places_by_walls
-from gridslam.inference.messages.samples.image_births import NewPath, add_tentative, birth_rate, find_births
+from gridslam.inference.messages.samples.image_births import (
+    NewDistance,
+    add_tentative,
+    birth_rate,
+    find_births,
+)
 from gridslam.inference.messages.samples.image_prediction import predict_paths
 from gridslam.inference.messages.samples.image_proposals import (
     confirm_proposals,
@@ -93,7 +98,7 @@ def test_images_of_different_walls_are_not_tied(model):
 
 
 def ring_at(state, model, anchor, distance):
-    return add_tentative(state, anchor, [NewPath(0.99, distance, 0.01**2, 50.0)], model)
+    return add_tentative(state, anchor, [NewDistance(0.99, distance, 0.01**2, 50.0)], model)
 
 
 def test_a_ring_where_a_known_wall_puts_an_image_settles_there(model):

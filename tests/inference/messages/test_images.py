@@ -9,7 +9,7 @@ import gridslam as gs
 from gridslam.inference.management.samples.image_merging import merge_images
 from gridslam.inference.messages.samples.distance_mode import PathPrior, joint_mode
 from gridslam.inference.messages.samples.image_births import (
-    NewPath,
+    NewDistance,
     add_tentative,
     birth_rate,
     find_births,
@@ -77,7 +77,7 @@ def test_two_images_of_one_place_become_one_between_them(model):
 
 def test_a_ring_joins_where_it_is_once_its_arc_is_short(model):
     state = state_with(model)
-    state = add_tentative(state, 0, [NewPath(0.99, 6.0, 1e-4, 50.0)], model)
+    state = add_tentative(state, 0, [NewDistance(0.99, 6.0, 1e-4, 50.0)], model)
     assert len(join_straight_rings(state).images) == 0
     rings = state.tentative.rings
     away = rings.mean[0, :, 4:] - state.belief.mean[:2]

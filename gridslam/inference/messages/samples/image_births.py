@@ -53,8 +53,8 @@ OWN_PLACE_M = 0.6
 
 
 @dataclass(frozen=True, eq=False)
-class NewPath:
-    """A path that may come from a new image.
+class NewDistance:
+    """A path of which its distance is known, and which may come from a new image.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Found:
         Of the known paths, and of new ones that were taken in.
     mode : Mode
         Of them.
-    new : list of NewPath
+    new : list of NewDistance
         All new ones. Those taken in come first, in the order of the prior's last rows, all above 0.5.
     inverse : Inverse
         C^-1 at the mode.
@@ -91,7 +91,7 @@ class Found:
 
     prior: PathPrior
     mode: Mode
-    new: list[NewPath]
+    new: list[NewDistance]
     inverse: Inverse
     table: Sweep
     known: int
@@ -164,7 +164,7 @@ class _Births:
 
     Attributes
     ----------
-    taken, weak : list of NewPath
+    taken, weak : list of NewDistance
         Those taken in; those that aren't sure enough.
     """
 
@@ -172,7 +172,7 @@ class _Births:
 
     def __init__(self, band: Band, samples: Complex, prior: PathPrior, noise: float, rate: float) -> None:
         self.band, self.samples, self.noise, self.rate = band, samples, noise, rate
-        self.taken, self.weak = list[NewPath](), list[NewPath]()
+        self.taken, self.weak = list[NewDistance](), list[NewDistance]()
         self.nearest = float(prior.mean[0] + NEAR_M + DEVIATIONS * np.sqrt(1 / prior.precision[0, 0]))
         self.points = max(POINTS, 2 * len(band))
         grid = band.folding_m / self.points * np.arange(self.points)
@@ -268,7 +268,7 @@ class _Births:
                 self.open &= np.abs(self.grid - peak[0]) > BESIDE_M
             return log_odds > 0
         existence = float(1 / (1 + np.exp(-np.clip(log_odds, -50, 50))))
-        new = NewPath(existence, float(trial.distance[-1]), float(trial.variance[-1]), peak[1])
+        new = NewDistance(existence, float(trial.distance[-1]), float(trial.variance[-1]), peak[1])
         farthest = self.nearest + self.band.folding_m - self.band.resolution_m
         possible = existence >= LEAST_EXISTENCE and self.nearest <= new.distance < farthest
         if possible and existence > 0.5:
@@ -281,9 +281,9 @@ class _Births:
         return False
 
 
-def add_tentative(state: DirectState, anchor: int, new: list[NewPath], model: FilterModel) -> DirectState:
+def add_tentative(state: DirectState, anchor: int, new: list[NewDistance], model: FilterModel) -> DirectState:
     """Begin a ring for every new path, and keep the likeliest few of the anchor."""
-    begun, belief = list[NewPath](), state.belief
+    begun, belief = list[NewDistance](), state.belief
     toward = _toward()
     position, weights = model.anchor_positions[anchor], list[Array]()
     for path in new:
@@ -312,7 +312,7 @@ def _toward() -> Array:
     return unit(np.asarray(2 * np.pi / BEARINGS * np.arange(BEARINGS), np.float64))
 
 
-def _rings(belief: Belief, anchor: int, new: list[NewPath], weight: Array) -> Rings:
+def _rings(belief: Belief, anchor: int, new: list[NewDistance], weight: Array) -> Rings:
     """Rings (n) about the agent."""
     count = len(new)
     distance = np.array([path.distance for path in new])[:, None]

@@ -70,15 +70,16 @@ def ways_of(anchors: int, free: NDArray[np.bool_], common: bool) -> Array:
 @lru_cache(64)
 def _ways_of(anchors: int, free: tuple[bool, ...], common: bool) -> Array:
     there = np.array(free)
-    one = np.stack([there & (np.arange(len(free)) < anchors), there & (np.arange(len(free)) >= anchors)])
-    own = one / np.sqrt(np.maximum(one.sum(1, keepdims=True), 1))
-    among = np.array(
-        [np.diag(is_.astype(float)) - np.outer(unit, unit) for is_, unit in zip(one, own, strict=True)]
-    )
-    against = own.T @ own
+    of_anchors = np.arange(len(free)) < anchors
+    sides = np.stack([there & of_anchors, there & ~of_anchors])
+    means = sides / np.sqrt(np.maximum(sides.sum(1, keepdims=True), 1))  # in which all of a side walk alike
+    among = [
+        np.diag(side.astype(float)) - np.outer(mean, mean) for side, mean in zip(sides, means, strict=True)
+    ]
+    against = means.T @ means
     if not common:
-        all_ = there / np.sqrt(max(int(there.sum()), 1))
-        against = against - np.outer(all_, all_)
+        everyone = there / np.sqrt(max(int(there.sum()), 1))
+        against = against - np.outer(everyone, everyone)
     ways = np.stack([*among, against])
     ways.setflags(write=False)
     return ways
