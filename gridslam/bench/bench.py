@@ -151,7 +151,7 @@ def measure(
     kernels.append(pose_speed(plan.kernel_particles, plan.kernel_s))
     kernels.append(state_path_speed(plan.kernel_s))
     kernels.append(line_evidence_speed(plan.kernel_s))
-    kernels += superposition_speeds(plan.kernel_s)
+    kernels += superposition_speeds(plan.paths, plan.kernel_s)
     kernels += feature_speeds(plan.features, plan.feature_particles, plan.kernel_s)
     steps = []
     for kind in kinds:

@@ -35,6 +35,8 @@ class Plan:
         Lengths of a run.
     repeats : int
         Of the start-ups.
+    paths : int
+        Superposed at once, of sampled signals; what their twins take grows with it.
     features : tuple of int
         Numbers of learned features.
     feature_particles : int
@@ -57,6 +59,7 @@ class Plan:
     hypotheses: tuple[int, ...] = (1, 5, 20)
     steps: tuple[int, ...] = (24, 48, 120, 240)
     repeats: int = 3
+    paths: int = 13
     features: tuple[int, ...] = (3, 8, 15, 30, 60)
     feature_particles: int = 1_000
 
@@ -64,6 +67,7 @@ class Plan:
 QUICK = Plan(
     particles=(256, 1_024), canyon=256, before=1, timed=2, later=3, watched=1, kernel_particles=256,
     kernel_before=2, kernel_s=0.01, growth_particles=256, surfaces=(3, 4), false_alarms=(2.0, 8.0),
-    cell_m=(0.2, 0.1), hypotheses=(1, 2), steps=(2, 4), repeats=1, features=(3,), feature_particles=64,
+    cell_m=(0.2, 0.1), hypotheses=(1, 2), steps=(2, 4), repeats=1, paths=3, features=(3,),
+    feature_particles=64,
 )  # fmt: skip
-"""Everything once, in seconds: to see that it works, not to believe its numbers."""
+"""Everything once, in half a minute: to see that it works, not to believe its numbers."""

@@ -11,15 +11,16 @@ from gridslam.inference.messages.samples.distance_mode import PathPrior, joint_m
 from gridslam.inference.messages.samples.signal_likelihood import Band
 
 NAMES = ("respond", "superpose", "climb", "climb_distances")
-PATHS, SIDE, FREQUENCIES = 13, 3, 21
+SIDE, FREQUENCIES = 3, 21
 RINGS, ANTENNA = 8, 41
 
 
-def superposition_speeds(seconds: float) -> list[KernelSpeed]:
+def superposition_speeds(paths: int, seconds: float) -> list[KernelSpeed]:
     """Times of the kernels for so many paths of one anchor, each with the NumPy around it.
 
     Parameters
     ----------
+    paths : int
     seconds : float
         At least so long each; a kernel runs three times or more, its twin once.
     """
@@ -30,18 +31,18 @@ def superposition_speeds(seconds: float) -> list[KernelSpeed]:
         element,
         element,
     )
-    path = np.column_stack([draw.uniform(2, 12, PATHS), draw.uniform(-3, 3, (PATHS, 2))])
+    path = np.column_stack([draw.uniform(2, 12, paths), draw.uniform(-3, 3, (paths, 2))])
     size = (SIDE**2, SIDE**2, FREQUENCIES)
-    samples, weight = draw.normal(size=size) + 1j * draw.normal(size=size), np.full(PATHS, 10.0)
+    samples, weight = draw.normal(size=size) + 1j * draw.normal(size=size), np.full(paths, 10.0)
     of_band = (band.wavenumber, band.pulse, band.anchor, band.agent)
-    where, none = f"{PATHS} paths", path[:0]
+    where, none = f"{paths} paths", path[:0]
     return [
         race(
-            "respond", where, "path", PATHS, seconds, 1.0,
+            "respond", where, "path", paths, seconds, 1.0,
             lambda: band.factors(path), lambda: band.factors(none), lambda: reference.respond(*of_band, path),
         ),
         race(
-            "superpose", where, "path", PATHS, seconds, 1.0,
+            "superpose", where, "path", paths, seconds, 1.0,
             lambda: superpose_arrays(band, samples, path, weight, 1.0),
             lambda: superpose_arrays(band, samples, none, weight[:0], 1.0),
             lambda: reference.superpose(reference.respond(*of_band, path), samples, weight, 1.0),

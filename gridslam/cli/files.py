@@ -19,6 +19,11 @@ OTHERS = (
     ".png", ".svg", ".pdf", ".gif", ".html", ".mp4",
 )  # fmt: skip
 """Endings of files that are neither measurements nor signals."""
+EXPORTED = (
+    ".yaml", ".yml", ".pgm", ".png", ".csv", ".geojson", ".json", ".h5", ".tif", ".tiff", ".pdf", ".svg",
+)  # fmt: skip
+"""Endings that a user gives to files."""
+HDF5_START = b"\x89HDF\r\n\x1a\n"
 KINDS = (
     "a scene (.toml or a bundled name), measurements (.csv, .mat, .h5), signals (.mat, .h5), "
     "a map, steps, clocks or a checkpoint (.h5), a track (.tum), a nav2 map (.yaml), a table that gridslam "
@@ -91,6 +96,10 @@ def export(
     from gridslam.runs.track_tables import track_columns, write_track
     from gridslam.viewers.plots import draw_export
 
+    if output.suffix.lower() in EXPORTED and not output.is_dir():
+        named = f"{output.name!r}, which is called as a file is"
+        allowed = "the name of a folder: nav2 map, pictures, tables and walls are written into it"
+        raise InputError("-o", named, allowed)
     run = read_run(map_file) if (map_file / "run.json").is_file() else None
     found = Map.load(map_in(map_file) or map_file)
     output = output.resolve()
@@ -272,5 +281,15 @@ def _kind(file: Path) -> str:
         with h5py.File(file) as content:
             name = content.attrs.get("format", "")
     except (OSError, KeyError, RuntimeError) as error:
-        raise InputError(str(file), "neither text nor whole HDF5", KINDS) from error
+        raise InputError(str(file), _unread(file), KINDS) from error
     return name.decode("utf-8", "replace") if isinstance(name, bytes) else str(name)
+
+
+def _unread(file: Path) -> str:
+    """What is said of a file that isn't whole HDF5."""
+    try:
+        with file.open("rb") as content:
+            begins = content.read(len(HDF5_START)) == HDF5_START
+    except OSError as error:
+        return error.strerror or "an unreadable file"
+    return "HDF5 that is damaged or cut short" if begins else "nothing that gridslam reads"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from gridslam.cli.observed import source, view_of
+from gridslam.cli.observed import hints, source, view_of
 from gridslam.cli.output import interruptible, reserved
 from gridslam.cli.resume import unfinished
 from gridslam.cli.run_end import Done, busy, finish, go_on_later
@@ -57,7 +57,8 @@ def run_network(asked: Asked) -> None:
             prior, note = fitted(prior, world, str(asked.map_file), asked.same_frame)
         with view_of(asked, heard.agents) as view:
             runtime.start(asked.device, asked.threads)
-            for line in (*place.notes, note):
+            given_rows = heard.table if file is not None else None
+            for line in (*place.notes, note, *hints(world, asked.method, given_rows)):
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
             resolved = {"agent": list(heard.agents), "particles": world.filter.particles, "start": how}

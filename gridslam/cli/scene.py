@@ -112,10 +112,12 @@ def import_plan(
         cell_m=cell,
     )
     picture = write_plan(plan, output)
-    if note:
-        _say(note)
+    for line in (note, *(f"note: {far}; the region to map reaches there" for far in plan.outside)):
+        if line:
+            _say(line)
     for name, (value, why) in plan.materials.items():
-        _say(f"{name}: {sum(item.material == name for item in plan.lines)} walls, {value:g} ({why})")
+        count = sum(item.material == name for item in plan.lines)
+        _say(f"{name}: {count} wall{'' if count == 1 else 's'}, {value:g} ({why})")
     _say(f"wrote {output} and {picture}" + ("" if anchors else "; it has no anchor yet: place one in it"))
 
 

@@ -7,6 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.evaluation.array_bounds import array_bound
 from gridslam.evaluation.bounds import Bound, known_map_bound
@@ -64,6 +65,43 @@ def truth_of(scene: Scene, agent: str, track: Trajectory | None) -> Truth | Traj
     return track if track is None or not scene.walls else ground_truth(scene, agent, track)
 
 
+def require_same_world(scene: Scene, agent: str, times_s: Array, truth: Truth) -> None:
+    """Refuse the truth of another scene, or one whose steps aren't those of the run.
+
+    Parameters
+    ----------
+    scene : Scene
+    agent : str
+    times_s : (N,) float64
+        Times of the steps that were made.
+    truth : Truth
+
+    Raises
+    ------
+    InputError
+        Other walls than the scene's, or steps at other times.
+    """
+    walls, there = scene.segments(), truth.segments
+    if scene.walls and not all(
+        np.array_equal(getattr(walls, n), getattr(there, n)) for n in ("start", "end")
+    ):
+        found = f"other walls ({len(there)} pieces) than those of {scene.name} ({len(walls)})"
+        raise InputError("truth", found, f"gs.ground_truth(run.scene, {agent!r}), or a Trajectory")
+    known, count = truth.trajectory.time_s, len(times_s)
+    slack = 1e-6 * max(1.0, float(np.abs(times_s).max(initial=0.0)))
+    if len(known) < count or (np.abs(known[:count] - times_s) > slack).any():
+        found = f"{len(known)} steps at other times than the run's {count}"
+        raise InputError("truth", found, "a track with a pose for each step of the run, or a Trajectory")
+
+
+def _goes(scene: Scene, agent: str, went: Trajectory) -> bool:
+    """Whether a track is the way that the scene gives to an agent."""
+    if scene.agent(agent).waypoints_m is None:
+        return False
+    own = scene.track(agent)
+    return len(own) == len(went) and np.allclose(own.position_m, went.position_m, rtol=0, atol=SAME_WAY_M)
+
+
 def inherited_truth(scene: Scene, grid: Map, latest: bool = True) -> list[Truth]:
     """Truth of the agents that made a map, as far as the scene knows their ways.
 
@@ -111,12 +149,9 @@ def known_bound(
     takes : "paths" or "signal"
         What the method was handed. Of sampled signals, the bound prices overlap in.
     """
-    if not isinstance(truth, Truth) or scene.agent(agent).waypoints_m is None:
+    if not isinstance(truth, Truth) or not _goes(scene, agent, truth.trajectory):
         return None
-    own, went = scene.track(agent), truth.trajectory
-    same = len(own) == len(went) and np.allclose(own.position_m, went.position_m, rtol=0, atol=SAME_WAY_M)
-    if not same:
-        return None
+    went = truth.trajectory
     if takes == "signal":
         single = has_single_antennas(scene, agent)
         bound = scene_signal_bound if single else array_bound

@@ -119,6 +119,20 @@ class Plan:
         high = np.ceil((whole.max(0) + MARGIN_M) / ROUND_M) * ROUND_M
         return [float(low[0]), float(high[0])], [float(low[1]), float(high[1])]
 
+    @property
+    def outside(self) -> list[str]:
+        """Anchors and start that stand farther outside the walls than the margin, one line each."""
+        low, high = self.corners.min(0), self.corners.max(0)
+        placed = [(f"anchor {letters(number)}", anchor) for number, anchor in enumerate(self.anchors)]
+        placed += [("the start", self.start)] if self.start else []
+        lines = []
+        for name, (x, y, _) in placed:
+            gap = float(np.hypot(*np.maximum(np.maximum(low - (x, y), (x, y) - high), 0.0)))
+            if gap > MARGIN_M:
+                walls = f"x {low[0]:g} to {high[0]:g}, y {low[1]:g} to {high[1]:g} m"
+                lines.append(f"{name} at {x:g}, {y:g} m stands {gap:.1f} m outside the walls ({walls})")
+        return lines
+
     def toml(self) -> str:
         """The scene file, with comments.
 

@@ -83,11 +83,11 @@ class Run:
         Raises
         ------
         InputError
-            The truth is none.
+            The truth is none, or that of another scene.
         """
         from gridslam.drawing.map_figure import draw_map
 
-        return draw_map(self.map, self.scene, self.trajectory, _track(truth), self.estimates)
+        return draw_map(self.map, self.scene, self.trajectory, self._own_track(truth), self.estimates)
 
     def _repr_html_(self) -> str:
         from gridslam.drawing.map_figure import inlined
@@ -113,7 +113,7 @@ class Run:
         Raises
         ------
         InputError
-            The truth is none, or its track doesn't cover the run.
+            The truth is none, that of another scene, or its track doesn't cover the run.
         """
         from gridslam.evaluation.consistency import complaints
         from gridslam.evaluation.ground_truth import known_bound, tells_heading
@@ -129,6 +129,7 @@ class Run:
         from gridslam.simulation.image_source import Truth
         from gridslam.systems.registry import kind_of, maps_features
 
+        track = self._own_track(truth)
         found = self.surfaces.take(self.surfaces.existence > self.scene.filter.detect_above)
         maps_surfaces = self.map.surfaces is not None or len(found) > 0
         scores: dict[str, Any] = dict.fromkeys(AGENT_KEYS) | {
@@ -148,10 +149,9 @@ class Run:
             "peak_memory_mb": float(self.peak_memory_mb),
         }
         if self.estimates and self.estimates[-1].heights:
-            scores["heights"] = self._heights(isinstance(truth, Truth), _track(truth))
+            scores["heights"] = self._heights(isinstance(truth, Truth), track)
         if self.estimates and self.estimates[-1].coefficients:
             scores["coefficients"] = self._coefficients(isinstance(truth, Truth))
-        track = _track(truth)
         if track is not None and len(self.trajectory):
             position, heading = track_errors(self.trajectory, track)
             scores |= {
@@ -202,14 +202,17 @@ class Run:
             for name, (height, std) in last.heights.items()
         }
 
+    def _own_track(self, truth: Truth | Trajectory | None) -> Trajectory | None:
+        """The true track of whatever a user hands over as the truth, if it can be this run's."""
+        from gridslam.evaluation.ground_truth import require_same_world
+        from gridslam.simulation.image_source import Truth
 
-def _track(truth: Truth | Trajectory | None) -> Trajectory | None:
-    """The true track of whatever a user hands over as the truth."""
-    from gridslam.simulation.image_source import Truth
-
-    if not isinstance(truth, Truth | Trajectory | None):
-        raise InputError("truth", type(truth).__name__, "a Truth (gs.ground_truth) or a Trajectory")
-    return truth.trajectory if isinstance(truth, Truth) else truth
+        if not isinstance(truth, Truth | Trajectory | None):
+            raise InputError("truth", type(truth).__name__, "a Truth (gs.ground_truth) or a Trajectory")
+        if not isinstance(truth, Truth):
+            return truth
+        require_same_world(self.scene, self.agent, self.trajectory.time_s, truth)
+        return truth.trajectory
 
 
 AGENT_KEYS = (

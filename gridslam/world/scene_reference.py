@@ -154,7 +154,7 @@ def commented(scene: Scene, all_keys: bool = False) -> str:
     ----------
     scene : Scene
     all_keys : bool
-        Whether keys that it hasn't are named as well, in comments.
+        Whether keys and tables that it hasn't are named as well, in comments.
     """
     return "\n".join(_table("", scene.model_dump(exclude_none=True), set(), all_keys)).lstrip() + "\n"
 
@@ -163,7 +163,10 @@ def _table(header: str, values: Mapping[str, Any], written: set[str], all_keys: 
     """Lines of a table; what a key means stands above its first appearance."""
     tables = {name: value for name, value in values.items() if _is_table(name, value)}
     own = {key.name: key for key in keys() if key.table == header}
-    for name in (name for name in values if name not in tables):
+    missing = [key for key in own.values() if key.allowed == TABLE and not values.get(key.name)]
+    missing = missing if all_keys and header not in written else []
+    plain = {name: value for name, value in values.items() if name not in tables}
+    for name in (name for name in plain if name not in [key.name for key in missing]):
         key = own.get(name)
         if key is not None and f"{header}.{name}" not in written:
             written.add(f"{header}.{name}")
@@ -182,9 +185,29 @@ def _table(header: str, values: Mapping[str, Any], written: set[str], all_keys: 
             if name in own and f"{header}.{name}" not in written:
                 written.add(f"{header}.{name}")
                 yield f"# {own[name].meaning}"
-            plain = inner.replace("[", "").replace("]", "")
-            yield f"[[{plain}]]" if several else f"[{plain}]"
+            yield _headline(f"[{inner}]" if several else inner)
             yield from _table(f"[{inner}]" if several else inner, item, written, all_keys)
+    for key in missing:
+        yield from _named_alone(header, key)
+
+
+def _headline(table: str) -> str:
+    """What begins a table of this header in TOML: ``[[walls]]``, ``[walls.arc]``."""
+    plain = table.replace("[", "").replace("]", "")
+    return f"[[{plain}]]" if table.endswith("]") else f"[{plain}]"
+
+
+def _named_alone(header: str, key: Key) -> Iterator[str]:
+    """A table that a scene hasn't, and its keys, in comments."""
+    inner = f"{header}.{key.name}" if header else key.name
+    several = any(known.table == f"[{inner}]" for known in keys())
+    yield ""
+    yield f"# {_headline(f'[{inner}]' if several else inner)}: {key.meaning}"
+    for own in keys():
+        if own.table == (f"[{inner}]" if several else inner):
+            must = ", required" if own.default == "required" else ""
+            unit = f"{own.unit}{must}" if own.unit else must.removeprefix(", ")
+            yield f"# {own.name}{f' ({unit})' if unit else ''}: {own.meaning}"
 
 
 def _is_table(name: str, value: Any) -> bool:

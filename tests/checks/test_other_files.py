@@ -165,6 +165,20 @@ def test_damaged_file_is_refused_in_one_line(say, made, name, spoil):
 
 
 @pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"# Read me\n", "nothing that gridslam reads"),
+        (b"\x89HDF\r\n\x1a\n" + bytes(40), "HDF5 that is damaged or cut short"),
+    ],
+)
+def test_other_content_is_called_what_it_is(say, tmp_path, content, says):
+    (tmp_path / "README.md").write_bytes(content)
+    said = say("check", tmp_path / "README.md")
+    assert (said.code, len(said.complaints)) == (2, 1)
+    assert says in said.err
+
+
+@pytest.mark.parametrize(
     ("name", "start"), [("a.png", b"\x89PNG\r\n"), ("report.html", b"<!doctype html>\n<html>")]
 )
 def test_pictures_and_pages_are_nothing_to_check_and_others_of_that_name_are_refused(

@@ -137,7 +137,12 @@ def test_export_writes_nav2_pictures_and_tables(say, mapped, tmp_path):
         assert Path(f"robot/{name}.png").read_bytes().startswith(b"\x89PNG")
     rows = Path("robot/surfaces.csv").read_text().splitlines()[1:]
     assert {float(row.split(",")[0]) for row in rows} == set(mapped[1].map.surfaces.identity.tolist())
-    assert listing(tmp_path) == sorted(["map.h5", "robot", *(f"robot/{n}" for n in os.listdir("robot"))])
+    before = sorted(["map.h5", "robot", *(f"robot/{n}" for n in os.listdir("robot"))])
+    assert listing(tmp_path) == before
+    said = say("export", "map.h5", "-o", "nav2.tif")
+    assert (said.code, len(said.complaints)) == (2, 1)
+    assert "the name of a folder" in said.err
+    assert listing(tmp_path) == before
 
 
 def test_check_says_what_a_file_is(say, mapped, tmp_path):

@@ -59,8 +59,13 @@ def test_a_run_of_a_file_has_the_agents_of_the_file(say, short_exchange, tmp_pat
     monkeypatch.setattr("gridslam.viewers.plots.draw_all", lambda part: [])
     both = "--agent", "agent2", "--agent", "agent1"
     assert say("simulate", short_exchange, *both, "--unlabelled", "-o", "heard.csv").code == 0
+    title, *rows = (tmp_path / "heard.csv").read_text().splitlines()
+    (tmp_path / "heard.csv").write_text(
+        "\n".join([f"{title},aoa_elevation_rad", *(f"{r},0.1" for r in rows)])
+    )
     said = say("run", short_exchange, "--method", "network", "--measurements", "heard.csv", "-o", "two")
     assert said.code == 0, said.err
+    assert "note: the elevations that were measured aren't used by network" in said.err
     summary = json.loads((tmp_path / "two" / "run.json").read_text())
     assert list(summary["agents"]) == ["agent1", "agent2"]
     assert summary["network"]["label_errors"] is None

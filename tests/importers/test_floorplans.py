@@ -171,13 +171,25 @@ def test_the_way_that_is_proposed_leads_ahead_from_the_start():
     assert "# waypoints_m = [[1.0, 3.0]]" in text
 
 
+def test_anchor_far_outside_the_walls_is_said(say, tmp_path):
+    path = save(tmp_path / "plan.geojson", feature("Polygon", [ROOM]))
+    placed = {"anchors": ((90.0, 5.2, 0.0), (-0.5, 1.0, 0.0)), "start": (4.0, 8.0, 0.0)}
+    assert plan_of(geojson.read_walls(path), "x", name="x", **placed).outside == [
+        "anchor A at 90, 5.2 m stands 82.0 m outside the walls (x 0 to 8, y 0 to 6 m)",
+        "the start at 4, 8 m stands 2.0 m outside the walls (x 0 to 8, y 0 to 6 m)",
+    ]
+    told = say("scene", "import", "plan.geojson", "-o", "far.toml", "--anchor", "90,5.2")[1]
+    assert "note: anchor A at 90, 5.2 m stands 82.0 m outside the walls" in told
+
+
 @pytest.mark.slow
 def test_import_command(say, tmp_path):
     save(tmp_path / "plan.geojson", feature("Polygon", [ROOM], material="wall"))
     words = ("scene", "import", "plan.geojson", "-o", "hall.toml", "--anchor=-0.5,1,0", "--anchor", "7,5")
     code, told, wrong = say(*words, "--start", "4,3,90", "--material", "wall=concrete", "--cell", "0.2")
     assert (code, wrong) == (0, "")
-    assert "concrete: 1 walls, 0.7 (assumed for this material)" in told
+    assert "concrete: 1 wall, 0.7 (assumed for this material)" in told
+    assert "note" not in told
     scene = Scene.load(tmp_path / "hall.toml")
     assert (scene.name, len(scene.anchors), scene.grid.cell_m) == ("hall", 2, 0.2)
     before = sorted(tmp_path.iterdir())

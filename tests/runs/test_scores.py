@@ -1,6 +1,6 @@
 """Scores of runs, and files of their steps."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import h5py
 import numpy as np
@@ -48,6 +48,23 @@ def test_known_track_alone_scores_the_track_alone(scene):
     assert scores["diverged"] is False
     assert scores["surfaces_true"] is None
     assert scores["map"]["auc"] is None
+
+
+def test_truth_of_another_scene_is_refused(scene):
+    run, own = some_run(scene, "agent1"), ground_truth(scene, "agent1")
+    other = gs.ground_truth(gs.Scene.load("room"), "agent1")
+    went = own.trajectory
+    late = replace(went, time_s=went.time_s + 0.05)
+    first = gs.Trajectory(went.time_s[:3], went.position_m[:3], went.velocity_mps[:3], went.heading_rad[:3])
+    for truth, says in (
+        (replace(other, trajectory=own.trajectory), rf"other walls \(4 pieces\) than those of {scene.name}"),
+        (replace(own, trajectory=late), "steps at other times than the run's"),
+        (replace(own, trajectory=first), "3 steps at other times"),
+    ):
+        for ask in (run.score, run.plot):
+            with pytest.raises(InputError, match=says):
+                ask(truth)
+    assert run.score(own)["surfaces_true"] is not None
 
 
 def test_steps_read_back_equal_with_and_without_rows(tmp_path):
