@@ -8,11 +8,13 @@ from gridslam import reference
 from gridslam.bench.kernels import KernelSpeed, race
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand, climbed, superpose_arrays
 from gridslam.inference.messages.samples.distance_mode import PathPrior, joint_mode, limits_of
+from gridslam.inference.messages.samples.response_tables import ResponseTables
 from gridslam.inference.messages.samples.signal_likelihood import Band
 
-NAMES = ("respond", "superpose", "climb", "climb_distances")
+NAMES = ("respond", "superpose", "climb", "climb_distances", "weigh_particles")
 SIDE, FREQUENCIES = 3, 21
 RINGS, ANTENNA = 8, 41
+PARTICLES, TWINS = 2000, 50
 
 
 def superposition_speeds(paths: int, seconds: float) -> list[KernelSpeed]:
@@ -53,6 +55,7 @@ def superposition_speeds(paths: int, seconds: float) -> list[KernelSpeed]:
             lambda: reference.climb(*of_band, band.steepness, samples, 3, path[0]),
         ),
         _distances(draw, seconds),
+        _particles(draw, seconds),
     ]  # fmt: skip
 
 
@@ -68,5 +71,22 @@ def _distances(draw: np.random.Generator, seconds: float) -> KernelSpeed:
         lambda: joint_mode(band, samples, prior, 1.0), lambda: joint_mode(band, samples, alone, 1.0),
         lambda: reference.climb_distances(
             band.wavenumber, band.pulse, samples, prior.mean, prior.precision, weight, limits, length
+        ),
+    )  # fmt: skip
+
+
+def _particles(draw: np.random.Generator, seconds: float) -> KernelSpeed:
+    """Time of the densities at many particles; the twin's is that of so few of them."""
+    band = Band.of(1e7 * (np.arange(ANTENNA) - 0.5 * (ANTENNA - 1)))
+    distance = np.linspace(3.0, 20.0, RINGS)[:, None] + draw.normal(0, 0.1, (RINGS, PARTICLES))
+    samples, power = draw.normal(size=ANTENNA).astype(np.complex128), np.full((RINGS, PARTICLES), 100.0)
+    base = np.eye(ANTENNA, dtype=np.complex128)
+    tables = ResponseTables.of(band, samples, 0 * base, 1.0)
+    return race(
+        "weigh_particles", f"{RINGS} paths", "path-particle", RINGS * PARTICLES, seconds, PARTICLES / TWINS,
+        lambda: tables.log_densities(distance, power),
+        lambda: tables.log_densities(distance[:, :1], power[:, :1]),
+        lambda: reference.weigh_particles(
+            band.wavenumber, band.pulse, samples, base, distance[:, :TWINS], power[:, :TWINS]
         ),
     )  # fmt: skip

@@ -17,6 +17,7 @@ from gridslam.reference.histograms import listen, walk
 from gridslam.reference.line_evidence import weigh_lines
 from gridslam.reference.merging import find_duplicates, find_ghosts
 from gridslam.reference.messages import associate, enter, evaluate, gate, log_rician, weigh
+from gridslam.reference.particle_densities import weigh_particles
 from gridslam.reference.paths import densities, draw, lines_of, polylines, prepare, trace_paths
 from gridslam.reference.rays import list_paths, near
 from gridslam.reference.readout import describe
@@ -75,4 +76,5 @@ __all__ = [
     "weigh",
     "weigh_by_visibility",
     "weigh_lines",
+    "weigh_particles",
 ]

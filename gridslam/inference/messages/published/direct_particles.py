@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.messages.samples.response_tables import ResponseTables
 from gridslam.inference.messages.samples.signal_likelihood import Band, Inverse, log_ratio
 from gridslam.inference.state.published.feature_particles import Features, ParticleState
 from gridslam.world.filter_model import FilterModel
@@ -113,24 +114,14 @@ def expect(state: ParticleState, anchor: int, band: Band) -> Expected:
 
 
 def agent_message(state: ParticleState, expected: Expected, band: Band, samples: Complex) -> Array:
-    """Log of iota (P,), eq. (5), (M88): one particle of each well-known feature for each of the agent's."""
+    """Log of iota (P,), eq. (5), (M381): one particle of each well-known feature for each of the agent's."""
     own = state.features.take(expected.rows)
     sharp = (expected.distance.std(-1) < STACKED_M) & (own.existence > STACKED_EXISTENCE)
-    base = expected.noise * np.eye(len(band)) + expected.terms[~sharp].sum(0)
     if not sharp.any():
         return np.zeros(len(state.agent))
-    whiten = np.linalg.inv(np.linalg.cholesky(base))
-    grid = band.folding_m / SPACES * np.arange(SPACES)
-    white = band.response(grid) @ whiten.T
-    seen = whiten @ samples
-    low = np.rint(expected.distance[sharp].T / band.folding_m * SPACES).astype(np.int64) % SPACES
-    root = np.sqrt(own.existence[sharp, None] * own.intensity[sharp]).T
-    wave = white[low] * root[..., None]
-    inner = np.eye(low.shape[1]) + np.conj(wave) @ np.swapaxes(wave, 1, 2)
-    matched = np.conj(wave) @ seen
-    solved = np.linalg.solve(inner, matched[..., None])[..., 0]
-    _, log_det = np.linalg.slogdet(inner)
-    return np.asarray((np.conj(matched) * solved).sum(-1).real - log_det)
+    tables = ResponseTables.of(band, samples, expected.terms[~sharp].sum(0), expected.noise)
+    power = own.existence[sharp, None] * own.intensity[sharp] / expected.noise
+    return tables.log_densities(expected.distance[sharp], power)
 
 
 def noise_message(state: ParticleState, anchor: int, expected: Expected, samples: Complex) -> Array:
