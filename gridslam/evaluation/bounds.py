@@ -2,11 +2,12 @@
 
 The joint state is [x, y, vx, vy, heading, angle_1, offset_1, ...]: the agent, then the lines of the true
 surfaces. The recursion runs in information form, in which a surface that nothing has told of yet is a zero.
-Paths are those that are truly visible, each weighted by its detection probability; which measurement is which
-path counts as known. So the bounds are those of [Li2025adaptive], section VI-B, taken at the true track;
-docs/model.md, (M47). The amplitude's own information about geometry is left out: it is below a thousandth
-of that of the distance. The motion and the jitter of the surfaces are those that the filter assumes: of
-walls that stand still, a filter may know a little more.
+Paths are those that are truly visible, each weighted by its detection probability, or those that were
+detected, with `detected`; which measurement is which path counts as known. So the bounds are those of
+[Li2025adaptive], section VI-B, taken at the true track; docs/model.md, (M47). The amplitude's own
+information about geometry is left out: it is below a thousandth of that of the distance. The motion and the
+jitter of the surfaces are those that the filter assumes: of walls that stand still, a filter may know a
+little more.
 """
 
 from __future__ import annotations
@@ -78,7 +79,11 @@ class MapBound(Bound):
 
 
 def known_map_bound(
-    scene: Scene, agent: str, paths: TruePaths | None = None, track: Trajectory | None = None
+    scene: Scene,
+    agent: str,
+    paths: TruePaths | None = None,
+    track: Trajectory | None = None,
+    detected: NDArray[np.intp] | None = None,
 ) -> Bound:
     """Bound of an agent that knows the walls.
 
@@ -90,13 +95,18 @@ def known_map_bound(
         What ``true_paths(scene, agent)`` gives, if it is at hand.
     track : Trajectory, optional
         Another way than the scene's, to which `paths` belong.
+    detected : (D,) int, optional
+        As in `unknown_map_bound`.
     """
     track = scene.track(agent) if track is None else track
     paths = true_paths(scene, agent, track) if paths is None else paths
-    paths = paths.take(paths.of_walls)
+    paths, chance = _weighed(scene, agent, paths, detected)
     jacobian = whitened_jacobian(scene, agent, paths, hit_surfaces(scene, paths), track)
     jacobian = with_elevations(scene, agent, paths, jacobian[:, :, :AGENT])
-    rows, rises = path_information(scene, agent, paths, jacobian, len(track)), jacobian.shape[2] - AGENT
+    rows, rises = (
+        path_information(scene, agent, paths, jacobian, len(track), chance),
+        jacobian.shape[2] - AGENT,
+    )
     information, bounds = _joined(agent_prior(scene, agent), _height_prior(scene, agent)), []
     for step in range(len(rows)):
         if step:
@@ -114,6 +124,7 @@ def unknown_map_bound(
     paths: TruePaths | None = None,
     jitter_m: float | None = None,
     before: MapBound | None = None,
+    detected: NDArray[np.intp] | None = None,
 ) -> MapBound:
     """Bound of an agent that finds the surfaces as it goes, with no prior on them.
 
@@ -128,9 +139,13 @@ def unknown_map_bound(
         filter assumes it (and of its turn about that place, over 5 m). Default: 0.2 of ``filter.surface_m``.
     before : MapBound, optional
         Bound of the earlier agent whose map this one starts from.
+    detected : (K,) int, optional
+        Rows of `paths` that a run detected, -1 for clutter, as from `simulate_labelled`: the bound given what
+        was heard, docs/model.md, (M371). Where little is heard, its mean square over many runs is well above
+        the bound without it, which no filter reaches then, [Tong2012detection].
     """
     paths = true_paths(scene, agent) if paths is None else paths
-    paths = paths.take(paths.of_walls)
+    paths, chance = _weighed(scene, agent, paths, detected)
     jitter = JITTER_SHARE * scene.filter.surface_m if jitter_m is None else jitter_m
     surface = hit_surfaces(scene, paths)
     if before is not None:
@@ -138,7 +153,10 @@ def unknown_map_bound(
     line, rows = surface_lines(scene)[surface], whitened_jacobian(scene, agent, paths, surface)
     times = scene.track(agent).time_s
     whole = with_elevations(scene, agent, paths, rows)
-    gained, rises = path_information(scene, agent, paths, whole, len(times)), whole.shape[2] - rows.shape[2]
+    gained, rises = (
+        path_information(scene, agent, paths, whole, len(times), chance),
+        whole.shape[2] - rows.shape[2],
+    )
     information = np.zeros((AGENT + 2 * len(surface),) * 2)
     information[:AGENT, :AGENT] = agent_prior(scene, agent)
     information = _joined(information, _height_prior(scene, agent))  # heights come last
@@ -167,6 +185,19 @@ def unknown_map_bound(
     left = information[np.ix_(lines, lines)] - cross.T @ np.linalg.solve(corner, cross)
     position, heading = np.transpose(bounds)
     return MapBound(position, heading, surface, line, surface_m, 0.5 * (left + left.T))
+
+
+def _weighed(
+    scene: Scene, agent: str, paths: TruePaths, detected: NDArray[np.intp] | None
+) -> tuple[TruePaths, Array]:
+    """Paths over walls that can tell of something, and how much of what each of them tells arrives."""
+    there = paths.of_walls
+    if detected is None:
+        chance = scene.signal_model(agent).detection_probability(paths.amplitude)
+    else:
+        chance = np.bincount(detected[detected >= 0], minlength=len(paths)).astype(float)
+        there = there & (chance > 0)
+    return paths.take(there), chance[there]
 
 
 def predict_information(information: Array, backward: Array, push: Array, variance: Array) -> Array:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scene_samples import shortened
 
 from gridslam.evaluation.bounds import (
     AGENT,
@@ -15,7 +16,7 @@ from gridslam.evaluation.bounds import (
     unknown_map_bound,
 )
 from gridslam.evaluation.path_slopes import surface_lines, whitened_jacobian
-from gridslam.simulation.image_source import true_paths
+from gridslam.simulation.image_source import simulate_labelled, true_paths
 from gridslam.world.geometry import mirror, sfv_covariance, wrap
 from gridslam.world.scene import Scene
 
@@ -204,6 +205,30 @@ def test_surface_is_bounded_from_its_first_sight_on():
         assert np.isinf(bound.surface_m[:first, column]).all()
         assert np.isfinite(bound.surface_m[-1, column])
     assert np.isfinite(bound.position_m).all()
+
+
+@pytest.mark.slow
+def test_given_that_all_paths_were_detected_the_bound_is_that_of_sure_detection():
+    """(M371) with every path is (M47) with p_d = 1; clutter, -1, tells of nothing."""
+    scene = shortened(Scene.load("room"), 12)
+    sure = scene.model_copy(update={"radio": scene.radio.model_copy(update={"detection_probability": 1.0})})
+    rows = np.append(np.arange(len(true_paths(scene, "agent1"))), -1)
+    for bound in known_map_bound, unknown_map_bound:
+        given_all = bound(scene, "agent1", detected=rows)
+        np.testing.assert_allclose(given_all.position_m, bound(sure, "agent1").position_m, rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_where_little_is_heard_the_bound_given_the_detections_is_larger_in_the_mean_square():
+    """Jensen: the inverse of mean information is below the mean of inverses, [Tong2012detection]."""
+    scene = shortened(Scene.load("room"), 30)
+    faint = scene.model_copy(update={"radio": scene.radio.model_copy(update={"snr_at_1m_db": 17.0})})
+    plain = np.square(known_map_bound(faint, "agent1").position_m)[10:]
+    squares = []
+    for seed in range(20):
+        _, label = simulate_labelled(faint, "agent1", seed)
+        squares.append(np.square(known_map_bound(faint, "agent1", detected=label).position_m)[10:].mean())
+    assert np.mean(squares) > plain.mean() + 3 * np.std(squares) / np.sqrt(20)
 
 
 def test_world_without_walls_has_a_bound_and_no_surfaces():
