@@ -11,7 +11,7 @@ from gridslam.inference.messages.features import proposals
 from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.following import START_STEPS
 from gridslam.inference.messages.features.joint_update import predict, update
-from gridslam.inference.messages.features.learning import JUDGED, learn
+from gridslam.inference.messages.features.learning import JUDGED, learn, was_heard
 from gridslam.inference.messages.features.proposals import (
     CROWD,
     CROWD_EXTENT_M,
@@ -101,6 +101,31 @@ def test_features_that_do_not_foretell_the_last_steps_are_refused():
     assert learned.proposed >= 1
     assert learned.taken == 0
     assert found.joint is state.joint
+
+
+def test_features_that_are_never_loud_are_kept_if_they_are_surely_there():
+    state, _ = state_after([], [], 0)
+    joint = state.joint
+    for n in range(3):
+        joint = joint.with_feature(0, entries(MIRROR, np.zeros(2)), np.eye(3), np.zeros(2), 1.0, n, 0)
+    bank = replace(joint.features, steps_seen=np.array([0, 0, 3]), presence=np.array([0.95, 0.5, 0.1]))
+    joint = replace(joint, features=bank)
+    np.testing.assert_array_equal(was_heard(joint), [True, False, True])
+    np.testing.assert_array_equal(was_heard(replace(joint, extent=CROWD_EXTENT_M)), [False, False, True])
+
+
+@pytest.mark.slow
+def test_features_for_the_time_being_make_way_for_as_good_ones():
+    state, model = state_after([MIRROR], [1500.0], 0)
+    taught, _ = learn(state, Front(model.waveform), model)
+    lesson = lesson_of(state, model)
+    best = lesson.best(lesson.rivals(state.segment, state.joint, PRICES[:1]), [state.segment], PRICES[0])
+    better = replace(state, segment=replace(state.segment, evidence=best.evidence + 0.5 * CLEAR / JUDGED))
+    assert learn(better, Front(model.waveform), model)[1].taken == 0
+    passing = replace(better, joint=taught.joint)  # with features, `before` has none
+    found, learned = learn(passing, Front(model.waveform), model)
+    assert learned.taken >= 1
+    assert found.joint is not passing.joint
 
 
 def lesson_of(state, model):

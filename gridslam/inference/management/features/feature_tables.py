@@ -97,7 +97,9 @@ def with_features(
     covariance = np.zeros((len(mean), len(mean)))
     covariance[:size, :size] = belief.covariance
     covariance[size:, size:] = inverse @ square @ inverse.T
-    bank = FeatureBank(np.arange(count), whose, origin, table.variance, table.steps_seen, np.full(count, -1))
+    bank = FeatureBank(
+        np.arange(count), whose, origin, table.variance, table.steps_seen, np.full(count, -1), np.ones(count)
+    )
     noise = belief.noise.copy()
     for anchor, level in zip(whose, table.noise, strict=True):
         noise[anchor] = level if np.isfinite(level) and level > 0 else noise[anchor]

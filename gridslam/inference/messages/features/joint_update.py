@@ -23,19 +23,19 @@ from gridslam.inference.messages.features.path_products import (
     received,
     whiten,
 )
+from gridslam.inference.messages.features.presence import existence_of, powers_of, predicted, presence_of
+from gridslam.inference.messages.features.regaining import regained
 from gridslam.inference.state.features.features import MOVING
 from gridslam.inference.state.features.hybrid_state import JointBelief
 from gridslam.world.signal_model import SignalModel
 
 Complex = NDArray[np.complex128]
-STAYS, APPEARS = 0.95, 0.01
-"""Probability that a line of sight is there after a step, if it was and if it wasn't."""
 FORGETS = 0.1
 """Share by which powers follow a step's."""
 SURE = 9.0
 """Square of a path's amplitude, in that of its deviation, from which on it counts as heard."""
 SIGHTED = 0.9
-"""Probability from which on a line of sight counts as heard."""
+"""Probability from which on a line of sight counts as heard, and a faint feature as there."""
 ROUNDS, SETTLED_M = 8, 1e-4
 TURNS_RAD = 1.0
 """Deviation of a direction per metre of a feature's extent: an array of few antennas tells scatterers at one
@@ -54,11 +54,6 @@ def predict(belief: JointBelief, seconds: float, acceleration_mps2: float) -> Jo
     for axis in range(2):
         covariance[axis:MOVING:2, axis:MOVING:2] += acceleration_mps2**2 * np.outer(jolt, jolt)
     return replace(belief, mean=mean, covariance=covariance)
-
-
-def log_likelihood(known: Products, power: Array, noise: float) -> float:
-    """Log density of samples whose covariance is noise and responses of given powers (C,)."""
-    return whiten(known.of(slice(0, len(power))), power, noise).log_density
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +97,9 @@ def update(
     prior[:size, :size] = belief.covariance
     prior[size, size] = wave.heading_std_rad**2
     base, at = np.append(belief.mean, 0.0), np.append(belief.mean, 0.0)
-    if start is not None:
+    if start is None:
+        at[:size] = regained(belief, samples, heard, heading_rad, model)
+    else:
         at[:MOVING] = start
     shift = np.zeros(first)
     existence, powers = belief.existence.copy(), list[Array]()
@@ -112,8 +109,8 @@ def update(
         for n, one in enumerate(anchors):
             known = products(place.numbers[one.numbers] + shift[one.numbers], one.got, wave)
             if not round_:
-                existence[one.index] = _existence(belief, one.index, known)
-                powers.append(_powers(belief, existence, one.index))
+                existence[one.index] = existence_of(belief, one.index, known)
+                powers.append(powers_of(belief, existence, one.index, known))
             mine = one.numbers, one.numbers
             score[one.numbers], curvature[mine], log_density = slopes(
                 known, powers[n], belief.noise[one.index]
@@ -137,7 +134,8 @@ def update(
     place = _place(at, belief, anchors, heading_rad, model)
     for one, power in zip(anchors, powers, strict=True):
         known = products(place.numbers[one.numbers] + shift[one.numbers], one.got, wave)
-        found = _follow_powers(found, one.index, known.of(slice(0, len(power))), power, step)
+        found, surprise = _follow_powers(found, one.index, known.of(slice(0, len(power))), power, step)
+        evidence += surprise
     return _sighted(found, belief, heard), evidence
 
 
@@ -169,24 +167,6 @@ def _scatter(paths: Paths, extent: float) -> Array:
     return own
 
 
-def _existence(belief: JointBelief, anchor: int, known: Products) -> float:
-    """Probability of the line of sight, after the samples."""
-    before = belief.existence[anchor]
-    before = STAYS * before + APPEARS * (1 - before)
-    rows = belief.features.anchor == anchor
-    noise, power = belief.noise[anchor], belief.features.power[rows]
-    there = log_likelihood(known, np.append(belief.los_power[anchor], power), noise)
-    absent = log_likelihood(known.of(slice(1, 1 + len(power))), power, noise)
-    return float(1 / (1 + (1 - before) / before * np.exp(np.clip(absent - there, -500, 500))))
-
-
-def _powers(belief: JointBelief, existence: Array, anchor: int) -> Array:
-    """Power of every path of an anchor; of a line of sight that isn't there, 0."""
-    rows = belief.features.anchor == anchor
-    los = belief.los_power[anchor] if existence[anchor] > 0.5 else 0.0
-    return np.append(los, belief.features.power[rows])
-
-
 def slopes(known: Products, power: Array, noise: float) -> tuple[Array, Array, float]:
     """Slope (2 C,) and curvature (2 C, 2 C) of the log-likelihood by lengths and angles, and its value."""
     white, count = whiten(known, power, noise), len(power)
@@ -198,8 +178,13 @@ def slopes(known: Products, power: Array, noise: float) -> tuple[Array, Array, f
     return score, 2 * product * white.gram[count:, count:], white.log_density
 
 
-def _follow_powers(belief: JointBelief, anchor: int, known: Products, power: Array, step: int) -> JointBelief:
-    """Powers of line of sight, features and noise, each a running mean of what the step has it at."""
+def _follow_powers(
+    belief: JointBelief, anchor: int, known: Products, power: Array, step: int
+) -> tuple[JointBelief, float]:
+    """Powers of line of sight, features and noise, each a running mean of what the step has it at.
+
+    And what features in doubt add to the log of the evidence, see `presence_of`.
+    """
     noise, root = belief.noise[anchor], np.sqrt(power)
     inverse = np.linalg.inv(noise * np.eye(len(power)) + root[:, None] * known.gram * root)
     amplitude = root * (inverse @ (root * known.matched))
@@ -208,15 +193,20 @@ def _follow_powers(belief: JointBelief, anchor: int, known: Products, power: Arr
     residual = np.vdot(amplitude, known.gram @ amplitude - 2 * known.matched).real
     noise_now = (known.energy + residual) / (known.size - np.count_nonzero(power))
     los_power, noises, bank = belief.los_power.copy(), belief.noise.copy(), belief.features
+    rows = np.flatnonzero(bank.anchor == anchor)
+    before = predicted(belief)[rows]
+    there, surprise = presence_of(before, known, power, bank.power[rows], noise)
     if power[0] > 0:
         los_power[anchor] += FORGETS * (square[0] - los_power[anchor])
     noises[anchor] += FORGETS * (noise_now - noise)
     powers, seen, last = bank.power.copy(), bank.steps_seen.copy(), bank.last_step.copy()
-    rows = np.flatnonzero(bank.anchor == anchor)
-    powers[rows] += FORGETS * (square[1:] - powers[rows])
+    used = power[1:] > 0
+    powers[rows] += FORGETS * np.where(used, there, 0.0) * (square[1:] - powers[rows])
     powers[rows] = np.maximum(powers[rows], FAINTEST * los_power[anchor])
-    heard = rows[np.abs(amplitude[1:]) ** 2 > SURE * spread[1:]]
+    heard = rows[used & (np.abs(amplitude[1:]) ** 2 > SURE * spread[1:])]
     seen[heard] += 1
     last[heard] = step
-    bank = replace(bank, power=powers, steps_seen=seen, last_step=last)
-    return replace(belief, los_power=los_power, noise=noises, features=bank)
+    presence = bank.presence.copy()
+    presence[rows] = there
+    bank = replace(bank, power=powers, steps_seen=seen, last_step=last, presence=presence)
+    return replace(belief, los_power=los_power, noise=noises, features=bank), surprise

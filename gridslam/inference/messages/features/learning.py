@@ -8,7 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gridslam.inference.messages.features.feature_likelihood import Front
+from gridslam.inference.messages.features.joint_update import SIGHTED
 from gridslam.inference.messages.features.rivals import CLEAR, Lesson, usual_prices
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
 from gridslam.world.signal_model import SignalModel
@@ -43,13 +47,22 @@ def learn(state: HybridState, front: Front, model: SignalModel) -> tuple[HybridS
     if not old and best.joint.extent > 0 and not best.placed:
         best = lesson.best(*lesson.elsewhere(best, segment, price), price)
     proposed, gain = len(best.joint.features) - old, float((best.evidence - segment.evidence)[-JUDGED:].sum())
-    if not proposed or gain <= 0:
+    # those for the time being make way for as good ones of more steps
+    passing = len(state.joint.features) > old
+    if not proposed or gain <= -CLEAR * passing:
         return begun(state, state.joint), Learned(proposed, 0, gain if proposed else 0.0)
-    heard = best.joint.features.steps_seen > 0
+    heard = was_heard(best.joint)
     heard[:old] = True
     identity = int(best.joint.features.identity.max()) + 1
     taught = begun(state, best.joint.keep(heard))
     return replace(taught, next_identity=identity), Learned(proposed, int(heard.sum()) - old, gain)
+
+
+def was_heard(joint: JointBelief) -> NDArray[np.bool_]:
+    """Features (F,) that were heard at some step, or are surely there though they are never loud."""
+    bank = joint.features
+    heard: NDArray[np.bool_] = bank.steps_seen > 0
+    return heard if joint.extent > 0 else heard | (bank.presence > SIGHTED)
 
 
 def begun(state: HybridState, joint: JointBelief) -> HybridState:

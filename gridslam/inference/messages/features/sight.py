@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 
 from gridslam.arrays import Array
 from gridslam.inference.messages.features.feature_likelihood import Front, Tables
-from gridslam.inference.messages.features.joint_update import APPEARS, STAYS
+from gridslam.inference.messages.features.presence import APPEARS, STAYS
 from gridslam.inference.state.features.features import MOVING, places
 from gridslam.inference.state.features.hybrid_state import JointBelief, ParticleBelief
 from gridslam.world.signal_model import SignalModel

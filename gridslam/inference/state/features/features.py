@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Self
+from dataclasses import dataclass, field, fields
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,11 @@ from gridslam.arrays import Array
 Indices = NDArray[np.int64]
 MOVING, ENTRIES = 4, 3
 """Entries of the joint belief: the agent's [x, y, vx, vy], each feature's [length, direction, extra]."""
+
+
+def _all_there(before: dict[str, Any]) -> Array:
+    """Presence in older files."""
+    return np.ones(len(before["power"]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +34,8 @@ class FeatureBank:
         Mean power at 1 m, in units of the samples squared.
     steps_seen, last_step : (F,) int64
         At how many steps it was heard, and the latest of them.
+    presence : (F,) float64
+        Probability that its path is there, and not hidden.
     """
 
     identity: Indices
@@ -37,12 +44,13 @@ class FeatureBank:
     power: Array
     steps_seen: Indices
     last_step: Indices
+    presence: Array = field(metadata={"later": _all_there})
 
     @classmethod
     def empty(cls) -> Self:
         """No features."""
         none = np.zeros(0, np.int64)
-        return cls(none, none, np.zeros((0, 2)), np.zeros(0), none, none)
+        return cls(none, none, np.zeros((0, 2)), np.zeros(0), none, none, np.zeros(0))
 
     def __len__(self) -> int:
         return len(self.power)
@@ -55,7 +63,7 @@ class FeatureBank:
         """One more, heard at this step for the first time."""
         row = type(self)(
             np.array([identity]), np.array([anchor]), np.reshape(origin_m, (1, 2)), np.array([power]),
-            np.array([0]), np.array([step]),
+            np.array([0]), np.array([step]), np.ones(1),
         )  # fmt: skip
         return type(self)(
             *(np.concatenate([getattr(table, f.name) for table in (self, row)]) for f in fields(self))
