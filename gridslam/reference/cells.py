@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.kernels.primitives.blocks import Coefficients, Drawn, Hits, Messages
 from gridslam.reference.messages import log_rician
+from gridslam.world.geometry import mirror, unit
 
 Whole = NDArray[np.int32]
 Long = NDArray[np.int64]
@@ -143,9 +144,9 @@ def recall(
 
 
 def learn(
-    head: int, step: float, mean: Array, table: Array, radio: Array, frame: Array, rays_cast: Drawn,
-    messages: Messages, known: Coefficients, hits: Hits,
-) -> tuple[Array, Array, Array, Array, Long]:  # fmt: skip
+    head: int, step: float, mean: Array, table: Array, radio: Array, frame: Array, places: Array,
+    rays_cast: Drawn, messages: Messages, known: Coefficients, hits: Hits,
+) -> tuple[Array, Array, Array, Array, Long, Array]:  # fmt: skip
     """Twin of `coefficients.learn`: beliefs of surfaces, log-likelihoods of all cells, and `mark`'s."""
     (drawn, seen), (count, path, factor, summary, begin, detection) = rays_cast, messages
     surface, where, held = known.surface, known.where, known.held
@@ -153,7 +154,7 @@ def learn(
     send = (factor[: len(path), 1] > 0.5) & (seen[: len(path), 1] > frame[5])
     sure = send * summary[2, : len(path)]
     apart = np.pad(seen[: len(path), 2:], ((0, 0), (2, 0)), constant_values=1)
-    marked = mark(mean, head, path, apart, sure, *hits)
+    marked = mark(mean, head, path, apart, sure, places, *hits)
     surface, held, bins = surface.copy(), dense(where, held), surface.shape[1]
     centre = (np.arange(bins) + 0.5) / bins
     usual = surface @ centre
@@ -188,15 +189,15 @@ def learn(
 
 
 def learn_ratios(
-    head: int, mean: Array, ratio: Array, frame: Array, rays_cast: Drawn, messages: Messages,
+    head: int, mean: Array, ratio: Array, frame: Array, places: Array, rays_cast: Drawn, messages: Messages,
     known: Coefficients, hits: Hits,
-) -> tuple[Array, Array, Array, Array, Long]:  # fmt: skip
+) -> tuple[Array, Array, Array, Array, Long, Array]:  # fmt: skip
     """Twin of `coefficients.learn_ratios`: by log-likelihoods (L, 2, BINS) at last and first hit."""
     (drawn, seen), (count, path, factor, summary, _, _) = rays_cast, messages
     rays, path = len(drawn) // max(len(path), 1), path[: count[0]]
     send = (factor[: len(path), 1] > 0.5) & (seen[: len(path), 1] > frame[5])
     apart = np.pad(seen[: len(path), 2:], ((0, 0), (2, 0)), constant_values=1)
-    marked = mark(mean, head, path, apart, send * summary[2, : len(path)], *hits)
+    marked = mark(mean, head, path, apart, send * summary[2, : len(path)], places, *hits)
     surface, held = known.surface.copy(), dense(known.where, known.held)
     for row, (bounces, last, _) in enumerate(path[:, :3]):
         if summary[2, row] > 0.05 and bounces == 1:
@@ -221,24 +222,50 @@ def _add_to_cells(held: Array, points: Array, log: Array, frame: Array) -> None:
 
 
 def mark(
-    mean: Array, head: int, path: Whole, seen: Array, share: Array, foot: Array, extent: Array, times: Long
-) -> tuple[Array, Array, Long]:
+    mean: Array, head: int, path: Whole, seen: Array, share: Array, places: Array, foot: Array, extent: Array,
+    times: Long, outermost: Array,
+) -> tuple[Array, Array, Long, Array]:  # fmt: skip
     """Twin of `detections.mark`: where surfaces were hit, and how often they were seen, afterwards."""
     rows = np.flatnonzero(share * seen[:, 1] > 0.5)
     # of each path the surface that it hits first, then the one that it hits last
     surface = np.where(path[rows, :1] == 2, path[rows, 2:0:-1], path[rows, 1:3])
     there = np.arange(2) < path[rows, :1]
+    other = surface[:, ::-1]
     surface, corner = surface[there], seen[rows, 2:].reshape(-1, 2, 2)[there]
     anchor = np.repeat(path[rows, 3], there.sum(1))
-    angle = mean[head + 2 * surface]
+    lines, agent = mean[head:].reshape(-1, 2), mean[:2]
+    angle = lines[surface, 0]
     along = corner[:, 1] * np.cos(angle) - corner[:, 0] * np.sin(angle)
-    foot, extent, times = foot.copy(), extent.copy(), times.copy()
-    for s in np.unique(surface):
-        own = along[surface == s]
-        foot[s] = own[-1]
-        extent[s] = np.fmin(extent[s, 0], own.min()), np.fmax(extent[s, 1], own.max())
-        times[s] += len(np.unique(anchor[surface == s]))
-    return foot, extent, times
+    ways = []
+    for bounces, (last, first), begin in zip(path[rows, 0], other, places[path[rows, 3], :2], strict=True):
+        if bounces == 1:
+            ways.append([*begin, *agent])
+        if bounces == 2:
+            ways += [[*begin, *mirror(lines[last], agent)], [*mirror(lines[first], begin), *agent]]
+    way = np.reshape(ways, (-1, 4))
+    foot, times = foot.copy(), times.copy()
+    extent, outermost = extent.copy(), outermost.copy()
+    for s in range(len(foot)):
+        own = surface == s
+        if own.any():
+            foot[s] = along[own][-1]
+            times[s] += len(np.unique(anchor[own]))
+        ends, before = extent[s].copy(), outermost[s].reshape(2, 4).copy()
+        hit = np.isfinite(before[:, 0])
+        ends[hit] = _reflected(lines[s], before[hit])
+        every = np.concatenate([ends[np.isfinite(ends)], _reflected(lines[s], way[own])])
+        if len(every):
+            known = np.concatenate([before[np.isfinite(ends)], way[own]])
+            chosen = np.argmin(every), np.argmax(every)
+            extent[s], outermost[s] = every[[*chosen]], known[[*chosen]].ravel()
+    return foot, extent, times, outermost
+
+
+def _reflected(line: Array, way: Array) -> Array:
+    """Where along a line paths (N, 4) are reflected off it, (N,)."""
+    tangent, gap = unit(line[0] + 0.5 * np.pi), np.abs(way.reshape(-1, 2, 2) @ unit(line[0]) - line[1])
+    along = way.reshape(-1, 2, 2) @ tangent
+    return np.asarray((along * gap[:, ::-1]).sum(1) / np.maximum(gap.sum(1), 1e-9))
 
 
 def fold_messages(

@@ -70,7 +70,7 @@ def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) ->
     state = add_faint_surfaces(state, listened, model, work=work)  # (M158)
     if listened:
         drawn = cast_messages(state, model, work=work)
-        state = update_coefficients_by_ratios(state, drawn, listened, work=work)  # (M155)
+        state = update_coefficients_by_ratios(state, drawn, listened, model, work=work)  # (M155)
         state = update_cells(state, work=work)
     state = merge_and_prune(state, model, by_ratio=True)
     return conclude(state, exchanges, reckoned, model, work)

@@ -206,7 +206,7 @@ def _shapes_of_bank(bank: SurfaceBank, name: str, anchors: int) -> Iterator[tupl
     surfaces = len(bank)
     whole: dict[str, Shape] = {
         "reflection": (surfaces, BINS), "extent": (surfaces, 2), "single": (anchors, surfaces),
-        "double": (anchors, surfaces, surfaces), "walk": (surfaces, 2),
+        "double": (anchors, surfaces, surfaces), "walk": (surfaces, 2), "outermost": (surfaces, 8),
     }  # fmt: skip
     for field in fields(bank):
         found = getattr(bank, field.name).shape

@@ -251,11 +251,13 @@ class Coefficients(NamedTuple):
 
 class Hits(NamedTuple):
     """Where surfaces were hit, in and out: tangential coordinate of the latest hit [S]; stretch that was hit,
-    if any was [S, 2]; detections, one per anchor at most [S]."""
+    if any was [S, 2]; detections, one per anchor at most, if its paths follow each other [S]; from where (2)
+    to where (2) the paths go that hit lowest (4) and highest [S, 8], with their other bounce unfolded."""
 
     foot: Doubles
     extent: Square
     times: Long
+    outermost: Square
 
 
 class SurfaceRows(NamedTuple):

@@ -9,7 +9,7 @@ from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, log_rician
 from gridslam.kernels.propagation.amplitudes import detection_of
 from gridslam.kernels.propagation.bundles import cell_of
-from gridslam.kernels.propagation.detections import LIKELIER_THAN_NOT, spot
+from gridslam.kernels.propagation.detections import LIKELIER_THAN_NOT, place_again, spot
 from gridslam.kernels.propagation.path_messages import CHANCE, LENGTH, SHARE, THERE
 
 BINS, CLIP, LEAST, OTHER = 20, 4, 5, 6
@@ -155,6 +155,7 @@ def learn(
     table: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [T] p_d over ``0, step, ...``
     radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 12] see `radio`
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] see `blocks.Cells`
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 2 or more] of the anchors
     rays_cast: pack(Drawn),
     messages: pack(Messages),
     known: pack(Coefficients),
@@ -170,6 +171,7 @@ def learn(
     for _ in range(1):
         for s in range(known.surface.shape[0]):
             total, known.latest[s] = ti.f64(0.0), -1
+            place_again(s, mean, head, hits.extent, hits.outermost)
             for n in range(BINS):
                 total += known.surface[s, n] * (n + 0.5) / BINS
             known.usual[s] = total
@@ -180,10 +182,7 @@ def learn(
             heard = messages.summary[SHARE, row] > AUDIBLE
             send = messages.factor[row, 1] > 0.5 and rays_cast.seen[row, 1] > frame[LEAST]
             if send and messages.summary[SHARE, row] > LIKELIER_THAN_NOT:
-                spot(
-                    messages.noted, row, rays_cast.seen, mean, head, hits.foot, hits.extent, hits.times,
-                    known.latest,
-                )  # fmt: skip
+                spot(messages.noted, row, rays_cast.seen, places, mean, head, hits, known.latest)
             tells = (bounces == 1 and (heard or send)) or (bounces == 2 and heard and send)
             for turn in range(bounces if tells else 0):  # the last bounce first
                 other = ti.f64(1.0)
@@ -218,6 +217,7 @@ def learn_ratios(
     ratio: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [L, 2, BINS] log-likelihoods over the coefficient at the
     # last and the first hit of every path
     frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] see `blocks.Cells`
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 2 or more] of the anchors
     rays_cast: pack(Drawn),
     messages: pack(Messages),
     known: pack(Coefficients),
@@ -228,6 +228,7 @@ def learn_ratios(
     for _ in range(1):
         for s in range(known.surface.shape[0]):
             known.latest[s] = -1
+            place_again(s, mean, head, hits.extent, hits.outermost)
         rays = rays_cast.drawn.shape[0] // ti.max(messages.noted.shape[0], 1)
         log = ti.Vector([0.0] * BINS, dt=ti.f64)
         for row in range(messages.count[0]):
@@ -235,10 +236,7 @@ def learn_ratios(
             heard = messages.summary[SHARE, row] > AUDIBLE
             send = messages.factor[row, 1] > 0.5 and rays_cast.seen[row, 1] > frame[LEAST]
             if send and messages.summary[SHARE, row] > LIKELIER_THAN_NOT:
-                spot(
-                    messages.noted, row, rays_cast.seen, mean, head, hits.foot, hits.extent, hits.times,
-                    known.latest,
-                )  # fmt: skip
+                spot(messages.noted, row, rays_cast.seen, places, mean, head, hits, known.latest)
             if bounces == 1 and heard:
                 most, total = ti.f64(-1e30), ti.f64(0.0)
                 for n in range(BINS):

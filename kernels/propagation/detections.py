@@ -2,13 +2,17 @@
 
 import taichi as ti
 
-from gridslam.kernels.primitives.functions import cos_of, sin_of
+from gridslam.kernels.primitives.blocks import Hits
+from gridslam.kernels.primitives.functions import cos_of, mirrored, sin_of
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.layout import line_entry
+from gridslam.kernels.primitives.packing import pack
 
 LIKELIER_THAN_NOT = 0.5
 """Probability of having caused a measurement above which a path shows that its surfaces are there."""
 EXPONENT, NO_NUMBER = 52, 0x7FF
+NEAR_M = 1e-9
+"""A path from a line to it again is reflected anywhere."""
 """Bit at which a double's exponent begins, and what it is where the rest is no number."""
 
 
@@ -19,9 +23,53 @@ def known(value):
 
 
 @ti.func
+def along_of(mean: ti.template(), at, way):
+    """Where along a line a path is reflected off it that goes from ``way[:2]`` to ``way[2:]``."""
+    nx, ny, offset = cos_of(mean[at]), sin_of(mean[at]), mean[at + 1]
+    before, after = ti.abs(nx * way[0] + ny * way[1] - offset), ti.abs(nx * way[2] + ny * way[3] - offset)
+    first, last = nx * way[1] - ny * way[0], nx * way[3] - ny * way[2]
+    return (first * after + last * before) / ti.max(before + after, NEAR_M)
+
+
+@ti.func
+def way_of(outermost: ti.template(), s, side):
+    """The path that hit a surface farthest on one side."""
+    return ti.Vector([outermost[s, 4 * side + n] for n in range(4)], dt=ti.f64)
+
+
+@ti.func
+def place_again(s, mean: ti.template(), head, extent: ti.template(), outermost: ti.template()):
+    """Put the ends of a stretch where its outermost hits are by the line as it is believed now."""
+    for side in ti.static(range(2)):
+        if known(outermost[s, 4 * side]):
+            extent[s, side] = along_of(mean, line_entry(head, s), way_of(outermost, s, side))
+    low, high = extent[s, 0], extent[s, 1]
+    if known(low) and low > high:
+        extent[s, 0], extent[s, 1] = high, low
+        below, above = way_of(outermost, s, 0), way_of(outermost, s, 1)
+        for n in ti.static(range(4)):
+            outermost[s, n], outermost[s, 4 + n] = above[n], below[n]
+
+
+@ti.func
+def unfolded(path: ti.template(), row, corner, places: ti.template(), mean: ti.template(), head):
+    """Where a path comes from and goes to as one of its bounces sees it: the other one is unfolded."""
+    bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
+    fx, fy, tx, ty = places[anchor, 0], places[anchor, 1], mean[0], mean[1]
+    if bounces == 2:
+        other = line_entry(head, last if corner == 0 else first)
+        nx, ny, offset = cos_of(mean[other]), sin_of(mean[other]), mean[other + 1]
+        if corner == 0:
+            tx, ty = mirrored(tx, ty, nx, ny, offset)
+        else:
+            fx, fy = mirrored(fx, fy, nx, ny, offset)
+    return ti.Vector([fx, fy, tx, ty], dt=ti.f64)
+
+
+@ti.func
 def spot(
-    path: ti.template(), row, seen: ti.template(), mean: ti.template(), head, foot: ti.template(),
-    extent: ti.template(), times: ti.template(), latest: ti.template(),
+    path: ti.template(), row, seen: ti.template(), places: ti.template(), mean: ti.template(), head,
+    hits: ti.template(), latest: ti.template(),
 ):  # fmt: skip
     """Remember where a path hit its surfaces, and that its anchor saw them, once each.
 
@@ -32,13 +80,18 @@ def spot(
         s = path[row, 1] if corner == bounces - 1 else path[row, 2]
         angle = mean[line_entry(head, s)]
         along = cos_of(angle) * seen[row, 3 + 2 * corner] - sin_of(angle) * seen[row, 2 + 2 * corner]
-        before, low, high = times[s], extent[s, 0], extent[s, 1]
-        foot[s] = ti.select(
-            known(along), along, foot[s]
+        hits.foot[s] = ti.select(
+            known(along), along, hits.foot[s]
         )  # a GPU gets its other entries only if some are read
-        extent[s, 0] = ti.min(low, along) if known(low) else along
-        extent[s, 1] = ti.max(high, along) if known(high) else along
-        times[s] = before + (1 if latest[s] != anchor else 0)
+        way = unfolded(path, row, corner, places, mean, head)
+        hit = along_of(mean, line_entry(head, s), way)
+        for side in ti.static(range(2)):
+            end = hits.extent[s, side]
+            if not known(end) or (hit < end if ti.static(side == 0) else hit > end):
+                hits.extent[s, side] = hit
+                for n in ti.static(range(4)):
+                    hits.outermost[s, 4 * side + n] = way[n]
+        hits.times[s] += 1 if latest[s] != anchor else 0
         latest[s] = anchor
 
 
@@ -53,17 +106,16 @@ def mark(
     ),  # [L, 6] unused, share of states where it is possible, first
     # and second corner after the anchor
     share: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] probability that the path caused a measurement
+    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 2 or more] of the anchors
     latest: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [S] scratch
-    foot: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] in/out: tangential coordinate of the latest hit
-    extent: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 2] in/out: stretch that was hit, if any was
-    times: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] in/out: detections, one per anchor at most, if its
-    # paths follow each other
+    hits: pack(Hits),
 ):
     """Remember which surfaces were seen by an anchor, and where they were hit."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        for s in range(foot.shape[0]):
+        for s in range(hits.foot.shape[0]):
             latest[s] = -1
+            place_again(s, mean, head, hits.extent, hits.outermost)
         for row in range(path.shape[0]):
             if share[row] * seen[row, 1] > LIKELIER_THAN_NOT:
-                spot(path, row, seen, mean, head, foot, extent, times, latest)
+                spot(path, row, seen, places, mean, head, hits, latest)

@@ -3,6 +3,7 @@
 import numpy as np
 from hypothesis import strategies as st
 
+from gridslam.kernels.primitives.blocks import Hits
 from gridslam.world.filter_model import FIXED
 
 BINS = 20
@@ -54,6 +55,16 @@ def random_bank(draw, surfaces, anchors):
         existence, owner.astype(np.int64), draw.integers(0, 60, surfaces), draw.uniform(0, 1, anchors),
         draw.uniform(0, 1, (anchors, surfaces)), draw.uniform(0, 1, (anchors, surfaces, surfaces)),
     )  # fmt: skip
+
+
+def random_hits(draw, surfaces):
+    """Where surfaces were hit: some never, of some it isn't known by which path."""
+    extent = np.sort(draw.normal(0, 3, (surfaces, 2))) * draw.choice([np.nan, 1.0], (surfaces, 1))
+    outermost = draw.normal(0, 4, (surfaces, 2, 4)) * draw.choice([np.nan, 1.0], (surfaces, 2, 1))
+    outermost[np.isnan(extent)] = np.nan
+    return Hits(
+        draw.normal(size=surfaces), extent, draw.integers(0, 9, surfaces), outermost.reshape(surfaces, 8)
+    )
 
 
 def random_radio(draw, given_std=False, flat_array=False, anchors=2):

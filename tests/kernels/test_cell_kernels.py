@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from kernel_worlds import (
     BINS,
     detection_table,
+    random_hits,
     random_radio,
     random_world,
     some_rows,
@@ -16,7 +17,6 @@ from gridslam import reference, runtime
 from gridslam.kernels.primitives.blocks import (
     Coefficients,
     Drawn,
-    Hits,
     Messages,
 )
 from gridslam.world.radio import REFLECTION_BINS
@@ -35,9 +35,10 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
     assert len(REFLECTION_BINS) == OWN == BINS, "kernels can't import it, and hold so many on the stack"
     draw = np.random.default_rng(seed)
     state, path, place = random_world(draw, rays, np.float64, surfaces=3)
+    places = place[None]
     path, room = np.pad(path, ((0, 2), (0, 1))), len(path) + 2  # more than are noted
     drawn = np.zeros((room * rays, 13))
-    polylines(state, path, place[None], drawn)
+    polylines(state, path, places, drawn)
     drawn, seen = np.pad(drawn, ((0, 0), (0, 1))), draw.uniform(0.5, 1.0, (room, 6))
     spread = draw.choice([0.1, 30.0])  # some so sure that all else is impossible
     where, rows = some_rows(draw, (9, 11), spread)
@@ -52,14 +53,15 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
     said = np.stack([draw.choice([-1.0, 2.5, 9.0, 40.0], 9), draw.choice([1e-5, 0.3, 1.0], 9)])
     (table, step), radio, count = detection_table(), random_radio(draw), np.array([room - 2, 9], np.int32)
     messages = Messages(count, path, factor, told, begin, said)
-    into = 7, step, draw.normal(size=13), table, radio, frame, Drawn(drawn, seen), messages
-    sights = draw.normal(size=3), draw.choice([np.nan, 0.3], (3, 2)), draw.integers(0, 9, 3)
+    into = 7, step, draw.normal(size=13), table, radio, frame, places, Drawn(drawn, seen), messages
+    sights = random_hits(np.random.default_rng([seed, 1]), 3)
     own = Coefficients(surface, where, held, used, np.empty(3), np.full(3, 9, np.int32))
-    expected = reference.learn(*into, own._replace(surface=surface.copy()), Hits(*sights))
+    expected = reference.learn(*into, own._replace(surface=surface.copy()), sights)
     known = where.copy()
-    learn(*into, own, Hits(*sights))
+    learn(*into, own, sights)
     np.testing.assert_allclose(surface, expected[0], rtol=1e-5, atol=1e-12)
-    np.testing.assert_allclose(reference.dense(where, held), expected[1], rtol=1e-6, atol=2e-4)
+    # sums of 48 rays in single precision, of which the greatest is taken off
+    np.testing.assert_allclose(reference.dense(where, held), expected[1], rtol=1e-6, atol=3e-3)
     np.testing.assert_array_equal(where[known >= 0], known[known >= 0])
     fresh = np.sort(where[(where >= 0) & (known < 0)])
     np.testing.assert_array_equal(fresh, np.arange(len(rows), used[0]))
@@ -75,9 +77,10 @@ def test_coefficients_learned_by_given_ratios_equal_their_twin(seed, rays):
 
     draw = np.random.default_rng(seed)
     state, path, place = random_world(draw, rays, np.float64, surfaces=3)
+    places = place[None]
     path, room = np.pad(path, ((0, 2), (0, 1))), len(path) + 2  # more than are noted
     drawn = np.zeros((room * rays, 13))
-    polylines(state, path, place[None], drawn)
+    polylines(state, path, places, drawn)
     drawn, seen = np.pad(drawn, ((0, 0), (0, 1))), draw.uniform(0.5, 1.0, (room, 6))
     where, rows = some_rows(draw, (9, 11), 3.0)
     held, used = np.full((99, BINS), np.nan, np.float32), np.array([len(rows)], np.int32)
@@ -88,12 +91,12 @@ def test_coefficients_learned_by_given_ratios_equal_their_twin(seed, rays):
     count, pairs = np.array([room - 2, 0], np.int32), (np.zeros(room + 1, np.int32), np.zeros((2, 0)))
     messages = Messages(count, path, factor, told, *pairs)
     ratio = np.log(draw.uniform(0, 3, (room, 2, BINS)) * draw.choice([1e-3, 1.0, 1e9], (room, 2, 1)))
-    into = 7, draw.normal(size=13), ratio, frame, Drawn(drawn, seen), messages
-    sights = draw.normal(size=3), draw.choice([np.nan, 0.3], (3, 2)), draw.integers(0, 9, 3)
+    into = 7, draw.normal(size=13), ratio, frame, places, Drawn(drawn, seen), messages
+    sights = random_hits(np.random.default_rng([seed, 1]), 3)
     surface = draw.dirichlet(np.full(BINS, 0.2), 3)
     own = Coefficients(surface, where, held, used, np.empty(3), np.full(3, 9, np.int32))
-    expected = reference.learn_ratios(*into, own._replace(surface=surface.copy()), Hits(*sights))
-    learn_ratios(*into, own, Hits(*sights))
+    expected = reference.learn_ratios(*into, own._replace(surface=surface.copy()), sights)
+    learn_ratios(*into, own, sights)
     np.testing.assert_allclose(surface, expected[0], rtol=1e-5, atol=1e-12)
     np.testing.assert_allclose(reference.dense(where, held), expected[1], rtol=1e-6, atol=1e-3)
     for found, wanted in zip(sights, expected[2:], strict=True):

@@ -145,6 +145,16 @@ def test_walks_of_surfaces_that_an_older_file_lacks_are_those_of_flat_walls():
         np.testing.assert_array_equal(get_value(file, "it", SurfaceBank).walk, np.zeros((2, 2)))
 
 
+def test_outermost_hits_that_an_older_file_lacks_are_not_known():
+    bank = state_of(Belief(np.append(np.zeros(5), [0.3, 4.0]), np.eye(7))).surfaces
+    bank = replace(bank, outermost=np.arange(8.0)[None])
+    equal(through(bank, SurfaceBank), bank)
+    with h5py.File("memory", "w", driver="core", backing_store=False) as file:
+        put_value(file, "it", bank)
+        del file["it/outermost"]
+        assert np.isnan(get_value(file, "it", SurfaceBank).outermost).all()
+
+
 def test_a_range_watch_of_an_older_file_has_no_doubt_yet():
     watch = replace(RangeWatch.start(2), doubt="too long")
     equal(through(watch, RangeWatch), watch)

@@ -76,9 +76,14 @@ def _united(bank: SurfaceBank, older: int, younger: int) -> SurfaceBank:
     single[:, older] = np.maximum(single[:, older], single[:, younger])
     double[:, older] = np.maximum(double[:, older], double[:, younger])
     double[:, :, older] = np.maximum(double[:, :, older], double[:, :, younger])
-    ends = np.stack([extent[older], extent[younger]])
-    extent[older] = [np.fmin.reduce(ends[:, 0]), np.fmax.reduce(ends[:, 1])]
-    return replace(bank, existence=existence, seen=seen, single=single, double=double, extent=extent)
+    outermost, both = bank.outermost.copy().reshape(-1, 2, 4), np.array([older, younger])
+    for side, beyond in enumerate((-1.0, 1.0)):
+        farthest = both[np.argmax(np.nan_to_num(beyond * extent[both, side], nan=-np.inf))]
+        extent[older, side], outermost[older, side] = extent[farthest, side], outermost[farthest, side]
+    return replace(
+        bank, existence=existence, seen=seen, single=single, double=double, extent=extent,
+        outermost=outermost.reshape(-1, 8),
+    )  # fmt: skip
 
 
 def merge_and_prune(

@@ -11,7 +11,9 @@ from gridslam.inference.state.particles import at_mean
 from gridslam.inference.state.polylines import draw_paths
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
+from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.inference.workspace.workspace import Workspace, timed
+from gridslam.kernels.primitives.blocks import Hits
 from gridslam.world.filter_model import FilterModel
 
 
@@ -32,10 +34,20 @@ def mark_detections(state: State, rays: Rays, share: Array, model: FilterModel, 
     rays.check(len(bank))
     if len(belief.lines) != len(bank) or not len(rays) == lines.count == len(share):
         raise ValueError("belief, bank, rays and what was drawn of them don't belong together")
-    foot, extent, seen = bank.foot.copy(), bank.extent.copy(), bank.seen.copy()
-    latest = work.buffers(latest_hits, 0, len(bank))
-    mark(belief.mean, belief.layout.head, rays.table, lines.seen, share, latest, foot, extent, seen)
-    return replace(state, surfaces=replace(bank, foot=foot, extent=extent, seen=seen))
+    hits, latest = hits_of(bank), work.buffers(latest_hits, 0, len(bank))
+    mark(belief.mean, belief.layout.head, rays.table, lines.seen, share, model.places, latest, hits)
+    return replace(state, surfaces=with_hits(bank, hits))
+
+
+def hits_of(bank: SurfaceBank) -> Hits:
+    """Where surfaces were hit, for kernels to go on with."""
+    return Hits(bank.foot.copy(), bank.extent.copy(), bank.seen.copy(), bank.outermost.copy())
+
+
+def with_hits(bank: SurfaceBank, hits: Hits) -> SurfaceBank:
+    """The bank with what a kernel made of `hits_of`."""
+    foot, extent, seen, outermost = hits
+    return replace(bank, foot=foot, extent=extent, seen=seen, outermost=outermost)
 
 
 def latest_hits(surfaces: int) -> NDArray[np.int32]:

@@ -11,13 +11,13 @@ import numpy as np
 from gridslam import runtime
 from gridslam.arrays import Array, replace
 from gridslam.inference.messages.cells import RAYS
-from gridslam.inference.messages.detections import latest_hits
+from gridslam.inference.messages.detections import hits_of, latest_hits, with_hits
 from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.state.polylines import Polylines
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
-from gridslam.kernels.primitives.blocks import Coefficients, Drawn, Hits
+from gridslam.kernels.primitives.blocks import Coefficients, Drawn
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.levels import COEFFICIENTS
 from gridslam.world.radio import BINS, RadioModel
@@ -111,8 +111,7 @@ def update_coefficients(state: State, drawn: Polylines, model: FilterModel, *, w
     surfaces = len(bank)
     if messages.among[0] > surfaces or belief.layout.surfaces != surfaces:
         raise ValueError("messages or belief aren't of these surfaces")
-    reflection, foot, extent = bank.reflection.copy(), bank.foot.copy(), bank.extent.copy()
-    seen = bank.seen.copy()
+    reflection, hits = bank.reflection.copy(), hits_of(bank)
     row, used = grid.row.copy(), np.array([len(grid.hit)], np.int32)
     hit = np.empty((len(grid.hit) + 2 * drawn.count * RAYS, BINS), np.float32)
     hit[: len(grid.hit)] = grid.hit
@@ -120,10 +119,10 @@ def update_coefficients(state: State, drawn: Polylines, model: FilterModel, *, w
     usual, latest = work.buffers(_usual, 0, surfaces), work.buffers(latest_hits, 0, surfaces)
     learn(
         belief.layout.head, detection.step, belief.mean, detection.chance, radio,
-        work.require_cells().frame_of_messages, Drawn(drawn.drawn, drawn.seen), messages.block(),
-        Coefficients(reflection, row, hit, used, usual, latest), Hits(foot, extent, seen),
+        work.require_cells().frame_of_messages, model.places, Drawn(drawn.drawn, drawn.seen),
+        messages.block(), Coefficients(reflection, row, hit, used, usual, latest), hits,
     )  # fmt: skip
-    bank = replace(bank, reflection=reflection, foot=foot, extent=extent, seen=seen)
+    bank = replace(with_hits(bank, hits), reflection=reflection)
     return replace(state, surfaces=bank, grid=replace(grid, row=row, hit=hit[: int(used[0])].copy()))
 
 

@@ -26,6 +26,11 @@ def _flat(values: dict[str, Any]) -> Array:
     return np.zeros((values["identity"].size, 2))
 
 
+def _not_known(values: dict[str, Any]) -> Array:
+    """The outermost hits of an earlier version's surfaces, which it didn't keep, (S, 8)."""
+    return np.full((values["identity"].size, 8), np.nan)
+
+
 @dataclass(frozen=True, eq=False)
 class SurfaceBank:
     """Potential surfaces, aligned with the lines in a `Belief`.
@@ -45,7 +50,10 @@ class SurfaceBank:
     double : (J, S, S) float64
         Existence of the ray over (last, first).
     extent : (S, 2) float64, m
-        Tangential stretch that was hit.
+        Tangential stretch that was hit, its ends by the line as it is believed now.
+    outermost : (S, 8) float64, m
+        The paths that hit lowest and highest: from where (x, y) and to where each went, its other bounce
+        unfolded; NaN where an end is another agent's.
     foot : (S,) float64, m
         Tangential coordinate of the latest hit.
     owner : (S,) int
@@ -66,6 +74,7 @@ class SurfaceBank:
     foot: Array
     owner: NDArray[np.int64]
     walk: Array = field(metadata={"later": _flat})
+    outermost: Array = field(metadata={"later": _not_known, "blank": True})
 
     def __len__(self) -> int:
         return len(self.identity)
@@ -89,6 +98,7 @@ class SurfaceBank:
         return cls(
             whole, none, np.zeros((0, BINS)), none.copy(), whole.copy(), np.zeros((anchors, 0)),
             np.zeros((anchors, 0, 0)), np.zeros((0, 2)), none.copy(), whole.copy(), np.zeros((0, 2)),
+            np.zeros((0, 8)),
         )  # fmt: skip
 
     def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> SurfaceBank:
@@ -141,6 +151,7 @@ class SurfaceBank:
             _longer(self.foot, foot),
             _longer(self.owner, owner),
             _longer(self.walk, 0.0),
+            _longer(self.outermost, np.nan),
         )
 
 

@@ -11,13 +11,13 @@ from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.health.monitor import NO_FIT
 from gridslam.inference.messages.cells import RAYS
-from gridslam.inference.messages.detections import latest_hits
+from gridslam.inference.messages.detections import hits_of, latest_hits, with_hits
 from gridslam.inference.messages.samples.array_paths import Snapshot, SnapshotLikelihood, log_amplitudes
 from gridslam.inference.state.polylines import Polylines
 from gridslam.inference.state.presence import Presence
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
-from gridslam.kernels.primitives.blocks import Coefficients, Drawn, Hits
+from gridslam.kernels.primitives.blocks import Coefficients, Drawn
 from gridslam.world.radio import BINS, REFLECTION_BINS
 from gridslam.world.signal_model import SignalModel
 
@@ -114,8 +114,9 @@ def exchange_of(snapshot: Snapshot, likelihood: SnapshotLikelihood, model: Signa
 
 @timed("cells")
 def update_coefficients_by_ratios(
-    state: State, drawn: Polylines, listened: list[tuple[Snapshot, SnapshotLikelihood]], *, work: Workspace
-) -> State:
+    state: State, drawn: Polylines, listened: list[tuple[Snapshot, SnapshotLikelihood]],
+    model: SignalModel, *, work: Workspace,
+) -> State:  # fmt: skip
     """Learn coefficients of surfaces and cells from a step's snapshots, and where surfaces were hit (M155).
 
     Parameters
@@ -141,18 +142,17 @@ def update_coefficients_by_ratios(
         )
         ratios.append(own)
     ratio = np.concatenate(ratios)
-    reflection, foot, extent = bank.reflection.copy(), bank.foot.copy(), bank.extent.copy()
-    seen = bank.seen.copy()
+    reflection, hits = bank.reflection.copy(), hits_of(bank)
     row, used = grid.row.copy(), np.array([len(grid.hit)], np.int32)
     hit = np.empty((len(grid.hit) + 2 * drawn.count * RAYS, BINS), np.float32)
     hit[: len(grid.hit)] = grid.hit
     latest = work.buffers(latest_hits, 0, surfaces)
     learn_ratios(
-        belief.layout.head, belief.mean, ratio, work.require_cells().frame_of_messages,
+        belief.layout.head, belief.mean, ratio, work.require_cells().frame_of_messages, model.places,
         Drawn(drawn.drawn, drawn.seen), messages.block(),
-        Coefficients(reflection, row, hit, used, usual, latest), Hits(foot, extent, seen),
+        Coefficients(reflection, row, hit, used, usual, latest), hits,
     )  # fmt: skip
-    bank = replace(bank, reflection=reflection, foot=foot, extent=extent, seen=seen)
+    bank = replace(with_hits(bank, hits), reflection=reflection)
     return replace(
         state, surfaces=bank, presence=presence, grid=replace(grid, row=row, hit=hit[: int(used[0])].copy())
     )
