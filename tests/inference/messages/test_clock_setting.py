@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal, norm
 
 import gridslam as gs
@@ -13,9 +14,11 @@ from gridslam.inference.messages.network.clock_evidence import (
     clock_evidence,
     joint_density,
 )
+from gridslam.inference.messages.network.clock_setting import evidence_of, witnessed_surfaces
 from gridslam.inference.state.network.clock_search import ClockSearch
 from gridslam.systems.network import NetworkSlam
 from gridslam.world.clocks import ClockModel
+from gridslam.world.radio import BINS
 from gridslam.world.scan import Scan
 
 CLOCKS = ClockModel(2, 1, np.array([30.0, 0.0, 0.0]), walk_m=0.03)
@@ -70,19 +73,50 @@ def test_what_another_anchor_may_have_caused_says_less(annex):
     work.begin()
     centre, count = state.clocks.centre, len(slam.model.anchors)
     sought, known = np.arange(count) == 1, np.arange(count) == 0
-    part = state.part(0)
+    part, every = state.part(0), np.zeros(0, bool)
     both = [
-        agent_evidence(part, part, sought, claims, centre, scan, model.agents[0], work)
+        agent_evidence(part, part, sought, claims, every, centre, scan, model.agents[0], work)
         for claims in (known, np.zeros(count, bool))
     ]
     assert both[0][1].max() < both[1][1].max() - 2
     assert not both[0][[0, 2]].any()
     labelled = replace(scan, anchor=np.array([1]))  # nobody else's
     same = [
-        agent_evidence(part, part, sought, claims, centre, labelled, model.agents[0], work)
+        agent_evidence(part, part, sought, claims, every, centre, labelled, model.agents[0], work)
         for claims in (known, np.zeros(count, bool))
     ]
     np.testing.assert_array_equal(*same)
+
+
+def test_a_surface_that_one_link_alone_heard_tells_of_no_clock_without_labels(annex):
+    """Where labels are missing, it may be the searched anchor's own path, taken for another's."""
+    slam, scan = annex
+    state, model, work = slam.state, slam.model, slam.work
+    mean, spread = np.append(state.belief.mean, [0.0, 7.0]), state.belief.covariance
+    belief = replace(state.belief, mean=mean, covariance=block_diag(spread, 1e-4 * np.eye(2)))
+    bank = state.surfaces.add(1, 0.99, np.full(BINS, 1 / BINS), 0.0, (0, -1, -1))
+    one = replace(state, belief=belief, surfaces=bank, labelled=False)
+    two = replace(one, surfaces=replace(bank, single=np.maximum(bank.single, 0.98)))
+    assert not witnessed_surfaces(one)[0]
+    assert witnessed_surfaces(two)[0]
+    assert witnessed_surfaces(replace(one, labelled=True))[0]
+
+    anchor, agent = model.agents[0].anchor_positions[1], state.belief.mean[:2]
+    image = np.array([14 - anchor[0], anchor[1]])
+    hit = agent + (image - agent) * (7 - agent[0]) / (image[0] - agent[0])
+    departing, arriving = (np.arctan2(*(hit - end)[::-1]) for end in (anchor, agent))
+    length = np.array([np.hypot(*(image - agent))])
+    aod, aoa = departing - model.agents[0].anchor_orientations[1], arriving - state.belief.mean[4]
+    bounce = replace(scan, distance_m=length, aod_rad=np.array([aod]), aoa_rad=np.array([aoa]))
+
+    def peak(state):
+        work[0].begin()
+        sought = np.arange(len(model.anchor_names)) == 1
+        evidence = evidence_of(state, sought, [bounce], model, works=work)[1]
+        return evidence.max() - np.median(evidence)
+
+    assert peak(one) < 0.1
+    assert peak(two) > 1
 
 
 @pytest.fixture(scope="module")

@@ -36,6 +36,7 @@ def agent_evidence(
     part: State,
     sought: NDArray[np.bool_],
     known: NDArray[np.bool_],
+    witnessed: NDArray[np.bool_],
     centre: Array,
     scan: Scan,
     model: FilterModel,
@@ -51,6 +52,8 @@ def agent_evidence(
         The agent's view without the clocks that are sought, and as believed.
     sought, known : (J,) bool
         Anchors whose clocks are sought, and set.
+    witnessed : (S,) bool
+        Surfaces of which single bounces may tell of clocks.
     centre : (C,) m
         Offsets.
 
@@ -66,7 +69,8 @@ def agent_evidence(
     level = np.append(bare.surfaces.reflection @ REFLECTION_BINS, 1.0)[rays.last]
     amplitude = radio.amplitude(length, level)
     chance = rays.existence * rays.surfaces * radio.detection_probability(amplitude)
-    sure = (rays.bounces == 0) | ((rays.bounces == 1) & (rays.surfaces > SURE_SURFACE))
+    over_sure = (rays.surfaces > SURE_SURFACE) & np.append(witnessed, True)[rays.last]
+    sure = (rays.bounces == 0) | ((rays.bounces == 1) & over_sure)
     heard, total = work.once(whole_scan, scan, model), np.zeros((len(sought), len(centre)))
     steep = lean(length, np.asarray(model.anchor_heights)[rays.anchor])
     ratio = amplitude_ratio(heard.amplitude, amplitude, radio)

@@ -22,6 +22,9 @@ CHALLENGE_STEPS = 5
 EXPECTED, SILENT_SHARE, HEARD_SHARE, DOUBTED = 0.5, 0.2, 0.5, 12.0
 """Chance from which on a path is expected; shares of the expected paths that count as silence and as being
 heard; nats of surprise by silence after which a clock is opened again."""
+HEARD_RAY, WITNESSES = 0.9, 2
+"""Existence of a ray that was heard of late; links whose single bounces must be, of a surface that tells of
+clocks where nothing says whose a measurement is."""
 
 
 def set_clocks(
@@ -89,13 +92,25 @@ def evidence_of(
     for anchor in np.flatnonzero(sought).tolist():
         bare = bare.independent(int(first[anchor]), 0.0, 0.0)
     whole, search, evidence = replace(state, belief=bare), state.clocks, np.zeros_like(state.clocks.log)
+    witnessed = witnessed_surfaces(state)
     for agent, scan in enumerate(scans):
         if scan is not None and len(scan):
             evidence += agent_evidence(
-                whole.part(agent), state.part(agent), sought, ~search.unset, search.centre, scan,
+                whole.part(agent), state.part(agent), sought, ~search.unset, witnessed, search.centre, scan,
                 model.agents[agent], works[agent],
             )  # fmt: skip
     return evidence
+
+
+def witnessed_surfaces(state: NetworkState) -> NDArray[np.bool_]:
+    """Which surfaces, (S,), are no phantoms that a path of an open clock's anchor made.
+
+    Without labels, that path is taken for another anchor's over a wall that isn't there: one link hears it.
+    """
+    bank = state.surfaces
+    if state.labelled or len(state.clocks.unset) == 1:
+        return np.ones(len(bank), np.bool_)
+    return np.asarray((bank.single > HEARD_RAY).sum(0) >= WITNESSES)
 
 
 def loosened(state: NetworkState) -> NetworkState:
