@@ -70,7 +70,8 @@ def _distances(draw: np.random.Generator, seconds: float) -> KernelSpeed:
         "climb_distances", f"{RINGS} paths", "path", RINGS, seconds, 1.0,
         lambda: joint_mode(band, samples, prior, 1.0), lambda: joint_mode(band, samples, alone, 1.0),
         lambda: reference.climb_distances(
-            band.wavenumber, band.pulse, samples, prior.mean, prior.precision, weight, limits, length
+            band.wavenumber, band.pulse, samples, prior.mean, prior.precision, weight, prior.chances,
+            limits, length,
         ),
     )  # fmt: skip
 

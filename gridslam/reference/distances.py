@@ -25,21 +25,21 @@ class _Point:
 
 def climb_distances(
     wavenumber: Array, pulse: Complex, samples: Complex, mean: Array, precision: Array, weight: Array,
-    limits: Array, start: Array,
+    chance: Array, limits: Array, start: Array,
 ) -> tuple[Array, Array, float]:  # fmt: skip
     """Distances (N,) at the joint mode, information (N, N) there, and the log posterior.
 
     Parameters
     ----------
     wavenumber, pulse, samples : (M,)
-    mean, weight, start : (N,)
+    mean, weight, chance, start : (N,)
     precision : (N, N)
     limits : (7,)
         As the kernel's.
     """
 
     def at(distance: Array) -> _Point:
-        return _point(wavenumber, pulse, samples, mean, precision, weight, limits, distance)
+        return _point(wavenumber, pulse, samples, mean, precision, weight, chance, limits, distance)
 
     distance, here = np.array(start), at(start)
     for _ in range(int(limits[3])):
@@ -57,7 +57,7 @@ def climb_distances(
 
 def _point(
     wavenumber: Array, pulse: Complex, samples: Complex, mean: Array, precision: Array, weight: Array,
-    limits: Array, distance: Array,
+    chance: Array, limits: Array, distance: Array,
 ) -> _Point:  # fmt: skip
     noise, scale = limits[0], limits[2]
     response = pulse[:, None] * np.exp(-1j * np.outer(wavenumber, distance))
@@ -71,9 +71,13 @@ def _point(
     gradient = 2 * (np.conj(amplitude) * (np.conj(slope).T @ white)).real
     gradient -= 2 * weight * (np.conj(response) * (inverse @ slope)).sum(0).real
     off, gap = distance - mean, (distance[1:] - distance[0]) / scale
-    value = -log_det - np.vdot(samples, white).real - 0.5 * off @ precision @ off + log_ndtr(gap).sum()
-    push = np.exp(-0.5 * gap**2 - log_ndtr(gap)) * limits[6]
+    value = -log_det - np.vdot(samples, white).real - 0.5 * off @ precision @ off
+    with np.errstate(divide="ignore"):  # of a path that is surely there, or surely gone
+        log_there, log_gone = np.log(chance[1:]), np.log1p(-chance[1:])
+        behind = np.logaddexp(log_there + log_ndtr(gap), log_gone)
+    value += behind.sum()
+    push = np.exp(log_there - 0.5 * gap**2 - behind) * limits[6]
     order = np.concatenate([-np.ones((len(gap), 1)), np.eye(len(gap))], 1)  # derivatives of differences
     gradient = gradient - precision @ off + order.T @ push / scale
-    curvature = precision + information + (order.T * (push * (push + gap))) @ order / scale**2
+    curvature = precision + information + (order.T * np.maximum(push * (push + gap), 0.0)) @ order / scale**2
     return _Point(float(value), gradient, curvature, information)

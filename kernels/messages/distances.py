@@ -28,7 +28,8 @@ def climb_distances(
     samples: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 2]
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] predicted distances, m
     precision: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, N] their inverse covariance, 1/m^2
-    weight: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] mean power of each path
+    weight: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [N, 2] mean power of each path, and
+    # chance that it is there
     limits: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] the noise's power in each sample; longest step, m;
     # scale over which it becomes unlikely that an image is nearer than its anchor, m; steps and halvings
     # of each at most; gain that ends the search; 1 / sqrt(2 pi)
@@ -95,7 +96,7 @@ def posterior(
     log_det = root_of(weight, noise, work)
     found = -log_det - wavenumber.shape[0] * logarithm_of(noise) - power / noise
     for k in range(count):
-        one = ti.sqrt(weight[k]) * ti.Vector([vector[k, HEARD], vector[k, HEARD + 1]])
+        one = ti.sqrt(weight[k, 0]) * ti.Vector([vector[k, HEARD], vector[k, HEARD + 1]])
         one = solved(work, one, PLAIN, count, k)
         found += (one[0] * one[0] + one[1] * one[1]) / (noise * noise)
     for n in range(count):
@@ -104,7 +105,7 @@ def posterior(
             pull += precision[n, m] * (vector[m, HERE] - mean[m])
         found -= 0.5 * (vector[n, HERE] - mean[n]) * pull
         if n > 0:
-            found += tail((vector[n, HERE] - vector[0, HERE]) / limits[2], limits[6])[0]
+            found += behind((vector[n, HERE] - vector[0, HERE]) / limits[2], weight[n, 1], limits[6])[0]
     return found
 
 
@@ -155,7 +156,7 @@ def root_of(weight: ti.template(), noise, work: ti.template()):
     log_det = ti.f64(0.0)
     for n in range(weight.shape[0]):
         for k in range(n + 1):
-            scale = ti.sqrt(weight[n] * weight[k]) / noise
+            scale = ti.sqrt(weight[n, 0] * weight[k, 0]) / noise
             x, y = scale * work[0, n, k, 0], scale * work[0, n, k, 1]
             for i in range(k):
                 ax, ay, bx, by = (
@@ -200,16 +201,16 @@ def slopes(
     count, noise = mean.shape[0], limits[0]
     for n in range(count):
         for k in range(count):
-            root = ti.sqrt(weight[k])
+            root = ti.sqrt(weight[k, 0])
             solved(work, root * ti.Vector([work[0, k, n, 0], work[0, k, n, 1]]), PLAIN, n, k)
             solved(work, root * ti.Vector([work[1, k, n, 1], -work[1, k, n, 0]]), STEEP, n, k)
         own = (work[1, n, n, 1] - inner(work, PLAIN, n, STEEP, n)[0] / noise) / noise
         heard = ti.Vector([vector[n, HEARD], vector[n, HEARD + 1]])
-        amplitude = weight[n] * (heard - inner(work, PLAIN, n, PLAIN, count) / noise) / noise
+        amplitude = weight[n, 0] * (heard - inner(work, PLAIN, n, PLAIN, count) / noise) / noise
         sloped = ti.Vector([-vector[n, SLOPED + 1], vector[n, SLOPED]])
         steep = (sloped - inner(work, STEEP, n, PLAIN, count) / noise) / noise
         vector[n, AMPLITUDE], vector[n, AMPLITUDE + 1] = amplitude[0], amplitude[1]
-        vector[n, GRADIENT] = 2 * (amplitude[0] * steep[0] + amplitude[1] * steep[1] - weight[n] * own)
+        vector[n, GRADIENT] = 2 * (amplitude[0] * steep[0] + amplitude[1] * steep[1] - weight[n, 0] * own)
         for m in range(count):
             vector[n, GRADIENT] -= precision[n, m] * (vector[m, HERE] - mean[m])
     for n in range(count):
@@ -221,8 +222,8 @@ def slopes(
             work[STIFF, n, m, 0] = precision[n, m] + information[n, m]
     for n in range(1, count):
         gap = (vector[n, HERE] - vector[0, HERE]) / limits[2]
-        push = tail(gap, limits[6])[1]
-        bend = push * (push + gap) / (limits[2] * limits[2])
+        push = behind(gap, weight[n, 1], limits[6])[1]
+        bend = ti.max(push * (push + gap), 0.0) / (limits[2] * limits[2])
         vector[n, GRADIENT] += push / limits[2]
         vector[0, GRADIENT] -= push / limits[2]
         work[STIFF, n, n, 0] += bend
@@ -271,6 +272,17 @@ def newton_step(work: ti.template(), vector: ti.template()):
             x -= work[STIFF, i, n, 1] * vector[i, STEP]
         vector[n, STEP] = x / work[STIFF, n, n, 1]
     return gain * sound
+
+
+@ti.func
+def behind(gap, chance, height):
+    """Log of 1 - q + q Phi(gap) of a path that is there with chance q, and its derivative."""
+    whole = tail(gap, height)
+    if chance < 1:
+        there = chance * decay_of(whole[0])
+        mixed = 1 - chance + there
+        whole = ti.Vector([logarithm_of(mixed), whole[1] * there / mixed])
+    return whole
 
 
 @ti.func

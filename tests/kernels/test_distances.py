@@ -19,7 +19,8 @@ def some_band(draw, size):
 
 def some_prior(draw, count, places):
     root = draw.normal(size=(count, count)) / 0.1
-    return PathPrior(places, root @ root.T + np.eye(count), draw.exponential(100.0, count))
+    chance = np.clip(draw.uniform(-0.3, 1.3, count), 0.0, 1.0)
+    return PathPrior(places, root @ root.T + np.eye(count), draw.exponential(100.0, count), chance=chance)
 
 
 def searched(band, samples, prior, noise, rounds, halvings=6, farthest=0.1):
@@ -31,11 +32,20 @@ def searched(band, samples, prior, noise, rounds, halvings=6, farthest=0.1):
     distance, information, value = prior.mean.copy(), np.empty((size, size)), np.empty(1)
     numbers = (one.view(np.float64).reshape(-1, 2) for one in (band.pulse, samples))
     climb_distances(
-        band.wavenumber, *numbers, prior.mean, prior.precision, prior.weight, limits,
-        np.full((7, size + 1, size, 2), np.nan), np.full((size, 9), np.nan), distance, information, value,
+        band.wavenumber, *numbers, prior.mean, prior.precision,
+        np.column_stack([prior.weight, prior.chances]), limits, np.full((7, size + 1, size, 2), np.nan),
+        np.full((size, 9), np.nan), distance, information, value,
     )  # fmt: skip
     expected = reference.climb_distances(
-        band.wavenumber, band.pulse, samples, prior.mean, prior.precision, prior.weight, limits, prior.mean
+        band.wavenumber,
+        band.pulse,
+        samples,
+        prior.mean,
+        prior.precision,
+        prior.weight,
+        prior.chances,
+        limits,
+        prior.mean,
     )
     return (distance, information, value[0]), expected
 
@@ -56,17 +66,31 @@ def test_a_search_goes_where_the_twins_goes(seed, count, rounds, coincide):
         np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-7 * max(1.0, float(np.abs(other).max())))
 
 
+@pytest.mark.parametrize("chance", [1.0, 0.4])
 @pytest.mark.parametrize("gap", [-60.0, -3.1, -3.0, -2.9, -1.0, 0.0, 1.0, 2.9, 3.0, 3.1, 8.0, 60.0])
-def test_the_order_of_paths_weighs_as_the_normal_distribution_says(gap):
+def test_the_order_of_paths_weighs_as_the_normal_distribution_says(gap, chance):
     draw = np.random.default_rng(5)
     band, places = some_band(draw, 9), np.array([5.0, 5.0 + gap * BEHIND_M])
-    prior = PathPrior(places, np.eye(2), np.zeros(2))  # nothing is heard: order alone pushes
+    prior = PathPrior(
+        places, np.eye(2), np.zeros(2), chance=np.array([1.0, chance])
+    )  # nothing is heard: order alone pushes
     samples = draw.normal(size=9) + 1j * draw.normal(size=9)
     (_, _, value), _ = searched(band, samples, prior, 1.0, 0)
     bare = superpose(band, samples, places, prior.weight, 1.0).log_density
-    assert value - bare == pytest.approx(float(log_behind(places).sum()), rel=1e-9, abs=1e-11)
+    assert value - bare == pytest.approx(float(log_behind(places, chance).sum()), rel=1e-9, abs=1e-11)
     found, expected = searched(band, samples, prior, 1.0, 1, farthest=1e3)
     np.testing.assert_allclose(found[0], expected[0], rtol=1e-9)
+
+
+def test_a_path_that_is_gone_may_be_nearer_than_its_anchor():
+    """An image seen from behind its wall: its distance says where the agent is, and isn't pushed back."""
+    band, samples = Band.of(1e7 * (np.arange(17) - 8.0)), np.zeros(17, np.complex128)
+    for chance, moves in ((0.0, False), (1e-6, False), (1.0, True)):
+        prior = PathPrior(
+            np.array([5.0, 4.5]), 1e4 * np.eye(2), np.array([1e-9, 1e-9]), chance=np.array([1.0, chance])
+        )
+        mode = joint_mode(band, samples, prior, 1.0)
+        assert bool(abs(mode.distance - prior.mean).max() > 0.01) == moves
 
 
 def test_a_step_is_no_longer_than_it_may_be_and_is_halved_until_it_rises():

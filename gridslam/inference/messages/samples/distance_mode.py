@@ -37,19 +37,29 @@ class PathPrior:
         Mean power of each path, times the probability that it is there.
     away : (N,), optional
         Mean power of those that are hardly there and may be back; 0 for others (default: all).
+    chance : (N,), optional
+        Probability that each is there: one that isn't may well be nearer than its anchor (default: all are).
     """
 
     mean: Array
     precision: Array
     weight: Array
     away: Array | None = None
+    chance: Array | None = None
+
+    @property
+    def chances(self) -> Array:
+        """Probability (N,) that each path is there."""
+        return np.ones(len(self.mean)) if self.chance is None else self.chance
 
     def back(self, row: int) -> PathPrior:
         """The same where a path that was away is there."""
         away = np.zeros(len(self.weight)) if self.away is None else self.away.copy()
         there = self.weighed(row, float(away[row]))
         away[row] = 0.0
-        return replace(there, away=away)
+        chance = self.chances.copy()
+        chance[row] = 1.0
+        return replace(there, away=away, chance=chance)
 
     def weighed(self, row: int, weight: float) -> PathPrior:
         """The same with another mean power of one path."""
@@ -64,7 +74,10 @@ class PathPrior:
         precision[:size, :size] = self.precision
         precision[size, size] = FREE_M**-2
         away = None if self.away is None else np.append(self.away, 0.0)
-        return PathPrior(np.append(self.mean, distance), precision, np.append(self.weight, weight), away)
+        return PathPrior(
+            np.append(self.mean, distance), precision, np.append(self.weight, weight), away,
+            np.append(self.chances, 1.0),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,8 +145,8 @@ def joint_mode(
     information, value = np.empty((size, size)), np.empty(1)
     climb_distances(
         band.wavenumber, pairs(band.pulse), pairs(np.ascontiguousarray(samples)), prior.mean,
-        prior.precision, prior.weight, limits_of(band, noise), np.empty((7, size + 1, size, 2)),
-        np.empty((size, 9)), distance, information, value,
+        prior.precision, np.column_stack([prior.weight, prior.chances]), limits_of(band, noise),
+        np.empty((7, size + 1, size, 2)), np.empty((size, 9)), distance, information, value,
     )  # fmt: skip
     covariance = np.linalg.inv(prior.precision + information)
     covariance = 0.5 * (covariance + covariance.T)
@@ -146,6 +159,9 @@ def limits_of(band: Band, noise: float) -> Array:
     return np.array([noise, farthest, BEHIND_M, ROUNDS, HALVINGS, STILL**2, norm])
 
 
-def log_behind(distance: Array, margin: float = BEHIND_M) -> Array:
-    """Log probability (N - 1,) that images at distances [1:] are farther than their anchor at [0]."""
-    return np.asarray(log_ndtr((distance[1:] - distance[0]) / margin))
+def log_behind(distance: Array, chance: Array | float = 1.0, margin: float = BEHIND_M) -> Array:
+    """Log probability (N - 1,) that paths at distances [1:], there with a chance, are behind that at [0]."""
+    with np.errstate(divide="ignore"):
+        return np.logaddexp(
+            np.log(chance) + log_ndtr((distance[1:] - distance[0]) / margin), np.log1p(-np.asarray(chance))
+        )

@@ -100,7 +100,7 @@ def predict_paths(state: DirectState, anchor: int, model: FilterModel) -> Anchor
 
     visible = P_APPEAR + (P_STAY - P_APPEAR) * np.append(links.visible[anchor], images.visible[own])
     intensity = np.append(links.intensity[anchor], images.intensity[own])
-    power = visible * np.append(1.0, images.existence[own]) * intensity
+    chance = visible * np.append(1.0, images.existence[own])
     away = np.concatenate([np.where(visible < AWAY, intensity, 0.0), np.zeros(len(others))])
     joint, size = len(mean), len(mean) + len(others)
     precision = np.zeros((size, size))
@@ -109,8 +109,9 @@ def predict_paths(state: DirectState, anchor: int, model: FilterModel) -> Anchor
     prior = PathPrior(
         np.concatenate([mean, ring_mean]),
         symmetric(precision),
-        np.concatenate([power, tentative.rings.existence * tentative.intensity]),
+        np.concatenate([chance * intensity, tentative.rings.existence * tentative.intensity]),
         away,
+        np.concatenate([chance, P_STAY * tentative.rings.existence]),
     )
     return AnchorPaths(anchor, own, others, slope, covariance, visible, prior)
 
