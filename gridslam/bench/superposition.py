@@ -8,13 +8,19 @@ from gridslam import reference
 from gridslam.bench.kernels import KernelSpeed, race
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand, climbed, superpose_arrays
 from gridslam.inference.messages.samples.distance_mode import PathPrior, joint_mode, limits_of
+from gridslam.inference.messages.samples.image_births import POINTS
+from gridslam.inference.messages.samples.image_rings import NODES, nodes
 from gridslam.inference.messages.samples.response_tables import ResponseTables
-from gridslam.inference.messages.samples.signal_likelihood import Band
+from gridslam.inference.messages.samples.signal_likelihood import Band, Inverse, pairs
+from gridslam.inference.state.rings import BEARINGS
 
-NAMES = ("respond", "superpose", "climb", "climb_distances", "weigh_particles")
+NAMES = (
+    "respond", "superpose", "climb", "climb_distances", "weigh_particles", "follow_rings", "weigh_rings",
+)  # fmt: skip
 SIDE, FREQUENCIES = 3, 21
 RINGS, ANTENNA = 8, 41
 PARTICLES, TWINS = 2000, 50
+TURN = 2 * np.pi
 
 
 def superposition_speeds(paths: int, seconds: float) -> list[KernelSpeed]:
@@ -56,6 +62,7 @@ def superposition_speeds(paths: int, seconds: float) -> list[KernelSpeed]:
         ),
         _distances(draw, seconds),
         _particles(draw, seconds),
+        *_rings(draw, seconds),
     ]  # fmt: skip
 
 
@@ -91,3 +98,52 @@ def _particles(draw: np.random.Generator, seconds: float) -> KernelSpeed:
             band.wavenumber, band.pulse, samples, base, distance[:, :TWINS], power[:, :TWINS]
         ),
     )  # fmt: skip
+
+
+def _rings(draw: np.random.Generator, seconds: float) -> list[KernelSpeed]:
+    """Times of the messages to rings: what an agent learned, and a snapshot."""
+    from gridslam.kernels.messages.rings import follow_rings, weigh_rings
+
+    band = Band.of(1e7 * (np.arange(ANTENNA) - 0.5 * (ANTENNA - 1)))
+    samples, weight = (
+        draw.normal(size=ANTENNA).astype(np.complex128),
+        np.full((RINGS, BEARINGS), 1 / BEARINGS),
+    )
+    mean = np.zeros((RINGS, BEARINGS, 6))
+    mean[..., 4] = np.linspace(3.0, 20.0, RINGS)[:, None]
+    covariance = np.broadcast_to(1e-3 * np.eye(6), (*mean.shape, 6)).copy()
+    log, there = np.zeros((2, RINGS, BEARINGS))
+    still = np.column_stack([np.zeros((4, 2)), 1e-3 * np.eye(4), np.zeros((4, 4))])
+    rows, power = np.arange(RINGS), np.full(RINGS, 100.0)
+    inverse = Inverse.of(band, samples, power, mean[:, 0, 4], np.full(RINGS, 1e-4), 1.0)
+    table = inverse.sweep(POINTS)
+    taken, limits = (
+        pairs(inverse.taken_by(rows)),
+        np.array([table.spacing_m, 2, 0.1, 0.97, 0.4, TURN / POINTS]),
+    )
+    logs = inverse.sweeps_without(table, rows).log_ratio(power[:, None])
+
+    def weigh(rings: int) -> None:
+        weigh_rings(
+            weight[:rings], power[:rings], pairs(table.matched), table.self_power, taken[:rings], limits,
+            np.empty(POINTS), nodes(), mean[:rings].copy(), covariance[:rings].copy(), log[:rings],
+            there[:rings],
+        )  # fmt: skip
+
+    def follow(rings: int) -> None:
+        follow_rings(weight[:rings], still, mean[:rings].copy(), covariance[:rings].copy(), log[:rings])
+
+    where, every = f"{RINGS} rings", RINGS * BEARINGS
+    return [
+        race(
+            "follow_rings", where, "hypothesis", every, seconds, 1.0,
+            lambda: follow(RINGS), lambda: follow(1),
+            lambda: reference.follow_rings(
+                weight, still[:, 0], still[:, 1], 1e-6 * np.eye(4), still[:, 6:], mean, covariance
+            ),
+        ),
+        race(
+            "weigh_rings", where, "hypothesis", every, seconds, 1.0, lambda: weigh(RINGS), lambda: weigh(1),
+            lambda: reference.weigh_rings(weight, logs, limits, NODES, mean, covariance),
+        ),
+    ]  # fmt: skip

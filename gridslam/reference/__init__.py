@@ -21,6 +21,7 @@ from gridslam.reference.particle_densities import weigh_particles
 from gridslam.reference.paths import densities, draw, lines_of, polylines, prepare, trace_paths
 from gridslam.reference.rays import list_paths, near
 from gridslam.reference.readout import describe
+from gridslam.reference.rings import follow_rings, weigh_rings
 from gridslam.reference.superposition import climb, respond, superpose
 from gridslam.reference.updates import effective_sample_size, exist, fit, update
 from gridslam.world.geometry import trace
@@ -49,6 +50,7 @@ __all__ = [
     "find_ghosts",
     "fit",
     "fold_messages",
+    "follow_rings",
     "gate",
     "initialise_surface",
     "late",
@@ -77,4 +79,5 @@ __all__ = [
     "weigh_by_visibility",
     "weigh_lines",
     "weigh_particles",
+    "weigh_rings",
 ]

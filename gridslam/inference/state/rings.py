@@ -18,6 +18,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief, give_birth
 from gridslam.world.geometry import line_between, mirror_derivative, slant
@@ -134,29 +135,17 @@ def follow(rings: Rings, before: Belief, after: Belief) -> Rings:
     value, frame = np.maximum(value, 1e-6), back.T @ vector
     shift = frame.T @ (after.mean[:MOVING] - before.mean[:MOVING])
     surer = value < 1
-    information = frame * np.where(surer, 1 / value - 1, 0.0) @ frame.T
-    push = frame @ np.where(surer, shift / value, 0.0)
-    doubt = root @ vector * np.where(surer, 0.0, value - 1) @ vector.T @ root.T
-    live = rings.weight > 0
-    agent, prior = rings.mean[live][:, :MOVING] - before.mean[:MOVING], rings.covariance[live]
-    prior[..., :MOVING, :MOVING] += doubt
-    both, own = prior[..., :MOVING], prior[..., :MOVING, :MOVING]
-    inner = np.eye(MOVING) + information @ own
-    pull = push - agent @ information
-    solved = np.linalg.solve(
-        inner, np.concatenate([np.broadcast_to(information, own.shape), pull[..., None]], -1)
-    )
+    learned = np.concatenate([
+        before.mean[:MOVING, None], (frame @ np.where(surer, shift / value, 0.0))[:, None],
+        frame * np.sqrt(np.where(surer, 1 / value - 1, 0.0)),
+        root @ vector * np.where(surer, 0.0, value - 1) @ vector.T @ root.T,
+    ], 1)  # fmt: skip
     mean, covariance = rings.mean.copy(), rings.covariance.copy()
-    covariance[live] = symmetric(prior - both @ solved[..., :MOVING] @ np.swapaxes(both, -1, -2))
-    step = (both @ solved[..., MOVING:])[..., 0]
-    mean[live] += step
     log = np.full(rings.weight.shape, -np.inf)
-    log[live] = (
-        (agent * push).sum(-1)
-        - 0.5 * ((agent @ information) * agent).sum(-1)
-        + 0.5 * (pull * step[..., :MOVING]).sum(-1)
-        - 0.5 * np.log(np.linalg.det(inner))
-    )
+    runtime.start()
+    from gridslam.kernels.messages.rings import follow_rings
+
+    follow_rings(rings.weight, learned, mean, covariance, log)
     return replace(rings, weight=weighed(rings.weight, log), mean=mean, covariance=covariance)
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr
 
+from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.messages.samples.distance_mode import BEHIND_M
 from gridslam.inference.messages.samples.image_births import (
@@ -16,7 +16,8 @@ from gridslam.inference.messages.samples.image_births import (
     OWN_PLACE_M,
     Found,
 )
-from gridslam.inference.messages.samples.image_prediction import P_STAY, AnchorPaths, hypothesis_distances
+from gridslam.inference.messages.samples.image_prediction import P_STAY, AnchorPaths
+from gridslam.inference.messages.samples.signal_likelihood import pairs
 from gridslam.inference.state.belief import Belief, give_birth
 from gridslam.inference.state.rings import MOVING, Rings, follow, outer, symmetric
 from gridslam.inference.state.samples.images import DirectState, Images
@@ -25,10 +26,16 @@ from gridslam.world.filter_model import FilterModel
 NODES = np.linspace(-4.0, 4.0, 41)
 """Where a hypothesis integrates the likelihood, in its deviations."""
 NODE_WEIGHTS = np.exp(-0.5 * NODES**2) / np.exp(-0.5 * NODES**2).sum()
+NORMAL = 1 / np.sqrt(2 * np.pi)
 JOIN_BEARING_RAD, JOIN_RANGE_M, SURE = 0.15, 0.3, 0.95
 """Deviations below which a ring is a straight arc, and the existence that it must have to join."""
 LEAST_WEIGHT = 1e-7
 """A hypothesis less likely than this within its ring is given up."""
+
+
+def nodes() -> Array:
+    """Where a hypothesis looks, and shares there, (I, 3); the kernel writes into the last column."""
+    return np.column_stack([NODES, NODE_WEIGHTS, NODES])
 
 
 def learn_rings(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
@@ -40,86 +47,38 @@ def learn_rings(state: DirectState, paths: AnchorPaths, found: Found) -> DirectS
     if not len(rows):
         return state
     own = state.tentative.take(rows)
-    rings = own.rings
+    rings, mode, table = own.rings, found.mode, found.table
     several = np.arange(paths.joint, paths.joint + len(rows))  # after those of the joint state
-    tables = found.inverse.sweeps_without(found.table, several)
-    logs = tables.log_ratio(own.intensity[:, None])
-    distance, spread, gain = hypothesis_distances(rings)
-    live = rings.weight > 0
-    ring = np.nonzero(live)[0]
-    level, moved, left = _integrate(
-        logs, ring, tables.spacing_m, distance[live], np.sqrt(spread[live]),
-        found.mode.distance[0], np.sqrt(BEHIND_M**2 + found.mode.variance[0]),
-    )  # fmt: skip
-    # the path may have gone for now
-    log_there = np.log(P_STAY) + level
-    log_factor = np.logaddexp(log_there, np.log1p(-P_STAY))
-    there = np.exp(log_there - log_factor)
-    narrower = there * (spread[live] - left - (1 - there) * moved**2)
-    scaled = gain[live] / spread[live][:, None]
+    points = len(table.self_power)
+    limits = np.array([
+        table.spacing_m, mode.distance[0], np.sqrt(BEHIND_M**2 + mode.variance[0]), P_STAY, NORMAL,
+        2 * np.pi / points,
+    ])  # fmt: skip
     mean, covariance = rings.mean.copy(), rings.covariance.copy()
-    mean[live] += (there * moved)[:, None] * scaled
-    covariance[live] = symmetric(covariance[live] - narrower[:, None, None] * outer(scaled, scaled))
+    log, there = np.full(rings.weight.shape, -np.inf), np.zeros(rings.weight.shape)
+    runtime.start()
+    from gridslam.kernels.messages.rings import weigh_rings
 
-    weight = np.full(rings.weight.shape, -np.inf)
-    weight[live] = np.log(rings.weight[live]) + log_factor
+    weigh_rings(
+        rings.weight, own.intensity, pairs(table.matched), table.self_power,
+        pairs(found.inverse.taken_by(several)), limits, np.empty(points), nodes(), mean, covariance,
+        log, there,
+    )  # fmt: skip
+    weight = np.log(np.maximum(rings.weight, 1e-300)) + log
     top = weight.max(-1, keepdims=True)
     weight = np.exp(weight - top)
     evidence = weight.sum(-1)
     log_odds = np.log(rings.existence / (1 - rings.existence)) + np.log(evidence) + top[:, 0]
     weight = np.where(weight > LEAST_WEIGHT * evidence[:, None], weight, 0.0)
-    seen = np.bincount(ring, rings.weight[live] * there, len(rows)) > 0.5
     fresh = replace(
         rings,
         existence=1 / (1 + np.exp(-np.clip(log_odds, -16.0, 16.0))),
-        seen=rings.seen + seen,
+        seen=rings.seen + ((rings.weight * there).sum(-1) > 0.5),
         weight=weight / weight.sum(-1, keepdims=True),
         mean=mean,
         covariance=covariance,
     )
     return replace(state, tentative=replace(state.tentative, rings=state.tentative.rings.put(rows, fresh)))
-
-
-def _integrate(
-    logs: Array,
-    ring: NDArray[np.intp],
-    spacing: float,
-    distance: Array,
-    deviation: Array,
-    nearest: float,
-    doubt: float,
-) -> tuple[Array, Array, Array]:
-    """Log mean of exp(logs) over each N(distance, deviation^2); the product's shift and variance.
-
-    Parameters
-    ----------
-    logs : (R, G)
-        Periodic tables.
-    ring : (H,) int
-        Which of them each hypothesis looks at.
-    distance, deviation : (H,) m
-    nearest, doubt : float, m
-        Distance of the anchor and its deviation: nothing reflected is nearer.
-    """
-    points = logs.shape[1]
-    node = distance[:, None] + deviation[:, None] * NODES
-    at = node / spacing
-    low = np.floor(at)
-    share = at - low
-    first = low.astype(np.int64)
-    row, flat = points * ring[:, None], logs.reshape(-1)
-    before, here, after, beyond = (flat[row + (first + step) % points] for step in (-1, 0, 1, 2))
-    # cubic: a strong path's ratio is sharper than the table is fine
-    rise, bend = 0.5 * (after - before), before - 2.5 * here + 2 * after - 0.5 * beyond
-    twist = 1.5 * (here - after) + 0.5 * (beyond - before)
-    value = here + share * (rise + share * (bend + share * twist))
-    value = value + log_ndtr((node - nearest) / doubt)
-    top = value.max(-1, keepdims=True)
-    mass = NODE_WEIGHTS * np.exp(value - top)
-    whole = mass.sum(-1)
-    mean, second = (mass @ NODES) / whole, (mass @ NODES**2) / whole
-    left = deviation**2 * np.maximum(second - mean**2, 1e-6)
-    return np.log(whole) + top[:, 0], deviation * mean, left
 
 
 def forbid_own_place(state: DirectState, model: FilterModel) -> DirectState:

@@ -301,6 +301,15 @@ class Inverse:
         own = np.fft.hfft(np.append(lags, np.zeros(points // 2 + 1 - size)), points)
         return Sweep(self.band.folding_m / points, matched, np.maximum(own, 1e-300))
 
+    def taken_by(self, rows: NDArray[np.intp]) -> Complex:
+        """What some paths take from the tables (R, 3, M + 1): vectors whose transforms are added if a path is
+        left out, and behind each its product with the samples; see `sweeps_without`."""
+        factors = self.factors[rows]
+        found = np.empty((len(rows), 3, len(self.band) + 1), np.complex128)
+        np.multiply(np.conj(self.band.pulse), factors, out=found[..., :-1])
+        found[..., -1] = np.conj(factors) @ self.samples
+        return found
+
     def sweeps_without(self, whole: Sweep, rows: NDArray[np.intp]) -> Sweep:
         """Tables (len(rows), G) of some paths as if each were one more on top of all others."""
         factors = self.factors[rows]
