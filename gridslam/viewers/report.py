@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from gridslam.io.files import write_bytes
+from gridslam.maps.map import Map
 from gridslam.runs.run_files import AgentFiles, RunFiles, read_run
 from gridslam.viewers.animation import animate, film_ending
 from gridslam.viewers.plots import draw_all
@@ -52,6 +53,13 @@ SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
     "seconds_per_step": ("time per step", lambda v: f"{1000 * v:.0f} ms"),
     "peak_memory_mb": ("memory", "{:.0f} MB".format),
 }
+NOT_HIT, OPEN, ONE_PLACE = "not hit yet", "open by its cells", "one place"
+UNDRAWN = {
+    NOT_HIT: "believed in, but no path off it was surely heard: where on its line it stands isn't known",
+    OPEN: "rays went through all cells along it, so no wall is drawn",
+    ONE_PLACE: "hit at one place alone, so its length isn't known",
+}
+"""What stands in the table of a surface that has no wall of some length, and why."""
 MIME = {".png": "image/png", ".gif": "image/gif", ".mp4": "video/mp4"}
 CAPTIONS = {
     "map": "Map: the track, and what was found.",
@@ -100,7 +108,7 @@ def write_report(
         titles = [title for title in CAPTIONS if title in own] + [t for t in own if t not in CAPTIONS]
         parts += [_figure(own[title], title) for title in titles]
         mapped = run.summary.get("agents", {}).get(name, {}).get("surfaces_detected", 0) is not None
-        parts += [_surfaces(found)] if mapped else []
+        parts += [surface_table(found.map)] if mapped else []
     names = tuple(f"{name}-" for name in run.agents)
     parts += [_figure(path, path.stem) for path in figures if not path.stem.startswith(names)]
     parts.append(_settings(run))
@@ -175,26 +183,30 @@ def _data(path: Path) -> str:
     return f"data:{MIME[path.suffix]};base64,{code}"
 
 
-def _surfaces(found: AgentFiles) -> str:
-    table = found.map.surfaces
+def surface_table(grid: Map) -> str:
+    """The surfaces of a map, and where each of them is a wall, as HTML."""
+    table = grid.surfaces
     if table is None or not len(table):
         return "<p>No surface was found.</p>"
-    rows, walls = [], found.map.wall_segments()
+    rows, walls = [], grid.wall_segments()
     for number in range(len(table)):
         own = walls.surface == number
-        stretches = walls.ends_m[own]
+        stretches, length = walls.ends_m[own], walls.length_m[own].sum()
+        nowhere = OPEN if np.isfinite(table.extent_m[number]).all() else NOT_HIT
         rows.append(
             [
                 str(int(table.identity[number])),
-                "; ".join(f"{x:.2f}, {y:.2f}" for x, y in stretches[:, 0]) or "never hit",
+                "; ".join(f"{x:.2f}, {y:.2f}" for x, y in stretches[:, 0]) or nowhere,
                 "; ".join(f"{x:.2f}, {y:.2f}" for x, y in stretches[:, 1]) or "-",
-                f"{walls.length_m[own].sum():.2f} m" if len(stretches) else "-",
+                "-" if not len(stretches) else f"{length:.2f} m" if length >= 0.005 else ONE_PLACE,
                 f"{table.reflection[number]:.2f} ± {np.sqrt(max(table.reflection_var[number], 0)):.2f}",
                 f"{table.existence[number]:.3f}",
             ]
         )
     titles = ["surface", "from (m)", "to (m)", "length", "reflection", "existence"]
-    return f"<details open><summary>{len(rows)} surfaces</summary>{_table(titles, rows)}</details>"
+    notes = [f"{word}: {why}" for word, why in UNDRAWN.items() if any(word in row for row in rows)]
+    more = f"<p>{escape('; '.join(notes))}.</p>" if notes else ""
+    return f"<details open><summary>{len(rows)} surfaces</summary>{_table(titles, rows)}{more}</details>"
 
 
 def _settings(run: RunFiles) -> str:

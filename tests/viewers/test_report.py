@@ -4,21 +4,24 @@ import base64
 import json
 import re
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import pairwise
 from shutil import which
 
 import numpy as np
 import pytest
+from map_samples import surfaces
 from PIL import Image
 
 import gridslam as gs
 from gridslam.cli.main import main
 from gridslam.errors import InputError
 from gridslam.importers.geojson import write_surfaces
+from gridslam.maps.map import Map
 from gridslam.runs.run_files import read_run, write_run
 from gridslam.viewers.animation import animate, film_ending
-from gridslam.viewers.report import write_report
+from gridslam.viewers.report import surface_table, write_report
 
 STEPS = 5
 NASTY = '<script>alert("&")</script>'
@@ -195,3 +198,16 @@ def test_evo_reads_the_track_and_finds_the_same_error(run_folder):
         summary = json.loads((run_folder / "run.json").read_text())["agents"]["agent1"]
         rmse = error.get_statistic(metrics.StatisticsType.rmse)
         assert rmse == pytest.approx(summary["position_rmse_m"], rel=1e-9)
+
+
+def test_surfaces_without_a_wall_of_some_length_are_explained():
+    lines = [(0.5 * np.pi, 2.0), (0.0, 1.0), (0.0, 3.0)]
+    found = replace(surfaces(lines), extent_m=np.array([[-1, -1], [0.5, 3.5], [np.nan, np.nan]]))
+    grid = replace(Map.blank((0, 0), 0.1, (40, 40), 0.01), surfaces=found)
+    shown = surface_table(grid)
+    for words in ("3.00 m", "one place", "not hit yet", "so its length isn&#x27;t known"):
+        assert words in shown
+    assert "open by its cells" not in shown
+    crossed = replace(grid, evidence=np.full((40, 40), -9.0), observed=np.ones((40, 40), bool))
+    assert surface_table(crossed).count("open by its cells") == 3, "two of them, and what it means"
+    assert "<p>" not in surface_table(replace(grid, surfaces=surfaces([(0.0, 1.0)])))
