@@ -8,6 +8,7 @@ from gridslam.importers.deepmimo import measurements_from_deepmimo as from_deepm
 from gridslam.importers.deepmimo import network_from_deepmimo
 from gridslam.importers.sionna import measurements_from_sionna as from_sionna
 from gridslam.importers.sionna import network_from_sionna
+from gridslam.importers.sionna_samples import recording_from_sionna
 from gridslam.inference.messages.features.radio_errors import RadioErrors
 from gridslam.maps.fusion import fuse
 from gridslam.maps.map import Map
@@ -76,5 +77,6 @@ __all__ = [
     "map_scene",
     "network_from_deepmimo",
     "network_from_sionna",
+    "recording_from_sionna",
     "simulate",
 ]

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.importers.raytracers import TracedPaths, measurements_of, network_of
 from gridslam.measurements.network import NetworkMeasurements
@@ -121,17 +120,17 @@ def traced(paths: Any, uplink: bool = False) -> TracedPaths:
 
 
 def _one(paths: Any, uplink: bool) -> TracedPaths:
-    tau = _array(paths, "tau")
+    tau = numbers_of(paths, "tau")
     several_antennas = tau.ndim == 5  # otherwise one value for the whole of a synthetic array
     if tau.ndim not in (3, 5):
         raise InputError("paths: tau", f"{tau.ndim} dimensions", "3 or 5, as Sionna RT gives them")
-    columns = {"tau": tau} | {name: _array(paths, name) for name in (*ANGLES, "valid")}
+    columns = {"tau": tau} | {name: numbers_of(paths, name) for name in (*ANGLES, "valid")}
     for name, values in columns.items():
         if values.shape != tau.shape:
             raise InputError(f"paths: {name}", f"shape {values.shape}", f"shape {tau.shape}, as tau")
     if several_antennas:
         columns = {name: values[:, 0, :, 0] for name, values in columns.items()}
-    power = _power(paths)
+    power = (np.abs(coefficients(paths)) ** 2).mean(axis=(1, 3))
     if power.shape != columns["tau"].shape:
         raise InputError("paths: a", f"shape {power.shape} over the antennas", f"{columns['tau'].shape}")
     good = columns.pop("valid").astype(bool) & (columns["tau"] >= 0)
@@ -150,8 +149,14 @@ def _one(paths: Any, uplink: bool) -> TracedPaths:
     )
 
 
-def _power(paths: Any) -> Array:
-    """Mean of |a|^2 over the antennas, (receivers, transmitters, paths)."""
+def coefficients(paths: Any) -> NDArray[np.complex128]:
+    """Complex channel coefficients, (receivers, antennas, transmitters, antennas, paths).
+
+    Raises
+    ------
+    InputError
+        There are none, or not of that shape.
+    """
     pair = getattr(paths, "a", None)
     if isinstance(pair, tuple) and len(pair) == 2:
         real, imaginary = (np.asarray(part, dtype=np.float64) for part in pair)
@@ -162,10 +167,17 @@ def _power(paths: Any) -> Array:
         raise InputError(
             "paths: a", f"{real.ndim} dimensions", "(real, imaginary) with 5, as Sionna RT gives"
         )
-    return (real**2 + imaginary**2).mean(axis=(1, 3))
+    return real + 1j * imaginary
 
 
-def _array(paths: Any, name: str) -> NDArray:
+def numbers_of(paths: Any, name: str) -> NDArray:
+    """An attribute as numbers.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
     if not hasattr(paths, name):
         raise InputError(f"paths: {name}", "none", "a Paths object of Sionna RT 1.0 or later")
     return np.asarray(getattr(paths, name)).astype(np.float64)
