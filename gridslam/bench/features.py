@@ -8,12 +8,14 @@ import numpy as np
 
 from gridslam import reference
 from gridslam.bench.kernels import KernelSpeed, race
-from gridslam.inference.messages.features.feature_likelihood import Front
-from gridslam.inference.messages.features.seeding import POWERS
+from gridslam.inference.messages.features.feature_likelihood import STEPS, Front
+from gridslam.inference.messages.features.seeding import FAINTEST, FREE, POWERS, RATES
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 
-NAMES = ("back_project", "differentiate_features", "evaluate_features")
+NAMES = ("back_project", "climb_features", "differentiate_features", "evaluate_features")
+SEGMENT = 25
+"""Points that features climb by."""
 TWIN_POINTS = 2
 """Points that a twin is given; its time is that for all of the kernel's in proportion."""
 
@@ -56,6 +58,14 @@ def _speeds(count: int, particles: int, seconds: float, scene: str) -> Iterator[
         lambda: front.slopes(points, step, features, anchor, tables),
         lambda: front.slopes(points[:1], step[:1], features, anchor, tables),
         lambda: reference.differentiate_features(*known),
+    )  # fmt: skip
+    plan, kind = np.array([0.0, 100.0, FAINTEST, *RATES]), np.full(count, FREE)
+    own, which = points[:SEGMENT], step[:SEGMENT]
+    yield race(
+        "climb_features", where, "particle-step", len(own) * STEPS, seconds, len(own) / len(few),
+        lambda: front.climb(own, which, features, anchor, tables, kind, plan, STEPS - 1),
+        lambda: front.climb(own[:1], which[:1], features, anchor, tables, kind, plan, 0),
+        lambda: reference.climb_features(*known, kind, plan, STEPS),
     )  # fmt: skip
     places = np.tile(features[:, :3], (particles // count + 1, 1))[:particles]
     one, powers = points[:1], 100.0 * POWERS

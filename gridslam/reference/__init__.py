@@ -8,6 +8,7 @@ from gridslam.reference.cells import cast, cells_of, dense, fold_messages, learn
 from gridslam.reference.distances import climb_distances
 from gridslam.reference.feature_likelihood import (
     back_project,
+    climb_features,
     columns,
     differentiate_features,
     evaluate_features,
@@ -34,6 +35,7 @@ __all__ = [
     "cells_of",
     "climb",
     "climb_distances",
+    "climb_features",
     "columns",
     "correct",
     "dense",

@@ -92,6 +92,43 @@ def differentiate_features(
     return out
 
 
+def climb_features(
+    points: Array,
+    features: Array,
+    anchor: Array,
+    element: Array,
+    pulse: Complex,
+    rate: Array,
+    samples: Complex,
+    kind: NDArray[np.int32],
+    plan: Array,
+    steps: int,
+) -> tuple[Array, Array, Array]:
+    """Steps of Adam, (M401): where they end, the best on the way (D, 4), and A where each began (steps,)."""
+    known, first = (element, pulse, rate, samples), len(features) - len(kind)
+    done, unit, faintest, longest = plan[0], plan[1], plan[2], plan[3:]
+    scale, tied, bound = np.array([1, 1, 1, unit]), kind == 1, kind != 2
+    best, value, features = features, np.zeros(steps), features.copy()
+    mean, square = np.zeros((2, len(kind), 4))
+    for i in range(steps):
+        value[i] = evaluate_features(points, features, anchor, *known)[:, 0].sum()
+        if value[i] >= value[: i + 1].max():
+            best = features.copy()
+        slope = differentiate_features(points, features, anchor, *known).sum(0)[first:]
+        own = features[first:]
+        way = own[:, :2] - anchor
+        way = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-3)
+        slope[tied, :2] += slope[tied, 2:3] * way[tied]
+        slope[bound, 2] = 0
+        slope *= scale
+        mean, square = 0.9 * mean + 0.1 * slope, 0.999 * square + 0.001 * slope**2
+        root = np.sqrt(square / (1 - 0.999 ** (done + i + 1))) + 1e-12
+        own += scale * longest * mean / (1 - 0.9 ** (done + i + 1)) / root
+        own[:, 2:] = np.maximum(own[:, 2:], [0, faintest * unit])
+        own[tied, 2] = np.linalg.norm(own[tied, :2] - anchor, axis=1)
+    return features, best, value
+
+
 def _slope(point: Array, feature: Array, entry: int, element: Array, pulse: Complex, rate: Array) -> Complex:
     """A response's slope by one of x, y and the extra length, by the product rule."""
     way = feature[:2] - point[:2]

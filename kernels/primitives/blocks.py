@@ -316,10 +316,12 @@ class Newborn(NamedTuple):
     missed: Doubles
 
 
-class Solver(NamedTuple):
-    """Scratch of the likelihood of features: [LANES, D + 1, 14 + 3 N], [LANES, 2 D + 1, D], [LANES, D + 1,
-    2]."""
+class Ascent(NamedTuple):
+    """Adam's steps [7], see `kernels.messages.feature_ascent`; in and out: its means, and room for slopes
+    [3, n, 4]; the best features so far [D, 4], and A there [1]. Out: A where each step begins [steps]."""
 
-    scratch: Cube
-    gram: Cube
-    solved: Cube
+    plan: Doubles
+    slopes: Cube
+    best: Square
+    highest: Doubles
+    value: Doubles

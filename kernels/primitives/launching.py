@@ -237,7 +237,8 @@ def _hand_over(context: Any, handed: list[Any], number: int, slot: tuple[Place, 
     place, kind = slot
     before, handed[number] = handed[number], NOTHING  # if an interrupt comes between, all is handed over
     if type(value) is ndarray and type(kind) is tuple:
-        if value.dtype != kind[0] or value.ndim != kind[1]:
+        inner = kind[2]
+        if value.dtype != kind[0] or value.ndim != kind[1] or (inner and value.shape[-1:] != inner):
             return False
         try:
             address = addressof(START_OF(value))
@@ -245,8 +246,8 @@ def _hand_over(context: Any, handed: list[Any], number: int, slot: tuple[Place, 
             if not value.flags.c_contiguous:
                 return False
             address = value.ctypes.data
-        shape = value.shape
-        if type(before) is ndarray and before.shape == shape:
+        shape = value.shape[:-1] if inner else value.shape
+        if type(before) is ndarray and before.shape == value.shape:
             shape = ()  # which stands there, and takes longest to hand over
         context.set_arg_external_array_with_shape(place, address, value.nbytes, shape, 0)
         handed[number] = value  # which keeps it where it is
@@ -255,7 +256,7 @@ def _hand_over(context: Any, handed: list[Any], number: int, slot: tuple[Place, 
             return False
         (context.set_arg_float if kind is float else context.set_arg_int)(place, value)
         handed[number] = value
-    elif isinstance(value, ti.Ndarray) and (numpy_type(value.dtype), len(value.shape)) == kind:
+    elif isinstance(value, ti.Ndarray) and (numpy_type(value.dtype), len(value.shape), ()) == kind:
         context.set_arg_ndarray(place, value.arr)
     else:
         return False
@@ -263,7 +264,9 @@ def _hand_over(context: Any, handed: list[Any], number: int, slot: tuple[Place, 
 
 
 def _kind(annotation: Any) -> Any:
-    """Type and number of dimensions of an array; `int` or `float` for a number."""
+    """Type, dimensions and shape of the vectors in it, of an array; `int` or `float` for a number."""
     if isinstance(annotation, ti.types.ndarray):
-        return np.dtype(numpy_type(annotation.dtype)), annotation.ndim
+        kind = annotation.dtype
+        inner = (kind.n,) if hasattr(kind, "n") else ()
+        return np.dtype(numpy_type(kind.dtype if inner else kind)), annotation.ndim + len(inner), inner
     return int if annotation in (ti.i32, ti.i64) else float

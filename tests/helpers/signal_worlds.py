@@ -9,7 +9,16 @@ from gridslam.inference.messages.features.matched_outputs import (
     pulse_correlation,
     rows_per_m,
 )
-from gridslam.kernels.messages.feature_likelihood import LANES, differentiate_features, evaluate_features
+from gridslam.kernels.messages.feature_ascent import climb_features
+from gridslam.kernels.messages.feature_likelihood import (
+    ARRAY,
+    BLOCKS,
+    LANES,
+    SIDE,
+    differentiate_features,
+    evaluate_features,
+)
+from gridslam.kernels.primitives.blocks import Ascent
 from gridslam.reference.feature_likelihood import response
 from gridslam.world.radio import SPEED_OF_LIGHT
 
@@ -43,14 +52,15 @@ class SignalWorld(NamedTuple):
     def tables(self):
         return (
             matched_outputs(self.samples, self.offset_hz, self.pulse)[None],
-            pulse_correlation(self.offset_hz, self.pulse), rows_per_m(self.offset_hz), LONGEST_M,
+            pulse_correlation(self.offset_hz, self.pulse), np.array([rows_per_m(self.offset_hz), LONGEST_M]),
         )  # fmt: skip
 
     def value(self):
         """A, |h_lo^H z|^2, |h_lo|^2 (P, 3) by the kernel."""
         out, many = np.full((len(self.points), 3), np.nan), len(self.features)
-        given = self.points, self.features, self.anchor, self.element
-        evaluate_features(*given, *self.tables, scratch(many, len(self.element)), out)
+        step = np.zeros(len(self.points), np.int32)
+        given = self.points, step, self.features, self.anchor, self.element
+        evaluate_features(*given, *self.tables, *scratch(many, len(self.element)), out)
         return out
 
     def slopes(self, first=0):
@@ -58,15 +68,29 @@ class SignalWorld(NamedTuple):
         out, many = np.full((len(self.points), len(self.features) + 1, 4), np.nan), len(self.features)
         step = np.zeros(len(self.points), np.int32)
         given = self.points, step, self.features, self.anchor, self.element
-        differentiate_features(*given, *self.tables, first, scratch(many, len(self.element)), out)
+        differentiate_features(*given, *self.tables, first, *scratch(many, len(self.element)), out)
         return out[:, :-1], out[:, -1, 0]
+
+    def climb(self, kind, plan, launches):
+        """Features (D, 4) at the end, the best (D, 4), A where each step began, by launches."""
+        features, best, many = self.features.copy(), np.full_like(self.features, np.nan), len(self.features)
+        slopes, highest, values = np.zeros((3, len(kind), 4)), np.full(1, -np.inf), []
+        slopes[2] = np.nan
+        step, room = np.zeros(len(self.points), np.int32), scratch(many, len(self.element))
+        for steps in launches:
+            now, value = np.array([sum(map(len, values)), *plan[1:]]), np.full(steps, np.nan)
+            climb_features(
+                self.points, step, features, self.anchor, self.element, *self.tables, kind, *room,
+                Ascent(now, slopes, best, highest, value),
+            )  # fmt: skip
+            values.append(value)
+        return features, best, np.concatenate(values)
 
 
 def scratch(features, elements):
     return (
-        np.full((LANES, features + 1, 14 + 3 * elements), np.nan),
-        np.full((LANES, 2 * features + 1, features), np.nan),
-        np.full((LANES, features + 1, 2), np.nan),
+        np.full((LANES, features + 1, ARRAY + 3 * elements, SIDE), np.nan),
+        np.full((LANES, BLOCKS * features, features, SIDE), np.nan),
     )
 
 

@@ -58,6 +58,69 @@ def test_the_twin_of_the_slopes_equals_finite_differences(entry):
         np.testing.assert_allclose((more - less) / (2 * step), slope, rtol=1e-5, atol=1e-5)
 
 
+PLAN = np.array([0.0, 0.5, 1e-4, 0.03, 0.03, 0.01, 5e-3])
+
+
+@pytest.mark.slow
+@given(seeds, st.integers(0, 2))
+@settings(max_examples=5, deadline=None)
+def test_steps_of_adam_are_those_of_the_covariance_of_all_samples(seed, known):
+    # steps begin by the sign of the slope alone: where it is next to nothing, tables may have the other
+    one = world(seed, features=4, particles=2, noise=1e-2)
+    kind = np.random.default_rng(seed).integers(0, 3, 4 - known, np.int32)
+    end, best, value = one.climb(kind, PLAN, [4])
+    end_twin, best_twin, value_twin = reference.climb_features(*one.known, kind, PLAN, 4)
+    np.testing.assert_allclose(value, value_twin, rtol=2e-3, atol=0.05)
+    for found, expected in ((end, end_twin), (best, best_twin)):
+        off = np.abs(found - expected) > 2e-3
+        assert off.mean() <= 0.1, off
+        assert np.abs(found - expected).max() < 0.2
+        np.testing.assert_array_equal(found[:known], one.features[:known])
+
+
+@pytest.mark.parametrize("kind", range(3))
+def test_many_steps_of_adam_are_those_of_the_twin(kind):
+    # one strong feature, 5 cm and half its power off, by small steps: slopes change, and so do their means
+    one = world(11, features=1, particles=1, noise=1e-3)
+    off = one._replace(features=one.features * [1, 1, 1, 0.5] + np.array([0.05, 0.03, 0.0, 0.0]))
+    kinds = np.array([kind], np.int32)
+    end, best, value = off.climb(kinds, PLAN, [20])
+    twins = reference.climb_features(*off.known, kinds, PLAN, 20)
+    np.testing.assert_allclose(end, twins[0], atol=1e-3)
+    np.testing.assert_allclose(best, twins[1], atol=1e-3)
+    np.testing.assert_allclose(value, twins[2], rtol=1e-3, atol=0.05)
+
+
+def test_an_ascent_in_several_launches_is_that_in_one():
+    one, kind = world(4, particles=11), np.array([1, 2], np.int32)
+    for whole, parts in zip(one.climb(kind, PLAN, [7]), one.climb(kind, PLAN, [3, 1, 3]), strict=True):
+        np.testing.assert_array_equal(whole, parts)
+
+
+def test_the_best_features_on_the_way_are_kept_and_kinds_hold():
+    one, kind = world(6, features=3, noise=1e-2), np.array([0, 1, 2], np.int32)
+    wild = PLAN * [1, 1, 1, 30, 30, 30, 30]  # steps of a metre lead away again
+    end, best, value = one.climb(kind, wild, [10])
+    assert value[-1] < value.max()
+    kept = one._replace(features=best)
+    np.testing.assert_allclose(kept.value()[:, 0].sum(), value.max(), rtol=1e-9)
+    for found in (end, best):
+        assert found[0, 2] == one.features[0, 2], "an image's extra length stays"
+        assert (found[:, 2:] >= [0, 0.5e-4]).all()
+    assert end[1, 2] == pytest.approx(np.hypot(*(end[1, :2] - one.anchor)))
+
+
+@pytest.mark.parametrize("particles", [1, 7, 8, 9, 200])
+def test_points_side_by_side_do_not_mix(particles):
+    one = world(7, particles=particles)
+    value, (slopes, again) = one.value(), one.slopes()
+    np.testing.assert_allclose(again, value[:, 0], rtol=1e-12)
+    for p in {0, particles // 2, particles - 1}:
+        alone = one._replace(points=one.points[p : p + 1])
+        np.testing.assert_allclose(alone.value()[0], value[p], rtol=1e-12)
+        np.testing.assert_allclose(alone.slopes()[0][0], slopes[p], rtol=1e-9, atol=1e-9)
+
+
 def test_no_feature_a_faint_one_and_one_in_the_line_of_sight_say_nothing():
     one = world(1)
     np.testing.assert_array_equal(one._replace(features=one.features[:0]).value()[:, 0], 0.0)

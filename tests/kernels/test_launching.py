@@ -138,10 +138,11 @@ def test_arrays_that_begin_later_or_may_not_be_written_to_are_read_where_they_ar
     kernel = launching.quick(launching._sample())
     wide, narrow, whole = np.arange(12.0).reshape(4, 3), np.ones(3, np.float32), np.arange(4, dtype=np.int32)
     narrow.flags.writeable = False
+    side = np.zeros((4, 2))
     for start in range(4):
         out = np.zeros((4 - start, 3))
         for _ in range(2):
-            kernel(1, 2.0, wide[start:], (narrow, whole[start:]), out)
+            kernel(1, 2.0, wide[start:], (narrow, whole[start:]), side[start:], out)
         np.testing.assert_array_equal(out, 1 + 2 * wide[start:] + whole[start:, None])
 
 

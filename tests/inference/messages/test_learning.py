@@ -41,8 +41,8 @@ from gridslam.inference.messages.features.seeding import (
     candidates,
     first_gains,
     propose,
-    stretch_of,
 )
+from gridslam.inference.messages.features.stretch import stretch_of
 from gridslam.inference.messages.features.ways import BESIDE_STD, STARTS, drifted, moved_starts
 from gridslam.inference.state.features.features import MOVING, FeatureBank, entries, places
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment

@@ -18,15 +18,14 @@ from gridslam.inference.messages.features.matched_outputs import (
     pulse_correlation,
     rows_per_m,
 )
-from gridslam.kernels.primitives.blocks import Solver
+from gridslam.kernels.primitives.blocks import Ascent
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.waveform import EVEN, Waveform
 
 Complex = NDArray[np.complex128]
 Tables = NDArray[np.float32]
-ENTRIES_OF_COLUMN = 14
-PLACES = 2048
-"""That are launched together: while a launch runs, no other thread of Python does."""
+PLACES, STEPS = 2048, 13
+"""Places, and steps of Adam, launched together: while a launch runs, no other thread of Python does."""
 MARGIN_M = 1.0
 """Features are heard up to so much less than the length from which on paths fold back."""
 
@@ -54,9 +53,9 @@ class Front:
         return pulse_correlation(self.waveform.offset_hz, self.waveform.pulse)
 
     @cached_property
-    def per_m(self) -> float:
-        """Rows of the tables per metre."""
-        return rows_per_m(self.waveform.offset_hz)
+    def reach(self) -> Array:
+        """Rows of the tables per metre, and `longest_m`."""
+        return np.array([rows_per_m(self.waveform.offset_hz), self.longest_m])
 
     @property
     def longest_m(self) -> float:
@@ -88,8 +87,9 @@ class Front:
 
         out = np.empty((len(points), 3))
         evaluate_features(
-            np.ascontiguousarray(points), np.ascontiguousarray(features), np.ascontiguousarray(anchor_m),
-            self.element, table, self.pulse, self.per_m, self.longest_m, self._solver(len(features)), out,
+            np.ascontiguousarray(points), np.zeros(len(points), np.int32), np.ascontiguousarray(features),
+            np.ascontiguousarray(anchor_m), self.element, table, self.pulse, self.reach,
+            *self._scratch(len(features), 1), out,
         )  # fmt: skip
         return out
 
@@ -105,15 +105,44 @@ class Front:
             Of the features: by those before it there is none (0).
         """
         runtime.start()
-        from gridslam.kernels.messages.feature_likelihood import differentiate_features
+        from gridslam.kernels.messages.feature_likelihood import BLOCKS, differentiate_features
 
         out = np.zeros((len(points), len(features) + 1, 4))
         differentiate_features(
             np.ascontiguousarray(points), steps, np.ascontiguousarray(features),
-            np.ascontiguousarray(anchor_m), self.element, tables, self.pulse, self.per_m, self.longest_m,
-            first, self._solver(len(features)), out,
+            np.ascontiguousarray(anchor_m), self.element, tables, self.pulse, self.reach,
+            first, *self._scratch(len(features), BLOCKS), out,
         )  # fmt: skip
         return out[:, :-1].sum(0), float(out[:, -1, 0].sum())
+
+    def climb(
+        self, points: Array, steps: NDArray[np.int32], features: Array, anchor_m: Array, tables: Tables,
+        kind: NDArray[np.int64], plan: Array, iterations: int,
+    ) -> tuple[Array, float]:  # fmt: skip
+        """The best features (D, 4) on the way of so many steps of Adam, and the sum of A there; (M401).
+
+        Parameters
+        ----------
+        kind : (n,)
+            Of the last features; those before them stay.
+        plan : (7,)
+            See `kernels.messages.feature_ascent`.
+        """
+        runtime.start()
+        from gridslam.kernels.messages.feature_ascent import DONE, climb_features
+        from gridslam.kernels.messages.feature_likelihood import BLOCKS
+
+        features, plan = features.copy(), plan.copy()
+        scratch, slopes = self._scratch(len(features), BLOCKS, 1), np.zeros((3, len(kind), 4))
+        best, highest, kinds = features.copy(), np.full(1, -np.inf), kind.astype(np.int32)
+        for done in range(0, iterations + 1, STEPS):
+            plan[DONE] = done
+            climb_features(
+                np.ascontiguousarray(points), steps, features, np.ascontiguousarray(anchor_m), self.element,
+                tables, self.pulse, self.reach, kinds, *scratch,
+                Ascent(plan, slopes, best, highest, np.empty(min(STEPS, iterations + 1 - done))),
+            )  # fmt: skip
+        return best, float(highest[0])
 
     def gains(self, candidates: Array, points: Array, tables: Tables, powers: Array) -> Array:
         """Gain of a feature at each of the candidates (Q, 3), and its power, (Q, 2); (M132).
@@ -137,16 +166,15 @@ class Front:
             parts.append(out)
         return np.concatenate(parts) if parts else np.empty((0, 2))
 
-    def _solver(self, features: int) -> Solver:
-        """Buffers of a launch."""
-        runtime.start()
-        from gridslam.kernels.messages.feature_likelihood import LANES
+    def _scratch(self, features: int, blocks: int, lanes: int | None = None) -> tuple[Array, Array]:
+        """Scratch of a launch, by how many blocks of rows gram has."""
+        from gridslam.kernels.messages.feature_likelihood import ARRAY, LANES, SIDE
 
-        elements = len(self.waveform.agent_element_m)
-        return Solver(
-            np.empty((LANES, features + 1, ENTRIES_OF_COLUMN + 3 * elements)),
-            np.empty((LANES, 2 * features + 1, features)),
-            np.empty((LANES, features + 1, 2)),
+        entries = ARRAY + 3 * len(self.waveform.agent_element_m)
+        lanes = LANES if lanes is None else lanes
+        return (
+            np.empty((lanes, features + 1, entries, SIDE)),
+            np.empty((lanes, blocks * features, features, SIDE)),
         )
 
 

@@ -12,8 +12,8 @@ from gridslam.world.radio import SPEED_OF_LIGHT
 Complex = NDArray[np.complex128]
 ROWS = 8192
 """Rows over the unambiguous distance; linear between them, 1e-4 of the greatest value off."""
-COARSE_ROWS = 2048
-"""The same where places are looked for; 2e-3 of the greatest value off."""
+COARSE_ROWS = 1024
+"""The same where places are looked for; 8e-3 of the greatest value off."""
 
 
 def matched_outputs(samples: Complex, offset_hz: Array, pulse: Complex) -> NDArray[np.float32]:

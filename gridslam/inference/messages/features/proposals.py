@@ -15,12 +15,11 @@ from gridslam.inference.messages.features.seeding import (
     NONE_M,
     SCATTERED,
     Gains,
-    Stretch,
     first_gains,
     propose,
-    stretch_of,
 )
 from gridslam.inference.messages.features.sight import feature_table
+from gridslam.inference.messages.features.stretch import Stretch, stretch_of
 from gridslam.inference.state.features.features import entries
 from gridslam.inference.state.features.hybrid_state import JointBelief, Segment
 from gridslam.world.signal_model import SignalModel

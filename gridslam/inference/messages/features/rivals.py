@@ -35,8 +35,9 @@ SEEN = 200.0
 ways that differ by decimetres scatter by as much."""
 HOPELESS = 60.0
 """Nats by which one has to be behind another at some step for the rest of the segment not to matter."""
-ROUNDS = 3
-"""Times, at most, that features are proposed along the way that the ones before led."""
+ROUNDS, LATER_ROUNDS = 3, 1
+"""Times, at most, that features are proposed along the way that the ones before led: of the first steps, when
+the agent may be anywhere about its start, and of whole segments."""
 MOVED_M = 0.1
 """Ways that are nowhere farther apart lead to the same features."""
 SHIFTS, ASTRAY, STRONG = 2, 3.0, 0.2
@@ -186,7 +187,7 @@ class Lesson:
 
         The segment has the way along which the set itself was proposed.
         """
-        for _ in range(ROUNDS):
+        for _ in range(ROUNDS if len(self.samples) <= START_STEPS else LATER_ROUNDS):
             if apart(rival.track, segment.agent) < MOVED_M:
                 return rival
             segment = replace(segment, agent=rival.track)

@@ -7,18 +7,15 @@ that are older than the latest feature serve as bounds, and only the best of the
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.messages.features.feature_likelihood import Front, Tables
-from gridslam.inference.messages.features.sight import feature_table
-from gridslam.inference.state.features.hybrid_state import JointBelief, Segment
-from gridslam.world.radio import SPEED_OF_LIGHT
-from gridslam.world.signal_model import SignalModel
+from gridslam.inference.messages.features.feature_likelihood import Tables
+from gridslam.inference.messages.features.stretch import Stretch
 
-Complex = NDArray[np.complex128]
 Kinds = NDArray[np.int64]
 STEP_M, STEP_RAD = 0.2, np.radians(5.0)
 NEAREST_M = 0.3
@@ -31,122 +28,22 @@ LEAST_GAIN = 12.0
 MOST_FEATURES = 40
 POWERS = np.logspace(-2, 1, 7)
 """Tried, in units of the line of sight's power."""
-ITERATIONS, LAST_ITERATIONS = 12, 40
+ITERATIONS, LAST_ITERATIONS = 6, 25
 RATES = np.array([0.03, 0.03, 0.01, 5e-3])
 """Steps of Adam: places, extra length (m), and power in units of the line of sight's."""
+FAINTEST = 1e-4
+"""Least power of a feature, in these units."""
 GLANCED, LEAST_GLANCE = 3, 1.0
 """Every which step a first look takes, and nats that a place has to gain there to be looked at again."""
-BATCH = 512
+BATCH = 128
 """Places whose gains are found anew together."""
 ZOOMS = 2
 """Times that the grid about the best place is made five times finer."""
 CLOSE = 30.0
 """Nats within which a place of a cheaper kind is moved up as well before one of them is taken."""
+TOGETHER, APART_M = 3, 2.0
+"""Features that are added at once, and by how much the lengths of their paths have to differ."""
 NONE_M = 1e-3
-SURE_SIGHT = 1e3
-"""Power of a line of sight, in units of what it is, that takes it out of the samples altogether."""
-
-
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """What one anchor sent during a part of a segment, and where the agent was.
-
-    Attributes
-    ----------
-    points : (K, 4)
-        x, y, heading, noise power of each step.
-    samples : (K, N, M) complex128
-    anchor_m : (2,)
-    unit : float
-        Power of the line of sight.
-    front : Front
-    steps : (K,) int32
-        Which table each point takes.
-    tables : (K or more, N, T, 4) float32
-        Matched outputs of samples.
-    """
-
-    points: Array
-    samples: Complex
-    anchor_m: Array
-    unit: float
-    front: Front
-    steps: NDArray[np.int32]
-    tables: Tables
-
-    @property
-    def centre(self) -> Array:
-        """Where the agent was half-way, (2,) m."""
-        middle: Array = self.points[len(self.points) // 2, :2]
-        return middle
-
-    @property
-    def scale(self) -> Array:
-        """Scale of places, extra lengths (m) and powers, (4,)."""
-        return np.array([1.0, 1.0, 1.0, self.unit])
-
-    def rest(self, table: Array) -> Complex:
-        """What line of sight and features (D, 4) leave of the samples, (K, N, M)."""
-        wave, points = self.front.waveform, self.points
-        place = np.concatenate([[[*self.anchor_m, 0.0, SURE_SIGHT * self.unit]], table])
-        way = place[:, :2] - points[:, None, :2]
-        far = np.maximum(np.hypot(way[..., 0], way[..., 1]), NEAREST_M / 3)
-        length = far + place[:, 2]
-        angle = np.arctan2(way[..., 1], way[..., 0]) - points[:, 2:3]
-        turned = np.stack([np.cos(angle), np.sin(angle)], -1) @ self.front.element.T  # (K, C, N)
-        antennas = np.exp(1j * np.moveaxis(turned, -1, 1)) * np.sqrt(place[:, 3])
-        rate = 2 * np.pi / SPEED_OF_LIGHT * wave.offset_hz
-        spectrum = wave.pulse[:, None] * np.exp(-1j * rate[:, None] * length[:, None]) / length[:, None]
-        upright, across = antennas.conj().swapaxes(1, 2), spectrum.conj().swapaxes(1, 2)
-        small = (upright @ antennas) * (across @ spectrum)
-        noise = points[:, 3]
-        small[:, np.arange(len(place)), np.arange(len(place))] += noise[:, None]
-        matched = ((across @ self.samples.swapaxes(1, 2)) * upright).sum(-1)
-        amplitude = np.linalg.solve(small, matched[..., None])[..., 0]
-        return self.samples - (antennas * amplitude[:, None]) @ spectrum.swapaxes(1, 2)
-
-    def unexplained(self, table: Array) -> Tables:
-        """Matched outputs of ``C^-1 P z`` under features (D, 4), (K, T, N, 2)."""
-        return self._matched(self.rest(table))
-
-    def quieter(self, table: Array) -> tuple[Stretch, Tables]:
-        """The same with the noise's power that features (D, 4) leave, and what is unexplained then."""
-        rest = self.rest(table)
-        free = rest[0].size - 1 - len(table)
-        noise = float((np.abs(rest) ** 2).sum() / (len(rest) * free))
-        points = self.points.copy()
-        points[:, 3] = noise
-        quiet = replace(self, points=points)
-        return quiet, quiet._matched(rest)
-
-    def _matched(self, rest: Complex) -> Tables:
-        """Matched outputs of what is left of the samples, in units of the noise."""
-        return self.front.coarse(rest / self.points[:, 3, None, None])
-
-
-def stretch_of(
-    belief: JointBelief, segment: Segment, anchor: int, judged: int, front: Front, model: SignalModel,
-    tables: Tables | None = None,
-) -> tuple[Stretch, Tables]:  # fmt: skip
-    """A segment of an anchor but for its last steps, with the noise that what a belief holds leaves.
-
-    And what is unexplained then, (K, T, N, 2).
-
-    Parameters
-    ----------
-    tables : (K, N, T, 4) float32, optional
-        Matched outputs of this anchor's samples at all steps, if they are known.
-    """
-    used = np.flatnonzero(segment.heard[: len(segment) - judged, anchor])
-    noise = np.full(len(used), belief.noise[anchor])
-    points = np.column_stack([segment.agent[used, :2], segment.heading_rad[used], noise])
-    power = float(belief.los_power[anchor])
-    samples, anchor_m = segment.samples[used, anchor], model.anchors[anchor, :2].copy()
-    steps = used.astype(np.int32)
-    if tables is None:
-        steps, tables = np.arange(len(used), dtype=np.int32), front.tables(samples)
-    raw = Stretch(points, samples, anchor_m, power, front, steps, tables)
-    return raw.quieter(feature_table(belief, anchor))
 
 
 @dataclass(eq=False)
@@ -162,6 +59,8 @@ class Gains:
         Of a feature there, nats; with which power.
     fresh : (Q,) bool
         Whether the gain is that on top of all features up to now.
+    length : (Q,)
+        Of the path from a place to where the agent was half-way, m.
     """
 
     places: Array
@@ -169,22 +68,33 @@ class Gains:
     gain: Array
     power: Array
     fresh: NDArray[np.bool_]
+    length: Array
 
     def copy(self) -> Gains:
         """Others of the same values, to go on from."""
-        return Gains(self.places, self.kinds, self.gain.copy(), self.power.copy(), self.fresh.copy())
+        return replace(self, gain=self.gain.copy(), power=self.power.copy(), fresh=self.fresh.copy())
 
     def age(self, louder: float = 1.0) -> None:
         """There is one more feature, and so much less noise."""
         self.fresh[:] = False
         self.gain *= max(louder, 1.0)
 
-    def best(self, price: Array, kind: int | None, stretch: Stretch, left: Tables) -> int:
-        """The place, of this kind or any, that gains most beyond its kind's price; -1: none does enough."""
+    def best(
+        self, price: Array, kind: int | None, stretch: Stretch, left: Tables, beside: Array | None = None
+    ) -> int:
+        """The place, of this kind or any, that gains most beyond its kind's price; -1: none does enough.
+
+        Parameters
+        ----------
+        beside : (n,), optional
+            Lengths (m) of others: none within `APART_M` of them is taken.
+        """
         total = self.gain - price[self.kinds]
+        if beside is not None:
+            total[(np.abs(self.length[:, None] - beside) < APART_M).any(1)] = -np.inf
         if kind is not None:
             total[self.kinds != kind] = -np.inf
-        while True:
+        while len(total):
             top = int(np.argmax(total))
             if total[top] < LEAST_GAIN - price.max() * (kind is not None):
                 return -1
@@ -197,20 +107,20 @@ class Gains:
             self.gain[old], self.power[old] = found.T
             self.fresh[old] = True
             total[old] = np.where(np.isfinite(total[old]), self.gain[old] - price[self.kinds[old]], -np.inf)
+        return -1
 
 
 def first_gains(stretch: Stretch, left: Tables) -> Gains:
     """Gains of all places about a stretch, of what is unexplained (K, T, N, 2)."""
     powers = stretch.unit * POWERS
     places, kinds = candidates(stretch.centre, stretch.front.longest_m, stretch.anchor_m)
-    gain, power = np.full(len(places), -np.inf), np.zeros(len(places))
-    keep = np.ones(len(places), bool)
     if len(stretch.points) > GLANCED:
         few = slice(GLANCED // 2, None, GLANCED)
         glance = stretch.front.gains(places, stretch.points[few], left[few], powers)[:, 0]
-        keep = glance > LEAST_GLANCE
-    gain[keep], power[keep] = stretch.front.gains(places[keep], stretch.points, left, powers).T
-    return Gains(places, kinds, gain, power, np.ones(len(places), bool))
+        places, kinds = places[glance > LEAST_GLANCE], kinds[glance > LEAST_GLANCE]
+    gain, power = stretch.front.gains(places, stretch.points, left, powers).T.copy()
+    length = np.hypot(*(places[:, :2] - stretch.centre).T) + places[:, 2]
+    return Gains(places, kinds, gain, power, np.ones(len(places), bool), length)
 
 
 def candidates(centre: Array, longest_m: float, anchor_m: Array) -> tuple[Array, Kinds]:
@@ -265,6 +175,42 @@ def nearer(place: Array, power: float, kind: int, stretch: Stretch, left: Tables
     return best, gain
 
 
+class Found(NamedTuple):
+    """A feature (4,): x, y, extra length (m) and power; its kind; what it gains beyond its price, nats."""
+
+    feature: Array
+    kind: int
+    gain: float
+
+
+def together(gains: Gains, price: Array, stretch: Stretch, left: Tables) -> list[list[Found]]:
+    """The best of new features, and others whose paths are too far from its own to depend on it.
+
+    Each may be of any of the kinds that are listed, the best first: all that are in doubt of the first, and
+    of others none, or they are left for later.
+    """
+    found, beside = list[list[Found]](), np.zeros(0)
+    while len(found) < TOGETHER:
+        top = gains.best(price, None, stretch, left, beside)
+        if top < 0:
+            break
+        # the grid is coarse: what is dearer has to earn its price off it, too
+        mine = int(gains.kinds[top])
+        rivals = [top, *(gains.best(price, other, stretch, left, beside) for other in range(mine))]
+        ends = []
+        for row in (r for r in rivals if r >= 0):
+            what = int(gains.kinds[row])
+            near, gain = nearer(gains.places[row], gains.power[row], what, stretch, left)
+            ends.append(Found(near, what, gain - price[what]))
+        ends.sort(key=lambda end: end.gain, reverse=True)
+        ends = [end for end in ends if end.gain > ends[0].gain - CLOSE]
+        if found and len(ends) > 1:
+            break
+        found.append(ends)
+        beside = np.append(beside, gains.length[top])
+    return found
+
+
 def propose(stretch: Stretch, known: Array, left: Tables, gains: Gains, price: Array) -> tuple[Array, Kinds]:
     """New features (n, 4) of an anchor: x, y, extra length (m) and power; and of which kind each is (n,).
 
@@ -281,25 +227,19 @@ def propose(stretch: Stretch, known: Array, left: Tables, gains: Gains, price: A
     """
     gains, new, kind, fixed = gains.copy(), np.zeros((0, 4)), np.zeros(0, np.int64), len(known)
     while len(known) + len(new) < MOST_FEATURES:
-        top = gains.best(price, None, stretch, left)
-        if top < 0:
+        found = together(gains, price, stretch, left)
+        if not found:
             break
-        # the grid is coarse: what is dearer has to earn its price off it, too
-        mine = int(gains.kinds[top])
-        rivals = [top, *(gains.best(price, other, stretch, left) for other in range(mine))]
-        ends = []
-        for row in (r for r in rivals if r >= 0):
-            what = int(gains.kinds[row])
-            near, gain = nearer(gains.places[row], gains.power[row], what, stretch, left)
-            ends.append((gain - price[what], near, what))
-        highest = max(end[0] for end in ends)
+        (likely, *doubted), *others = found
+        more = [end for (end,) in others][: MOST_FEATURES - len(known) - len(new) - 1]
         risen = []
-        for _, near, what in (end for end in ends if end[0] > highest - CLOSE):
-            table = np.concatenate([known, new, [near]])
-            table, value = ascend(stretch, table, np.append(kind, what), ITERATIONS)
-            risen.append((value - price[what], table, what))
-        _, table, what = max(risen, key=lambda end: end[0])
-        new, kind = table[fixed:], np.append(kind, what)
+        for end in (likely, *doubted):
+            kinds = np.append(kind, [one.kind for one in (end, *more)])
+            table = np.concatenate([known, new, [one.feature for one in (end, *more)]])
+            table, value = ascend(stretch, table, kinds, ITERATIONS)
+            risen.append((value - price[end.kind], table, kinds))
+        _, table, kind = max(risen, key=lambda one: one[0])
+        new = table[fixed:]
         quieter, left = stretch.quieter(table)
         gains.age(stretch.points[0, 3] / quieter.points[0, 3])
         stretch = quieter
@@ -312,25 +252,7 @@ def propose(stretch: Stretch, known: Array, left: Tables, gains: Gains, price: A
 
 def ascend(stretch: Stretch, table: Array, kind: Kinds, iterations: int) -> tuple[Array, float]:
     """Features (D, 4) moved by Adam, and the log-likelihood there; but for the last (n,) they stay."""
-    moving, floor = slice(len(table) - len(kind), None), np.array([0.0, 1e-4 * stretch.unit])
-    tied, bound = kind == SCATTERED, kind != FREE
-    first, second, table = np.zeros((len(kind), 4)), np.zeros((len(kind), 4)), table.copy()
-    here = stretch.points, stretch.steps
-
-    def rise() -> tuple[Array, float]:
-        return stretch.front.slopes(*here, table, stretch.anchor_m, stretch.tables, len(table) - len(kind))
-
-    for i in range(1, iterations + 1):
-        slope, own = rise()[0][moving], table[moving]
-        way = own[:, :2] - stretch.anchor_m
-        far = np.maximum(np.hypot(*way.T), NONE_M)[:, None]
-        slope[tied, :2] += (slope[:, 2:3] * way / far)[tied]
-        slope[bound, 2] = 0.0
-        slope = slope * stretch.scale
-        first = 0.9 * first + 0.1 * slope
-        second = 0.999 * second + 0.001 * slope**2
-        move = RATES * (first / (1 - 0.9**i)) / (np.sqrt(second / (1 - 0.999**i)) + 1e-12)
-        own += stretch.scale * move
-        own[:, 2:] = np.maximum(own[:, 2:], floor)
-        own[tied, 2] = np.hypot(*(own[tied, :2] - stretch.anchor_m).T)
-    return table, rise()[1]
+    plan = np.array([0.0, stretch.unit, FAINTEST, *RATES])
+    return stretch.front.climb(
+        stretch.points, stretch.steps, table, stretch.anchor_m, stretch.tables, kind, plan, iterations
+    )
