@@ -107,6 +107,18 @@ def test_a_line_of_sight_that_comes_back_is_found_where_the_agent_may_be(off):
     assert np.hypot(*found.mean[:2]) < 0.15
 
 
+def test_a_line_of_sight_that_comes_back_is_found_without_any_feature():
+    model, draw = signal_model(), np.random.default_rng(7)
+    lost = replace(belief(0.6, 0, (0.9, -0.5, 0.0, 0.0)), existence=np.array([1e-3]))
+    hidden = replace(belief(0.6, 1, (0.9, -0.5, 0.0, 0.0)), existence=np.array([1e-3]))
+    bank = replace(hidden.features, presence=np.zeros(1))
+    z = received(model, (0, 0), 0.3, POINTS[:1], POWERS[:1], draw)
+    for one in (lost, replace(hidden, features=bank)):
+        found, _ = update(one, z, HEARD, 0.3, model, 0)
+        assert found.existence[0] > 0.99
+        assert np.hypot(*found.mean[:2]) < 0.15
+
+
 def test_nothing_is_looked_for_where_noise_is_all_or_the_agent_is_known():
     model, draw = signal_model(), np.random.default_rng(5)
     lost = replace(belief(0.6, 1, (0.9, -0.5, 0.0, 0.0)), existence=np.array([1e-3]))

@@ -93,5 +93,6 @@ def _responses(length: Array, angle: Array, model: SignalModel) -> Complex:
     element = 2 * np.pi / wave.wavelength_m * wave.agent_element_m
     antennas = np.exp(1j * np.stack([np.cos(angle), np.sin(angle)], -1) @ element.T)
     spectrum = wave.pulse * np.exp(-1j * np.outer(length, rate)) / length[:, None]
-    both: Complex = (antennas[:, :, None] * spectrum[:, None, :]).reshape(len(length), -1)
+    size = len(element) * len(rate)
+    both: Complex = (antennas[:, :, None] * spectrum[:, None, :]).reshape(len(length), size)
     return both
