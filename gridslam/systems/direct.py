@@ -27,7 +27,6 @@ from gridslam.inference.management.samples.image_ties import share_walls
 from gridslam.inference.messages.samples.image_births import (
     FIRST_STEPS,
     Found,
-    add_tentative,
     birth_rate,
     find_births,
 )
@@ -54,6 +53,7 @@ from gridslam.inference.messages.samples.path_levels import (
     update_levels,
     watch_fit,
 )
+from gridslam.inference.messages.samples.ring_births import add_tentative
 from gridslam.inference.messages.samples.signal_likelihood import Band
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rings import MOVING

@@ -12,7 +12,6 @@ from gridslam.inference.management.samples.image_ties import share_walls
 from gridslam.inference.messages.samples.common_walls import TIE_M, places_by_walls
 from gridslam.inference.messages.samples.image_births import (
     NewDistance,
-    add_tentative,
     birth_rate,
     find_births,
 )
@@ -24,6 +23,7 @@ from gridslam.inference.messages.samples.image_proposals import (
     retire_substitutes,
 )
 from gridslam.inference.messages.samples.path_levels import update_levels
+from gridslam.inference.messages.samples.ring_births import add_tentative
 from gridslam.inference.messages.samples.signal_likelihood import Band
 from gridslam.world.geometry import mirror
 

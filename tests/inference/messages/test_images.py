@@ -7,10 +7,10 @@ import pytest
 
 import gridslam as gs
 from gridslam.inference.management.samples.image_merging import merge_images
+from gridslam.inference.messages.samples import image_births
 from gridslam.inference.messages.samples.distance_mode import PathPrior, joint_mode
 from gridslam.inference.messages.samples.image_births import (
     NewDistance,
-    add_tentative,
     birth_rate,
     find_births,
     with_sight,
@@ -18,6 +18,7 @@ from gridslam.inference.messages.samples.image_births import (
 from gridslam.inference.messages.samples.image_prediction import image_distances, predict_paths
 from gridslam.inference.messages.samples.image_rings import forbid_own_place, join_straight_rings
 from gridslam.inference.messages.samples.path_levels import reclaim_line_of_sight, update_levels
+from gridslam.inference.messages.samples.ring_births import add_tentative
 from gridslam.inference.messages.samples.signal_likelihood import Band, log_densities
 from gridslam.inference.state.belief import append
 from gridslam.inference.state.samples.images import DirectState, Images
@@ -183,6 +184,22 @@ def test_a_path_elsewhere_is_new_and_the_image_stays_away(model):
     assert [new.distance for new in found.new] == pytest.approx([image + 1.5], abs=0.05)
     assert found.prior.weight[1] < 1.0
     assert update_levels(state, paths, found).images.visible[0] < 0.1
+
+
+def test_nothing_is_solved_twice(monkeypatch):
+    searches, solve = [], image_births.joint_mode
+
+    def noted(band, samples, prior, noise):
+        searches.append((prior.mean.tobytes(), prior.weight.tobytes()))
+        return solve(band, samples, prior, noise)
+
+    monkeypatch.setattr(image_births, "joint_mode", noted)
+    prior = PathPrior(np.array([4.0]), np.array([[1e4]]), np.array([300.0]))
+    samples = snapshot(3, (4.0, 17), (6.0, 4.0), (8.1, 3.5), (11.0, 3.0), (15.0, 2.8))
+    found = find_births(BAND, samples, prior, 1.0, 0.5)
+    assert len(found.new) > 2
+    assert len(searches) > len(found.new)
+    assert len(set(searches)) == len(searches)
 
 
 def test_noise_brings_nothing_back(model):

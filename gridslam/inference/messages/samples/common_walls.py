@@ -112,12 +112,16 @@ def _single(
     state: DirectState, rows: NDArray[np.intp], line: Array, anchor: int, model: FilterModel, taken: Array
 ) -> Places:
     """The anchor's images in the lines (S, 2) of other anchors' images."""
+    if not len(rows):
+        return _no_places(state)
     position = model.anchor_positions[anchor]
     places = mirror(line[rows], position)
     across = line_between(position, places)
     crosses = np.abs(unit(across[:, 0]) @ model.middle - across[:, 1]) < model.radius_m
     here = np.flatnonzero(crosses & (farness(places, taken) > APART_M))
     rows = rows[here]
+    if not len(rows):
+        return _no_places(state)
     slope = mirror_derivative(line[rows], position) @ _line_slopes(state, rows, line, model)
     return _places(state, places[here], slope, ONE_BOUNCE, rows)
 
@@ -141,6 +145,11 @@ def _double(
     slope = turned @ _own_slopes(state, first)
     slope = slope + mirror_derivative(mirrored_at, image) @ _line_slopes(state, second, line, model)
     return _places(state, places[rows], slope, TWO_BOUNCES, first)
+
+
+def _no_places(state: DirectState) -> Places:
+    none = np.zeros(0, np.int64)
+    return Places(NOTHING, np.zeros((0, 2, len(state.belief.mean))), np.zeros((0, 2, 2)), none, none)
 
 
 def _places(state: DirectState, place: Array, slope: Array, bounces: int, maker: NDArray[np.intp]) -> Places:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,6 @@ from gridslam.arrays import Array
 from gridslam.inference.messages.samples.distance_mode import Mode, PathPrior, joint_mode
 from gridslam.inference.messages.samples.path_search import take_in
 from gridslam.inference.messages.samples.signal_likelihood import Band, Inverse, Sweep, log_ratio
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.rings import BEARINGS, MOVING, Rings, outer
-from gridslam.inference.state.samples.images import DirectState, Tentative
-from gridslam.world.filter_model import FilterModel
-from gridslam.world.geometry import line_between, unit
 
 Complex = NDArray[np.complex128]
 LEVELS = (1.0, 3.0, 10.0, 30.0)
@@ -37,8 +32,6 @@ NEAR_M, BESIDE_M = 0.05, 0.2
 """By how much an image must be farther than its anchor; how near to a known path a weak one is none."""
 DEVIATIONS = 2.0
 """Deviations of the line of sight that come on top."""
-OVERLAP = 0.6
-"""Deviation of a hypothesis along the ring at birth, in spacings."""
 ACCEPTED = np.log(8.0) - 2.0
 """What a gain in log posterior is worth more than a ratio of likelihoods: searched at 8 points of a cell,
 less what fitting a distance and an intensity gains in noise."""
@@ -152,6 +145,25 @@ class _Explanation:
     peak: tuple[float, float]
 
 
+@dataclass(frozen=True, eq=False)
+class _Scores:
+    """Log ratios of one more path, by intensity and distance, where it may be worth a look.
+
+    Attributes
+    ----------
+    rows : (G,) int
+        Of the grid.
+    logs : (I, G)
+    best, worth : (G,)
+        The highest, and the log of the mean ratio.
+    """
+
+    rows: NDArray[np.intp]
+    logs: Array
+    best: Array
+    worth: Array
+
+
 class _Births:
     """Peaks over distance; see `path_search.Candidates`. A peak is a distance (m) and an intensity.
 
@@ -179,8 +191,12 @@ class _Births:
         self.grid = grid + band.folding_m * (grid < self.nearest)
         self.open = self.grid < self.nearest + band.folding_m - band.resolution_m
         self.intensities = noise * 10 ** (INTENSITIES_DB / 10)
+        self.least = float(np.log(LEAST_EXISTENCE) - np.log(rate) - ACCEPTED - SOLVED_AGAIN)
         self._latest: tuple[Mode, Inverse, Sweep] | None = None
         self._solved: list[tuple[PathPrior, Mode]] = []
+        self._tried: dict[tuple[float, float], list[tuple[_Explanation, Mode]]] = {}
+        self._tried_of: PathPrior | None = None
+        self._scored: list[tuple[Sweep, _Scores]] = []
         self._judged: _Explanation
         self._predicted: tuple[PathPrior, Sweep] | None = None
 
@@ -210,17 +226,21 @@ class _Births:
         """
         _, table = self.explained(prior, mode)
         peaks = [peak for peak in map(self._peak, (table, self._before(prior))) if peak is not None]
-        explanations = [one for peak in peaks for one in self._explanations(prior, peak)]
-        if not explanations:
+        tried = [one for peak in peaks for one in self._tries(prior, peak)]
+        if not tried:
             return None
-        self._solved = [(one.prior, self.solve(one.prior)) for one in explanations]
-        worth = [
-            trial.log_posterior + one.log_odds
-            for one, (_, trial) in zip(explanations, self._solved, strict=True)
-        ]
-        best = int(np.argmax(worth))
-        self._solved, self._judged = [self._solved[best]], explanations[best]
-        return explanations[best].peak
+        worth = [trial.log_posterior + one.log_odds for one, trial in tried]
+        self._judged, trial = tried[int(np.argmax(worth))]
+        self._solved = [(self._judged.prior, trial)]
+        return self._judged.peak
+
+    def _tries(self, prior: PathPrior, peak: tuple[float, float]) -> list[tuple[_Explanation, Mode]]:
+        """What may make a peak, each with its mode; the less likely one of two peaks is looked at again."""
+        if self._tried_of is not prior:
+            self._tried_of, self._tried = prior, {}
+        if peak not in self._tried:
+            self._tried[peak] = [(one, self.solve(one.prior)) for one in self._explanations(prior, peak)]
+        return self._tried[peak]
 
     def _explanations(self, prior: PathPrior, peak: tuple[float, float]) -> list[_Explanation]:
         """What may make a peak: a new path; known ones that were away and are back (M332)."""
@@ -242,21 +262,28 @@ class _Births:
 
     def _peak(self, table: Sweep) -> tuple[float, float] | None:
         """The likeliest distance of one more path, and its intensity; None where it isn't worth a look."""
-        least = float(np.log(LEAST_EXISTENCE) - np.log(self.rate) - ACCEPTED - SOLVED_AGAIN)
-        matched = np.square(np.abs(table.matched))
+        scores = next((known for of, known in self._scored if of is table), None)
+        if scores is None:
+            scores = self._score(table)
+            self._scored = [*self._scored[-1:], (table, scores)]
+        worth = np.where(self.open[scores.rows], scores.worth, -np.inf)
+        if not len(worth):
+            return None
+        peak = int(worth.argmax())
+        if worth[peak] < self.least:
+            return None
+        share = np.exp(scores.logs[:, peak] - scores.best[peak])
+        return float(self.grid[scores.rows[peak]]), float(share @ self.intensities / share.sum())
+
+    def _score(self, table: Sweep) -> _Scores:
+        """What one more path is worth at all distances where it may be worth a look."""
+        least, matched = self.least, np.square(np.abs(table.matched))
         # the best of all intensities is worth q - 1 - log q, q = matched / self_power > 1
         worthy = self.open & (matched >= (1 + least) * table.self_power) if least > 0 else self.open
         rows = np.flatnonzero(worthy)
-        if not len(rows):
-            return None
         logs = log_ratio(matched[rows], table.self_power[rows], self.intensities[:, None])
         best = logs.max(0)
-        score = best + np.log(np.exp(logs - best).mean(0))
-        peak = int(score.argmax())
-        if score[peak] < least:
-            return None
-        share = np.exp(logs[:, peak] - best[peak])
-        return float(self.grid[rows[peak]]), float(share @ self.intensities / share.sum())
+        return _Scores(rows, logs, best, best + np.log(np.exp(logs - best).mean(0)))
 
     def widened(self, prior: PathPrior, mode: Mode, peak: tuple[float, float]) -> PathPrior:
         return self._solved[0][0]
@@ -279,57 +306,3 @@ class _Births:
         if possible and (np.abs(known - new.distance) > BESIDE_M).all():
             self.weak.append(new)
         return False
-
-
-def add_tentative(state: DirectState, anchor: int, new: list[NewDistance], model: FilterModel) -> DirectState:
-    """Begin a ring for every new path, and keep the likeliest few of the anchor."""
-    begun, belief = list[NewDistance](), state.belief
-    toward = _toward()
-    position, weights = model.anchor_positions[anchor], list[Array]()
-    for path in new:
-        image = belief.mean[:2] + path.distance * toward
-        weight = _density(image, position, model)
-        if weight.sum() > 0:
-            begun.append(path)
-            weights.append(weight / weight.sum())
-    if begun:
-        fresh = _rings(belief, anchor, begun, np.array(weights))
-        intensity = np.array([path.intensity for path in begun])
-        tentative = state.tentative.joined(Tentative(fresh, intensity, np.ones(len(begun))))
-        state = replace(state, tentative=tentative)
-    return state
-
-
-def _density(image: Array, position: Array, model: FilterModel) -> Array:
-    """Of images (K, 2): surfaces are uniform over the lines that cross the region."""
-    line, span = line_between(position, image), np.linalg.norm(image - position, axis=-1)
-    crosses = np.abs((unit(line[:, 0]) @ model.middle) - line[:, 1]) < model.radius_m
-    return np.asarray(crosses * (span > OWN_PLACE_M) / np.maximum(span, 0.1))
-
-
-def _toward() -> Array:
-    """Unit vectors of the hypotheses, (K, 2)."""
-    return unit(np.asarray(2 * np.pi / BEARINGS * np.arange(BEARINGS), np.float64))
-
-
-def _rings(belief: Belief, anchor: int, new: list[NewDistance], weight: Array) -> Rings:
-    """Rings (n) about the agent."""
-    count = len(new)
-    distance = np.array([path.distance for path in new])[:, None]
-    variance = np.array([path.variance for path in new])[:, None]
-    toward = np.broadcast_to(_toward(), (count, BEARINGS, 2))
-    across = np.stack([-toward[..., 1], toward[..., 0]], -1)
-    arc = np.square(OVERLAP * 2 * np.pi / BEARINGS * distance)[..., None, None]
-    mean = np.zeros((count, BEARINGS, MOVING + 2))
-    mean[..., :MOVING] = belief.mean[:MOVING]
-    mean[..., MOVING:] = belief.mean[:2] + distance[..., None] * toward
-    entry = np.array([0, 1, 2, 3, 0, 1])  # the image shares the error of the agent's position
-    covariance = np.broadcast_to(belief.covariance[np.ix_(entry, entry)], (*mean.shape, MOVING + 2)).copy()
-    covariance[..., MOVING:, MOVING:] += variance[..., None, None] * outer(toward, toward) + arc * outer(
-        across, across
-    )
-    whole = np.zeros(count, np.int64)
-    return Rings(
-        np.full(count, anchor, np.intp), np.array([path.existence for path in new]), whole, whole + 1, weight,
-        mean, covariance,
-    )  # fmt: skip
