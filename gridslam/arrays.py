@@ -23,17 +23,15 @@ def replace(value: Value, /, **changes: Any) -> Value:
         No such field.
     """
     kind: Any = type(value)
-    names, known = _fields(kind), value.__dict__
+    names = _fields(kind)
     fresh = object.__new__(kind)
     own = fresh.__dict__
-    if len(known) == len(names):  # nothing is cached
-        own.update(known)
-    else:
-        for name in names:
-            own[name] = known[name]
-    own.update(changes)
-    if len(own) != len(names):
-        raise TypeError(f"{kind.__name__} has no field {', '.join(changes.keys() - set(names))}")
+    own.update(value.__dict__, **changes)
+    if len(own) != len(names):  # something is cached, or no field
+        for name in [name for name in own if name not in names]:
+            del own[name]
+        if not changes.keys() <= own.keys():
+            raise TypeError(f"{kind.__name__} has no field {', '.join(changes.keys() - own.keys())}")
     made: Value = fresh
     return made
 

@@ -6,7 +6,7 @@ that has marginal beliefs and virtual anchors per anchor; docs/model.md, section
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -134,7 +134,7 @@ def turn(
 def by_anchor(
     state: State, scan: Scan, network: NetworkState, earlier_s: float | None, model: FilterModel,
     work: Workspace,
-) -> tuple[State, list[AnchorScan]]:  # fmt: skip
+) -> tuple[State, Sequence[AnchorScan]]:  # fmt: skip
     """A scan by anchors where it says whose it is, else whole; with all known, a lost agent is found."""
     if not network.labelled:
         return state, [work.once(whole_scan, scan, model)]

@@ -5,7 +5,7 @@ import taichi as ti
 from gridslam.kernels import HEARD_ELSEWHERE, OFTEN, OFTENER
 from gridslam.kernels.primitives.functions import PI, cos_of, dot, sin_of, wrapped
 from gridslam.kernels.primitives.gaussian import mirror_of
-from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.launching import copying
 from gridslam.kernels.primitives.layout import line_entry
 
 ALIKE = 0.5
@@ -20,7 +20,7 @@ AROUND_M, THROUGH_M, CROSSING = 1.0, 0.15, 0.2
 """Silent surface through a corner: gap of virtual anchors, distance from it, sine of the corner's angle."""
 
 
-@quick
+@copying("mean", "covariance", "foot", "owner")
 @ti.kernel
 def find_duplicates(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
@@ -75,7 +75,7 @@ def find_duplicates(
                             tie[0, 4], tie[1, 4] = -gap, -turn
 
 
-@quick
+@copying("mean", "covariance", "surface", "seen", "age", "single", "places")
 @ti.kernel
 def find_ghosts(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief

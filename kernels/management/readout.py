@@ -5,7 +5,7 @@ import taichi as ti
 from gridslam.kernels.primitives.blocks import Belief, Description, Links, SurfaceRows
 from gridslam.kernels.primitives.functions import cos_of, sin_of
 from gridslam.kernels.primitives.gaussian import path_of
-from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.launching import copying
 from gridslam.kernels.primitives.layout import anchor_of, line_entry
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.propagation.coefficients import BINS
@@ -79,7 +79,7 @@ def tell_path(
             quantity[row, 5 + n] = ti.bit_cast(ti.cast(NAN[0], ti.i64) << NAN[1], ti.f64)
 
 
-@quick
+@copying("belief", "links", "extent", "reflection")
 @ti.kernel
 def describe(
     head: ti.i32,  # entry where the lines begin: see `layout`

@@ -2,9 +2,11 @@
 
 A call of a `ti.kernel` inspects each array anew, some 25 us apiece. Once a kernel is compiled, `quick` checks
 only what machine code relies on, and hands over addresses; on the CPU only those of arrays that aren't the
-same objects as at the launch before, and shapes only where these differ. Before that, Taichi reads the
-kernel: it notes for every expression where it stands, which takes half the time and serves its complaints
-alone, and looks for a function's source at every call of it.
+same objects as at the launch before, and shapes only where these differ. Small arrays that a kernel only
+reads needn't be handed over at all, see `copying`.
+
+Before its first launch, Taichi reads a kernel: it notes for every expression where it stands, which takes
+half the time and serves its complaints alone, and looks for a function's source at every call of it.
 
 All of this is private to Taichi 1.7, and nothing else in the package is, but what `taichi_inside` asks for.
 So it is tried on a small kernel first, see `agrees`; should anything differ, all launches go Taichi's own
@@ -17,7 +19,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from ctypes import addressof, c_char
 from functools import wraps
-from itertools import compress
+from itertools import chain, compress
 from operator import is_not
 from typing import Any
 
@@ -35,7 +37,7 @@ _verdict: list[bool] = []
 Launch = Callable[..., Any]
 Place = tuple[int]
 ndarray, NOTHING = np.ndarray, object()
-MOST_LAUNCHES, KEYS = 8, ("only", "start", "whose", "anchor", "path", "radio")
+MOST_LAUNCHES, KEYS = 16, ("only", "start", "whose", "anchor", "path", "radio")
 """Launches of a kernel that a thread keeps side by side; arguments that tell them apart, anchors mostly."""
 PRIVATE = ("arguments", "compiled_kernels", "runtime")
 """What a kernel of Taichi 1.7 keeps of itself."""
@@ -44,7 +46,16 @@ START_OF: Callable[[Any], Any] = (c_char * 0).from_buffer
 """Stands at an array's first number."""
 
 
-def quick(kernel: Any) -> Any:
+def copying(*names: str) -> Callable[[Any], Any]:
+    """As `quick`, of a kernel of which some arrays or blocks are small, new at most launches, and only read.
+
+    They are copied into arrays that the launch has of its own, which takes a third of the time of handing
+    them over. Nothing that the kernel writes into them is seen.
+    """
+    return lambda kernel: quick(kernel, names)
+
+
+def quick(kernel: Any, copied: Sequence[str] = ()) -> Any:
     """The same kernel, launched quickly if that `agrees` with Taichi's own launches.
 
     Whatever isn't as it was compiled for goes Taichi's own way.
@@ -54,6 +65,8 @@ def quick(kernel: Any) -> Any:
     kernel : ti.kernel
         Its arguments are arrays of given type and number of dimensions, blocks of such arrays (see
         `packing`), and numbers; it returns nothing.
+    copied : sequence of str
+        See `copying`.
 
     Notes
     -----
@@ -63,7 +76,7 @@ def quick(kernel: Any) -> Any:
     primal: Any = getattr(kernel, "_primal", None)
     if not all(hasattr(primal, name) for name in PRIVATE):
         return kernel  # a Taichi that keeps these elsewhere
-    hurried, plain = _hurrying(kernel), _plain(kernel)
+    hurried, plain = _hurrying(kernel, copied), _plain(kernel)
 
     @wraps(kernel)
     def launch(*arguments: Any) -> Any:
@@ -121,7 +134,7 @@ def _made(kernel: Launch, attempts: Sequence[tuple[Any, ...]]) -> list[bytes]:
     return found
 
 
-def _hurrying(kernel: Any) -> Launch:
+def _hurrying(kernel: Any, copied: Sequence[str] = ()) -> Launch:
     """A quick launch of a kernel, whether that agrees or not."""
     primal, plain = kernel._primal, _plain(kernel)
     known = primal.arguments
@@ -132,34 +145,55 @@ def _hurrying(kernel: Any) -> Launch:
     # Taichi leaves a pack its place, and hands its arrays over behind all arguments
     places = [(n,) for n in others] + [(len(known) + n,) for n in range(len(members))]
     slots = list(zip(places, kinds, strict=True))
-    numbers = range(len(slots))
+    numbers, alone, packed = range(len(slots)), [n in others for n in range(len(known))], bool(packs)
+    blocks = [not single for single in alone]
     spare = {n: known[n].annotation for n in packs}
-    own, key = threading.local(), _key(flat_names(known)) if ON_CPU else None
+    own, key = _Launches(), _key(flat_names(known)) if ON_CPU else None
+    copies = _places_of(copied, known) if ON_CPU else []
 
     def launch(*arguments: Any) -> Any:
         compiled = primal.compiled_kernels
-        if not compiled:
-            return _first(plain, arguments)
         if len(compiled) != 1 or len(arguments) != len(known):
-            return plain(*arguments)
-        values: Sequence[Any] = arguments
-        if packs:
-            values = several = [arguments[n] for n in others]
-            for n in packs:
-                several += arguments[n]
+            return plain(*arguments) if compiled else _first(plain, arguments)
+        values = list(arguments)
+        if packed:
+            values = [*compress(arguments, alone), *chain.from_iterable(compress(arguments, blocks))]
         if len(values) != len(slots):
             return plain(*arguments)
-        (code,) = compiled.values()
-        reused = _reused_launch(own, code, primal.runtime.prog, values, key, spare)
+        (code,), program = compiled.values(), primal.runtime.prog
+        reused = _reused_launch(own, code, program, values, key, spare)
         context, handed = reused.context, reused.handed
         if not ON_CPU:
             context, handed = _context(code, reused.empty), [NOTHING] * len(handed)
+        for number in copies:
+            value, mine = values[number], handed[number]
+            if type(value) is not ndarray:
+                return plain(*arguments)
+            if type(mine) is ndarray and value.shape == mine.shape and value.dtype is mine.dtype:
+                mine[...] = value
+                values[number] = mine
+            else:
+                values[number] = value.copy()
         for number in compress(numbers, map(is_not, values, handed)):
             if not _hand_over(context, handed, number, slots[number], values[number]):
                 return plain(*arguments)
-        return primal.runtime.prog.launch_kernel(reused.machine, context)
+        return program.launch_kernel(reused.machine, context)
 
     return launch
+
+
+class _Launches(threading.local):
+    """What a thread keeps of a kernel, the one launched last at the end."""
+
+    def __init__(self) -> None:
+        self.kept: list[_ReusedLaunch] = []
+
+
+def _places_of(names: Sequence[str], known: Sequence[Any]) -> list[int]:
+    """Numbers of the arrays of these names, or in blocks of these names."""
+    flat = flat_names(known)
+    blocks = {argument.name: members_of(argument.annotation) for argument in known}
+    return [flat.index(name) for one in names for name in blocks.get(one) or [one]]
 
 
 def _context(code: Any, empty: Mapping[int, Any]) -> Any:
@@ -176,21 +210,21 @@ def _key(names: list[str]) -> int | None:
 
 
 def _reused_launch(
-    own: threading.local, code: Any, program: Any, values: Sequence[Any], key: int | None,
-    spare: Mapping[int, Any],
-) -> "_ReusedLaunch":  # fmt: skip
+    own: _Launches, code: Any, program: Any, values: Sequence[Any], key: int | None, spare: Mapping[int, Any]
+) -> "_ReusedLaunch":
     """The launch that a thread keeps for such a key; else a new one, or the one not used for longest."""
-    launches: list[_ReusedLaunch] | None = own.__dict__.get("launches")
+    launches = own.kept
     if not launches or launches[-1].code is not code or launches[-1].program is not program:
-        launches = own.launches = [_ReusedLaunch.first(code, program, spare, len(values))]
-    if key is None:
-        return launches[0]
+        launches = own.kept = [_ReusedLaunch.first(code, program, spare, len(values))]
+    latest = launches[-1]
+    if key is None or latest.handed[key] is values[key]:
+        return latest
     for one in launches:  # the anchor whose turn it is was launched longest ago
         if one.handed[key] is values[key]:
             launches.remove(one)
             break
     else:
-        one = launches.pop(0) if len(launches) == MOST_LAUNCHES else launches[0].another()
+        one = launches.pop(0) if len(launches) == MOST_LAUNCHES else latest.another()
     launches.append(one)
     return one
 

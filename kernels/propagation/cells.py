@@ -14,7 +14,7 @@ import taichi as ti
 from gridslam.kernels.primitives.blocks import Belief, Casting, Cells, Draft, Links, Listed, Query, Slabs
 from gridslam.kernels.primitives.device import ON_CPU, SPREAD
 from gridslam.kernels.primitives.functions import log_of
-from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.launching import copying
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.propagation.bundles import (
     FAR,
@@ -93,7 +93,7 @@ def settle(
         news[slab, cell >> CELL_BITS] = ti.cast(1, ti.u8)
 
 
-@quick
+@copying("belief", "links", "reflection")
 @ti.kernel
 def cast(
     query: pack(Query),

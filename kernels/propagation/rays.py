@@ -21,7 +21,7 @@ from gridslam.kernels.primitives.blocks import (
 )
 from gridslam.kernels.primitives.functions import wrapped
 from gridslam.kernels.primitives.gaussian import entry_of, path_of, predict_by, spread_by_unknown, spread_of
-from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.launching import copying
 from gridslam.kernels.primitives.layout import anchor_of, unknown_entry
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.particles import ready
@@ -84,7 +84,7 @@ def list_and_predict(
     out.found[0] = out.found[0] if known else n
 
 
-@quick
+@copying("belief", "links")
 @ti.kernel
 def list_paths(
     query: pack(Query),
@@ -122,7 +122,7 @@ def lies_near(m, value, spread, lean, heard: ti.template(), radio: ti.template()
     return far < GATE * GATE
 
 
-@quick
+@copying("mean", "covariance", "surface", "owner", "heard")
 @ti.kernel
 def near(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]

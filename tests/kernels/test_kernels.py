@@ -14,7 +14,7 @@ from gridslam import reference, runtime
 from gridslam.inference.messages.prediction import PathQuery
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.particles import Sampling, draft_of
-from gridslam.inference.workspace.workspace import Workspace
+from gridslam.inference.workspace.workspace import SHAPES, Workspace
 from gridslam.kernels import PATH_BLOCK
 from gridslam.kernels.primitives.blocks import OFFSET, SHARE
 
@@ -194,7 +194,14 @@ def test_buffers_last_by_maker_slot_and_shape_and_belong_to_one_workspace():
     assert work.buffers(pair, 1, 2, 3) is not first
     assert other.buffers(pair, 0, 2, 3) is not first
     assert work.buffers(pair, 0, 3, 2).shape == (3, 2)
+    assert work.buffers(pair, 0, 2, 3) is first
+    for rows in range(4, 4 + SHAPES):
+        work.buffers(pair, 0, rows, 2)
     assert work.buffers(pair, 0, 2, 3) is not first
+    some = work.first_rows(first, 1)
+    assert np.shares_memory(some, first)
+    assert some.shape == (1, 3)
+    assert work.first_rows(first, 1) is some is not work.first_rows(first, 2)
 
 
 def test_a_kernel_of_another_taichi_is_launched_as_it_is():

@@ -146,6 +146,31 @@ def test_arrays_that_begin_later_or_may_not_be_written_to_are_read_where_they_ar
         np.testing.assert_array_equal(out, 1 + 2 * wide[start:] + whole[start:, None])
 
 
+def test_what_is_only_read_is_copied_and_never_stale(launching, monkeypatch):
+    handed, real = [], launching._hand_over
+    monkeypatch.setattr(launching, "_hand_over", lambda *given: handed.append(given[2]) or real(*given))
+    kernel = launching.copying("wide", "thin")(launching._sample())
+    plain = launching._plain(launching._sample())
+    wide, narrow, whole = np.arange(12.0).reshape(4, 3), np.ones(3, np.float32), np.arange(4, dtype=np.int32)
+    fixed = np.ones((4, 3))[::-1]
+    fixed.flags.writeable = False
+    side, out = np.ones((4, 2)), np.zeros((4, 3))
+    for given in (wide, wide, wide + 1, wide, fixed, wide[:2], wide):
+        handed.clear()
+        made, expected = out[: len(given)], np.zeros((len(given), 3))
+        kernel(1, 2.0, given, (narrow.copy(), whole.copy()), side, made)
+        plain(1, 2.0, np.array(given, float), (narrow, whole), side, expected)
+        np.testing.assert_array_equal(made, expected)
+        if given.flags.writeable:
+            given += 1.0  # in place, of the same object
+    with pytest.raises(ValueError, match="f32"):
+        kernel(1, 2.0, wide.astype(np.float32), (narrow, whole), side, out)
+    kernel(1, 2.0, wide, (narrow, whole), side, out)
+    handed.clear()
+    kernel(1, 2.0, wide.copy(), (narrow.copy(), whole.copy()), side, out)
+    assert handed == []
+
+
 class Asked(ModuleType):
     """A module that counts how often somebody looks at where it stands."""
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import accumulate
 
 import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.inference.health.range_watch import Crossing
-from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.state.anchor_measurements import AnchorScan, whole_of
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import lean, level_of, unit, wrap
 
@@ -18,9 +19,7 @@ AGREE = 4.0
 """Deviations within which headings agree that follow from two lines of sight."""
 
 
-def crossing_of(
-    scans: Sequence[AnchorScan], deviations: Sequence[Array], model: FilterModel
-) -> Crossing | None:
+def crossing_of(scans: Sequence[AnchorScan], deviations: Array, model: FilterModel) -> Crossing | None:
     """Where the lines of sight of two anchors or more put the agent; None where there aren't two.
 
     An anchor's is taken to be the shortest of its paths, if that is the loudest, too, and if the heading that
@@ -28,16 +27,16 @@ def crossing_of(
 
     Parameters
     ----------
-    deviations : sequence of (M, 3)
-        As of `own_deviations`.
+    deviations : (M, 3)
+        Of all measurements, one anchor's after the other's; as of `own_deviations`.
     """
-    first = [(heard, own, row) for heard, own in zip(scans, deviations, strict=True)
+    begins = accumulate((len(heard) for heard in scans), initial=0)
+    first = [(heard.anchor, begin + row) for heard, begin in zip(scans, begins, strict=False)
              if (row := _first(heard)) is not None]  # fmt: skip
     if len(first) < 2:
         return None
-    anchor = np.array([heard.anchor for heard, _, _ in first])
-    value = np.array([heard.value[row] for heard, _, row in first])
-    std = np.array([own[row] for _, own, row in first])
+    anchor, rows = np.array(first).T
+    value, std = whole_of(scans).value[rows], deviations[rows]
     direction = value[:, 1] + model.places[anchor, 2]
     heading = direction + np.pi - value[:, 2]
     reach = AGREE * np.hypot(np.hypot(std[:, 1], std[:, 2]), SLACK[1])

@@ -39,7 +39,7 @@ PURPOSE, PURPOSE_OF_LEAD = 4, 5
 
 
 def snapshot_of(
-    scans: list[AnchorScan], state: State, model: FilterModel, known: Sequence[Sources] | None = None
+    scans: Sequence[AnchorScan], state: State, model: FilterModel, known: Sequence[Sources] | None = None
 ) -> Snapshot:
     """A scan to score poses by, with the radio as the state has learned it, and a map where it is given."""
     radios = [state.calibration.tuned(model.radio, heard.anchor) for heard in scans]
@@ -87,7 +87,7 @@ def watched(
     watch = population.watch.followed(float(covariance[0, 0] + covariance[1, 1]), len(population))
     if state.step % EVERY == 0 and len(scan):
         scans = work.once(split_by_anchor, scan, model)
-        loud = sum(int(np.count_nonzero(heard.loud)) for heard in scans)
+        loud = int(np.count_nonzero(scans.whole.loud))
         if loud:
             draw = np.random.default_rng([work.seed, state.step, PURPOSE_OF_LEAD])
             best, here = best_snapshot(snapshot_of(scans, state, model), state.belief.mean[POSE], draw)

@@ -79,9 +79,9 @@ def cast_paths(
     most = len(query.buffers.path)
     cast = work.buffers(casting_of, anchor, most, RAYS, most)
     _cast(query.attempts(), state.require_grid(), cast, state.surfaces.reflection, work)
-    paths = query.paths()
+    paths = query.paths(work)
     seen = cast.seen[: len(paths)]
-    return paths, Visibility(seen[:, 0], seen[:, 1], cast.products[: len(paths)])
+    return paths, Visibility(seen[:, 0], seen[:, 1], work.first_rows(cast.products, len(paths)))
 
 
 @timed("cells")

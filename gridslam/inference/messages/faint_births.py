@@ -15,7 +15,7 @@ from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.anchor_measurements import AnchorScan, deviations, own_deviations
+from gridslam.inference.state.anchor_measurements import AnchorScan, deviations, own_deviations, whole_of
 from gridslam.inference.state.leftovers import Leftovers
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -222,12 +222,8 @@ def remember_leftovers(
 
 
 def _stated(
-    scans: Sequence[AnchorScan], std: Sequence[Array]
+    scans: Sequence[AnchorScan], std: Array
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64], Array, Array, Array]:
     """Of all measurements whether they lack nothing, anchor, value, deviations (M, 3) and amplitude."""
-    value, amplitude = (
-        np.concatenate(part) for part in zip(*((h.value, h.amplitude) for h in scans), strict=True)
-    )
-    whole, anchor = (np.concatenate(part) for part in zip(*((h.whole, h.label) for h in scans), strict=True))
-    spread = np.minimum(np.concatenate(std), WIDEST)
-    return whole, anchor.astype(np.int64, copy=False), value, spread, amplitude
+    heard, std = whole_of(scans), np.minimum(std, WIDEST)
+    return heard.whole, heard.label.astype(np.int64, copy=False), heard.value, std, heard.amplitude

@@ -161,13 +161,12 @@ class PathQuery:
         self.query.choice[ROOTED] = STATE_GIVEN
         return self.query, self.belief, self.places, self.links, self.sampling.draft, self.buffers
 
-    def paths(self) -> PredictedPaths:
-        """The listed and predicted paths."""
-        count = int(self.buffers.found[0])
-        found = self.buffers
+    def paths(self, work: Workspace) -> PredictedPaths:
+        """The listed and predicted paths, once the kernel has run."""
+        count, (path, existence, surfaces, predicted, _) = int(self.buffers.found[0]), self.buffers
         assert self.recipe is not None
-        rays = Rays(found.path[:count], found.existence[:count], found.surfaces[:count], self.among)
-        return PredictedPaths(rays, Prediction(found.predicted[:count]), self.recipe)
+        rays = Rays(work.first_rows(path, count), existence[:count], surfaces[:count], self.among)
+        return PredictedPaths(rays, Prediction(work.first_rows(predicted, count)), self.recipe)
 
 
 @dataclass(frozen=True)
@@ -194,27 +193,28 @@ class PredictedPaths:
 @timed("evaluation")
 def predict_paths(state: State, anchor: int, model: FilterModel, *, work: Workspace) -> PredictedPaths:
     """All listed paths of `anchor`, one step ahead; the next query of that anchor reuses the arrays."""
-    return _listed(PathQuery.of(state, anchor, model, 0, 0, work))
+    return _listed(PathQuery.of(state, anchor, model, 0, 0, work), work)
 
 
 @timed("evaluation")
 def predict_every_path(state: State, model: FilterModel, *, work: Workspace) -> PredictedPaths:
     """As `predict_paths` of all anchors, if no particles are drawn: the covariance may be singular."""
-    return _listed(PathQuery.of(state, EVERY_ANCHOR, model, 0, 0, work), drawn=False)
+    return _listed(PathQuery.of(state, EVERY_ANCHOR, model, 0, 0, work), work, drawn=False)
 
 
 def paths_now(state: State, model: FilterModel, *, work: Workspace) -> Rays:
     """All listed paths of all anchors, anchor by anchor, with their present existence."""
-    return _listed(PathQuery.of(state, EVERY_ANCHOR, model, 0, 0, work, AS_THEY_ARE), drawn=False).rays
+    query = PathQuery.of(state, EVERY_ANCHOR, model, 0, 0, work, AS_THEY_ARE)
+    return _listed(query, work, drawn=False).rays
 
 
-def _listed(query: PathQuery, drawn: bool = True) -> PredictedPaths:
+def _listed(query: PathQuery, work: Workspace, drawn: bool = True) -> PredictedPaths:
     runtime.start()
     from gridslam.kernels.propagation.rays import list_paths
 
     for arguments in query.attempts() if drawn else [query.bare()]:
         list_paths(*arguments)
-    return query.paths()
+    return query.paths(work)
 
 
 @lru_cache(16)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gridslam.arrays import Array, replace
-from gridslam.inference.state.layout import PER_LINE
+from gridslam.inference.state.belief import line_entries
 from gridslam.inference.state.state import State
 from gridslam.world.geometry import wrap
 
@@ -19,6 +19,7 @@ LEAST = -0.5
 """Of the logarithm: how much must speak for a walk before a line that has stood still moves at all."""
 WIDEST = (30.0, 100.0)
 """Times a flat wall's walk at most: shift, turn."""
+MOST = np.log(WIDEST)
 LEAST_GAIN = 1e-3
 """Share of its variance that a line must lose at a step for the step to judge its walk."""
 
@@ -40,26 +41,29 @@ def learn_surface_walks(predicted: State, state: State) -> State:
         They aren't.
     """
     bank, count = state.surfaces, len(predicted.surfaces)
-    if not np.array_equal(bank.identity[:count], predicted.surfaces.identity):
+    same = bank.identity is predicted.surfaces.identity
+    if not same and not np.array_equal(bank.identity[:count], predicted.surfaces.identity):
         raise ValueError("the state after a step doesn't begin with the surfaces before it")
     if not count or state.samples is not None:  # particles walk as published
         return state
     foot = predicted.surfaces.foot
     before, after = _at_foot(predicted, foot), _at_foot(state, foot)
     change = state.belief.lines[:count] - predicted.belief.lines
-    turned = wrap(change[:, 0])
-    moved = np.column_stack([change[:, 1] - foot * turned, turned])
+    moved = np.empty((count, 2))
+    moved[:, 1] = turned = wrap(change[:, 0])
+    moved[:, 0] = change[:, 1] - foot * turned
     gained = before - after
     informed = gained > LEAST_GAIN * before
     surprise = moved**2 / np.where(informed, gained, np.inf) - 1 - DOUBT
     learned = bank.walk.copy()
     learned[:count] += GAIN * informed * np.minimum(surprise, MOST_SURPRISED)
-    return replace(state, surfaces=replace(bank, walk=np.clip(learned, LEAST, np.log(WIDEST))))
+    learned = np.minimum(np.maximum(learned, LEAST), MOST)
+    return replace(state, surfaces=replace(bank, walk=learned))
 
 
 def _at_foot(state: State, foot: Array) -> Array:
     """Variances of shift and turn of the first lines about the places where they were hit, (S, 2)."""
-    angle = state.belief.layout.head + PER_LINE * np.arange(len(foot))
-    covariance = state.belief.covariance
-    turn, offset = covariance[angle, angle], covariance[angle + 1, angle + 1]
-    return np.column_stack([offset - 2 * foot * covariance[angle, angle + 1] + foot**2 * turn, turn])
+    turn, _, cross, offset = (entries[: len(foot)] for entries in line_entries(state.belief))
+    spread = np.empty((len(foot), 2))
+    spread[:, 0], spread[:, 1] = offset - 2 * foot * cross + foot**2 * turn, turn
+    return spread

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.kernels import FAINTEST
 from gridslam.world.columns import ELEVATIONS
-from gridslam.world.filter_model import FilterModel
+from gridslam.world.filter_model import FilterModel, fixed
 from gridslam.world.geometry import lean
 from gridslam.world.radio import RadioModel
 from gridslam.world.scan import Scan
@@ -27,6 +28,8 @@ CLUTTER_PER_QUIET = 1 / (1 - np.exp(-QUIET))
 LEAST_STD = 1e-6
 UNKNOWN = -1
 """Stands for an anchor that nobody has told."""
+NOWHERE = fixed(np.full(2, np.nan))
+"""Where it is."""
 
 
 @dataclass(frozen=True)
@@ -92,12 +95,49 @@ class AnchorScan:
         return cls(anchor, position, orientation, height, value, own_std, amplitude, label, table)
 
 
-def split_by_anchor(scan: Scan, model: FilterModel) -> list[AnchorScan]:
+@dataclass(frozen=True, eq=False)
+class SplitScan(Sequence[AnchorScan]):
+    """A scan, anchor by anchor, the silent ones too.
+
+    Attributes
+    ----------
+    each : tuple of AnchorScan
+    whole : AnchorScan
+        All of it in that order, of which those are parts.
+    """
+
+    each: tuple[AnchorScan, ...]
+    whole: AnchorScan
+
+    def __len__(self) -> int:
+        return len(self.each)
+
+    def __iter__(self) -> Iterator[AnchorScan]:
+        return iter(self.each)
+
+    @overload
+    def __getitem__(self, anchor: int) -> AnchorScan: ...
+    @overload
+    def __getitem__(self, anchor: slice) -> Sequence[AnchorScan]: ...
+    def __getitem__(self, anchor: int | slice) -> AnchorScan | Sequence[AnchorScan]:
+        return self.each[anchor]
+
+
+def whole_of(scans: Sequence[AnchorScan]) -> AnchorScan:
+    """All measurements of several anchors, one anchor's after the other's."""
+    if isinstance(scans, SplitScan):
+        return scans.whole
+    names = "value", "own_std", "amplitude", "label", "table"
+    parts = {name: np.concatenate([getattr(heard, name) for heard in scans]) for name in names}
+    return AnchorScan(UNKNOWN, NOWHERE, np.nan, np.nan, **parts)
+
+
+def split_by_anchor(scan: Scan, model: FilterModel) -> SplitScan:
     """A scan, anchor by anchor, the silent ones too."""
     return anchor_scans(scan, model.places[: model.senders], model.radio.threshold)
 
 
-def anchor_scans(scan: Scan, anchors: Array, threshold: float = 0.0) -> list[AnchorScan]:
+def anchor_scans(scan: Scan, anchors: Array, threshold: float = 0.0) -> SplitScan:
     """A scan, anchor by anchor.
 
     Parameters
@@ -115,7 +155,7 @@ def anchor_scans(scan: Scan, anchors: Array, threshold: float = 0.0) -> list[Anc
     table = _table(value, own, amplitude, label, threshold)
     steep = _elevation(scan, order[rows])
     parts = (slice(begin - rows.start, end - rows.start) for begin, end in itertools.pairwise(ends))
-    return [
+    each = (
         AnchorScan(
             anchor,
             anchors[anchor, :2],
@@ -129,14 +169,17 @@ def anchor_scans(scan: Scan, anchors: Array, threshold: float = 0.0) -> list[Anc
             None if steep is None else steep[part],
         )
         for anchor, (facing, height, part) in enumerate(zip(*anchors[:, 2:4].T.tolist(), parts, strict=True))
-    ]
+    )
+    return SplitScan(
+        tuple(each), AnchorScan(UNKNOWN, NOWHERE, np.nan, np.nan, value, own, amplitude, label, table, steep)
+    )
 
 
 def of_all_anchors(scan: Scan, threshold: float = 0.0) -> AnchorScan:
     """A whole scan, of which some rows or all don't say which anchor sent them: its `anchor` is -1 there."""
     value, own, amplitude, label = _columns(scan, np.arange(len(scan)))
     table = _table(value, own, amplitude, label, threshold)
-    return AnchorScan(UNKNOWN, np.full(2, np.nan), np.nan, np.nan, value, own, amplitude, label, table)
+    return AnchorScan(UNKNOWN, NOWHERE, np.nan, np.nan, value, own, amplitude, label, table)
 
 
 def whole_scan(scan: Scan, model: FilterModel) -> AnchorScan:
@@ -211,19 +254,18 @@ def deviations(
     return _deviations(value, own_std, amplitude, angles, aperture, steep, signal)
 
 
-def own_deviations(scans: Sequence[AnchorScan], signal: RadioModel) -> list[Array]:
+def own_deviations(scans: Sequence[AnchorScan], signal: RadioModel) -> Array:
     """`deviations` (M, 3) of all measurements of known anchors, each by its own amplitude and angles.
 
     They depend on neither gain nor clutter, so that a step works them out once for all hypotheses.
     """
-    value, own_std = np.concatenate([h.value for h in scans]), np.concatenate([h.own_std for h in scans])
-    amplitude = np.concatenate([heard.amplitude for heard in scans])
-    count, heights = [len(heard) for heard in scans], [heard.height for heard in scans]
-    aperture = signal.anchor_aperture[np.concatenate([heard.label for heard in scans])]
-    steep = _lean(value, np.repeat(heights, count)) if any(heights) else 1.0
-    std = _deviations(value, own_std, amplitude, value[:, 1:], aperture, steep, signal)
-    ends = itertools.accumulate(count, initial=0)
-    return [std[begin:end] for begin, end in itertools.pairwise(ends)]
+    whole, heights = whole_of(scans), [heard.height for heard in scans]
+    aperture = signal.anchor_aperture[whole.label]
+    own = np.repeat(heights, [len(heard) for heard in scans]) if any(heights) else None
+    steep = 1.0 if own is None else _lean(whole.value, own)
+    return _deviations(
+        whole.value, whole.own_std, whole.amplitude, whole.value[:, 1:], aperture, steep, signal
+    )
 
 
 def _lean(value: Array, height: Array | float) -> Array:

@@ -109,16 +109,27 @@ def predict(
         covariance[axis + 2, axis] += place * speed
     covariance[HEADING, HEADING] += heading**2
     # a turn by w about the point at tangential coordinate t changes the offset by t w
-    more = np.broadcast_to(wider, (len(feet), 2))
-    size, slid, turn = len(mean), (shift * more[:, 0]) ** 2, (shift / 5.0 * more[:, 1]) ** 2
-    entries, on, lever = covariance.reshape(-1), 2 * (size + 1), turn * feet
-    # where angle, and offset after it, of the first surface stand on the diagonal
-    angle = belief.layout.head * (size + 1)
-    entries[angle::on] += turn
-    entries[angle + 1 :: on][: len(feet)] += lever
-    entries[angle + size :: on] += lever
-    entries[angle + size + 1 :: on] += lever * feet + slid
-    return replace(belief, mean=mean, covariance=covariance)
+    further, around = (wider[:, 0], wider[:, 1]) if isinstance(wider, np.ndarray) else (wider, wider)
+    slid, turn = (shift * further) ** 2, (shift / 5.0 * around) ** 2
+    lever, after = turn * feet, replace(belief, mean=mean, covariance=covariance)
+    angle, below, right, offset = line_entries(after)
+    angle += turn
+    below += lever
+    right += lever
+    offset += lever * feet + slid
+    return after
+
+
+def line_entries(belief: Belief) -> tuple[Array, Array, Array, Array]:
+    """Of every line the variance of its angle, both its covariances with the offset, and the offset's (S,).
+
+    They are views, of a covariance in one piece.
+    """
+    size, entries = len(belief.mean), belief.covariance.reshape(-1)
+    angle, on = belief.layout.head * (size + 1), 2 * (size + 1)
+    starts = angle, angle + size, angle + 1, angle + size + 1
+    first, below, right, last = (entries[start::on] for start in starts)
+    return first, below, right, last
 
 
 def update(

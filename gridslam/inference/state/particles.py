@@ -194,7 +194,7 @@ def _shrinkage(count: int) -> float:
 
 
 def turned(points: Single, belief: Belief) -> Single:
-    """Normal points (N, P), those of position and velocity such that samples turn with the agent.
+    """Normal points of position and velocity (4, P) such that samples turn with the agent.
 
     docs/model.md, (M209), in plain numbers: threads of a linear algebra wait for each other longer than
     this takes. As they are, if the covariance is singular.
@@ -211,7 +211,7 @@ def turned(points: Single, belief: Belief) -> Single:
         rest - by[0] * x - by[1] * y
         for rest, by, x, y in ((uu, by_u, ux, uy), (uv, by_u, vx, vy), (vv, by_v, vx, vy))
     )
-    whole = points.copy()
+    whole = np.empty_like(points)
     for first, spread in ((0, (xx, xy, yy)), (2, (uu, uv, vv))):
         turn = _turn(*spread, math.cos(heading), math.sin(heading))
         if turn is None:
@@ -263,7 +263,7 @@ class Particles:
     def points(self, belief: Belief) -> runtime.Resident:
         """The normal points, (N or more, count) float32, where the device has them.
 
-        If they are limited, (N or more, limit), `turned` with the agent.
+        If they are limited, (N or more, limit), `turned` with the agent: until the next are asked for.
         """
         size = len(belief.mean)
         if size > len(self._points):
@@ -274,8 +274,9 @@ class Particles:
         if self.limit is None:
             return self._held
         if self._few.shape != (len(self._points), self.limit):
-            self._few = np.ascontiguousarray(self._points[:, : self.limit])
-        return runtime.resident(turned(self._few, belief))
+            self._few = self._points[:, : self.limit].copy()
+        self._few[:4] = turned(self._points[:4, : self.limit], belief)
+        return runtime.resident(self._few)
 
     def samples(self, belief: Belief, number: int, draft: Draft) -> Sampling:
         """Exact samples of a belief by points that follow each other, from another one on for every `number`.

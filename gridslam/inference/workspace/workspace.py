@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections import defaultdict
 from collections.abc import Callable, Hashable
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.state.particles import Particles
@@ -18,11 +20,16 @@ from gridslam.world.filter_model import FilterModel
 Made = TypeVar("Made")
 P = ParamSpec("P")
 R = TypeVar("R")
+Rows = TypeVar("Rows", bound=NDArray[Any])
 NONE = np.zeros(0)
 OTHER = "bookkeeping"
 """Stage of whatever isn't timed by itself."""
 SHARED = 64
 """Things that hypotheses share, at most."""
+VIEWS = 64
+"""Views of buffers that are kept, at most."""
+SHAPES = 4
+"""Shapes of which buffers last at the same time: hypotheses differ by some paths."""
 
 
 class Workspace:
@@ -68,9 +75,10 @@ class Workspace:
         self._cells = CellBuffers(model, spared_cells) if grid and cells is None else cells
         self.particles = Particles(settings.particles, seed, settings.adapt_particles)
         self.messages = PathMessages(self._cells is not None)
-        self.seconds: dict[str, float] = {}
-        self._buffers: dict[tuple[Callable[..., Any], Hashable], tuple[tuple[Any, ...], Any]] = {}
+        self.seconds: defaultdict[str, float] = defaultdict(float)
+        self._buffers: dict[tuple[Callable[..., Any], Hashable], list[tuple[tuple[Any, ...], Any]]] = {}
         self._shared: dict[tuple[Any, ...], tuple[tuple[Any, ...], Any]] = {}
+        self._views: dict[tuple[int, int], tuple[NDArray[Any], Any]] = {}
         self.stage = OTHER
         self._since = time.perf_counter()
         self._turned: tuple[FilterModel, bytes, FilterModel] | None = None
@@ -80,20 +88,34 @@ class Workspace:
         self.messages.clear()
         if self._cells is not None:
             self._cells.settle()
-        self.seconds = {}
+        self.seconds = defaultdict(float)
         self.stage = OTHER
         self._since = time.perf_counter()
 
     def buffers(self, make: Callable[..., Made], slot: Hashable, *shape: Any) -> Made:
-        """What `make` made of this shape for the slot, made anew if the latest was of another one.
+        """What `make` made of this shape for the slot, made anew if the latest ones were of other shapes.
 
         The slot tells apart what is in use at the same time, as the anchors' arrays are.
         """
-        known = self._buffers.get((make, slot))
-        if known is None or known[0] != shape:
-            known = self._buffers[make, slot] = shape, make(*shape)
-        made: Made = known[1]
+        known = self._buffers.setdefault((make, slot), [])
+        for one in known:
+            if one[0] == shape:
+                break
+        else:
+            one = shape, make(*shape)
+            self._buffers[make, slot] = [*known[1 - SHAPES :], one]
+        made: Made = one[1]
         return made
+
+    def first_rows(self, whole: Rows, count: int) -> Rows:
+        """The first rows of a buffer as one and the same view, which kernels needn't be handed anew."""
+        key = id(whole), count
+        if key not in self._views:
+            if len(self._views) == VIEWS:
+                self._views.clear()
+            self._views[key] = whole, whole[:count]  # which keeps it: no other has its number
+        rows: Rows = self._views[key][1]
+        return rows
 
     def once(self, make: Callable[..., Made], *of: Any) -> Made:
         """What `make` makes of these very objects: made once, for hypotheses share it.
@@ -132,7 +154,7 @@ class Workspace:
     def turn_to(self, stage: str) -> str:
         """Count time for this stage from now on; the stage for which it counted."""
         now, before = time.perf_counter(), self.stage
-        self.seconds[before] = self.seconds.get(before, 0.0) + now - self._since
+        self.seconds[before] += now - self._since
         self._since, self.stage = now, stage
         return before
 
@@ -148,8 +170,7 @@ def timed(stage: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         @wraps(function)
         def run(*arguments: P.args, **named: P.kwargs) -> R:
-            work = named["work"]
-            assert isinstance(work, Workspace)
+            work: Any = named["work"]
             before = work.turn_to(stage)
             try:
                 return function(*arguments, **named)

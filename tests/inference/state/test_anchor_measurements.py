@@ -5,7 +5,7 @@ import pytest
 from filter_states import model_of
 
 import gridslam as gs
-from gridslam.inference.state.anchor_measurements import deviations, own_deviations, split_by_anchor
+from gridslam.inference.state.anchor_measurements import deviations, own_deviations, split_by_anchor, whole_of
 
 
 @pytest.mark.parametrize("height", [0.0, 2.5])
@@ -17,10 +17,21 @@ def test_those_of_all_anchors_are_those_of_each(height):
     angles[0, 1] = np.nan
     scan = gs.Scan(0, 0.0, whose, draw.uniform(1, 9, 5), *angles, draw.uniform(3, 30, 5), distance_std_m=own)
     scans = split_by_anchor(scan, model)
-    for heard, std in zip(scans, own_deviations(scans, model.radio), strict=True):
+    ends = np.cumsum([len(heard) for heard in scans])[:-1]
+    for heard, std in zip(scans, np.split(own_deviations(scans, model.radio), ends), strict=True):
         rows = np.arange(len(heard))
         each = deviations(heard, rows, heard.amplitude, heard.value[:, 1:], model.radio)
         np.testing.assert_array_equal(std, each)
+
+
+def test_a_scan_that_was_split_is_whole_in_the_order_of_its_parts():
+    model = model_of("canyon", [[0.0, 0.0, 0.3], [3.0, 1.0, 0.0], [2.0, -2.0, 1.0]])
+    scan = gs.Scan(0, 0.0, np.array([2, 0, 2, 0]), *np.arange(1.0, 17.0).reshape(4, 4) / 9)
+    scans = split_by_anchor(scan, model)
+    for one, other in ((scans.whole, whole_of(list(scans))), (scans[0], whole_of(scans[:1]))):
+        for name in ("value", "own_std", "amplitude", "label", "table"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+    assert scans.whole.label.tolist() == [0, 0, 2, 2]
 
 
 def test_a_calibration_that_changes_nothing_leaves_the_model_as_it_is():

@@ -15,7 +15,7 @@ from gridslam.arrays import replace
 from gridslam.inference.health.monitor import ENOUGH, MOST_LOUD
 from gridslam.inference.management.poses.pose_fix import MAP_M, POSE, Fix, find_pose, known_sources
 from gridslam.inference.messages.likelihood import detection_table
-from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.state.anchor_measurements import AnchorScan, whole_of
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.layout import AGENT, HEADING
 from gridslam.inference.state.state import State
@@ -44,7 +44,7 @@ def recover_pose(
     earlier_s : float or None
         Time of the step before, if there was one.
     """
-    count = sum(int(np.count_nonzero(heard.loud)) for heard in scans)
+    count = int(np.count_nonzero(whole_of(scans).loud))
     vague = is_vague(state.belief)
     if not work.recovers or state.samples is not None or (count < ENOUGH and not vague):
         return state
@@ -83,7 +83,7 @@ def near_paths(scans: Sequence[AnchorScan], state: State, model: FilterModel) ->
 
     belief, bank = state.belief, state.surfaces
     bank.check(belief, len(model.anchors), len(state.los))
-    table = np.concatenate([heard.table for heard in scans])
+    table = whole_of(scans).table
     claimed = np.empty(len(table), np.int32)
     near(
         belief.mean, belief.covariance, belief.layout.head, model.places, bank.existence, bank.owner, table,
