@@ -12,8 +12,8 @@ from gridslam.inference.messages.surface_walk import (
     DOUBT,
     GAIN,
     LEAST,
+    LEAST_GAIN,
     MOST_SURPRISED,
-    TOLD,
     WIDEST,
     learn_surface_walks,
 )
@@ -76,7 +76,7 @@ def test_walks_are_bounded(state):
 
 def test_a_step_that_tells_nothing_of_a_line_teaches_nothing(state):
     before = with_line(state, LINE, np.diag([1e-6, 1e-4]), walk=(0.7, 0.7))
-    after = with_line(before, LINE, (1 - 0.5 * TOLD) * np.diag([1e-6, 1e-4]), walk=(0.7, 0.7))
+    after = with_line(before, LINE, (1 - 0.5 * LEAST_GAIN) * np.diag([1e-6, 1e-4]), walk=(0.7, 0.7))
     assert learn_surface_walks(before, after).surfaces.walk.tolist() == [[0.7, 0.7]]
     assert before.surfaces.walk.tolist() == [[0.7, 0.7]], "nothing is changed in place"
 
