@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gridslam.errors import InputError
+from gridslam.measurements.network import NetworkMeasurements
 from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements
 from gridslam.world.observation import Kind
@@ -48,5 +49,7 @@ def require_kind(heard: object, takes: Kind, method: str) -> None:
         raise InputError(f"method {method!r}", "sampled signals", allowed)
     if isinstance(heard, Measurements) and takes == "signal":
         raise InputError(f"method {method!r}", "path measurements", "sampled signals, a Recording (--signal)")
+    if isinstance(heard, NetworkMeasurements):
+        raise InputError("measurements", "those of several agents", "one agent's (several: gs.map_network)")
     if not isinstance(heard, Measurements | Recording):
         raise InputError("measurements", type(heard).__name__, "Measurements or a Recording")

@@ -220,8 +220,8 @@ def map_network(
     Raises
     ------
     InputError
-        Agents or anchors that aren't the scene's, negative distances where it has no clocks, a number of
-        particles out of range, or a map of another frame.
+        One agent's measurements, agents or anchors that aren't the scene's, negative distances where it has
+        no clocks, a number of particles out of range, or a map of another frame.
     """
     scene = scene if particles is None else scene.with_filter(particles=particles)
     check_network(scene, measurements)
@@ -284,6 +284,9 @@ def check_network(scene: Scene, measurements: NetworkMeasurements) -> None:
     InputError
         The first that is found.
     """
+    if not isinstance(measurements, NetworkMeasurements):
+        found = type(measurements).__name__
+        raise InputError("measurements", found, "NetworkMeasurements of several agents (one: gs.map_scene)")
     check_names(scene, measurements)
     negative = np.flatnonzero(measurements.table.distance_m <= 0)
     if scene.clocks is None and len(negative):

@@ -86,6 +86,15 @@ def test_unknown_method_names_the_known_ones(scene, heard):
         gs.map_scene(scene, heard, method="magic")
 
 
+def test_measurements_of_one_agent_and_of_several_each_have_their_door(heard):
+    scene = gs.Scene.load("exchange")
+    with pytest.raises(gs.InputError, match=r"map_scene"):
+        gs.map_network(scene, heard)
+    several = gs.simulate(shortened(scene, 2, agents=2), ["agent1", "agent2"])
+    with pytest.raises(gs.InputError, match=r"map_network"):
+        gs.map_scene(scene, several)
+
+
 def test_method_without_cells_has_no_map_scores(scene, heard):
     run = gs.map_scene(scene, heard, method="adaptive", particles=300)
     score = run.score(gs.ground_truth(scene, "agent1"))
