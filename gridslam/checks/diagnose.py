@@ -32,6 +32,8 @@ LEVEL_DB = 2.5
 """Amplitudes whose level is nearer to the expected one aren't questioned."""
 MOST_OFF_DB, ENOUGH_HEARD = 6.0, 30
 """A level so far off is told, if so many lines of sight have it."""
+ENOUGH_ROWS, FAINTEST = 200, 0.02
+"""Measurements, and the share of them that must be nearly as faint as can be, for a threshold to be seen."""
 SHIFTS_M = (-4.0, -2.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0, 4.0)
 """Errors of all distances that might be why amplitudes don't fit."""
 GAINED = 0.1
@@ -309,16 +311,28 @@ def _loudness(amplitude: Array, sight: Sight, scene: Scene) -> list[Suspicion]:
     # decibels may be as large as what they stand for; their course with the distance isn't
     misread = bool(kind) and gain >= (ENOUGH if abs(level) >= LEVEL_DB or kind != "dB" else CERTAIN)
     misread &= abs(level) >= LEVEL_DB or kind == "dB"
+    begins = gain > 0 and _at_threshold(amplitude, kind, scene) and not _at_threshold(amplitude, "", scene)
+    misread |= bool(kind) and begins
     # logarithms spread more or less than what they are read as does, so densities of either aren't alike
     stretch = {"": 0.0, "power": -np.log(2) * len(heard), "dB": np.log(readings["dB"]).sum()}
     if abs(level) >= MOST_OFF_DB and len(heard) >= ENOUGH_HEARD:
-        if not misread or _level(off - np.median(off)) > scores[kind] + stretch[kind]:
+        if not misread or (not begins and _level(off - np.median(off)) > scores[kind] + stretch[kind]):
             reason = f"{shown}; or it is {ADVICE[kind]}" if kind else shown
             return [Suspicion("amplitude", "level", louder, False, reason)]
     if not misread:
         return []
     reason = f"{shown}; log likelihood ratio {gain:.0f}"
-    return [Suspicion("amplitude", kind, ADVICE[kind], gain > CERTAIN, reason)]
+    reason += "; so read, the faintest are at the scene's radio.detection_threshold_db" if begins else ""
+    return [Suspicion("amplitude", kind, ADVICE[kind], gain > CERTAIN or begins, reason)]
+
+
+def _at_threshold(amplitude: Array, kind: str, scene: Scene) -> bool:
+    """Whether a reading of the amplitudes begins where the scene's radio begins to detect paths."""
+    decibels, heard = scene.radio.detection_threshold_db, amplitude[np.isfinite(amplitude)]
+    first = {"": 10 ** (decibels / 20), "dB": decibels, "power": 10 ** (decibels / 10)}[kind]
+    if len(heard) < ENOUGH_ROWS or first <= 0:
+        return False
+    return bool(heard.min() > 0.98 * first and np.quantile(heard, FAINTEST) < 1.1 * first)
 
 
 def _level(gap: Array, spread: float = 0.2, stray: float = 0.2) -> float:

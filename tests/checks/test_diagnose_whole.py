@@ -142,6 +142,23 @@ def test_decibels_are_named_where_they_are_as_large_as_what_they_stand_for():
 
 
 @pytest.mark.slow
+def test_few_lines_of_sight_suffice_where_the_faintest_are_at_the_threshold():
+    """In the hall one anchor at a time is in sight, and decibels are as large as what they stand for."""
+    columns = heard("hall", 1)
+    for amplitude, kind in (
+        (20 * np.log10(columns["amplitude"]), "dB"),
+        (columns["amplitude"] ** 2, "power"),
+    ):
+        (found,) = named(columns | {"amplitude": amplitude}, "hall")
+        assert (found.column, found.kind) == ("amplitude", kind)
+        assert "at the scene's radio.detection_threshold_db" in found.reason
+    assert named(columns, "hall") == []
+    loud = columns["amplitude"] > 6.0  # a receiver with another threshold: nothing is told by that
+    some = {key: values[loud] for key, values in columns.items()}
+    assert [item for item in named(some, "hall") if item.column == "amplitude"] == []
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 3, 5])
 def test_missing_distances_are_named(seed):
     columns = heard("room", seed, steps=BRIEF)
