@@ -10,6 +10,7 @@ from kernel_worlds import BINS, some_rows
 from gridslam import reference, runtime
 from gridslam.kernels import ALREADY_LISTED, CELL_SLABS, STATE_GIVEN
 from gridslam.kernels.primitives.blocks import Belief, Casting, Cells, Draft, Links, Listed, Query, Slabs
+from gridslam.systems.direct_grid import DirectGridSlam
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 seeds = st.integers(0, 2**32 - 1)
@@ -201,6 +202,21 @@ def test_a_flat_ray_spares_the_cells_of_the_wall_that_it_meets(spared, beside):
     )[2]  # fmt: skip
     assert set(np.flatnonzero(message[0] < 0).tolist()) == beside
     assert message[0, 5] > 0
+
+
+def test_a_wall_on_a_border_of_cells_keeps_the_cell_in_front():
+    """From (0.5, 2.6) to (10.5, 2.6) by a wall 1 cm below y = 1: its front cells end 1.01 cells from it."""
+    table = np.full((5, 11), 0.1)
+    state = np.array([10.5, 2.6, 0.0, 0.0, 1.0, 0.99]).reshape(-1, 1)
+    freed = []
+    for spared in (1.0, DirectGridSlam.spared_cells):
+        message = launch_cast(
+            state, np.array([[1, 0, 0]], np.int32), np.array([0.5, 2.6]), np.array([np.exp(3.0)]), table,
+            table, np.array([0.0, 0.0, 1.0]), spared=spared,
+        )[2]  # fmt: skip
+        assert message[0, 5] > 0
+        freed.append(bool((message[1] < 0).any()))
+    assert freed == [True, False]
 
 
 def test_no_paths_cast_nothing():
