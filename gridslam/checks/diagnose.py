@@ -273,7 +273,7 @@ def _likeliest(
         sights = fitting or sights
     top = max(sight.evidence for sight in sights.values())
     first = {kind: sight for kind, sight in sights.items() if sight.evidence >= top - ENOUGH}
-    best = max(first, key=lambda kind: first[kind].explained)
+    best = max(first, key=lambda kind: (round(first[kind].explained, 2), first[kind].evidence))
     least = max(ALIKE * sights[best].explained, FITTING)
     return best, {k: s.explained for k, s in sights.items() if k != best and s.explained >= least}
 

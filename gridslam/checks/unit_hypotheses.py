@@ -17,6 +17,7 @@ from gridslam.world.scene import Scene
 
 Reading = Callable[[Array, NDArray], Array]
 ANGLES = ("aod_rad", "aoa_rad")
+FOOT_M = 0.3048
 PAD_VALUES = (-1.0, 0.0, -99.0, -999.0, -9999.0, 999.0, 9999.0)
 
 
@@ -29,8 +30,8 @@ class Suspicion:
     column : str
     kind : str
         "padding", "missing", "case", "names", "offset", "slant", "milliseconds", "microseconds", "fast",
-        "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "round trip",
-        "flipped", "world frame", "backwards", "swapped", "dB", "power" or "level".
+        "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "centimetres", "feet",
+        "round trip", "flipped", "world frame", "backwards", "swapped", "dB", "power" or "level".
     text : str
         What it looks like and what to do.
     certain : bool
@@ -54,6 +55,8 @@ ADVICE = {
     "seconds": "delays in seconds, where metres belong (times the speed of light)",
     "nanoseconds": "delays in nanoseconds, where metres belong (times 0.299792458)",
     "millimetres": "millimetres, where metres belong",
+    "centimetres": "centimetres, where metres belong",
+    "feet": "feet, where metres belong (times 0.3048)",
     "round trip": "the way there and back, twice the distance",
     "flipped": "counted clockwise; angles are counter-clockwise",
     "world frame of departure": "directions in the world; the anchor's orientation must be subtracted",
@@ -111,7 +114,7 @@ def readings(name: str, scene: Scene, table: Columns) -> dict[str, Reading]:
     """Other ways in which a column could have been meant."""
     if name == "distance_m":
         factors = {"seconds": SPEED_OF_LIGHT, "nanoseconds": SPEED_OF_LIGHT * 1e-9}
-        factors |= {"millimetres": 1e-3, "round trip": 0.5}
+        factors |= {"millimetres": 1e-3, "centimetres": 1e-2, "feet": FOOT_M, "round trip": 0.5}
         return {kind: partial(_times, factor) for kind, factor in factors.items()}
     readings: dict[str, Reading] = {
         "degrees": lambda values, _: np.radians(values),

@@ -37,6 +37,8 @@ def kinds(table, names, scene):
     return [(item.column, item.kind) for item in suspicions(table, names, scene)]
 
 
+ALIKE = ("nanoseconds", "feet")
+"""These are 1.7 % apart: either may be named beside the other."""
 SPOILT = {
     "aoa in degrees": ("aoa_rad", "degrees", lambda c, s, h: np.degrees(c["aoa_rad"])),
     "aod in degrees": ("aod_rad", "degrees", lambda c, s, h: np.degrees(c["aod_rad"])),
@@ -44,6 +46,8 @@ SPOILT = {
     "seconds": ("distance_m", "seconds", lambda c, s, h: c["distance_m"] / SPEED_OF_LIGHT),
     "nanoseconds": ("distance_m", "nanoseconds", lambda c, s, h: c["distance_m"] / SPEED_OF_LIGHT * 1e9),
     "millimetres": ("distance_m", "millimetres", lambda c, s, h: c["distance_m"] * 1e3),
+    "centimetres": ("distance_m", "centimetres", lambda c, s, h: c["distance_m"] * 100),
+    "feet": ("distance_m", "feet", lambda c, s, h: c["distance_m"] / 0.3048),
     "round trip": ("distance_m", "round trip", lambda c, s, h: c["distance_m"] * 2),
     "clockwise aoa": ("aoa_rad", "flipped", lambda c, s, h: -c["aoa_rad"]),
     "clockwise aod": ("aod_rad", "flipped", lambda c, s, h: -c["aod_rad"]),
@@ -64,7 +68,12 @@ def test_each_usual_error_is_named_and_nothing_else(heard, name, case):
     good = columns(table, None if case in LONGER else BRIEF)
     spoilt = spoil(good, scene, table.truth.heading_rad[good["step"]])
     found = suspicions(good | {column: spoilt}, table.anchors, scene)
-    assert [(item.column, item.kind, item.certain) for item in found] == [(column, kind, True)]
+    if case in ALIKE:
+        (one,) = found
+        assert not one.certain
+        assert all(word in str(one) for word in ALIKE)
+    else:
+        assert [(item.column, item.kind, item.certain) for item in found] == [(column, kind, True)]
 
 
 @pytest.mark.slow
