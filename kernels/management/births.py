@@ -19,7 +19,7 @@ from gridslam.kernels.primitives.functions import (
     turn_of,
     wrapped,
 )
-from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.launching import copying
 from gridslam.kernels.primitives.layout import HEADING, anchor_of, line_entry, lines_in, rise_of, unknown_row
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.radio import (
@@ -187,7 +187,7 @@ def sum_up(born: ti.template(), proposal: ti.template(), measured: ti.template()
         measured[NEW, m] = 1 + total
 
 
-@quick
+@copying("mean")
 @ti.kernel
 def propose(
     rate: ti.f64,  # births per anchor, step and unit of lines (rad m)
@@ -295,7 +295,7 @@ def propose(
         sum_up(births.born, births.proposal, measured)
 
 
-@quick
+@copying("mean")
 @ti.kernel
 def weigh_by_visibility(
     head: ti.i32,  # entry of the mean where the lines begin: see `layout`

@@ -4,7 +4,7 @@ import taichi as ti
 
 from gridslam.kernels.primitives.blocks import Coefficients, Drawn, Hits, Messages
 from gridslam.kernels.primitives.functions import decay_of, logarithm_of
-from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.launching import copying, quick
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, log_rician
 from gridslam.kernels.propagation.amplitudes import detection_of
@@ -146,7 +146,7 @@ def add_to_cells(
                     held[cell, n] = ti.max(below, ti.cast(-frame[CLIP], ti.f32))
 
 
-@quick
+@copying("mean")
 @ti.kernel
 def learn(
     head: ti.i32,  # entry of the mean where the lines begin: see `layout`

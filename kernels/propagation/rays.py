@@ -122,7 +122,7 @@ def lies_near(m, value, spread, lean, heard: ti.template(), radio: ti.template()
     return far < GATE * GATE
 
 
-@copying("mean", "covariance", "surface", "owner", "heard")
+@copying("mean", "covariance", "surface", "owner")
 @ti.kernel
 def near(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N]
