@@ -80,16 +80,14 @@ def test_where_a_hidden_path_should_be_noise_says_nothing():
     np.testing.assert_allclose(one.mean[:2], alone.mean[:2], atol=0.05)
 
 
-def test_in_a_crowd_nobody_asks():
-    model, draw, one = signal_model(), np.random.default_rng(3), replace(belief(features=1), extent=0.2)
-    z = received(model, (0, 0), 0.3, POINTS[:1], POWERS[:1], draw)
+@pytest.mark.parametrize("extent", [0.0, 0.2])
+def test_a_hidden_feature_has_no_power_in_a_crowd_or_out_of_it(extent):
+    model, draw, one = signal_model(), np.random.default_rng(3), replace(belief(features=1), extent=extent)
     paths = paths_at(one.mean, one, 0, 0.3, model)
-    known = products(paths.numbers, prepared(z[0], model.waveform), model.waveform)
-    assert powers_of(one, np.ones(1), 0, known)[1] == POWERS[1]
-    assert powers_of(replace(one, extent=0.0), np.ones(1), 0, known)[1] == 0
-    for step in range(3):
-        one, _ = update(one, z, HEARD, 0.3, model, step)
-    np.testing.assert_array_equal(one.features.presence, 1.0)
+    for rows, power in ((slice(0, 1), 0.0), (slice(0, 2), POWERS[1])):
+        z = received(model, (0, 0), 0.3, POINTS[rows], POWERS[rows], draw)
+        known = products(paths.numbers, prepared(z[0], model.waveform), model.waveform)
+        assert powers_of(one, np.ones(1), 0, known)[1] == power
 
 
 @pytest.mark.parametrize("off", [(0.9, -0.5), (-0.6, 1.0), (0.0, 0.0)])

@@ -46,9 +46,8 @@ def powers_of(belief: JointBelief, existence: Array, anchor: int, known: Product
 
 
 def predicted(belief: JointBelief) -> Array:
-    """Probability that features' paths are there (F,), before the samples; in a crowd it isn't asked."""
-    presence = belief.features.presence
-    return np.ones(len(presence)) if belief.extent > 0 else after_a_step(presence)
+    """Probability that features' paths are there (F,), before the samples."""
+    return after_a_step(belief.features.presence)
 
 
 def after_a_step(probability: Array) -> Array:
