@@ -92,7 +92,7 @@ def _path_particles(case: Case) -> int:
 
 def _samples(case: Case) -> int:
     return (
-        len(case["heard"])
+        len(case["scan"])
         * len(case["known"])
         * len(case["whose"])
         * min(case["state"].shape[1], case["noise"].shape[1])
@@ -145,7 +145,7 @@ CONTESTS = {
         changes=("message", "news", "observed"),
     ),
     "associate": Contest("pair", reference.associate, _messages, ("message", "odds", "measured")),
-    "initialise_surface": Contest("path", reference.initialise_surface, lambda case: 1, ("heard",)),
+    "initialise_surface": Contest("path", reference.initialise_surface, lambda case: 1, ("scan",)),
     "cast": Contest(
         "cell visit",
         reference.cast,
@@ -163,7 +163,7 @@ CONTESTS = {
         "path-particle",
         reference.evaluate,
         _path_particles,
-        ("path", "probability", "predicted", "heard", "odds", "root", "blocks", "message", "measured"),
+        ("path", "probability", "predicted", "scan", "odds", "root", "blocks", "message", "measured"),
     ),
     "list_paths": Contest("path", reference.list_paths, _listed, ("surface",), size=_surfaces),
     "weigh_by_visibility": Contest(
@@ -190,18 +190,18 @@ CONTESTS = {
         "node",
         reference.listen,
         lambda case: case["ahead"].size,
-        ("ahead", "heard", "responsible", "density"),
+        ("ahead", "scan", "responsible", "density"),
     ),
     "mark": Contest("path", reference.mark, _paths, changes=("foot", "extent", "times", "outermost")),
-    "near": Contest("measurement", reference.near, lambda case: len(case["heard"]), ("heard", "places")),
+    "near": Contest("measurement", reference.near, lambda case: len(case["scan"]), ("scan", "places")),
     "polylines": Contest("path-ray", reference.polylines, _path_particles),
-    "propose": Contest("sample", reference.propose, _samples, ("heard",), changes=("measured",)),
+    "propose": Contest("sample", reference.propose, _samples, ("scan",), changes=("measured",)),
     "walk": Contest("node", reference.walk, lambda case: case["ahead"].size, ("ahead", "length")),
     "update": Contest(
         "path",
         reference.update,
         _paths,
-        ("path", "share", "heard", "odds", "message", "measured"),
+        ("path", "share", "scan", "odds", "message", "measured"),
         changes=(
             "mean",
             "covariance",

@@ -22,12 +22,12 @@ FAINT, EXPLAINED, USUAL, DOUBLE_SHARE, WIDEST = 1e-3, 1e-3, 0.7, 0.5, 2.5
 
 
 def propose(
-    state: Array, noise: Array, mean: Array, head: int, heard: Array, known: Whole, whose: Whole,
+    state: Array, noise: Array, mean: Array, head: int, scan: Array, known: Whole, whose: Whole,
     places: Array, radio: Array, rate: float, measured: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Twin of `births.propose`: ratio (M, A H), and the lines (M, A H, 2), anchor by anchor."""
     own = [
-        _proposed(state, noise, mean, head, heard, known, int(a), places, radio[a], rate, measured)
+        _proposed(state, noise, mean, head, scan, known, int(a), places, radio[a], rate, measured)
         for a in whose
     ]
     ratio, line = zip(*own, strict=True)
@@ -35,47 +35,47 @@ def propose(
 
 
 def _proposed(
-    state: Array, noise: Array, mean: Array, head: int, heard: Array, known: Whole, anchor: int,
+    state: Array, noise: Array, mean: Array, head: int, scan: Array, known: Whole, anchor: int,
     places: Array, radio: Array, rate: float, measured: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
     """The same of one anchor: (M, H) and (M, H, 2)."""
     place, explained, delta = places[anchor].copy(), measured[0], late(mean, head, anchor, places)
     place[3] = tall(mean, head, anchor, places)
-    silent, double, length = heard[:, 6] < 0, (known >= 0).any(1), heard[:, 0] - delta
-    usual = np.where(silent, 0.5 * radio[7] / np.maximum(length, 1e-3), heard[:, 6])
-    std = deviations(np.maximum(usual, FAINTEST), heard[:, 1:3], radio, lean(length, place[3]))
-    std = np.where(heard[:, 3:6] > 0, heard[:, 3:6], np.minimum(std, 1e9))
-    std = np.where(heard[:, 3:6] < 0, 1e9, std)
+    silent, double, length = scan[:, 6] < 0, (known >= 0).any(1), scan[:, 0] - delta
+    usual = np.where(silent, 0.5 * radio[7] / np.maximum(length, 1e-3), scan[:, 6])
+    std = deviations(np.maximum(usual, FAINTEST), scan[:, 1:3], radio, lean(length, place[3]))
+    std = np.where(scan[:, 3:6] > 0, scan[:, 3:6], np.minimum(std, 1e9))
+    std = np.where(scan[:, 3:6] < 0, 1e9, std)
     nodes = np.multiply.outer(radio[7] / np.maximum(length, 1e-3), np.outer([1.0, USUAL], BINS))
-    density = np.exp(log_rician(np.where(silent, 1.0, heard[:, 6])[:, None, None], nodes, radio[8])).mean(2)
-    level = np.where(silent[:, None], 1.0, density) / clutter(heard[:, 6], radio)[:, None]
+    density = np.exp(log_rician(np.where(silent, 1.0, scan[:, 6])[:, None, None], nodes, radio[8])).mean(2)
+    level = np.where(silent[:, None], 1.0, density) / clutter(scan[:, 6], radio)[:, None]
     common, least = rate * length, np.maximum(FAINT, EXPLAINED * explained)
     most = common * (level.max(1) if len(known) > 1 else level[:, 0]) / np.sqrt(2 * np.pi)
-    keep = (most > least * np.minimum(std[:, 1], WIDEST)) & (heard[:, [3, 5]] >= 0).all(1)
+    keep = (most > least * np.minimum(std[:, 1], WIDEST)) & (scan[:, [3, 5]] >= 0).all(1)
     keep &= length > abs(place[3])
-    keep &= (heard[:, 9] < 0) | (heard[:, 9] == anchor)
-    weight = np.zeros((len(heard), len(known)))
+    keep &= (scan[:, 9] < 0) | (scan[:, 9] == anchor)
+    weight = np.zeros((len(scan), len(known)))
     late_by = len(state) - (head - AGENT) + anchor
     clock = state[late_by] if clocked(head, places) else np.zeros(state.shape[1])
-    measurement = np.concatenate([heard[keep, :3], std[keep]], 1)
+    measurement = np.concatenate([scan[keep, :3], std[keep]], 1)
     weight[keep] = likely(state[: len(state) - (head - AGENT)], clock, noise, measurement, known, place)
     ratio = common[:, None] * level[:, double.astype(int)] * weight * np.where(double, DOUBLE_SHARE, 1.0)
     lines, line = mean[head:].reshape(-1, 2), np.zeros((*ratio.shape, 2))
     for m, h in np.argwhere(ratio > least[:, None]):
         last, first = known[h]
-        image = mean[:2] + level_of(length[m], place[3]) * unit(mean[4] + heard[m, 2])
+        image = mean[:2] + level_of(length[m], place[3]) * unit(mean[4] + scan[m, 2])
         source = mirror(lines[first], place[:2]) if first >= 0 else place[:2]
         line[m, h] = line_between(source, mirror(lines[last], image) if last >= 0 else image)
     return np.where(ratio > least[:, None], ratio, 0.0), line
 
 
-def likely(state: Array, clock: Array, noise: Array, heard: Array, known: Whole, place: Array) -> Array:
+def likely(state: Array, clock: Array, noise: Array, scan: Array, known: Whole, place: Array) -> Array:
     """Mean of f(AoD) / span for measurements with deviations (M, 6) and hypotheses, (M, H)."""
     samples = min(state.shape[1], noise.shape[1])
     state, clock, noise = state[:, :samples], clock[:samples], noise[:, :samples]
-    agent, weight = state[:3], np.zeros((len(heard), len(known)))
+    agent, weight = state[:3], np.zeros((len(scan), len(known)))
     surfaces, anchor = lines_of(state), np.broadcast_to(place[:2], (samples, 2))
-    for m, (distance, departure, arrival, distance_std, departure_std, arrival_std) in enumerate(heard):
+    for m, (distance, departure, arrival, distance_std, departure_std, arrival_std) in enumerate(scan):
         reach = distance + distance_std * noise[0] - clock
         bearing = arrival + arrival_std * noise[1] + agent[2]
         image = agent[:2].T + level_of(reach, place[3])[:, None] * unit(bearing)
@@ -128,22 +128,22 @@ def weigh_by_visibility(
 
 
 def initialise_surface(
-    mean: Array, covariance: Array, head: int, anchor: int, places: Array, heard: Array, m: int, last: int,
+    mean: Array, covariance: Array, head: int, anchor: int, places: Array, scan: Array, m: int, last: int,
     first: int, radio: Array,
 ) -> tuple[Array, Array, Array, float]:  # fmt: skip
     """Twin of `initialisation.initialise_surface`: mean, covariance, belief over the coefficient, and misfit.
 
     Lines are worked out at all inputs at once, and derivatives are differences.
     """
-    amplitude, place, facing, radio = heard[m, 6], places[anchor, :2], places[anchor, 2], radio[anchor]
-    value = heard[m, :3] - np.array([float(late(mean, head, anchor, places)), 0.0, 0.0])
+    amplitude, place, facing, radio = scan[m, 6], places[anchor, :2], places[anchor, 2], radio[anchor]
+    value = scan[m, :3] - np.array([float(late(mean, head, anchor, places)), 0.0, 0.0])
     known, size, layout = max(last, first), len(mean), StateLayout.of_view(len(mean), head - AGENT)
     new, line_of = layout.surfaces, layout.line
     strength = amplitude if amplitude >= 0 else 0.5 * radio[7] / max(value[0], 1e-3)
     height = float(tall(mean, head, anchor, places))
     steep = lean(value[0], height)
     std = deviations(np.array([max(strength, FAINTEST)]), value[None, 1:], radio, steep)[0]
-    std = np.where(heard[m, 3:6] > 0, heard[m, 3:6], std)
+    std = np.where(scan[m, 3:6] > 0, scan[m, 3:6], std)
     known_line = mean[line_of(known)] if known >= 0 else np.zeros(2)
 
     def lines_by(inputs: Array) -> Array:
@@ -159,7 +159,7 @@ def initialise_surface(
         return agents, sources, (others if last >= 0 else lines), (others if first >= 0 else lines), bounces
 
     inputs = np.concatenate([mean[[0, 1, 4]], value[[0, 2]], known_line])
-    at, departs = inputs.copy(), heard[m, 4] >= 0 and std[1] < 1e6
+    at, departs = inputs.copy(), scan[m, 4] >= 0 and std[1] < 1e6
     wide = np.hypot(std[2], np.sqrt(covariance[4, 4]))
     for reach in (REACH, 2 * REACH / TRIALS) if departs else ():
         trials = np.tile(at, (TRIALS, 1))
@@ -201,6 +201,6 @@ def initialise_surface(
         np.array([1 if known < 0 else 2]), float(tall(fresh.mean, head, anchor, places)),
     )  # fmt: skip
     late_by = float(late(fresh.mean, head, anchor, places))
-    missed = abs(heard[m, 0] - late_by - path.distance[0]) / std[0]
-    missed = max(missed, abs(wrap(heard[m, 2] - path.arrival[0] + fresh.mean[4])) / std[2])
+    missed = abs(scan[m, 0] - late_by - path.distance[0]) / std[0]
+    missed = max(missed, abs(wrap(scan[m, 2] - path.arrival[0] + fresh.mean[4])) / std[2])
     return fresh.mean, fresh.covariance, density / density.sum(), float(missed)

@@ -95,9 +95,9 @@ def correct(
     """
     count = int(start[-1])
     share, responsible = np.zeros(count), np.zeros(nu.shape)
-    heard, taken = (beta * nu).sum(1), np.zeros(nu.shape[1])
-    total = heard + odds[7]
-    sure = heard / total
+    detected, taken = (beta * nu).sum(1), np.zeros(nu.shape[1])
+    total = detected + odds[7]
+    sure = detected / total
     order = np.argsort(-sure, kind="stable")
     for row in order[sure[order] >= UNHEARD]:
         value, slope, core = (part[0] for part in predict(mean, covariance, head, path[row][None], places))

@@ -36,7 +36,7 @@ def walk(earlier: Array, length: Array, existence: Array, table: Array, number: 
 
 
 def listen(
-    ahead: Array, heard: Array, responsible: Array, table: Array, number: Array, samples: float
+    ahead: Array, scan: Array, responsible: Array, table: Array, number: Array, samples: float
 ) -> Array:
     """Twin of `histograms.listen`: histograms (L, K) after what was heard."""
     nodes, gap, silent = table[[0, 1, 5]]
@@ -44,7 +44,7 @@ def listen(
     missed = np.maximum(1 - responsible.sum(1, keepdims=True), 0.0)
     after = missed * prior * silent / (prior * silent).sum(1, keepdims=True)
     for m in np.flatnonzero(responsible.sum(0) > 1e-3):
-        audible, density = min(heard[m, 6], nodes[-1]), np.ones(len(nodes))
+        audible, density = min(scan[m, 6], nodes[-1]), np.ones(len(nodes))
         if audible > 0:
             log = log_rician(audible, nodes, samples)
             density = np.exp(log - log.max())

@@ -52,53 +52,53 @@ def deviations(amplitude: Array, angles: Array, radio: Array, steep: Array | flo
 
 def weigh(
     belief: Array, nodes: Array, spreading: float, path: Whole, predicted: Array, worth: Array,
-    heard: Array, chance: Array, step: float, radio: Array,
+    scan: Array, chance: Array, step: float, radio: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Twin of `amplitudes.weigh`: detection probability (L,), and strength (2, L, M)."""
-    ranged, late = heard[:, 3] >= 0, predicted[:, 0] - predicted[:, 12]
-    loud = heard[:, 6] >= 0
+    ranged, late = scan[:, 3] >= 0, predicted[:, 0] - predicted[:, 12]
+    loud = scan[:, 6] >= 0
     own = nodes / np.maximum(predicted[:, 12:], 1e-3) if spreading else np.tile(nodes, (len(belief), 1))
     table = np.interp(own, step * np.arange(len(chance)), chance)
     detected = (belief * table).sum(1)
-    strength, mean = np.zeros((2, len(belief), len(heard)))
-    for m in range(len(heard)):
+    strength, mean = np.zeros((2, len(belief), len(scan)))
+    for m in range(len(scan)):
         given = (
-            nodes / np.maximum(heard[m, 0] - late[:, None], 1e-3)
+            nodes / np.maximum(scan[m, 0] - late[:, None], 1e-3)
             if spreading
             else np.tile(nodes, (len(belief), 1))
         )
         level = given if ranged[m] else own
-        density = np.exp(log_rician(heard[m, 6], level, radio[0, 8])) if loud[m] else table
+        density = np.exp(log_rician(scan[m, 6], level, radio[0, 8])) if loud[m] else table
         strength[:, m] = (belief * density).sum(1)
         mean[:, m] = (belief * density * (level if loud[m] else own)).sum(1)
     strength[worth <= 1e-6] = mean[worth <= 1e-6] = 0.0
     usual = (belief * own).sum(1)[:, None]
     mean = np.where(strength > NEVER, mean / np.maximum(strength, NEVER), usual)
     first = radio[path[0, 3]] if len(path) else radio[0]
-    return detected, np.stack([strength / clutter(heard[:, 6], first), mean])
+    return detected, np.stack([strength / clutter(scan[:, 6], first), mean])
 
 
 def gate(
-    belief: Array, nodes: Array, spreading: float, path: Whole, predicted: Array, heard: Array, chance: Array,
+    belief: Array, nodes: Array, spreading: float, path: Whole, predicted: Array, scan: Array, chance: Array,
     step: float, places: Array, radio: Array, bandwidth: float, odds: Array,
 ) -> tuple[Whole, Array, Array, Array, Array]:  # fmt: skip
     """Twin of `gating.gate`: index, table and inverse covariance of the pairs; p_d; strength."""
     worth = odds[:3].prod(0)
-    detected, strength = weigh(belief, nodes, spreading, path, predicted, worth, heard, chance, step, radio)
+    detected, strength = weigh(belief, nodes, spreading, path, predicted, worth, scan, chance, step, radio)
     value, spread = predicted[:, None, :3], predicted[:, 3:12].reshape(-1, 3, 3)
     angles = np.broadcast_to(value[..., 1:], (*strength[1].shape, 2))
     own = radio[path[:, 3]]
     steep = lean(predicted[:, 12], places[path[:, 3], 3])[:, None]
     std = deviations(np.maximum(strength[1], FAINTEST), angles, own[:, None], steep)
-    std = np.where(heard[:, 3:6] > 0, heard[:, 3:6], std)
-    std[..., :] = np.where(heard[:, 3:6] < 0, np.inf, std)
+    std = np.where(scan[:, 3:6] > 0, scan[:, 3:6], std)
+    std[..., :] = np.where(scan[:, 3:6] < 0, np.inf, std)
     missing = np.square(std) >= UNMEASURED
-    gap = heard[:, :3] - value
+    gap = scan[:, :3] - value
     gap[..., 1:] = wrap(gap[..., 1:])
-    gap = np.where(heard[:, 3:6] < 0, 0.0, np.abs(gap))
+    gap = np.where(scan[:, 3:6] < 0, 0.0, np.abs(gap))
     known = np.where(missing, 0.0, std) ** 2
     reach = GATE * np.sqrt(np.diagonal(spread, axis1=1, axis2=2)[:, None] + known) + MARGIN
-    label = heard[:, 9]
+    label = scan[:, 9]
     ours = (label < 0) | (label == own[:, 11, None])
     chosen = ours & (gap < reach).all(-1) & (worth > 1e-6)[:, None] & (strength[0] > 0)
     row, measurement = np.nonzero(chosen)
@@ -107,7 +107,7 @@ def gate(
     density = strength[0][chosen] * np.where(missing, np.sqrt(2 * np.pi * UNMEASURED) / flat, 1.0).prod(1)
     variance = np.where(missing, UNMEASURED, np.maximum(std, 1e-6) ** 2)
     total = bandwidth * spread[row] + variance[:, :, None] * np.eye(3)
-    pair: Array = np.column_stack([heard[measurement, :3], variance, density, np.linalg.det(total)])
+    pair: Array = np.column_stack([scan[measurement, :3], variance, density, np.linalg.det(total)])
     index = np.stack([row, measurement], -1).astype(np.int32)
     return index, pair, np.asarray(np.linalg.inv(total), np.float64), detected, strength
 
@@ -137,12 +137,12 @@ def enter(
 
 def evaluate(
     spreading: float, step: float, head: int, bandwidth: float, amplitudes: Amplitudes, rows: PathRows,
-    heard: Array, anchors: Anchors, drawing: Drawing, ratios: Ratios,
+    scan: Array, anchors: Anchors, drawing: Drawing, ratios: Ratios,
 ) -> dict[str, Array | Whole]:  # fmt: skip
     """Twin of `evaluation.evaluate`: what it writes, by the names of the blocks' arrays."""
     (probability, nodes, chance), (path, predicted), (odds, message, measured) = amplitudes, rows, ratios
     index, pair, inverse, detected, _ = gate(
-        probability, nodes, spreading, path, predicted, heard, chance, step, *anchors, bandwidth, odds
+        probability, nodes, spreading, path, predicted, scan, chance, step, *anchors, bandwidth, odds
     )
     odds, start = odds.copy(), np.searchsorted(index[:, 0], np.arange(len(path) + 1)).astype(np.int32)
     odds[3] = detected
@@ -153,7 +153,7 @@ def evaluate(
     )
     blocks = np.concatenate([valid, weight])
     odds, message, measured = enter(blocks, start, index, pair, odds, message, measured)
-    measured[1] = heard[:, 8]
+    measured[1] = scan[:, 8]
     whole: dict[str, Array | Whole] = {"start": start, "index": index}
     return whole | {
         "pair": pair, "state": state, "blocks": blocks, "odds": odds, "message": message, "measured": measured
@@ -163,10 +163,10 @@ def evaluate(
 def associate(odds: Array, message: Array, measured: Array, rounds: int) -> tuple[Array, Array, Array]:
     """Twin of `association.associate`: messages from paths and measurements; sums of the former."""
     beta, missed, new = message[1], odds[7], measured[2]
-    paths, heard = beta.shape
-    nu = np.broadcast_to(1 / new, (paths, heard)).copy()
+    paths, measurements = beta.shape
+    nu = np.broadcast_to(1 / new, (paths, measurements)).copy()
     claim = np.zeros_like(nu)
-    for _ in range(rounds if paths and heard else 0):
+    for _ in range(rounds if paths and measurements else 0):
         weight = beta * nu
         others = np.maximum(weight.sum(1, keepdims=True) - weight, 0.0)
         claim = beta / (missed[:, None] + others)

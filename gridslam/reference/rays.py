@@ -61,7 +61,7 @@ def list_paths(
 
 
 def near(
-    mean: Array, covariance: Array, head: int, places: Array, surface: Array, owner: Long, heard: Array,
+    mean: Array, covariance: Array, head: int, places: Array, surface: Array, owner: Long, scan: Array,
     radio: Array,
 ) -> NDArray[np.bool_]:  # fmt: skip
     """Twin of `rays.near`: which measurements are loud and lie near a path, (M,)."""
@@ -69,7 +69,7 @@ def near(
     links = Links(surface, owner, none.sum(1), none, none[:, None])
     belief = Belief(mean, covariance)
     path, _, surfaces, predicted = list_paths(asked(-1, 1, head), belief, places, links)
-    amplitude = np.where(heard[:, 6] >= 0, heard[:, 6], radio[path[:, 3], 9][:, None])  # (L, M)
+    amplitude = np.where(scan[:, 6] >= 0, scan[:, 6], radio[path[:, 3], 9][:, None])  # (L, M)
     own = radio[path[:, 3]][:, None]
     std = np.empty((*amplitude.shape, 3))
     std[..., 0] = np.where(own[..., 1] > 0, own[..., 1], own[..., 0] / amplitude)
@@ -77,10 +77,10 @@ def near(
     for q in (1, 2):
         square = own[..., 2 * q : 2 * q + 2].mean(-1)
         std[..., q] = 1 / (np.sqrt(8) * np.pi * amplitude * steep * np.sqrt(np.maximum(square, 1e-30)))
-    std = np.where(heard[:, 3:6] > 0, heard[:, 3:6], std)
-    gap = heard[:, :3] - predicted[:, None, :3]
+    std = np.where(scan[:, 3:6] > 0, scan[:, 3:6], std)
+    gap = scan[:, :3] - predicted[:, None, :3]
     gap[..., 1:] = wrap(gap[..., 1:])
     total = predicted[:, None, 3:12:4] + std**2
-    far = np.where(heard[:, 3:6] < 0, 0.0, gap**2 / total).sum(-1)
-    there = (surfaces > STRONG)[:, None] & ((heard[:, 9] < 0) | (own[..., 11] == heard[:, 9]))
-    return np.asarray(((far < 16.0) & there).any(0) & (heard[:, 7] > 0.5))
+    far = np.where(scan[:, 3:6] < 0, 0.0, gap**2 / total).sum(-1)
+    there = (surfaces > STRONG)[:, None] & ((scan[:, 9] < 0) | (own[..., 11] == scan[:, 9]))
+    return np.asarray(((far < 16.0) & there).any(0) & (scan[:, 7] > 0.5))

@@ -53,12 +53,12 @@ def exist(
 
 
 def fit(
-    path: Whole, index: Whole, pair: Array, predicted: Array, share: Array, responsible: Array, heard: Array,
+    path: Whole, index: Whole, pair: Array, predicted: Array, share: Array, responsible: Array, scan: Array,
     blocks: Array, radio: Array, turned: Array, sums: Array,
 ) -> Array:  # fmt: skip
     """Twin of `fitting.fit`: the sums afterwards, (J, 9)."""
-    loud, sums = heard[:, 7] > 0.5, sums.copy()
-    sender = np.maximum(heard[:, 9], 0).astype(int)
+    loud, sums = scan[:, 7] > 0.5, sums.copy()
+    sender = np.maximum(scan[:, 9], 0).astype(int)
     np.add.at(sums[:, 4], sender[loud], np.minimum(responsible.sum(0), 1.0)[loud])
     np.add.at(sums[:, 5], sender[loud], 1.0)
     sure = np.flatnonzero(share > SURE)
@@ -76,7 +76,7 @@ def fit(
     left = direct & known[:, 1]
     np.add.at(sums, (anchor[left], 6), (turned[anchor[left]] - gap[left, 1]) / spread[left, 1, 1])
     np.add.at(sums, (anchor[left], 7), 1 / spread[left, 1, 1])
-    amplitude, own = heard[heard_rows, 6], radio[anchor]
+    amplitude, own = scan[heard_rows, 6], radio[anchor]
     strong = direct & known[:, 0] & (amplitude >= 0)
     length = pair[sure, 0] - predicted[rows, 0] + predicted[rows, 12]
     level = own[:, 7] / np.maximum(length, 1e-3)
@@ -100,7 +100,7 @@ def effective_sample_size(blocks: Array) -> Array:
 
 
 def note(
-    rows: PathRows, pairs: Pairs, odds: Array, worth: Array, heard: Array, share: Array, messages: Messages
+    rows: PathRows, pairs: Pairs, odds: Array, worth: Array, scan: Array, share: Array, messages: Messages
 ) -> dict[str, NDArray[Any]]:
     """Twin of `path_messages.note`: what it writes, by the names of its arguments."""
     (path, predicted), (count, noted, factor, summary, begin, detection) = rows, messages
@@ -119,7 +119,7 @@ def note(
     factor[after] = np.stack([belief * worth + 1 - belief, belief > 0.1], -1)
     summary[:, after] = odds[1], odds[5], caused, predicted[:, 12]
     begin[n + 1 : n + 1 + paths] = k + start[1:]
-    detection[:, more] = heard[index[:pairs_now, 1], 6], share[:pairs_now]
+    detection[:, more] = scan[index[:pairs_now, 1], 6], share[:pairs_now]
     count = count + np.array([paths, pairs_now], np.int32)
     return {
         "count": count, "noted": noted, "factor": factor, "summary": summary, "begin": begin,
@@ -128,7 +128,7 @@ def note(
 
 
 def update(
-    head: int, rounds: int, belief: Belief, rows: PathRows, pairs: Pairs, ratios: Ratios, heard: Array,
+    head: int, rounds: int, belief: Belief, rows: PathRows, pairs: Pairs, ratios: Ratios, scan: Array,
     anchors: Anchors, existence: Existence, account: Account, messages: Messages,
 ) -> dict[str, NDArray[Any]]:  # fmt: skip
     """Twin of `updates.update`: what it writes, by the names of the blocks' arrays."""
@@ -141,13 +141,13 @@ def update(
         *belief, head, path, start, index, pair, odds, beta, nu, anchors.places
     )
     after = fit(
-        path, index, pair, predicted, share, responsible, heard, blocks, anchors.radio, account.turned,
+        path, index, pair, predicted, share, responsible, scan, blocks, anchors.radio, account.turned,
         account.sums,
     )  # fmt: skip
     there = exist(path, odds, ratio, nu, *existence)
     known: dict[str, NDArray[Any]] = {}
     if len(messages.noted):
-        known = note(rows, pairs, odds, there[-1], heard, share, messages)
+        known = note(rows, pairs, odds, there[-1], scan, share, messages)
     known |= dict(zip(("surface", "sight", "single", "double", "worth"), there, strict=True))
     return known | {
         "mean": mean, "covariance": covariance, "share": share, "sums": after,

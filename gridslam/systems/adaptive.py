@@ -57,27 +57,29 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)
     recalled = state = form.recall(state, model, work=work)
-    for heard in scans:
-        radio = state.calibration.tuned(model.radio, heard.anchor)
-        paths = form.predict_paths(state, heard.anchor, model, work=work)  # eqs. (13), (14)
-        amplitudes = predict_amplitudes(state, paths, heard, model.radio, work=work)  # eq. (13), amplitude
-        cloud, ratios = evaluate(heard, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
-        ratios = weigh_elevations(state, heard, paths, ratios, radio, model)  # (M302)
-        state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
-        births, ratios = propose_births(state, heard, cloud, ratios, radio, model, work=work)
-        births, ratios = recall_leftovers(births, state, heard, ratios, radio, model)  # (M251)
-        births, ratios = weigh_births(births, state, heard, ratios, radio, model)  # (M303)
-        state, exchange = form.update_surfaces_and_agent(
-            state, heard, paths, ratios, reckoned.turned, model, work=work
+    for anchor_scan in scans:
+        radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
+        paths = form.predict_paths(state, anchor_scan.anchor, model, work=work)  # eqs. (13), (14)
+        amplitudes = predict_amplitudes(  # eq. (13), amplitude
+            state, paths, anchor_scan, model.radio, work=work
         )
-        state = form.correct_by_elevations(state, heard, exchange, radio, model)  # (M304)
-        state = learn_levels(state, heard, paths, exchange, radio, model)  # (M305)
-        state = update_amplitudes(
-            state, paths, amplitudes, heard, exchange, model.radio, work=work
-        )  # eq. (26)
+        cloud, ratios = evaluate(anchor_scan, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
+        ratios = weigh_elevations(state, anchor_scan, paths, ratios, radio, model)  # (M302)
+        state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)
+        births, ratios = propose_births(state, anchor_scan, cloud, ratios, radio, model, work=work)
+        births, ratios = recall_leftovers(births, state, anchor_scan, ratios, radio, model)  # (M251)
+        births, ratios = weigh_births(births, state, anchor_scan, ratios, radio, model)  # (M303)
+        state, exchange = form.update_surfaces_and_agent(
+            state, anchor_scan, paths, ratios, reckoned.turned, model, work=work
+        )
+        state = form.correct_by_elevations(state, anchor_scan, exchange, radio, model)  # (M304)
+        state = learn_levels(state, anchor_scan, paths, exchange, radio, model)  # (M305)
+        state = update_amplitudes(  # eq. (26)
+            state, paths, amplitudes, anchor_scan, exchange, model.radio, work=work
+        )
         state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
-        state, exchange, born = form.add_births(state, births, heard, exchange, radio, model, work=work)
-        state = start_amplitudes(state, born, heard, model.radio)
+        state, exchange, born = form.add_births(state, births, anchor_scan, exchange, radio, model, work=work)
+        state = start_amplitudes(state, born, anchor_scan, model.radio)
         exchanges.append(exchange)
     state = learn_surface_walks(recalled, state)  # (M361)
     state = form.park(recalled, merge_and_prune(state, model, None), model, work=work)

@@ -59,23 +59,25 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)  # docs/model.md, section 9
     recalled = state = form.recall(state, model, work=work)
-    for heard in scans:
-        radio = state.calibration.tuned(model.radio, heard.anchor)
-        paths, visible = form.cast_paths(state, heard.anchor, model, work=work)  # eq. (1)
+    for anchor_scan in scans:
+        radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
+        paths, visible = form.cast_paths(state, anchor_scan.anchor, model, work=work)  # eq. (1)
         amplitudes = reflected(visible.products, paths.rays, radio, state.levels)  # eq. (2)
         # eqs. (8)-(10), (17)-(42): likelihoods, then association and beliefs
-        cloud, ratios = evaluate(heard, paths, visible.validity, amplitudes, radio, model, work=work)
-        ratios = weigh_elevations(state, heard, paths, ratios, radio, model)  # (M302)
-        state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)  # (M46)
-        births, ratios = propose_births(state, heard, cloud, ratios, radio, model, work=work)  # eq. (11)
-        births, ratios = recall_leftovers(births, state, heard, ratios, radio, model)  # (M251)
-        births, ratios = weigh_births(births, state, heard, ratios, radio, model)  # (M303)
-        state, exchange = form.update_surfaces_and_agent(  # (M26) to (M31)
-            state, heard, paths, ratios, reckoned.turned, model, work=work
+        cloud, ratios = evaluate(anchor_scan, paths, visible.validity, amplitudes, radio, model, work=work)
+        ratios = weigh_elevations(state, anchor_scan, paths, ratios, radio, model)  # (M302)
+        state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)  # (M46)
+        births, ratios = propose_births(  # eq. (11)
+            state, anchor_scan, cloud, ratios, radio, model, work=work
         )
-        state = form.correct_by_elevations(state, heard, exchange, radio, model)  # (M304)
-        state = learn_levels(state, heard, paths, exchange, radio, model)  # (M305)
-        state, exchange, _ = form.add_births(state, births, heard, exchange, radio, model, work=work)
+        births, ratios = recall_leftovers(births, state, anchor_scan, ratios, radio, model)  # (M251)
+        births, ratios = weigh_births(births, state, anchor_scan, ratios, radio, model)  # (M303)
+        state, exchange = form.update_surfaces_and_agent(  # (M26) to (M31)
+            state, anchor_scan, paths, ratios, reckoned.turned, model, work=work
+        )
+        state = form.correct_by_elevations(state, anchor_scan, exchange, radio, model)  # (M304)
+        state = learn_levels(state, anchor_scan, paths, exchange, radio, model)  # (M305)
+        state, exchange, _ = form.add_births(state, births, anchor_scan, exchange, radio, model, work=work)
         exchanges.append(exchange)
     drawn = cast_messages(state, model, work=work)  # eqs. (43) to (45)
     state = update_coefficients(state, drawn, model, work=work)  # (M42)

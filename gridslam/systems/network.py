@@ -88,10 +88,12 @@ def take_turns(
     One that is lost hears what all have mapped, and teaches nothing until it is followed again.
     """
     infos = list[StepInfo | None]()
-    for agent, heard in enumerate(scan.scans):
+    for agent, anchor_scan in enumerate(scan.scans):
         info = None
-        if heard is not None:
-            part, info = turn(state.part(agent), heard, state, earlier_s, model.agents[agent], work[agent])
+        if anchor_scan is not None:
+            part, info = turn(
+                state.part(agent), anchor_scan, state, earlier_s, model.agents[agent], work[agent]
+            )
             if state.recorded(agent, part.monitor).teaches[agent]:
                 state = doubt_clocks(loosened(state.having(agent, part)), info.exchanges, model)  # (M102)
             else:
@@ -113,20 +115,20 @@ def turn(
     model = work.calibrated(model, reckoned.turned)
     senders = np.flatnonzero(~network.clocks.unset).astype(np.int32)
     state, scans = by_anchor(state, scan, network, earlier_s, model, work)
-    for heard in scans:
-        radio = state.calibration.tuned(model.radio, heard.anchor)
-        paths = predict_paths(state, heard.anchor, model, work=work)
-        amplitudes = predict_amplitudes(state, paths, heard, model.radio, work=work)
-        cloud, ratios = evaluate(heard, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
-        state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
-        births, ratios = propose_births(state, heard, cloud, ratios, radio, model, senders, work=work)
+    for anchor_scan in scans:
+        radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
+        paths = predict_paths(state, anchor_scan.anchor, model, work=work)
+        amplitudes = predict_amplitudes(state, paths, anchor_scan, model.radio, work=work)
+        cloud, ratios = evaluate(anchor_scan, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
+        state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)
+        births, ratios = propose_births(state, anchor_scan, cloud, ratios, radio, model, senders, work=work)
         state, exchange = update_surfaces_and_agent(
-            state, heard, paths, ratios, reckoned.turned, model, work=work
+            state, anchor_scan, paths, ratios, reckoned.turned, model, work=work
         )
-        state = update_amplitudes(state, paths, amplitudes, heard, exchange, model.radio, work=work)
+        state = update_amplitudes(state, paths, amplitudes, anchor_scan, exchange, model.radio, work=work)
         state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
-        state, exchange, born = add_births(state, births, heard, exchange, radio, model, work=work)
-        state = start_amplitudes(state, born, heard, model.radio)
+        state, exchange, born = add_births(state, births, anchor_scan, exchange, radio, model, work=work)
+        state = start_amplitudes(state, born, anchor_scan, model.radio)
         exchanges.append(exchange)
     return conclude(state, exchanges, reckoned, model, work)
 

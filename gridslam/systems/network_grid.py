@@ -76,19 +76,19 @@ def turn(
     model = work.calibrated(model, reckoned.turned)
     senders = np.flatnonzero(~network.clocks.unset).astype(np.int32)
     state, scans = by_anchor(state, scan, network, earlier_s, model, work)
-    for heard in scans:
-        radio = state.calibration.tuned(model.radio, heard.anchor)
-        paths, visible = cast_paths(state, heard.anchor, model, work=work)  # eq. (1)
+    for anchor_scan in scans:
+        radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
+        paths, visible = cast_paths(state, anchor_scan.anchor, model, work=work)  # eq. (1)
         amplitudes = Reflected(visible.products, radio)  # eq. (2)
-        cloud, ratios = evaluate(heard, paths, visible.validity, amplitudes, radio, model, work=work)
-        state, ratios, radio = learn_clutter(state, heard.anchor, ratios, radio, model)
-        births, ratios = propose_births(
-            state, heard, cloud, ratios, radio, model, senders, work=work
-        )  # eq. (11)
-        state, exchange = update_surfaces_and_agent(
-            state, heard, paths, ratios, reckoned.turned, model, work=work
+        cloud, ratios = evaluate(anchor_scan, paths, visible.validity, amplitudes, radio, model, work=work)
+        state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)
+        births, ratios = propose_births(  # eq. (11)
+            state, anchor_scan, cloud, ratios, radio, model, senders, work=work
         )
-        state, exchange, _ = add_births(state, births, heard, exchange, radio, model, work=work)
+        state, exchange = update_surfaces_and_agent(
+            state, anchor_scan, paths, ratios, reckoned.turned, model, work=work
+        )
+        state, exchange, _ = add_births(state, births, anchor_scan, exchange, radio, model, work=work)
         exchanges.append(exchange)
     return conclude(state, exchanges, reckoned, model, work)
 

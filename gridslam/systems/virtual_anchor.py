@@ -54,24 +54,24 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     model = work.calibrated(model, reckoned.turned)
     scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)
-    for heard in scans:
-        before, radio = state, state.calibration.tuned(model.radio, heard.anchor)
-        paths = predict_paths(state, heard.anchor, model, work=work)
-        amplitudes = predict_amplitudes(state, paths, heard, model.radio, work=work)
-        cloud, ratios = evaluate(heard, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
-        state, ratios, level = learn_clutter(state, heard.anchor, ratios, radio, model)
-        births, ratios = propose_births(state, heard, cloud, ratios, level, model, work=work)
-        given, tentative = ranging.associate_with_rings(state, heard, ratios, radio, model)
+    for anchor_scan in scans:
+        before, radio = state, state.calibration.tuned(model.radio, anchor_scan.anchor)
+        paths = predict_paths(state, anchor_scan.anchor, model, work=work)
+        amplitudes = predict_amplitudes(state, paths, anchor_scan, model.radio, work=work)
+        cloud, ratios = evaluate(anchor_scan, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
+        state, ratios, level = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)
+        births, ratios = propose_births(state, anchor_scan, cloud, ratios, level, model, work=work)
+        given, tentative = ranging.associate_with_rings(state, anchor_scan, ratios, radio, model)
         state, exchange = update_surfaces_and_agent(
-            state, heard, paths, ratios, reckoned.turned, model, given, work=work
+            state, anchor_scan, paths, ratios, reckoned.turned, model, given, work=work
         )
-        state = update_amplitudes(state, paths, amplitudes, heard, exchange, model.radio, work=work)
+        state = update_amplitudes(state, paths, amplitudes, anchor_scan, exchange, model.radio, work=work)
         state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
         state, exchange, born = add_births(
-            state, births, heard, exchange, radio, model, shared=False, work=work
+            state, births, anchor_scan, exchange, radio, model, shared=False, work=work
         )
-        state = start_amplitudes(state, born, heard, model.radio)
-        state = ranging.update_rings(before, state, heard, tentative, radio, model)
+        state = start_amplitudes(state, born, anchor_scan, model.radio)
+        state = ranging.update_rings(before, state, anchor_scan, tentative, radio, model)
         state = state if model.settings.correlated else replace(state, belief=separated(state.belief))
         exchanges.append(exchange)
     state = ranging.join_shrunk_rings(state, radio, model)

@@ -66,11 +66,11 @@ def mean_rician(radio: ti.template(), anchor, distance, amplitude, other):
 
 
 @ti.func
-def known_std(radio: ti.template(), anchor, heard: ti.template(), m, amplitude, lean):
+def known_std(radio: ti.template(), anchor, scan: ti.template(), m, amplitude, lean):
     """sigma of distance, AoD and AoA: the table's own, by Fisher information, or 1e9 for "not measured"."""
-    std = deviations_of(radio, anchor, ti.max(amplitude, FAINTEST), heard[m, 1], heard[m, 2], lean)
+    std = deviations_of(radio, anchor, ti.max(amplitude, FAINTEST), scan[m, 1], scan[m, 2], lean)
     for q in ti.static(range(3)):
-        own = heard[m, 3 + q]
+        own = scan[m, 3 + q]
         if own > 0:
             std[q] = own
         std[q] = ti.min(std[q], 1e9) if own >= 0 else 1e9
@@ -195,7 +195,7 @@ def propose(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
     state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S (+ J), P] see `layout`
     noise: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, B] standard normal, for as many states
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] see `AnchorScan.table`
+    scan: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] see `AnchorScan.table`
     known: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [H, 2] known surface hit last, first; -1: the new one
     whose: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [A] anchors that may have sent the measurements
     anchors: pack(Anchors),
@@ -208,7 +208,7 @@ def propose(
     amplitude and clutter are the same for all. An AoD that wasn't measured has the density 1 / (2 pi).
     """
     ti.loop_config(serialize=ON_CPU)  # too little work to wake other threads for
-    for item in range(heard.shape[0] * whose.shape[0]):
+    for item in range(scan.shape[0] * whose.shape[0]):
         m, own = item // whose.shape[0], item % whose.shape[0]
         hypotheses, blocks = known.shape[0], ti.min(noise.shape[1], state.shape[1]) // BLOCK
         least = ti.max(ti.cast(FAINT, ti.f64), SLIGHT * measured[EXPLAINED, m])
@@ -217,15 +217,15 @@ def propose(
             births.ratio[m, begin + h] = 0.0
         place = anchor_of(anchors.places, mean, head, anchor)
         clock = unknown_row(anchors.places, head, anchor, state.shape[0])
-        length = heard[m, 0] - place[3]
+        length = scan[m, 0] - place[3]
         common = rate * length
-        keep = heard[m, 3] >= 0 and heard[m, 5] >= 0 and hypotheses > 0 and length > ti.abs(place[4])
-        keep = keep and (heard[m, LABEL] < 0 or heard[m, LABEL] == anchor)
+        keep = scan[m, 3] >= 0 and scan[m, 5] >= 0 and hypotheses > 0 and length > ti.abs(place[4])
+        keep = keep and (scan[m, LABEL] < 0 or scan[m, LABEL] == anchor)
         std, level = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64), ti.Vector([0.0, 0.0], dt=ti.f64)
         if keep:
-            amplitude = heard[m, 6]
+            amplitude = scan[m, 6]
             usual = amplitude if amplitude >= 0 else anchors.radio[anchor, AT_1M] / ti.max(length, 1e-3) * 0.5
-            std = known_std(anchors.radio, anchor, heard, m, usual, lean_of(length, place[4]))
+            std = known_std(anchors.radio, anchor, scan, m, usual, lean_of(length, place[4]))
             clutter = anchors.radio[anchor, FALSE_ALARMS] * clutter_of(anchors.radio, anchor, amplitude)
             # what a hypothesis could be worth at most: the AoD right on, the image next to the anchor
             worth = least * ti.min(std[1], WIDEST) * ROOT_TURN
@@ -239,9 +239,9 @@ def propose(
                     )
                     most = ti.max(level[0], level[1])
                 keep = common * most > worth
-        reach, reach_std = ti.cast(heard[m, 0], ti.f32), ti.cast(std[0], ti.f32)
-        arrival, arrival_std = ti.cast(heard[m, 2], ti.f32), ti.cast(std[2], ti.f32)
-        departure, departure_std = ti.cast(heard[m, 1] + place[2], ti.f32), ti.cast(std[1], ti.f32)
+        reach, reach_std = ti.cast(scan[m, 0], ti.f32), ti.cast(std[0], ti.f32)
+        arrival, arrival_std = ti.cast(scan[m, 2], ti.f32), ti.cast(std[2], ti.f32)
+        departure, departure_std = ti.cast(scan[m, 1] + place[2], ti.f32), ti.cast(std[1], ti.f32)
         ax, ay, height = ti.cast(place[0], ti.f32), ti.cast(place[1], ti.f32), ti.cast(place[4], ti.f32)
         for block in range(blocks if keep else 0):
             at, there, late = block * BLOCK, ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
@@ -272,7 +272,7 @@ def propose(
     ti.loop_config(serialize=True)
     for _ in range(1):
         count = 0
-        for m in range(heard.shape[0]):
+        for m in range(scan.shape[0]):
             for n in range(births.ratio.shape[1]):
                 if births.ratio[m, n] > 0:
                     h, anchor = n % known.shape[0], whose[n // known.shape[0]]
@@ -281,7 +281,7 @@ def propose(
                         known[h, 1],
                         anchor_of(anchors.places, mean, head, anchor),
                     )
-                    length, arrival = heard[m, 0] - place[3], heard[m, 2]
+                    length, arrival = scan[m, 0] - place[3], scan[m, 2]
                     angle, offset = line_of(mean, head, length, arrival, place, last, first)
                     births.proposal[count, 0], births.proposal[count, 1], births.proposal[count, 2] = (
                         angle,

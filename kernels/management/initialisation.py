@@ -43,7 +43,7 @@ VAGUE = 1e-6
 
 @ti.func
 def misfit_of(
-    arrival, mean: ti.template(), place, known, last, first, level, heard: ti.template(), m, std, wide
+    arrival, mean: ti.template(), place, known, last, first, level, scan: ti.template(), m, std, wide
 ):  # fmt: skip
     """How badly a direction of arrival explains AoA and AoD; `known` is the normal and offset of a line."""
     px, py, bearing = mean[0], mean[1], mean[HEADING] + arrival
@@ -65,8 +65,8 @@ def misfit_of(
         _tx, _ty, wx, wy, good = double_bounce(
             px, py, place[0], place[1], nx, ny, c, known[0], known[1], known[2]
         )
-    by_arrival = wrapped(arrival - heard[m, 2]) / wide
-    by_departure = wrapped(heard[m, 1] + place[2] - bearing_of(wx, wy)) / std[1]
+    by_arrival = wrapped(arrival - scan[m, 2]) / wide
+    by_departure = wrapped(scan[m, 1] + place[2] - bearing_of(wx, wy)) / std[1]
     return by_arrival**2 + by_departure**2 + IMPOSSIBLE * (1 - good)
 
 
@@ -138,12 +138,12 @@ def correct_by_departure(
 
 @ti.func
 def unexplained(
-    mean: ti.template(), head, place, bounces, last, first, heard: ti.template(), m, std: ti.template()
+    mean: ti.template(), head, place, bounces, last, first, scan: ti.template(), m, std: ti.template()
 ):  # fmt: skip
     """By how many deviations a line misses the distance or AoA that it was made of: what linearising cost."""
     value, _slope = path_of(mean, head, place, bounces, last, first)
-    by_distance = ti.abs(heard[m, 0] - value[0]) / std[0]
-    return ti.max(by_distance, ti.abs(wrapped(heard[m, 2] - value[2])) / std[2])
+    by_distance = ti.abs(scan[m, 0] - value[0]) / std[0]
+    return ti.max(by_distance, ti.abs(wrapped(scan[m, 2] - value[2])) / std[2])
 
 
 @ti.func
@@ -173,7 +173,7 @@ def initialise_surface(
     first: ti.i32,
     belief: pack(Belief),
     anchors: pack(Anchors),
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] see `AnchorScan.table`
+    scan: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] see `AnchorScan.table`
     out: pack(Newborn),
 ):
     """Append the line that explains a measurement, and correct it by the AoD.
@@ -182,7 +182,7 @@ def initialise_surface(
     arrival that explains AoA and AoD best, not at the one that was measured.
     """
     ti.loop_config(serialize=True)
-    for _ in range(ti.min(heard.shape[0], 1)):
+    for _ in range(ti.min(scan.shape[0], 1)):
         size, surface = belief.mean.shape[0], ti.max(last, first)
         newest, known = lines_in(head, size), (line_entry(head, surface) if surface >= 0 else 0)
         bounces = 1 if surface < 0 else 2
@@ -195,25 +195,25 @@ def initialise_surface(
                 sin_of(belief.mean[known]),
                 belief.mean[known + 1],
             )
-        distance, amplitude = heard[m, 0] - place[3], heard[m, 6]  # a length, whatever clocks made of it
+        distance, amplitude = scan[m, 0] - place[3], scan[m, 6]  # a length, whatever clocks made of it
         at_1m = anchors.radio[anchor, AT_1M] / ti.max(distance, 1e-3)
         strength = ti.max(amplitude if amplitude >= 0 else 0.5 * at_1m, FAINTEST)
         lean, level = lean_of(distance, place[4]), level_of(distance, place[4])
-        std = known_std(anchors.radio, anchor, heard, m, strength, lean)
+        std = known_std(anchors.radio, anchor, scan, m, strength, lean)
         # where to linearise
-        departs, arrival = heard[m, 4] >= 0 and std[1] < UNTOLD, heard[m, 2]
+        departs, arrival = scan[m, 4] >= 0 and std[1] < UNTOLD, scan[m, 2]
         wide = ti.sqrt(std[2] * std[2] + belief.covariance[HEADING, HEADING])
         for stage in range(2 if departs else 0):
             reach = wide * (REACH if stage == 0 else 2 * REACH / TRIALS)
             middle, best, least = arrival, arrival, ti.f64(1e30)
             for k in range(TRIALS):
                 trial = middle + reach * (2 * ti.cast(k, ti.f64) / (TRIALS - 1) - 1)
-                misfit = misfit_of(trial, belief.mean, place, wall, last, first, level, heard, m, std, wide)
+                misfit = misfit_of(trial, belief.mean, place, wall, last, first, level, scan, m, std, wide)
                 if misfit < least:
                     best, least = trial, misfit
             arrival = best
         angle, offset, slope = line_at(arrival, belief.mean, place, known, last, first, level, lean)
-        off = wrapped(heard[m, 2] - arrival)
+        off = wrapped(scan[m, 2] - arrival)
         back = ti.Vector([slope[0, 4] * off, slope[1, 4] * off], dt=ti.f64)
         # the line as a function of state and measurement
         entry = ti.Vector([0, 1, HEADING, 0, 0, known, (known + 1 if surface >= 0 else 0)])
@@ -251,7 +251,7 @@ def initialise_surface(
                 out.joint,
                 head,
                 out.spread,
-                heard[m, 1],
+                scan[m, 1],
                 std[1],
                 place,
                 bounces,
@@ -265,7 +265,7 @@ def initialise_surface(
         out.fresh[HEADING] = wrapped(heading)
         out.missed[0] = unexplained(
             out.fresh, head, anchor_of(anchors.places, out.fresh, head, anchor), bounces, ends[0], ends[1],
-            heard, m, std,
+            scan, m, std,
         )  # fmt: skip
         # its coefficient, by the amplitude alone
         total, other = ti.f64(0.0), (1.0 if surface < 0 else USUAL_REFLECTION)

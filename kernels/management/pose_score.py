@@ -73,10 +73,10 @@ def detected(clues: ti.template(), step, amplitude):
 def ratio_of(clues: ti.template(), a, step, m, log, length, coefficient):
     """Ratio to clutter of a path of this length, by the log that geometry alone says; 0 if it is so small."""
     ratio = ti.f64(0.0)
-    if log + clues.heard[m, PEAK] > LEAST:
+    if log + clues.measured[m, PEAK] > LEAST:
         amplitude = clues.listener[a, AT_1M] * coefficient / ti.max(length, 1e-3)
-        if clues.heard[m, AMPLITUDE] >= 0:
-            measured, samples = clues.heard[m, AMPLITUDE], clues.listener[a, SAMPLES]
+        if clues.measured[m, AMPLITUDE] >= 0:
+            measured, samples = clues.measured[m, AMPLITUDE], clues.listener[a, SAMPLES]
             log += log_rician(measured, ti.max(amplitude, 1e-6), samples)
         else:
             log += logarithm_of(ti.max(detected(clues, step, amplitude), 1e-12))
@@ -87,32 +87,32 @@ def ratio_of(clues: ti.template(), a, step, m, log, length, coefficient):
 @ti.func
 def fit_of(clues: ti.template(), m, first, gap, off, turn):
     """Log density of a measurement that misses what is predicted by so much; see `STRAIGHT`."""
-    far = clues.heard[m, first] * gap * gap + clues.heard[m, first + 1] * off * off
-    return clues.heard[m, first + 3] - 0.5 * (far + clues.heard[m, first + 2] * turn * turn)
+    far = clues.measured[m, first] * gap * gap + clues.measured[m, first + 1] * off * off
+    return clues.measured[m, first + 3] - 0.5 * (far + clues.measured[m, first + 2] * turn * turn)
 
 
 @ti.func
 def straight(clues: ti.template(), a, step, m, heading, leaving, back, length):
     """Ratio to clutter of the line of sight."""
-    gap, off = clues.heard[m, DISTANCE] - length, wrapped(clues.heard[m, AOD] - leaving)
-    turn = wrapped(heading + clues.heard[m, AOA] - back)
+    gap, off = clues.measured[m, DISTANCE] - length, wrapped(clues.measured[m, AOD] - leaving)
+    turn = wrapped(heading + clues.measured[m, AOA] - back)
     return ratio_of(clues, a, step, m, fit_of(clues, m, STRAIGHT, gap, off, turn), length, 1.0)
 
 
 @ti.func
 def born(clues: ti.template(), m, ax, ay, c, s, nearest):
     """Ratio to clutter of a new single bounce, to an agent at (ax, ay) from the anchor that faces (c, s)."""
-    tx, ty = clues.heard[m, TOWARD], clues.heard[m, TOWARD + 1]
+    tx, ty = clues.measured[m, TOWARD], clues.measured[m, TOWARD + 1]
     x, y = ax + c * tx - s * ty, ay + s * tx + c * ty
     square, along, aside = x * x + y * y, x * x - y * y, 2 * x * y
     # by how much the AoD misses it: its cosine and sine, times the square
-    one, two = clues.heard[m, TURNED], clues.heard[m, TURNED + 1]
+    one, two = clues.measured[m, TURNED], clues.measured[m, TURNED + 1]
     ct, st = c * one - s * two, s * one + c * two
-    near, fits = along * ct + aside * st, clues.heard[m, ANY]
-    if near > clues.heard[m, NEAR] * square:
+    near, fits = along * ct + aside * st, clues.measured[m, ANY]
+    if near > clues.measured[m, NEAR] * square:
         miss = bearing_of(near, along * st - aside * ct)
-        fits += clues.heard[m, FIT] * decay_of(-0.5 * clues.heard[m, SURE] * miss * miss)
-    return ti.min(clues.heard[m, BORN] * fits / ti.max(ti.sqrt(square), nearest), MOST_RATIO)
+        fits += clues.measured[m, FIT] * decay_of(-0.5 * clues.measured[m, SURE] * miss * miss)
+    return ti.min(clues.measured[m, BORN] * fits / ti.max(ti.sqrt(square), nearest), MOST_RATIO)
 
 
 @ti.func
@@ -127,11 +127,11 @@ def known_length(clues: ti.template(), a, k, x, y):
 @ti.func
 def over_known(clues: ti.template(), a, step, m, k, x, y, heading, length):
     """Ratio to clutter of a single bounce of this length over a known surface."""
-    gap, ratio = clues.heard[m, DISTANCE] - length, ti.f64(0.0)
-    if fit_of(clues, m, OVER, gap, 0.0, 0.0) + clues.heard[m, PEAK] > LEAST:
+    gap, ratio = clues.measured[m, DISTANCE] - length, ti.f64(0.0)
+    if fit_of(clues, m, OVER, gap, 0.0, 0.0) + clues.measured[m, PEAK] > LEAST:
         back = bearing_of(clues.known[k, IMAGE] - x, clues.known[k, IMAGE + 1] - y)
-        off = wrapped(clues.heard[m, AOD] - clues.known[k, TURN] + back)
-        turn = wrapped(clues.heard[m, AOA] - back + heading)
+        off = wrapped(clues.measured[m, AOD] - clues.known[k, TURN] + back)
+        turn = wrapped(clues.measured[m, AOA] - back + heading)
         log = fit_of(clues, m, OVER, gap, off, turn)
         ratio = ratio_of(clues, a, step, m, log, length, clues.known[k, COEFFICIENT])
     return clues.known[k, CHANCE] * ratio
@@ -167,7 +167,7 @@ def score_poses(
                         total -= clues.known[k, CHANCE] * detected(clues, step, level)
                 for m in range(clues.own[a, HEARD_FROM], clues.own[a, HEARD_TO]):
                     ratio = straight(clues, a, step, m, heading, leaving, back, length)
-                    if length < clues.heard[m, DISTANCE]:  # or the point of reflection isn't between
+                    if length < clues.measured[m, DISTANCE]:  # or the point of reflection isn't between
                         ratio += born(clues, m, ax, ay, c, s, nearest)
                     for k in range(clues.own[a, KNOWN_FROM], clues.own[a, KNOWN_TO]):
                         over = known_length(clues, a, k, x, y)

@@ -76,9 +76,9 @@ def exchange(odds: ti.template(), message: ti.template(), measured: ti.template(
 
     Arguments are those of `associate`.
     """
-    paths, heard = message.shape[1], message.shape[2]
+    paths, measurements = message.shape[1], message.shape[2]
     for row in range(paths):
-        for m in range(heard):
+        for m in range(measurements):
             message[NU, row, m], message[CLAIM, row, m] = 1 / measured[NEW, m], 0.0
     change, left = ti.f64(1e30), rounds
     while left > 0 and change >= SETTLED:
@@ -86,13 +86,13 @@ def exchange(odds: ti.template(), message: ti.template(), measured: ti.template(
         change = 0.0
         for row in range(paths):
             total = ti.f64(0.0)
-            for m in range(heard):
+            for m in range(measurements):
                 total += message[BETA, row, m] * message[NU, row, m]
-            for m in range(heard):
+            for m in range(measurements):
                 beta = message[BETA, row, m]
                 others = ti.max(total - beta * message[NU, row, m], 0.0)
                 message[CLAIM, row, m] = beta / (odds[MISSED, row] + others)
-        for m in range(heard):
+        for m in range(measurements):
             total = ti.f64(0.0)
             for row in range(paths):
                 total += message[CLAIM, row, m]
@@ -100,7 +100,7 @@ def exchange(odds: ti.template(), message: ti.template(), measured: ti.template(
                 fresh = 1 / (measured[NEW, m] + ti.max(total - message[CLAIM, row, m], 0.0))
                 change = ti.max(change, ti.abs(fresh - message[NU, row, m]))
                 message[NU, row, m] = fresh
-    for m in range(heard):
+    for m in range(measurements):
         total = ti.f64(0.0)
         for row in range(paths):
             total += message[CLAIM, row, m]

@@ -123,15 +123,15 @@ def add_up(
         here = vector[n, HERE]
         first, gap = wavenumber[0] * here, spacing * here
         turn, now = ti.Vector([cos_of(gap), sin_of(gap)]), ti.Vector([cos_of(first), sin_of(first)])
-        heard, sloped = ti.Vector.zero(ti.f64, 2), ti.Vector.zero(ti.f64, 2)
+        received, sloped = ti.Vector.zero(ti.f64, 2), ti.Vector.zero(ti.f64, 2)
         for m in range(size):
             one = times(now, ti.Vector([pulse[m, 0], -pulse[m, 1]]))
             one = times(one, ti.Vector([samples[m, 0], samples[m, 1]]))
-            heard += one
+            received += one
             sloped += wavenumber[m] * one
             now = times(now, turn)
         for side in ti.static(range(2)):
-            vector[n, HEARD + side], vector[n, SLOPED + side] = heard[side], sloped[side]
+            vector[n, HEARD + side], vector[n, SLOPED + side] = received[side], sloped[side]
         for other in range(n, count):
             away = vector[other, HERE] - here
             first, gap = -wavenumber[0] * away, -spacing * away
@@ -205,8 +205,8 @@ def slopes(
             solved(work, root * ti.Vector([work[0, k, n, 0], work[0, k, n, 1]]), PLAIN, n, k)
             solved(work, root * ti.Vector([work[1, k, n, 1], -work[1, k, n, 0]]), STEEP, n, k)
         own = (work[1, n, n, 1] - inner(work, PLAIN, n, STEEP, n)[0] / noise) / noise
-        heard = ti.Vector([vector[n, HEARD], vector[n, HEARD + 1]])
-        amplitude = weight[n, 0] * (heard - inner(work, PLAIN, n, PLAIN, count) / noise) / noise
+        received = ti.Vector([vector[n, HEARD], vector[n, HEARD + 1]])
+        amplitude = weight[n, 0] * (received - inner(work, PLAIN, n, PLAIN, count) / noise) / noise
         sloped = ti.Vector([-vector[n, SLOPED + 1], vector[n, SLOPED]])
         steep = (sloped - inner(work, STEEP, n, PLAIN, count) / noise) / noise
         vector[n, AMPLITUDE], vector[n, AMPLITUDE + 1] = amplitude[0], amplitude[1]

@@ -22,7 +22,7 @@ def evaluate(
     bandwidth: ti.f64,  # bandwidth: share of the belief's covariance
     amplitudes: pack(Amplitudes),
     rows: pack(PathRows),
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] see `AnchorScan.table`
+    scan: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] see `AnchorScan.table`
     anchors: pack(Anchors),
     drawing: pack(Drawing),
     scratch: pack(Gating),
@@ -32,8 +32,8 @@ def evaluate(
     """Pick the pairs that may belong together, draw the particles, and evaluate pairs and paths at them."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        weigh(amplitudes, spreading, step, rows, heard, anchors.radio, scratch, ratios.odds)
-        gate(rows, heard, anchors.places, anchors.radio, bandwidth, scratch, pairs, ratios)
+        weigh(amplitudes, spreading, step, rows, scan, anchors.radio, scratch, ratios.odds)
+        gate(rows, scan, anchors.places, anchors.radio, bandwidth, scratch, pairs, ratios)
     for item in range(ti.min(pairs.blocks.shape[1], TASKS) * SPREAD):
         if item % SPREAD == 0:
             share = (pairs.blocks.shape[1] + TASKS - 1) // TASKS

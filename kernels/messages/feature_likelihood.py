@@ -40,7 +40,7 @@ def column(points: ti.template(), p, entry):
 
 
 @ti.func
-def heard(table: ti.template(), step: ti.template(), p, m, row, share):
+def matched_outputs(table: ti.template(), step: ti.template(), p, m, row, share):
     """An antenna's matched outputs re, im and their slopes, linear between two rows."""
     re, im, by_re, by_im = none(), none(), none(), none()
     for i in ti.static(range(SIDE)):
@@ -75,7 +75,7 @@ def place_features(
         for m in range(element.shape[0]):
             c, s = turn_of(wrapped(along * element[m, 0] + across * element[m, 1]))
             slope = along * element[m, 1] - across * element[m, 0]
-            a, b, by_a, by_b = heard(table, step, p, m, row, place - row)
+            a, b, by_a, by_b = matched_outputs(table, step, p, m, row, place - row)
             u, v = c * a + s * b, c * b - s * a  # conj(response) Y
             re += u
             im += v

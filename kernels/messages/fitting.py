@@ -23,7 +23,7 @@ def book(sums: ti.template(), anchor, add):
 
 @ti.func
 def fit(
-    rows: ti.template(), pairs: ti.template(), message: ti.template(), heard: ti.template(),
+    rows: ti.template(), pairs: ti.template(), message: ti.template(), scan: ti.template(),
     radio: ti.template(), account: ti.template(),
 ):  # fmt: skip
     """Add what the pairs say that are sure; explained are the loud measurements that some path caused.
@@ -35,13 +35,13 @@ def fit(
     `updates.update`.
     """
     paths, count = rows.path.shape[0], pairs.blocks.shape[1]
-    for m in range(heard.shape[0]):
-        if heard[m, 7] > 0.5:
+    for m in range(scan.shape[0]):
+        if scan[m, 7] > 0.5:
             total, add = ti.f64(0.0), ti.Vector.zero(ti.f64, 8)
             for row in range(paths):
                 total += message[RESPONSIBLE, row, m]
             add[4], add[5] = ti.min(total, 1.0), 1.0
-            book(account.sums, ti.cast(ti.max(heard[m, LABEL], 0.0), ti.i32), add)
+            book(account.sums, ti.cast(ti.max(scan[m, LABEL], 0.0), ti.i32), add)
     for k in range(pairs.start[paths]):
         if account.share[k] > SURE:
             row, m, add = pairs.index[k, 0], pairs.index[k, 1], ti.Vector.zero(ti.f64, 8)
@@ -60,7 +60,7 @@ def fit(
                 if pairs.pair[k, 4] < MEASURED:
                     add[6] = (account.turned[anchor] - gap[1]) / noisy[1, 1]
                     add[7] = 1 / noisy[1, 1]
-                amplitude = heard[m, 6]
+                amplitude = scan[m, 6]
                 if pairs.pair[k, 3] < MEASURED and amplitude >= 0:
                     late = rows.predicted[row, 0] - rows.predicted[row, LENGTH]
                     level = radio[anchor, AT_1M] / ti.max(pairs.pair[k, 0] - late, 1e-3)

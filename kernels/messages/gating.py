@@ -19,7 +19,7 @@ LEAST_STD = 1e-6
 
 @ti.func
 def gate(
-    rows: ti.template(), heard: ti.template(), places: ti.template(), radio: ti.template(), bandwidth,
+    rows: ti.template(), scan: ti.template(), places: ti.template(), radio: ti.template(), bandwidth,
     scratch: ti.template(), pairs: ti.template(), ratios: ti.template(),
 ):  # fmt: skip
     """Pick the pairs whose distance and angles lie within reach of what is predicted, path by path.
@@ -28,14 +28,14 @@ def gate(
     `amplitudes.weigh` leaves it; arguments: see `evaluation.evaluate`.
     """
     known = 0
-    for m in range(heard.shape[0]):
-        ratios.measured[QUIET, m] = heard[m, 8]
+    for m in range(scan.shape[0]):
+        ratios.measured[QUIET, m] = scan[m, 8]
     pairs.start[0] = 0
     for row in range(rows.predicted.shape[0]):
         anchor = rows.path[row, ANCHOR]
-        for m in range(heard.shape[0]):
+        for m in range(scan.shape[0]):
             ratio = scratch.strength[0, row, m]
-            own = heard[m, LABEL] < 0 or heard[m, LABEL] == radio[anchor, SENDER]
+            own = scan[m, LABEL] < 0 or scan[m, LABEL] == radio[anchor, SENDER]
             if own and ratio > 0 and worth_of(ratios.odds, row) > NEGLIGIBLE:
                 amplitude = ti.max(scratch.strength[1, row, m], FAINTEST)
                 lean = lean_of(rows.predicted[row, LENGTH], places[anchor, HEIGHT])
@@ -45,11 +45,11 @@ def gate(
                 near, absent = True, ti.f64(1.0)
                 variance = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64)
                 for q in ti.static(range(3)):
-                    given, gap = heard[m, 3 + q], ti.f64(0.0)
+                    given, gap = scan[m, 3 + q], ti.f64(0.0)
                     if given > 0:
                         std[q] = given
                     if given >= 0:
-                        gap = heard[m, q] - rows.predicted[row, q]
+                        gap = scan[m, q] - rows.predicted[row, q]
                         if ti.static(q > 0):
                             gap = wrapped(gap)
                     variance[q] = ti.max(std[q], LEAST_STD) ** 2
@@ -77,8 +77,8 @@ def gate(
                     reach = ti.min(GATE * ti.sqrt(a), 1e5)
                     pairs.index[known, 0], pairs.index[known, 1] = row, m
                     for q in ti.static(range(3)):
-                        pairs.pair[known, q], pairs.pair[known, 3 + q] = heard[m, q], variance[q]
-                        scratch.table[known, q] = ti.cast(heard[m, q], ti.f32)
+                        pairs.pair[known, q], pairs.pair[known, 3 + q] = scan[m, q], variance[q]
+                        scratch.table[known, q] = ti.cast(scan[m, q], ti.f32)
                     pairs.pair[known, 6], pairs.pair[known, 7] = ratio * absent, determinant
                     scratch.table[known, 3] = ti.cast(i00 / determinant, ti.f32)
                     scratch.table[known, 4] = ti.cast(i11 / determinant, ti.f32)
@@ -86,7 +86,7 @@ def gate(
                     scratch.table[known, 6] = ti.cast(i01 / determinant, ti.f32)
                     scratch.table[known, 7] = ti.cast(i02 / determinant, ti.f32)
                     scratch.table[known, 8] = ti.cast(i12 / determinant, ti.f32)
-                    scratch.table[known, 9] = ti.cast(ti.max(heard[m, 0] - reach, -1e5), ti.f32)
-                    scratch.table[known, 10] = ti.cast(heard[m, 0] + reach, ti.f32)
+                    scratch.table[known, 9] = ti.cast(ti.max(scan[m, 0] - reach, -1e5), ti.f32)
+                    scratch.table[known, 10] = ti.cast(scan[m, 0] + reach, ti.f32)
                     known += 1
         pairs.start[row + 1] = known

@@ -77,7 +77,7 @@ def walk(
 @ti.kernel
 def listen(
     ahead: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] histograms before the update
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `AnchorScan.table`
+    scan: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 9] see `AnchorScan.table`
     responsible: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, M] probability that path caused measurement
     table: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [6, K] see `NODES`
     number: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [6] see `FINE`
@@ -89,12 +89,12 @@ def listen(
     ti.loop_config(serialize=True)
     for _ in range(1):
         paths, last = ahead.shape[0], ahead.shape[1] - 1
-        for m in range(heard.shape[0]):
+        for m in range(scan.shape[0]):
             mass, most = ti.f64(0.0), ti.f64(-1e30)
             for row in range(paths):
                 mass += responsible[row, m]
             if mass > HEARD:
-                audible = ti.min(heard[m, 6], table[NODES, last])
+                audible = ti.min(scan[m, 6], table[NODES, last])
                 for n in range(last + 1):
                     density[m, n] = log_rician(audible, table[NODES, n], samples) if audible > 0 else 0.0
                     most = ti.max(most, density[m, n])
@@ -107,13 +107,13 @@ def listen(
             silent, missed = ti.f64(0.0), ti.f64(1.0)
             for n in range(last + 1):
                 silent += (ahead[row, n] + number[SURPRISE] * table[GAP, n]) * table[SILENT, n]
-            for m in range(heard.shape[0]):
+            for m in range(scan.shape[0]):
                 missed -= responsible[row, m]
             missed = ti.max(missed, 0.0) / silent
             for n in range(last + 1):
                 prior = ahead[row, n] + number[SURPRISE] * table[GAP, n]
                 after[row, n] = missed * prior * table[SILENT, n]
-            for m in range(heard.shape[0]):
+            for m in range(scan.shape[0]):
                 if density[m, 0] >= 0 and responsible[row, m] > 0:
                     likelihood = ti.f64(0.0)
                     for n in range(last + 1):

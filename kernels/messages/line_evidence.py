@@ -47,23 +47,23 @@ def weigh_lines(
                 d = nearest(length * fold, power.shape[2])
                 matched = power[t, r, d]
                 if matched >= 0:
-                    heard, near = ti.sqrt(matched * quiet), ti.cast(1 / length, ti.f32)
+                    magnitude, near = ti.sqrt(matched * quiet), ti.cast(1 / length, ti.f32)
                     for b in range(evidence.shape[2]):
-                        ratio = ratio_of(heard, near * ti.cast(level[b], ti.f32), fades)
+                        ratio = ratio_of(magnitude, near * ti.cast(level[b], ti.f32), fades)
                         before = evidence[a, o, b]
                         after = (chance[0] * ratio + 1 - chance[0]) * ((1 - chance[1]) * before + chance[1])
                         evidence[a, o, b] = ti.min(ti.max(after, LEAST), MOST)
 
 
 @ti.func
-def ratio_of(heard, strong, fades):
-    """Likelihood ratio of a path of some amplitude where |y| is `heard`, (M152), in single precision."""
+def ratio_of(magnitude, strong, fades):
+    """Likelihood ratio of a path of some amplitude where |y| is `magnitude`, (M152), in single precision."""
     square = strong * strong
     ratio = ti.f32(0.0)
     if fades:
-        ratio = exp_of(ti.min(square * heard * heard / (1 + square), MOST_LOG)) / (1 + square)
+        ratio = exp_of(ti.min(square * magnitude * magnitude / (1 + square), MOST_LOG)) / (1 + square)
     else:
-        bend = 2 * strong * heard
+        bend = 2 * strong * magnitude
         if bend <= 3.75:  # [Abramowitz1964handbook], 9.8.1, 9.8.2
             t = bend * bend * (1 / 14.0625)
             ratio = exp_of(-square) * (1 + t * (3.5156229 + t * (3.0899424 + t * (

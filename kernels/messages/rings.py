@@ -167,16 +167,18 @@ def compare(
     at = (i % points + points) % points
     angle = limits[5] * at
     turn = ti.Vector([cos_of(angle), sin_of(angle)])
-    heard, power = ti.Vector([matched[at, 0], matched[at, 1]]), own[at]
+    received, power = ti.Vector([matched[at, 0], matched[at, 1]]), own[at]
     for t in range(removed.shape[1]):
         now, wave = ti.Vector([ti.f64(1.0), ti.f64(0.0)]), ti.Vector.zero(ti.f64, 2)
         for m in range(last):
             wave += times(now, ti.Vector([removed[r, t, m, 0], removed[r, t, m, 1]]))
             now = times(now, turn)
-        heard += times(wave, ti.Vector([removed[r, t, last, 0], removed[r, t, last, 1]]))
+        received += times(wave, ti.Vector([removed[r, t, last, 0], removed[r, t, last, 1]]))
         power += wave[0] * wave[0] + wave[1] * wave[1]
     more = 1 + intensity[r] * power
-    table[i - low] = intensity[r] * (heard[0] * heard[0] + heard[1] * heard[1]) / more - logarithm_of(more)
+    table[i - low] = intensity[r] * (
+        received[0] * received[0] + received[1] * received[1]
+    ) / more - logarithm_of(more)
 
 
 @ti.func

@@ -112,7 +112,7 @@ def superpose(
     delays: ti.types.ndarray(dtype=ti.f64, ndim=5),  # [2, N, 2, N, 2] products of delay factors, (M72)
     leaving: ti.types.ndarray(dtype=ti.f64, ndim=4),  # [2, N, A, 2] as `respond` makes them
     arriving: ti.types.ndarray(dtype=ti.f64, ndim=4),  # [2, N, B, 2]
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=5),  # [2, N, A, B, 2] `delay` times the samples
+    delayed: ti.types.ndarray(dtype=ti.f64, ndim=5),  # [2, N, A, B, 2] `delay` times the samples
     weight: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] mean power of each path
     scale: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [3] the noise's power in each sample; that of all
     # samples; their number
@@ -131,7 +131,7 @@ def superpose(
     for _ in range(1):
         count, noise = weight.shape[0], scale[0]
         multiply_responses(delays, leaving, arriving, gram)
-        match_samples(leaving, arriving, heard, gram)
+        match_samples(leaving, arriving, delayed, gram)
         log_det = take_root(weight, noise, gram, half)
         solve_all(weight, gram, half)
         samples, explained = scale[2], ti.f64(0.0)
@@ -200,7 +200,9 @@ def entry(found, c: ti.template(), e: ti.template()):
 
 
 @ti.func
-def match_samples(leaving: ti.template(), arriving: ti.template(), heard: ti.template(), gram: ti.template()):
+def match_samples(
+    leaving: ti.template(), arriving: ti.template(), delayed: ti.template(), gram: ti.template()
+):
     """Products of responses and derivatives with the samples: the last row."""
     count = leaving.shape[1]
     last = 4 * count
@@ -214,11 +216,11 @@ def match_samples(leaving: ti.template(), arriving: ti.template(), heard: ti.tem
                 ti.Vector.zero(ti.f64, 2),
             )
             for b in range(arriving.shape[2]):
-                one = ti.Vector([heard[0, n, a, b, 0], heard[0, n, a, b, 1]])
+                one = ti.Vector([delayed[0, n, a, b, 0], delayed[0, n, a, b, 1]])
                 own = pair(arriving, 0, n, b)
                 part += times(own, one)
                 turned += times(pair(arriving, 1, n, b), one)
-                steep += times(own, ti.Vector([heard[1, n, a, b, 0], heard[1, n, a, b, 1]]))
+                steep += times(own, ti.Vector([delayed[1, n, a, b, 0], delayed[1, n, a, b, 1]]))
             own = pair(leaving, 0, n, a)
             plain += times(own, part)
             by_delay += times(own, steep)

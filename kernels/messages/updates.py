@@ -36,7 +36,7 @@ def _kernel(open):
         ratios: pack(
             Ratios
         ),  # in and out: of `message` the first two are given, and `NU` if it was done elsewhere
-        heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] see `AnchorScan.table`
+        scan: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] see `AnchorScan.table`
         anchors: pack(Anchors),
         existence: pack(Existence),
         account: pack(Account),
@@ -48,13 +48,13 @@ def _kernel(open):
             if rounds > 0:
                 exchange(ratios.odds, ratios.message, ratios.measured, rounds)
             correct(belief, head, rows.path, pairs, ratios, anchors.places, account, open)
-            fit(rows, pairs, ratios.message, heard, anchors.radio, account)
+            fit(rows, pairs, ratios.message, scan, anchors.radio, account)
             exist(
                 rows.path, ratios.odds, ratios.message, account.scratch, existence.surface, existence.sight,
                 existence.single, existence.double,
             )  # fmt: skip
             if messages.noted.shape[0] > 0:
-                note(rows, pairs, ratios, heard, account.share, messages)
+                note(rows, pairs, ratios, scan, account.share, messages)
 
     return update
 

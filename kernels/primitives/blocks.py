@@ -100,7 +100,7 @@ class Clues(NamedTuple):
 
     listener: Square
     own: Wholes
-    heard: Square
+    measured: Square
     known: Square
     chance: Doubles
 

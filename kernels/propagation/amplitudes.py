@@ -27,7 +27,7 @@ def worth_of(odds: ti.template(), row):
 
 @ti.func
 def weigh(
-    amplitudes: ti.template(), spreading, step, rows: ti.template(), heard: ti.template(),
+    amplitudes: ti.template(), spreading, step, rows: ti.template(), scan: ti.template(),
     radio: ti.template(), scratch: ti.template(), odds: ti.template(),
 ):  # fmt: skip
     """Mean likelihood of every amplitude under every path, and the path's mean amplitude given it.
@@ -41,12 +41,12 @@ def weigh(
         anchor, late = rows.path[row, ANCHOR], rows.predicted[row, 0] - rows.predicted[row, LENGTH]
         if known < 0 or (known != anchor and spreading > 0.5):
             known, samples = anchor, radio[anchor, SAMPLES]
-            for m in range(heard.shape[0]):
-                if heard[m, 3] >= 0 and heard[m, 6] >= 0:
-                    per_metre = 1 / ti.max(heard[m, 0] - late, 1e-3) if spreading > 0.5 else one
+            for m in range(scan.shape[0]):
+                if scan[m, 3] >= 0 and scan[m, 6] >= 0:
+                    per_metre = 1 / ti.max(scan[m, 0] - late, 1e-3) if spreading > 0.5 else one
                     for n in range(count):
                         level = amplitudes.nodes[n] * per_metre
-                        density = rician(heard[m, 6], level, samples)
+                        density = rician(scan[m, 6], level, samples)
                         scratch.density[0, m, n], scratch.density[1, m, n] = density, density * level
         per_metre = 1 / ti.max(rows.predicted[row, LENGTH], 1e-3) if spreading > 0.5 else one
         usual, seen, both = 0 * one, 0 * one, 0 * one
@@ -59,12 +59,12 @@ def weigh(
                 seen += sure
                 both += sure * level
         odds[DETECTED, row] = seen
-        for m in range(heard.shape[0]):
+        for m in range(scan.shape[0]):
             total, mean = 0 * one, 0 * one
             if worth_of(odds, row) > NEGLIGIBLE:
-                if heard[m, 6] < 0:
+                if scan[m, 6] < 0:
                     total, mean = seen, both
-                elif heard[m, 3] >= 0:
+                elif scan[m, 3] >= 0:
                     for n in range(count):
                         total += amplitudes.probability[row, n] * scratch.density[0, m, n]
                         mean += amplitudes.probability[row, n] * scratch.density[1, m, n]
@@ -72,17 +72,17 @@ def weigh(
                     for n in range(count):
                         level = amplitudes.nodes[n] * per_metre
                         density = amplitudes.probability[row, n] * rician(
-                            heard[m, 6], level, radio[anchor, SAMPLES]
+                            scan[m, 6], level, radio[anchor, SAMPLES]
                         )
                         total += density
                         mean += density * level
             scratch.strength[0, row, m] = total
             scratch.strength[1, row, m] = mean / total if total > NEVER else usual
-    for m in range(heard.shape[0]):
+    for m in range(scan.shape[0]):
         clutter = ti.f64(1.0)
         if amplitudes.probability.shape[0] > 0:
             first = rows.path[0, ANCHOR]
-            clutter = radio[first, FALSE_ALARMS] * clutter_of(radio, first, heard[m, 6])
+            clutter = radio[first, FALSE_ALARMS] * clutter_of(radio, first, scan[m, 6])
         for row in range(amplitudes.probability.shape[0]):
             before = scratch.strength[0, row, m]
             scratch.strength[0, row, m] = before / clutter

@@ -179,11 +179,11 @@ def learn(
         log = ti.Vector([0.0] * BINS, dt=ti.f64)
         for row in range(messages.count[0]):
             bounces, last, first = messages.noted[row, 0], messages.noted[row, 1], messages.noted[row, 2]
-            heard = messages.summary[SHARE, row] > AUDIBLE
+            audible = messages.summary[SHARE, row] > AUDIBLE
             send = messages.factor[row, 1] > 0.5 and rays_cast.seen[row, 1] > frame[LEAST]
             if send and messages.summary[SHARE, row] > LIKELIER_THAN_NOT:
                 spot(messages.noted, row, rays_cast.seen, places, mean, head, hits, known.latest)
-            tells = (bounces == 1 and (heard or send)) or (bounces == 2 and heard and send)
+            tells = (bounces == 1 and (audible or send)) or (bounces == 2 and audible and send)
             for turn in range(bounces if tells else 0):  # the last bounce first
                 other = ti.f64(1.0)
                 if bounces == 2:
@@ -233,11 +233,11 @@ def learn_ratios(
         log = ti.Vector([0.0] * BINS, dt=ti.f64)
         for row in range(messages.count[0]):
             bounces, last = messages.noted[row, 0], messages.noted[row, 1]
-            heard = messages.summary[SHARE, row] > AUDIBLE
+            audible = messages.summary[SHARE, row] > AUDIBLE
             send = messages.factor[row, 1] > 0.5 and rays_cast.seen[row, 1] > frame[LEAST]
             if send and messages.summary[SHARE, row] > LIKELIER_THAN_NOT:
                 spot(messages.noted, row, rays_cast.seen, places, mean, head, hits, known.latest)
-            if bounces == 1 and heard:
+            if bounces == 1 and audible:
                 most, total = ti.f64(-1e30), ti.f64(0.0)
                 for n in range(BINS):
                     most = ti.max(most, ratio[row, 0, n])
@@ -247,7 +247,7 @@ def learn_ratios(
                 for n in range(BINS):
                     before = known.surface[last, n]
                     known.surface[last, n] = before / total
-            if send and (bounces == 1 or (bounces == 2 and heard)):
+            if send and (bounces == 1 or (bounces == 2 and audible)):
                 for corner in range(bounces):  # after the anchor: the first hit, then the last
                     for n in range(BINS):
                         log[n] = ratio[row, bounces - 1 - corner, n]

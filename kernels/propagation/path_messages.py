@@ -15,7 +15,7 @@ LIKELY = 0.1
 
 @ti.func
 def note(
-    rows: ti.template(), pairs: ti.template(), ratios: ti.template(), heard: ti.template(),
+    rows: ti.template(), pairs: ti.template(), ratios: ti.template(), scan: ti.template(),
     share: ti.template(), out: ti.template(),
 ):  # fmt: skip
     """Append paths and pairs to those of the anchors before.
@@ -31,7 +31,7 @@ def note(
         out.factor[n, 0] = ti.select(fresh, belief * ratios.odds[WORTH, row] + 1 - belief, out.factor[n, 0])
         out.factor[n, 1] = 1.0 if belief > LIKELY else 0.0
         for pair in range(pairs.start[row], pairs.start[row + 1]):
-            out.detection[0, k] = ti.select(fresh, heard[pairs.index[pair, 1], 6], out.detection[0, k])
+            out.detection[0, k] = ti.select(fresh, scan[pairs.index[pair, 1], 6], out.detection[0, k])
             out.detection[1, k] = share[pair]
             total += share[pair]
             k += 1

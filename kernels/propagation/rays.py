@@ -101,14 +101,14 @@ def list_paths(
 
 
 @ti.func
-def lies_near(m, value, spread, lean, heard: ti.template(), radio: ti.template(), anchor):
+def lies_near(m, value, spread, lean, scan: ti.template(), radio: ti.template(), anchor):
     """Whether a measurement lies where a path is predicted. Which way an array faces doesn't matter here."""
     there = 0.5 * (radio[anchor, THERE] + radio[anchor, THERE + 1])
     here = 0.5 * (radio[anchor, HERE] + radio[anchor, HERE + 1])
-    amplitude = heard[m, 6] if heard[m, 6] >= 0 else radio[anchor, THRESHOLD]
+    amplitude = scan[m, 6] if scan[m, 6] >= 0 else radio[anchor, THRESHOLD]
     far = ti.f64(0.0)
     for q in ti.static(range(3)):
-        gap, std = heard[m, q] - value[q], heard[m, 3 + q]
+        gap, std = scan[m, q] - value[q], scan[m, 3 + q]
         if ti.static(q > 0):
             gap = wrapped(gap)
         if std == 0:
@@ -131,14 +131,14 @@ def near(
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 6] anchors: see `blocks`
     surface: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] existence
     owner: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] the one anchor that a surface serves; -1 for all
-    heard: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] of all anchors: see `AnchorScan.table`
+    scan: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [M, 10] of all anchors: see `AnchorScan.table`
     radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 12] see `radio`
     claimed: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [M] out: 1 where a loud measurement lies near a path
 ):
     """Find the loud measurements that lie where a line of sight or a single bounce is predicted."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        for m in range(heard.shape[0]):
+        for m in range(scan.shape[0]):
             claimed[m] = 0
         for anchor in range(places.shape[0]):
             place = anchor_of(places, mean, head, anchor)
@@ -155,9 +155,9 @@ def near(
                             slope, entry, unknown, place, value[0] - place[3], covariance
                         )
                     lean = lean_of(value[0] - place[3], place[4])
-                    for m in range(heard.shape[0]):
-                        if heard[m, 7] > 0.5 and (
-                            heard[m, LABEL] < 0 or heard[m, LABEL] == radio[anchor, SENDER]
+                    for m in range(scan.shape[0]):
+                        if scan[m, 7] > 0.5 and (
+                            scan[m, LABEL] < 0 or scan[m, LABEL] == radio[anchor, SENDER]
                         ):
-                            if lies_near(m, value, spread, lean, heard, radio, anchor):
+                            if lies_near(m, value, spread, lean, scan, radio, anchor):
                                 claimed[m] = 1

@@ -229,7 +229,7 @@ def test_particles_equal_their_twin_however_far_they_turn(surfaces, clocks, spre
     evaluate.named(
         spreading=0.0, step=1.0, head=5 + clocks, bandwidth=0.1,
         probability=np.zeros((0, 1)), nodes=np.zeros(1), chance=np.zeros(2),
-        path=np.zeros((0, 4), np.int32), predicted=none, heard=none,
+        path=np.zeros((0, 4), np.int32), predicted=none, scan=none,
         places=np.zeros((1, 6)), radio=np.zeros((1, 12)), root=root, base=base, points=points, state=state,
         density=np.zeros((2, 0, 1)), strength=np.zeros((2, 0, 0)), table=np.zeros((1, 11), np.float32),
         start=np.zeros(1, np.int32), index=np.zeros((1, 2), np.int32), pair=np.zeros((1, 8)),

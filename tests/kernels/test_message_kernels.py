@@ -239,7 +239,7 @@ def test_updates_equal_their_twin(seed, surfaces, rounds, noted, unknown):
     into = {
         "mean": mean, "covariance": covariance, "head": 5 + clocks, "path": path, "start": start,
         "index": chosen, "pair": pair, "odds": odds, "rounds": rounds, "places": places,
-        "predicted": predicted, "heard": heard, "blocks": blocks, "radio": random_radio(draw),
+        "predicted": predicted, "scan": heard, "blocks": blocks, "radio": random_radio(draw),
         "turned": np.array([-0.02, 0.01]),
     }  # fmt: skip
     messages = {"message": message, "measured": measured}

@@ -122,7 +122,7 @@ def test_birth_proposals_equal_their_twin(seed, with_departure, particles, unkno
     into = state, noise, mean, head, heard, known, whose, places, radio, 0.1 / (4 * np.pi * 8)
     expected, lines = reference.propose(*into, measured)
     born, told = np.full((1 + expected.size, 4), -9, np.int32), np.full((expected.size, 3), np.nan)
-    names = "state", "noise", "mean", "head", "heard", "known", "whose", "places", "radio", "rate"
+    names = "state", "noise", "mean", "head", "scan", "known", "whose", "places", "radio", "rate"
     given = dict(zip(names, into, strict=True))
     propose.named(**given, ratio=np.empty(expected.shape), measured=measured, born=born, proposal=told)
     born, told = born[1 : 1 + born[0, 0]], told[: born[0, 0]]

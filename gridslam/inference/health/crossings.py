@@ -30,9 +30,9 @@ def crossing_of(scans: Sequence[AnchorScan], deviations: Array, model: FilterMod
     deviations : (M, 3)
         Of all measurements, one anchor's after the other's; as of `own_deviations`.
     """
-    begins = accumulate((len(heard) for heard in scans), initial=0)
-    first = [(heard.anchor, begin + row) for heard, begin in zip(scans, begins, strict=False)
-             if (row := _first(heard)) is not None]  # fmt: skip
+    begins = accumulate((len(scan) for scan in scans), initial=0)
+    first = [(scan.anchor, begin + row) for scan, begin in zip(scans, begins, strict=False)
+             if (row := _first(scan)) is not None]  # fmt: skip
     if len(first) < 2:
         return None
     anchor, rows = np.array(first).T
@@ -60,12 +60,12 @@ def crossing_of(scans: Sequence[AnchorScan], deviations: Array, model: FilterMod
     return Crossing(model.places[anchor, :2] + level * toward, precision, slope)
 
 
-def _first(heard: AnchorScan) -> int | None:
+def _first(scan: AnchorScan) -> int | None:
     """The row that is an anchor's line of sight, if any is: the shortest path, and the loudest."""
-    if not len(heard):
+    if not len(scan):
         return None
-    length = np.where((heard.table[:, 3:6] >= 0).all(1), heard.value[:, 0], np.inf)
+    length = np.where((scan.table[:, 3:6] >= 0).all(1), scan.value[:, 0], np.inf)
     row = int(length.argmin())
-    if not abs(heard.height) < length[row] < np.inf:
+    if not abs(scan.height) < length[row] < np.inf:
         return None
-    return row if heard.amplitude[row] >= heard.table[:, 6].max() else None
+    return row if scan.amplitude[row] >= scan.table[:, 6].max() else None

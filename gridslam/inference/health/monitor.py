@@ -143,7 +143,7 @@ class HealthMonitor:
         ratio = self.misfit / self.freedom if self.freedom > 0 else 1.0
         low, high = innovation_band(self.freedom)
         _, called = innovation_band(self.freedom, CALLED)
-        heard = [calibration.estimate(j, stated) for j in range(len(calibration.clutter))]
+        clutters = [calibration.estimate(j, stated) for j in range(len(calibration.clutter))]
         found = []
         if self.silent >= SILENT:
             found.append(reasons.silent(self.silent))
@@ -159,7 +159,7 @@ class HealthMonitor:
             found.append(reasons.misfit(ratio))
         # at first, walls that are still to be born pass for clutter
         known = (calibration.listened >= LISTENED).tolist()
-        levels = [level for level, has_level in zip(heard, known, strict=True) if has_level]
+        levels = [level for level, has_level in zip(clutters, known, strict=True) if has_level]
         clutter = max(levels, default=0.0) / stated
         if clutter > LOUD_CLUTTER:
             found.append(reasons.clutter(clutter))
@@ -173,7 +173,7 @@ class HealthMonitor:
         if self.dropped:
             found.append(reasons.left_out(self.dropped))
         health = Health(
-            not found, "; ".join(found), effective, ratio, (low, high), share, np.array(heard),
+            not found, "; ".join(found), effective, ratio, (low, high), share, np.array(clutters),
             calibration.gain, calibration.turned.copy(), self.silent,
         )  # fmt: skip
         if self.silent:

@@ -116,10 +116,10 @@ class RangeWatch:
     def _fits(self, model: FilterModel) -> Iterator[Fit]:
         """How well each thing that may be wrong explains the gaps, turns left open."""
         anchors = model.senders
-        heard = [j for j in range(anchors) if self.information[j, j] > 0]
+        used = [j for j in range(anchors) if self.information[j, j] > 0]
         yield self._fit((), False)
-        yield self._fit(tuple(heard), True)
-        for j in heard if len(heard) > 1 else ():
+        yield self._fit(tuple(used), True)
+        for j in used if len(used) > 1 else ():
             yield self._fit((j,), False)
         if self.information[-1, -1] > 0:
             yield self._fit((2 * anchors,), False)

@@ -39,11 +39,11 @@ class SignalWatch:
     power: float = 0.0
     silent: int = 0
 
-    def begun(self, heard: int) -> Self:
+    def begun(self, audible: int) -> Self:
         """A new step with snapshots of so many anchors."""
         return replace(
             self, misfit=KEEP * self.misfit, freedom=KEEP * self.freedom, explained=KEEP * self.explained,
-            power=KEEP * self.power, silent=0 if heard else self.silent + 1,
+            power=KEEP * self.power, silent=0 if audible else self.silent + 1,
         )  # fmt: skip
 
     def fitted(self, shift: Array, before: Array, after: Array, explained: float, power: float) -> Self:

@@ -72,8 +72,8 @@ def linear_width(scans: Sequence[AnchorScan], radio: RadioModel) -> float:
     A path of length d curves by s^2 / (2 d) over s; that is to stay below its deviation.
     """
     widths = []
-    for heard in scans:
-        for distance, amplitude in zip(heard.value[:, 0].tolist(), heard.amplitude.tolist(), strict=True):
+    for scan in scans:
+        for distance, amplitude in zip(scan.value[:, 0].tolist(), scan.amplitude.tolist(), strict=True):
             std = float(radio.distance_std(np.array(amplitude if amplitude > 0 else radio.threshold)))
             if distance > 0:
                 widths.append(math.sqrt(2 * distance * std))

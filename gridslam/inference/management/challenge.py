@@ -42,7 +42,7 @@ def snapshot_of(
     scans: Sequence[AnchorScan], state: State, model: FilterModel, known: Sequence[Sources] | None = None
 ) -> Snapshot:
     """A scan to score poses by, with the radio as the state has learned it, and a map where it is given."""
-    radios = [state.calibration.tuned(model.radio, heard.anchor) for heard in scans]
+    radios = [state.calibration.tuned(model.radio, scan.anchor) for scan in scans]
     return Snapshot.of(scans, radios, model, known)
 
 

@@ -54,25 +54,25 @@ class JointGaussian:
         return cells.cast_paths(state, anchor, model, work=work)
 
     def update_surfaces_and_agent(
-        self, state: State, heard: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios,
+        self, state: State, scan: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios,
         turned: Array, model: FilterModel, *, work: Workspace,
     ) -> tuple[State, Exchange]:  # fmt: skip
         """See `updates.update_surfaces_and_agent`."""
-        return updates.update_surfaces_and_agent(state, heard, paths, ratios, turned, model, work=work)
+        return updates.update_surfaces_and_agent(state, scan, paths, ratios, turned, model, work=work)
 
     def correct_by_elevations(
-        self, state: State, heard: AnchorScan, exchange: Exchange, radio: RadioModel, model: FilterModel
+        self, state: State, scan: AnchorScan, exchange: Exchange, radio: RadioModel, model: FilterModel
     ) -> State:
         """See `elevations.correct_by_elevations`."""
-        return elevations.correct_by_elevations(state, heard, exchange, radio, model)
+        return elevations.correct_by_elevations(state, scan, exchange, radio, model)
 
     def add_births(
-        self, state: State, births: Births, heard: AnchorScan, exchange: Exchange, signal: RadioModel,
+        self, state: State, births: Births, scan: AnchorScan, exchange: Exchange, signal: RadioModel,
         model: FilterModel, *, work: Workspace,
     ) -> tuple[State, Exchange, list[tuple[Key, int]]]:  # fmt: skip
         """See `births.add_births`."""
         state, exchange, born = new_surfaces.add_births(
-            state, births, heard, exchange, signal, model, work=work
+            state, births, scan, exchange, signal, model, work=work
         )
         return self.with_surfaces(state, model, work), exchange, born
 
@@ -120,18 +120,18 @@ class SeparateParticles(JointGaussian):
         return particles.at_samples(paths, state), visible
 
     def update_surfaces_and_agent(
-        self, state: State, heard: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios,
+        self, state: State, scan: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios,
         turned: Array, model: FilterModel, *, work: Workspace,
     ) -> tuple[State, Exchange]:  # fmt: skip
         """The particles are weighed and resampled; what exists is the Gaussian's."""
         after, exchange = super().update_surfaces_and_agent(
-            state, heard, paths, ratios, turned, model, work=work
+            state, scan, paths, ratios, turned, model, work=work
         )
         ratios = replace(ratios, odds=exchange.odds, message=exchange.message, measured=exchange.measured)
-        return particles.weigh_samples(state, after, paths, heard, ratios, model, work=work), exchange
+        return particles.weigh_samples(state, after, paths, scan, ratios, model, work=work), exchange
 
     def correct_by_elevations(
-        self, state: State, heard: AnchorScan, exchange: Exchange, radio: RadioModel, model: FilterModel
+        self, state: State, scan: AnchorScan, exchange: Exchange, radio: RadioModel, model: FilterModel
     ) -> State:
         """Elevations tell which path is whose, and correct no particles."""
         return state

@@ -24,7 +24,7 @@ PATIENCE = 10
 
 
 def still_searching(
-    population: Population[State], prior: State, heard: bool, model: FilterModel, work: Workspace
+    population: Population[State], prior: State, audible: bool, model: FilterModel, work: Workspace
 ) -> tuple[Population[State], StepInfo]:
     """The search goes on: its state is the prior at this step, and nothing was mapped.
 
@@ -32,7 +32,7 @@ def still_searching(
     ----------
     prior : State
         As predicted: how long nothing was heard is counted already.
-    heard : bool
+    audible : bool
         Whether the scan held anything.
     """
     calibration, moved_on = prior.calibration, replace(prior, step=prior.step + 1)
@@ -42,4 +42,4 @@ def still_searching(
         turned_rad=calibration.turned.copy(), silent_steps=prior.monitor.silent,
     )  # fmt: skip
     info = StepInfo((), health, work.times(), False, calibration.turned, calibration.gain)
-    return replace(population, states=(moved_on,), waited=population.waited + heard), info
+    return replace(population, states=(moved_on,), waited=population.waited + audible), info

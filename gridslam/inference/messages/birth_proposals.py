@@ -66,7 +66,7 @@ def _rows(measurements: int, hypotheses: int) -> BirthRows:
 @timed("births")
 def propose_births(
     state: State,
-    heard: AnchorScan,
+    scan: AnchorScan,
     cloud: Cloud,
     ratios: Ratios,
     signal: RadioModel,
@@ -98,7 +98,7 @@ def propose_births(
     runtime.start()
     from gridslam.kernels.management.births import propose as launch
 
-    belief, bank, anchor = state.belief, state.surfaces, heard.anchor
+    belief, bank, anchor = state.belief, state.surfaces, scan.anchor
     known, surfaces = partners(bank, belief, model.max_bounces), belief.layout.surfaces
     if len(bank) != surfaces or cloud.surfaces != surfaces or not -1 <= anchor < len(model.anchors):
         raise ValueError("surfaces or anchors don't belong together")
@@ -107,10 +107,10 @@ def propose_births(
         senders = able
     else:
         senders = able[np.isin(able, senders)]
-    capacity, hypotheses = -(-len(heard) // PORTION) * PORTION, len(known) * len(senders)
+    capacity, hypotheses = -(-len(scan) // PORTION) * PORTION, len(known) * len(senders)
     births, measured = work.buffers(_rows, 0, capacity, hypotheses), ratios.measured.copy()
     launch(
-        model.birth_rate, belief.layout.head, belief.mean, cloud.state, _noise(len(known)), heard.table,
+        model.birth_rate, belief.layout.head, belief.mean, cloud.state, _noise(len(known)), scan.table,
         known, senders, Anchors(model.places, signal.numbers), measured, births,
     )  # fmt: skip
     born, proposal = births.born, births.proposal

@@ -113,7 +113,7 @@ class Births:
 def add_births(
     state: State,
     births: Births,
-    heard: AnchorScan,
+    scan: AnchorScan,
     exchange: Exchange,
     signal: RadioModel,
     model: FilterModel,
@@ -135,14 +135,14 @@ def add_births(
     (state, exchange, bearers)
         exchange: with what was born; bearers: the ray that bore each new surface, and its measurement.
     """
-    state, born, bearers = add_chosen(state, births, heard, exchange.claimed, signal, model, shared)
+    state, born, bearers = add_chosen(state, births, scan, exchange.claimed, signal, model, shared)
     return state, replace(exchange, born=born), bearers
 
 
 def add_chosen(
     state: State,
     births: Births,
-    heard: AnchorScan,
+    scan: AnchorScan,
     claimed: Array,
     signal: RadioModel,
     model: FilterModel,
@@ -158,7 +158,7 @@ def add_chosen(
     bearers: list[tuple[Key, int]] = []
     born: list[tuple[int, float]] = []
     for number, existence in births.chosen(claimed, 0.5 * model.settings.prune_below):
-        belief, reflection, misfit = initialise_surface(births, number, heard, state.belief, signal, model)
+        belief, reflection, misfit = initialise_surface(births, number, scan, state.belief, signal, model)
         if belief.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not misfit < MOST_BENT:
             continue
         if births.support is not None:
@@ -183,7 +183,7 @@ def add_chosen(
 
 
 def initialise_surface(
-    births: Births, number: int, heard: AnchorScan, belief: Belief, signal: RadioModel, model: FilterModel
+    births: Births, number: int, scan: AnchorScan, belief: Belief, signal: RadioModel, model: FilterModel
 ) -> tuple[Belief, Array, float]:
     """Belief with one hypothesis' surface appended, correlated with the agent, and corrected by the AoD.
 
@@ -199,13 +199,13 @@ def initialise_surface(
 
     row, (last, first), size = int(births.measurement[number]), births.hit[number].tolist(), len(belief.mean)
     anchor = int(births.anchor[number])
-    if max(last, first) >= len(belief.lines) or row >= len(heard) or anchor >= len(model.anchors):
+    if max(last, first) >= len(belief.lines) or row >= len(scan) or anchor >= len(model.anchors):
         raise ValueError("a birth names a surface, measurement or anchor that doesn't exist")
     mean, covariance = np.empty(size + 2), np.empty((size + 2, size + 2))
     reflection, misfit = np.empty(len(REFLECTION_BINS)), np.empty(1)
     launch(
         belief.layout.head, anchor, row, last, first, blocks.Belief(belief.mean, belief.covariance),
-        blocks.Anchors(model.places, signal.numbers), heard.table,
+        blocks.Anchors(model.places, signal.numbers), scan.table,
         blocks.Newborn(np.empty(size + 2), mean, covariance, reflection, misfit),
     )  # fmt: skip
     if np.pi < abs(mean[-2]) < np.inf:  # derivatives beside an anchor turn a line by full turns

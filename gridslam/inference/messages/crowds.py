@@ -71,7 +71,7 @@ def of_one_way(near: NDArray[np.bool_], beta: Array, image: NDArray[np.int32]) -
     return np.asarray(alike, np.bool_)
 
 
-def crowded_as_one(pairs: Pairs, heard: AnchorScan, near: NDArray[np.bool_] | None = None) -> Pairs:
+def crowded_as_one(pairs: Pairs, scan: AnchorScan, near: NDArray[np.bool_] | None = None) -> Pairs:
     """The pairs, a crowd's widened: all of it together tells what one measurement of its middle would.
 
     Which of many paths that differ by centimetres caused which measurement is a guess, and wrong guesses
@@ -83,14 +83,14 @@ def crowded_as_one(pairs: Pairs, heard: AnchorScan, near: NDArray[np.bool_] | No
     near : (M, M), optional
         The `neighbours`, where they are known.
     """
-    near = neighbours(heard.table) if near is None else near
+    near = neighbours(scan.table) if near is None else near
     if not near.any():
         return pairs
     count, index = near.sum(1), pairs.index[: len(pairs), 1]
     rows = np.flatnonzero(count[index])
     scatter = np.zeros((len(near), 3))
     for m in np.flatnonzero(count):
-        gap = heard.table[near[m], :3] - heard.table[m, :3]
+        gap = scan.table[near[m], :3] - scan.table[m, :3]
         gap[:, 1:] = wrap(gap[:, 1:])
         scatter[m] = gap.var(0)
     pair, chosen = pairs.pair.copy(), index[rows]

@@ -54,20 +54,20 @@ class Seen:
     ratio: Array
 
     @classmethod
-    def of(cls, heard: AnchorScan, radio: RadioModel) -> Seen:
+    def of(cls, scan: AnchorScan, radio: RadioModel) -> Seen:
         """What was heard, with its own deviations or those that follow from the amplitude."""
-        assert heard.elevation is not None
-        measured = np.isfinite(heard.elevation[:, :2])
-        value = np.where(measured, heard.elevation[:, :2], 0.0)
-        far = np.nan_to_num(heard.value[:, 0], nan=np.inf)
-        amplitude = np.where(np.isfinite(heard.amplitude), heard.amplitude, radio.amplitude(far))
+        assert scan.elevation is not None
+        measured = np.isfinite(scan.elevation[:, :2])
+        value = np.where(measured, scan.elevation[:, :2], 0.0)
+        far = np.nan_to_num(scan.value[:, 0], nan=np.inf)
+        amplitude = np.where(np.isfinite(scan.amplitude), scan.amplitude, radio.amplitude(far))
         amplitude = np.maximum(amplitude, radio.threshold)
-        anchor = np.full(len(heard), heard.anchor)
-        own, count = heard.elevation[:, 2:], measured.sum(1)
+        anchor = np.full(len(scan), scan.anchor)
+        own, count = scan.elevation[:, 2:], measured.sum(1)
         rough = np.abs(value).sum(1) / np.maximum(count, 1)
         values, variances, ratios = [], [], []
         # over walls alone as steep as the anchor is high, over a level as it is heard
-        for sign, steep in ((-1.0, lean(far, heard.height)), (1.0, lean(1.0, np.sin(rough)))):
+        for sign, steep in ((-1.0, lean(far, scan.height)), (1.0, lean(1.0, np.sin(rough)))):
             std = radio.elevation_std(amplitude, anchor, steep)
             std = np.where(np.isfinite(own), np.maximum(own, LEAST_STD), std)
             weight = np.where(measured, 1 / std**2, 0.0)
@@ -148,19 +148,19 @@ class Foreseen:
         return cls(way, np.arctan2(height, level), slope, variance)
 
 
-def tells(heard: AnchorScan, radio: RadioModel) -> bool:
+def tells(scan: AnchorScan, radio: RadioModel) -> bool:
     """Whether elevations were measured, in a scene that has heights."""
-    return heard.elevation is not None and bool(radio.upright)
+    return scan.elevation is not None and bool(radio.upright)
 
 
 def weigh_elevations(
-    state: State, heard: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios, radio: RadioModel,
+    state: State, scan: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios, radio: RadioModel,
     model: FilterModel,
 ) -> LikelihoodRatios:  # fmt: skip
     """Likelihood ratios, with the factor of the elevations; docs/model.md, (M302)."""
-    if not tells(heard, radio):
+    if not tells(scan, radio):
         return ratios
-    seen, foreseen = Seen.of(heard, radio), Foreseen.of(state.belief, paths.rays, model)
+    seen, foreseen = Seen.of(scan, radio), Foreseen.of(state.belief, paths.rays, model)
     factor = seen.ratios(foreseen.way[:, None], foreseen.value[:, None], foreseen.variance[:, None])
     pairs, message, measured = ratios.pairs, ratios.message.copy(), ratios.measured.copy()
     pair, (row, m) = pairs.pair.copy(), pairs.index[: len(pairs)].T
@@ -174,19 +174,19 @@ def weigh_elevations(
 
 
 def weigh_births(
-    births: Births, state: State, heard: AnchorScan, ratios: LikelihoodRatios, radio: RadioModel,
+    births: Births, state: State, scan: AnchorScan, ratios: LikelihoodRatios, radio: RadioModel,
     model: FilterModel,
 ) -> tuple[Births, LikelihoodRatios]:  # fmt: skip
     """Births, of paths over walls alone, by their elevations, and the ratios with their sums; (M303)."""
-    if not tells(heard, radio) or not len(births):
+    if not tells(scan, radio) or not len(births):
         return births, ratios
-    m, seen = births.measurement.astype(np.intp), Seen.of(heard, radio)
+    m, seen = births.measurement.astype(np.intp), Seen.of(scan, radio)
     height = model.places[births.anchor, HEIGHT]
-    length = np.maximum(heard.value[m, 0], 1e-3)
+    length = np.maximum(scan.value[m, 0], 1e-3)
     cosine = lean(length, height)
-    angles = np.nan_to_num(heard.value[m, 1:])
-    level = np.nan_to_num(heard.amplitude[m], nan=radio.threshold)
-    std = np.minimum(deviations(heard, m, level, angles, radio, cosine)[:, 0], length)
+    angles = np.nan_to_num(scan.value[m, 1:])
+    level = np.nan_to_num(scan.amplitude[m], nan=radio.threshold)
+    std = np.minimum(deviations(scan, m, level, angles, radio, cosine)[:, 0], length)
     variance = (height / (length**2 * cosine) * std) ** 2
     rise = model.places[births.anchor, RISE].astype(np.intp)
     unsure = state.belief.covariance.diagonal()[state.belief.layout.heights]
@@ -195,21 +195,21 @@ def weigh_births(
     expected = np.arcsin(np.clip(height / length, -1.0, 1.0))
     ratio = births.ratio * seen.pairs(np.zeros(len(m), np.intp), m, expected, variance)
     measured = ratios.measured.copy()
-    measured[tables.NEW] = 1.0 + np.bincount(m, ratio, len(heard))
+    measured[tables.NEW] = 1.0 + np.bincount(m, ratio, len(scan))
     return replace(births, ratio=ratio), replace(ratios, measured=measured)
 
 
 def correct_by_elevations(
-    state: State, heard: AnchorScan, exchange: Exchange, radio: RadioModel, model: FilterModel
+    state: State, scan: AnchorScan, exchange: Exchange, radio: RadioModel, model: FilterModel
 ) -> State:
     """The belief corrected by elevations, by the association that there was; docs/model.md, (M304).
 
     Path by path, moment-matched over its measurements as other corrections are: given which path caused a
     measurement, its elevation is independent of the rest.
     """
-    if not tells(heard, radio):
+    if not tells(scan, radio):
         return state
-    seen, foreseen = Seen.of(heard, radio), Foreseen.of(state.belief, exchange.rays, model)
+    seen, foreseen = Seen.of(scan, radio), Foreseen.of(state.belief, exchange.rays, model)
     begun = state.belief.mean
     mean, covariance = begun.copy(), state.belief.covariance.copy()
     share = exchange.responsible * np.isfinite(seen.variance[0])

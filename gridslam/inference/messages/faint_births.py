@@ -42,7 +42,7 @@ MOST_LOG, LEAST_DOUBT = 25.0, 1e-9
 
 
 def recall_leftovers(
-    births: Births, state: State, heard: AnchorScan, ratios: LikelihoodRatios, radio: RadioModel,
+    births: Births, state: State, scan: AnchorScan, ratios: LikelihoodRatios, radio: RadioModel,
     model: FilterModel,
 ) -> tuple[Births, LikelihoodRatios]:  # fmt: skip
     """Births of single bounces weighed by what was left unexplained before, and the ratios with their sums.
@@ -56,7 +56,7 @@ def recall_leftovers(
     if left is None or not len(left) or not len(births):
         return births, ratios
     unsure = (births.ratio < CERTAIN) & (ratios.explained[births.measurement] < CERTAIN)
-    (rows,) = (unsure & heard.whole[births.measurement] & (births.hit < 0).all(1)).nonzero()
+    (rows,) = (unsure & scan.whole[births.measurement] & (births.hit < 0).all(1)).nonzero()
     if len(rows):
         rows = rows[_has_company(births.line[rows], left, model.places)]
     if not len(rows):
@@ -64,10 +64,10 @@ def recall_leftovers(
     support = np.ones((len(births), len(REFLECTION_BINS)))
     seen = np.zeros(len(births), np.int64)
     m = births.measurement[rows].astype(np.intp)
-    gain, seen[rows] = borne_out(births.line[rows], heard, m, state, left, radio, model)
+    gain, seen[rows] = borne_out(births.line[rows], scan, m, state, left, radio, model)
     support[rows] += gain
-    level = REFLECTION_BINS * radio.amplitude(heard.value[m, 0])[:, None]
-    prior = np.exp(radio.log_rician(heard.amplitude[m, None], level))
+    level = REFLECTION_BINS * radio.amplitude(scan.value[m, 0])[:, None]
+    prior = np.exp(radio.log_rician(scan.amplitude[m, None], level))
     prior /= prior.sum(1, keepdims=True)
     ratio = births.ratio.copy()
     ratio[rows] *= (prior * support[rows]).sum(1)
@@ -104,7 +104,7 @@ def _near(value: Array, predicted: Array) -> tuple[NDArray[np.bool_], Array]:
 
 
 def borne_out(
-    line: Array, heard: AnchorScan, m: NDArray[np.intp], state: State, left: Leftovers, radio: RadioModel,
+    line: Array, scan: AnchorScan, m: NDArray[np.intp], state: State, left: Leftovers, radio: RadioModel,
     model: FilterModel,
 ) -> tuple[Array, NDArray[np.int64]]:  # fmt: skip
     """Likelihood of what was left over if a line has been there for some steps, over that if it hasn't.
@@ -124,7 +124,7 @@ def borne_out(
         gain (B, BINS): by the line's coefficient; seen (B,): how often it was heard before.
     """
     gain, seen = np.zeros((len(line), len(REFLECTION_BINS))), np.zeros(len(line), np.int64)
-    line, covariance = _corrected(line, heard, m, state, radio, model)
+    line, covariance = _corrected(line, scan, m, state, radio, model)
     places = model.places
     b, h, image = _about(line, left, places)
     one = single_bounces(line[b], places[left.anchor[h]], left.taken_at[h], image)
@@ -151,7 +151,7 @@ def borne_out(
     logs[:] = np.log(missed)
     logs[1][at] = np.log(either[at])
     logs = logs.cumsum(3)
-    others = np.arange(len(places)) != heard.anchor
+    others = np.arange(len(places)) != scan.anchor
     logs[:, :, others] = np.log(1 - OPEN + OPEN * np.exp(np.minimum(logs[:, :, others], 500.0)))
     silent, borne = np.exp(np.minimum(logs.sum(2), 50.0)).mean(2)
     gain[rows] = borne - silent
@@ -159,13 +159,13 @@ def borne_out(
 
 
 def _corrected(
-    line: Array, heard: AnchorScan, m: NDArray[np.intp], state: State, radio: RadioModel,
+    line: Array, scan: AnchorScan, m: NDArray[np.intp], state: State, radio: RadioModel,
     model: FilterModel,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Lines (B, 2) and their covariances (B, 2, 2) by one measurement each, at the pose that is believed."""
-    value = heard.value[m]
-    std = np.minimum(deviations(heard, m, heard.amplitude[m], value[:, 1:], radio), WIDEST)
-    here = single_bounces(line, model.places[heard.anchor], state.belief.mean[POSE])
+    value = scan.value[m]
+    std = np.minimum(deviations(scan, m, scan.amplitude[m], value[:, 1:], radio), WIDEST)
+    here = single_bounces(line, model.places[scan.anchor], state.belief.mean[POSE])
     by_line, by_pose = here.slopes()
     spread = _spread(by_pose, state.belief.covariance[OF_POSE], std)
     weighed = np.linalg.solve(spread, by_line)
@@ -210,10 +210,10 @@ def remember_leftovers(
     whole, anchor, value, std, amplitude = work.once(_stated, scans, own)
     free = whole & (np.concatenate([exchange.responsible.sum(0) for exchange in exchanges]) < KNOWN)
     first = 0
-    for heard, exchange in zip(scans, exchanges, strict=True):
+    for scan, exchange in zip(scans, exchanges, strict=True):
         if len(exchange.born):
             free[first + exchange.born[exchange.born[:, 1] > KNOWN, 0].astype(np.intp)] = False
-        first += len(heard)
+        first += len(scan)
     (rows,), belief = free.nonzero(), state.belief
     leftovers = state.leftovers.joined(
         belief.mean[POSE], belief.covariance[OF_POSE], anchor[rows], value[rows], std[rows], amplitude[rows]
@@ -225,5 +225,5 @@ def _stated(
     scans: Sequence[AnchorScan], std: Array
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64], Array, Array, Array]:
     """Of all measurements whether they lack nothing, anchor, value, deviations (M, 3) and amplitude."""
-    heard, std = whole_of(scans), np.minimum(std, WIDEST)
-    return heard.whole, heard.label.astype(np.int64, copy=False), heard.value, std, heard.amplitude
+    scan, std = whole_of(scans), np.minimum(std, WIDEST)
+    return scan.whole, scan.label.astype(np.int64, copy=False), scan.value, std, scan.amplitude

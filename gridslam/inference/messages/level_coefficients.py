@@ -28,15 +28,15 @@ CLIP, NEVER, ROUGH = 12.0, 1e-30, 0.01
 
 
 def learn_levels(
-    state: State, heard: AnchorScan, paths: PredictedPaths, exchange: Exchange, radio: RadioModel,
+    state: State, scan: AnchorScan, paths: PredictedPaths, exchange: Exchange, radio: RadioModel,
     model: FilterModel,
 ) -> State:  # fmt: skip
     """Beliefs about coefficients of floor and ceiling after an association; docs/model.md, (M305)."""
     if state.levels is None:
         return state
     levels, image = state.levels.copy(), paths.rays.anchor // model.senders
-    length = np.where(np.isfinite(heard.value[:, 0]), heard.value[:, 0], np.inf)
-    known = (heard.amplitude > 0) & np.isfinite(length)
+    length = np.where(np.isfinite(scan.value[:, 0]), scan.value[:, 0], np.inf)
+    known = (scan.amplitude > 0) & np.isfinite(length)
     at_1m = radio.amplitude_at_1m * COEFFICIENTS
     for row in np.flatnonzero((image > 0) & (paths.rays.table[:, 0] == 0)):
         level = image[row] - 1
@@ -46,7 +46,7 @@ def learn_levels(
         seen = detection_table(model.radio)(at_1m / paths.prediction.length[row])
         log = max(1 - share.sum(), 0.0) * np.log(np.maximum(1 - chance * seen, NEVER))
         for m in np.flatnonzero((share > LEAST_SHARE) & known):
-            log = log + share[m] * radio.log_rician(heard.amplitude[m], at_1m / length[m])
+            log = log + share[m] * radio.log_rician(scan.amplitude[m], at_1m / length[m])
         after = np.log(np.maximum(levels[level], NEVER)) + log
         after = np.exp(np.maximum(after - after.max(), -CLIP))
         levels[level] = after / after.sum()

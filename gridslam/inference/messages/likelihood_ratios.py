@@ -140,7 +140,7 @@ def _states(rows: int, particles: int) -> runtime.Resident:
 
 @timed("evaluation")
 def evaluate(
-    heard: AnchorScan,
+    scan: AnchorScan,
     paths: PredictedPaths,
     validity: Array,
     amplitudes: AmplitudeBelief,
@@ -165,12 +165,12 @@ def evaluate(
     from gridslam.kernels.messages.evaluation import evaluate as launch
 
     rays, recipe, table = paths.rays, paths.recipe, detection_table(model.radio)
-    count, (rows, particles), nodes = len(heard), recipe.room, amplitudes.nodes
+    count, (rows, particles), nodes = len(scan), recipe.room, amplitudes.nodes
     if particles % PATH_BLOCK:
         raise ValueError(f"{particles} particles: whole blocks of {PATH_BLOCK} are needed")
     rays.check(recipe.layout.surfaces, len(model.anchors))
     broad = -(-count // PORTION) * PORTION  # shapes that last
-    scratch, found = work.buffers(_buffers, heard.anchor, len(rays), broad, len(nodes), particles)
+    scratch, found = work.buffers(_buffers, scan.anchor, len(rays), broad, len(nodes), particles)
     ratios = blocks.Ratios(
         np.empty((tables.ODDS, len(rays))),
         np.empty((5, len(rays), count)),
@@ -182,7 +182,7 @@ def evaluate(
     launch(
         1.0 if amplitudes.spreading else 0.0, table.step, recipe.layout.head, recipe.bandwidth,
         blocks.Amplitudes(amplitudes.probability, nodes, table.chance),
-        blocks.PathRows(rays.table, paths.prediction.whole), heard.table,
+        blocks.PathRows(rays.table, paths.prediction.whole), scan.table,
         blocks.Anchors(model.places, signal.numbers),
         blocks.Drawing(recipe.root, recipe.base, recipe.points, state), scratch, found, ratios,
     )  # fmt: skip

@@ -68,15 +68,13 @@ def move_rings(state: State, time_s: float, model: FilterModel) -> State:
 
 
 def associate_with_rings(
-    state: State, heard: AnchorScan, ratios: LikelihoodRatios, signal: RadioModel, model: FilterModel
+    state: State, scan: AnchorScan, ratios: LikelihoodRatios, signal: RadioModel, model: FilterModel
 ) -> tuple[Association, Tentative]:
     """Data association of virtual anchors and rings alike."""
     rings = require(state)
-    worth = judge(rings, heard, detection_table(model.radio), signal)
+    worth = judge(rings, scan, detection_table(model.radio), signal)
     tentative, silent = claims(rings, worth)
-    born, bearings = expected(
-        state.belief, heard, signal, model.settings.births, model.middle, model.radius_m
-    )
+    born, bearings = expected(state.belief, scan, signal, model.settings.births, model.middle, model.radius_m)
     nu, claimed = associate_exactly(
         np.concatenate([ratios.beta, tentative]), np.concatenate([ratios.missed, silent]), ratios.new + born
     )
@@ -88,7 +86,7 @@ def associate_with_rings(
 def update_rings(
     before: State,
     state: State,
-    heard: AnchorScan,
+    scan: AnchorScan,
     tentative: Tentative,
     signal: RadioModel,
     model: FilterModel,
@@ -96,9 +94,9 @@ def update_rings(
     """Rings follow the belief's update by an anchor's measurements, are updated themselves, and begin."""
     state = follow_belief(before, state)
     rings = require(state)
-    worth = judge(rings, heard, detection_table(model.radio), signal)
+    worth = judge(rings, scan, detection_table(model.radio), signal)
     rings = learn(rings, worth, tentative.nu)
-    fresh = begin(rings, state.belief, heard, signal, tentative.chance, tentative.bearings)
+    fresh = begin(rings, state.belief, scan, signal, tentative.chance, tentative.bearings)
     return replace(state, rings=fresh)
 
 
@@ -177,40 +175,40 @@ class Worth:
     gain: Array
 
 
-def judge(rings: Rings, heard: AnchorScan, table: DetectionTable, signal: RadioModel) -> Worth:
+def judge(rings: Rings, scan: AnchorScan, table: DetectionTable, signal: RadioModel) -> Worth:
     """Evaluate the measurements that carry a distance and no AoA under every hypothesis."""
-    rows = np.flatnonzero(rings.anchor == heard.anchor)
+    rows = np.flatnonzero(rings.anchor == scan.anchor)
     mean, weight = rings.mean[rows], rings.weight[rows]
     away = mean[..., MOVING:] - mean[..., :2]
     level = np.maximum(np.linalg.norm(away, axis=-1), 1e-6)
-    distance = slant(level, heard.height)
+    distance = slant(level, scan.height)
     toward = away / level[..., None] * (level / distance)[..., None]
     slope = np.concatenate([-toward, np.zeros_like(toward), toward], -1)
     gain = np.einsum("lkij,lkj->lki", rings.covariance[rows], slope)
     spread = (gain * slope).sum(-1)
 
-    usable, deviation, loudness = _level(heard, signal)
+    usable, deviation, loudness = _level(scan, signal)
     typical = table(signal.amplitude((weight * distance).sum(-1), 0.5))
-    gap = np.where(usable, heard.value[:, 0], 0.0) - distance[..., None]
+    gap = np.where(usable, scan.value[:, 0], 0.0) - distance[..., None]
     noise = np.where(usable, deviation**2, 1.0)
     total = spread[..., None] + noise
     density = np.exp(-0.5 * gap**2 / total) / np.sqrt(2 * np.pi * total)
-    silent = np.isnan(heard.amplitude)
+    silent = np.isnan(scan.amplitude)
     ratio = density * np.where(silent, typical[:, None, None], 1.0) * np.where(usable, loudness, 0.0)
     return Worth(rows, ratio, typical, gap, spread, noise, gain)
 
 
-def _level(heard: AnchorScan, signal: RadioModel) -> tuple[NDArray[np.bool_], Array, Array]:
+def _level(scan: AnchorScan, signal: RadioModel) -> tuple[NDArray[np.bool_], Array, Array]:
     """Which measurements rings may explain; their deviations (m); clutter's share of their ratios (1/m)."""
-    usable = ~np.isnan(heard.value[:, 0]) & np.isnan(heard.value[:, 2])
-    distance = np.where(usable, heard.value[:, 0], 1.0)
-    loud = ~np.isnan(heard.amplitude)
-    strength = np.where(loud, heard.amplitude, signal.amplitude(distance, 0.5))
+    usable = ~np.isnan(scan.value[:, 0]) & np.isnan(scan.value[:, 2])
+    distance = np.where(usable, scan.value[:, 0], 1.0)
+    loud = ~np.isnan(scan.amplitude)
+    strength = np.where(loud, scan.amplitude, signal.amplitude(distance, 0.5))
     density = np.exp(
         signal.log_rician(strength[:, None], signal.amplitude(distance[:, None], REFLECTION_BINS))
     )
-    std = deviations(heard, np.arange(len(heard)), strength, np.nan_to_num(heard.value[:, 1:]), signal)[:, 0]
-    clutter = np.log(signal.false_alarms) + signal.log_clutter(heard.amplitude) + 2 * np.log(2 * np.pi)
+    std = deviations(scan, np.arange(len(scan)), strength, np.nan_to_num(scan.value[:, 1:]), signal)[:, 0]
+    clutter = np.log(signal.false_alarms) + signal.log_clutter(scan.amplitude) + 2 * np.log(2 * np.pi)
     return usable, std, np.where(loud, density.mean(1), 1.0) * np.exp(-clutter)
 
 
@@ -233,7 +231,7 @@ def learn(rings: Rings, worth: Worth, nu: Array) -> Rings:
     joint = P_STAY * nu[:, None] * worth.ratio
     factor = joint.sum(-1) + P_STAY * (1 - worth.detection)[:, None] + 1 - P_STAY
     mean = (old.weight * factor).sum(-1)
-    heard = (old.weight * joint.sum(-1)).sum(-1) / mean
+    measured = (old.weight * joint.sum(-1)).sum(-1) / mean
     existence = old.existence * mean / (old.existence * mean + 1 - old.existence)
     # the gains of a hypothesis point the same way for all measurements and differ in size alone
     share, size = joint / factor[..., None], 1 / (worth.spread[..., None] + worth.noise)
@@ -243,7 +241,7 @@ def learn(rings: Rings, worth: Worth, nu: Array) -> Rings:
     fresh = replace(
         old,
         existence=np.minimum(existence, 1 - 1e-7),
-        seen=old.seen + (heard > 0.5),
+        seen=old.seen + (measured > 0.5),
         weight=weighed(old.weight, np.log(factor)),
         mean=old.mean + step[..., None] * worth.gain,
         covariance=symmetric(old.covariance - narrower[..., None, None] * outer(worth.gain, worth.gain)),
@@ -252,7 +250,7 @@ def learn(rings: Rings, worth: Worth, nu: Array) -> Rings:
 
 
 def expected(
-    belief: Belief, heard: AnchorScan, signal: RadioModel, births: float, middle: Array, radius_m: float
+    belief: Belief, scan: AnchorScan, signal: RadioModel, births: float, middle: Array, radius_m: float
 ) -> tuple[Array, Array]:
     """Expected number of new images per measurement, over clutter, and likelihood of every bearing.
 
@@ -265,15 +263,15 @@ def expected(
     (ratio, weight)
         ratio (M,): 0 where there is no distance, or an AoA with it; weight (M, K).
     """
-    usable, deviation, loudness = _level(heard, signal)
-    distance = np.where(usable, heard.value[:, 0], 0.0)
-    image = belief.mean[:2] + level_of(distance, heard.height)[:, None, None] * unit(_bearings())
-    line = line_between(heard.position, image)
-    span = np.linalg.norm(image - heard.position, axis=-1)
+    usable, deviation, loudness = _level(scan, signal)
+    distance = np.where(usable, scan.value[:, 0], 0.0)
+    image = belief.mean[:2] + level_of(distance, scan.height)[:, None, None] * unit(_bearings())
+    line = line_between(scan.position, image)
+    span = np.linalg.norm(image - scan.position, axis=-1)
     crosses = np.abs((unit(line[..., 0]) @ middle) - line[..., 1]) < radius_m
     # no image is nearer than its anchor, and one that is hardly farther looks the same
     doubt = np.where(usable, deviation, 0.0) ** 2 + np.trace(belief.covariance[:2, :2])
-    itself = slant(np.hypot(*(belief.mean[:2] - heard.position)), heard.height)
+    itself = slant(np.hypot(*(belief.mean[:2] - scan.position)), scan.height)
     nearer = itself + APART * np.sqrt(doubt) < distance
     density = crosses * nearer[:, None] / np.maximum(span, 0.1)
     common = births / (4 * np.pi * radius_m) * distance * 2 * np.pi * loudness
@@ -282,7 +280,7 @@ def expected(
 
 
 def begin(
-    rings: Rings, belief: Belief, heard: AnchorScan, signal: RadioModel, chance: Array, weight: Array
+    rings: Rings, belief: Belief, scan: AnchorScan, signal: RadioModel, chance: Array, weight: Array
 ) -> Rings:
     """Add a ring for every measurement that is likely enough to be one.
 
@@ -294,9 +292,9 @@ def begin(
         Of the bearings.
     """
     rows = np.flatnonzero(chance > LEAST_EXISTENCE)
-    length = heard.value[rows, 0, None]
-    distance = np.maximum(level_of(length, heard.height), 1e-6)  # as seen from above
-    variance = np.square(_level(heard, signal)[1][rows, None] * length / distance)
+    length = scan.value[rows, 0, None]
+    distance = np.maximum(level_of(length, scan.height), 1e-6)  # as seen from above
+    variance = np.square(_level(scan, signal)[1][rows, None] * length / distance)
     toward = np.broadcast_to(unit(_bearings()), (len(rows), BEARINGS, 2))
     across = np.stack([-toward[..., 1], toward[..., 0]], -1)
     arc = np.square(OVERLAP * 2 * np.pi / BEARINGS * distance)[..., None, None]
@@ -309,7 +307,7 @@ def begin(
         across, across
     )
     age, seen = np.zeros(len(rows), np.int64), np.ones(len(rows), np.int64)
-    anchor = np.full(len(rows), heard.anchor, np.intp)
+    anchor = np.full(len(rows), scan.anchor, np.intp)
     return rings.joined(Rings(anchor, chance[rows], age, seen, weight[rows], mean, covariance))
 
 

@@ -117,7 +117,7 @@ class AmplitudeModel:
 
 @timed("evaluation")
 def predict_amplitudes(
-    state: State, paths: PredictedPaths, heard: AnchorScan, signal: RadioModel, *, work: Workspace
+    state: State, paths: PredictedPaths, scan: AnchorScan, signal: RadioModel, *, work: Workspace
 ) -> Histogram | Unmeasured:
     """Beliefs one step ahead, given that the ray exists.
 
@@ -125,7 +125,7 @@ def predict_amplitudes(
     amplitude doubles within a few steps. One that appears now may have any amplitude up to that of free space
     at its length. Where amplitudes are neither measured nor told by what is missed, there is nothing to keep.
     """
-    if signal.given_detection is not None and not require(state).known and np.isnan(heard.amplitude).all():
+    if signal.given_detection is not None and not require(state).known and np.isnan(scan.amplitude).all():
         return Unmeasured(np.ones((len(paths.rays), 1)), np.array([UNKNOWN_SHARE * signal.amplitude_at_1m]))
     length = paths.prediction.length
     return Histogram(_walked(state, paths.rays, length, signal, work), AmplitudeModel.of(signal).nodes)
@@ -150,7 +150,7 @@ def mean_amplitudes(state: State, rays: Rays, distance: Array, signal: RadioMode
 
 @timed("updates")
 def update_amplitudes(
-    state: State, paths: PredictedPaths, belief: Histogram | Unmeasured, heard: AnchorScan,
+    state: State, paths: PredictedPaths, belief: Histogram | Unmeasured, scan: AnchorScan,
     exchange: Exchange, signal: RadioModel, *, work: Workspace,
 ) -> State:  # fmt: skip
     """Update by the measurements, softly by association, eq. (26).
@@ -171,12 +171,12 @@ def update_amplitudes(
 
     amplitudes, model, rays = require(state), AmplitudeModel.of(signal), paths.rays
     responsible, shape = exchange.responsible, belief.probability.shape
-    if responsible.shape != (len(rays), len(heard)) or shape != (len(rays), len(model.nodes)):
+    if responsible.shape != (len(rays), len(scan)) or shape != (len(rays), len(model.nodes)):
         raise ValueError("beliefs don't belong to these rays and measurements")
     after = np.empty(shape)  # the state keeps its rows
-    scratch = work.buffers(_densities, 0, -(-len(heard) // PORTION) * PORTION, shape[1])
+    scratch = work.buffers(_densities, 0, -(-len(scan) // PORTION) * PORTION, shape[1])
     listen(
-        belief.probability, heard.table, np.ascontiguousarray(responsible), model.table, model.number,
+        belief.probability, scan.table, np.ascontiguousarray(responsible), model.table, model.number,
         float(signal.samples), scratch, after,
     )  # fmt: skip
     worth = (rays.existence * rays.surfaces > WORTH_KEEPING).tolist()
@@ -187,7 +187,7 @@ def update_amplitudes(
 
 
 def start_amplitudes(
-    state: State, born: Sequence[tuple[Key, int]], heard: AnchorScan, signal: RadioModel
+    state: State, born: Sequence[tuple[Key, int]], scan: AnchorScan, signal: RadioModel
 ) -> State:
     """First beliefs of the rays that bore surfaces, from their measurements alone.
 
@@ -197,8 +197,8 @@ def start_amplitudes(
     """
     model, changes = AmplitudeModel.of(signal), dict[Key, tuple[Array, float]]()
     for key, measurement in born:
-        length = float(heard.value[measurement, 0] - state.belief.late(key[0]))
-        amplitude = float(heard.amplitude[measurement])
+        length = float(scan.value[measurement, 0] - state.belief.late(key[0]))
+        amplitude = float(scan.amplitude[measurement])
         if np.isfinite(amplitude) and np.isfinite(length):
             log = signal.log_rician(np.minimum(amplitude, model.nodes[-1]), model.nodes)
             density = model.gap * np.exp(log - log.max())

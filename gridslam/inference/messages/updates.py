@@ -86,7 +86,7 @@ class Exchange:
 
 @timed("updates")
 def update_surfaces_and_agent(
-    state: State, heard: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios, turned: Array,
+    state: State, scan: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios, turned: Array,
     model: FilterModel, given: Association | None = None, *, work: Workspace,
 ) -> tuple[State, Exchange]:  # fmt: skip
     """Associate; correct agent and surfaces, and update what exists: docs/model.md, (M26) to (M31).
@@ -98,7 +98,7 @@ def update_surfaces_and_agent(
     ----------
     state : State
         As predicted; its belief (N,), (N, N) and the existence of lines of sight, surfaces and rays change.
-    heard : AnchorScan
+    scan : AnchorScan
         M measurements.
     paths : PredictedPaths
         L paths over the surfaces of `state`.
@@ -123,15 +123,15 @@ def update_surfaces_and_agent(
     -----
     After [Li2025adaptive], section V-B, 4 to 8; the joint Gaussian in place of particles is ours.
     """
-    _require_listed_of_this_state(paths.rays, heard, state, turned, model)
+    _require_listed_of_this_state(paths.rays, scan, state, turned, model)
     given = _associated_elsewhere(ratios) if given is None else given  # (M26), on a GPU
-    ratios = _crowds_as_one(heard, paths.rays, ratios, len(turned), work)  # (M231)
+    ratios = _crowds_as_one(scan, paths.rays, ratios, len(turned), work)  # (M231)
     state, sent = _copied(state), _handed_over(ratios, given)
     rounds = ROUNDS if given is None else 0
-    fits = _correct(state, sent, heard, paths, ratios, turned, rounds, model, work)  # (M26) to (M31)
-    own = slice(heard.anchor, heard.anchor + 1) if heard.anchor >= 0 else slice(None)
+    fits = _correct(state, sent, scan, paths, ratios, turned, rounds, model, work)  # (M26) to (M31)
+    own = slice(scan.anchor, scan.anchor + 1) if scan.anchor >= 0 else slice(None)
     exchange = Exchange(
-        heard.anchor, _copied_rays(paths.rays), sent.odds, sent.message, sent.measured,
+        scan.anchor, _copied_rays(paths.rays), sent.odds, sent.message, sent.measured,
         _with_images(fits, len(turned), model.level_prior is None)[own], paths.recipe.count,
         np.zeros((0, 2)), given,
     )  # fmt: skip
@@ -139,13 +139,11 @@ def update_surfaces_and_agent(
 
 
 def _require_listed_of_this_state(
-    rays: Rays, heard: AnchorScan, state: State, turned: Array, model: FilterModel
+    rays: Rays, scan: AnchorScan, state: State, turned: Array, model: FilterModel
 ) -> None:
     """Refuse paths of other surfaces or anchors than the state's, and anchors that aren't there."""
     rays.check(len(state.surfaces), min(len(state.los), len(model.anchors)))
-    if not -1 <= heard.anchor < len(turned) or (
-        heard.anchor < 0 and heard.label.max(initial=-1) >= len(turned)
-    ):
+    if not -1 <= scan.anchor < len(turned) or (scan.anchor < 0 and scan.label.max(initial=-1) >= len(turned)):
         raise ValueError("there is no such anchor")
 
 
@@ -157,14 +155,14 @@ def _associated_elsewhere(ratios: LikelihoodRatios) -> Association | None:
 
 
 def _crowds_as_one(
-    heard: AnchorScan, rays: Rays, ratios: LikelihoodRatios, senders: int, work: Workspace
+    scan: AnchorScan, rays: Rays, ratios: LikelihoodRatios, senders: int, work: Workspace
 ) -> LikelihoodRatios:
     """The ratios, in whose pairs a crowd counts as one measurement of its middle."""
-    near = work.once(neighbours, heard.table)
+    near = work.once(neighbours, scan.table)
     if not near.any():
         return ratios
     near = of_one_way(near, ratios.beta, rays.anchor // senders)
-    return replace(ratios, pairs=crowded_as_one(ratios.pairs, heard, near))
+    return replace(ratios, pairs=crowded_as_one(ratios.pairs, scan, near))
 
 
 def _copied(state: State) -> State:
@@ -191,7 +189,7 @@ def _handed_over(ratios: LikelihoodRatios, given: Association | None) -> blocks.
 
 
 def _correct(
-    state: State, sent: blocks.Ratios, heard: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios,
+    state: State, sent: blocks.Ratios, scan: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios,
     turned: Array, rounds: int, model: FilterModel, work: Workspace,
 ) -> Array:  # fmt: skip
     """Complete messages sent, correct copies of what is believed; how each anchor's paths fitted, (J, 9)."""
@@ -200,14 +198,14 @@ def _correct(
     belief, bank, rays, pairs = state.belief, state.surfaces, paths.rays, ratios.pairs
     anchors = len(model.anchors)
     launch = update_with_rises() if belief.rises else update_with_clocks() if belief.clocks else update
-    share, scratch = work.buffers(_account, heard.anchor, len(pairs.index), len(belief.mean))
+    share, scratch = work.buffers(_account, scan.anchor, len(pairs.index), len(belief.mean))
     turns = turned if len(turned) == anchors else np.resize(turned, anchors)  # images turn with their anchors
     fits = np.empty((anchors, len(NO_FIT)))
     fits[:] = NO_FIT
     work.messages.reserve(len(rays), len(pairs), (len(bank), anchors))
     launch(
         belief.layout.head, rounds, blocks.Belief(belief.mean, belief.covariance),
-        blocks.PathRows(rays.table, paths.prediction.whole), pairs.block(ratios.blocks), sent, heard.table,
+        blocks.PathRows(rays.table, paths.prediction.whole), pairs.block(ratios.blocks), sent, scan.table,
         blocks.Anchors(model.places, model.radio.numbers),
         blocks.Existence(bank.existence, state.los, bank.single, bank.double),
         blocks.Account(scratch, share, turns, fits), work.messages.block(),

@@ -128,7 +128,7 @@ def whole_of(scans: Sequence[AnchorScan]) -> AnchorScan:
     if isinstance(scans, SplitScan):
         return scans.whole
     names = "value", "own_std", "amplitude", "label", "table"
-    parts = {name: np.concatenate([getattr(heard, name) for heard in scans]) for name in names}
+    parts = {name: np.concatenate([getattr(scan, name) for scan in scans]) for name in names}
     return AnchorScan(UNKNOWN, NOWHERE, np.nan, np.nan, **parts)
 
 
@@ -228,7 +228,7 @@ def _table(
 
 
 def deviations(
-    heard: AnchorScan, measurement: NDArray[np.intp], amplitude: Array, angles: Array, signal: RadioModel,
+    scan: AnchorScan, measurement: NDArray[np.intp], amplitude: Array, angles: Array, signal: RadioModel,
     steep: Array | float | None = None,
 ) -> Array:  # fmt: skip
     """Standard deviations (n, 3) of (distance, AoD, AoA): the table's own, or from Fisher information.
@@ -238,7 +238,7 @@ def deviations(
     Parameters
     ----------
     measurement : (n,)
-        Rows of `heard`.
+        Rows of `scan`.
     amplitude : (n,)
         Believed amplitude of the path behind each.
     angles : (n, 2) rad
@@ -246,9 +246,9 @@ def deviations(
     steep : (n,), optional
         Cosine of the path's elevation; default: by the anchor's height and the measured distance.
     """
-    value, own_std = heard.value[measurement], heard.own_std[measurement]
-    aperture = signal.anchor_aperture.mean(0) if heard.anchor < 0 else signal.anchor_aperture[heard.anchor]
-    height = heard.height if heard.anchor >= 0 else 0.0
+    value, own_std = scan.value[measurement], scan.own_std[measurement]
+    aperture = signal.anchor_aperture.mean(0) if scan.anchor < 0 else signal.anchor_aperture[scan.anchor]
+    height = scan.height if scan.anchor >= 0 else 0.0
     if steep is None:
         steep = _lean(value, height) if height else 1.0
     return _deviations(value, own_std, amplitude, angles, aperture, steep, signal)
@@ -259,9 +259,9 @@ def own_deviations(scans: Sequence[AnchorScan], signal: RadioModel) -> Array:
 
     They depend on neither gain nor clutter, so that a step works them out once for all hypotheses.
     """
-    whole, heights = whole_of(scans), [heard.height for heard in scans]
+    whole, heights = whole_of(scans), [scan.height for scan in scans]
     aperture = signal.anchor_aperture[whole.label]
-    own = np.repeat(heights, [len(heard) for heard in scans]) if any(heights) else None
+    own = np.repeat(heights, [len(scan) for scan in scans]) if any(heights) else None
     steep = 1.0 if own is None else _lean(whole.value, own)
     return _deviations(
         whole.value, whole.own_std, whole.amplitude, whole.value[:, 1:], aperture, steep, signal

@@ -78,9 +78,9 @@ def step(
     for agent, own in enumerate(scan.scans):
         if own is None:
             continue
-        heard = of_all_anchors(own, model.agents[agent].radio.threshold)
-        seen = evaluate_network(state, agent, heard, model.agents[agent])  # (17), (18)
-        new = propose_network(state, agent, heard, model.agents[agent], draw)  # (23)
+        anchor_scan = of_all_anchors(own, model.agents[agent].radio.threshold)
+        seen = evaluate_network(state, agent, anchor_scan, model.agents[agent])  # (17), (18)
+        new = propose_network(state, agent, anchor_scan, model.agents[agent], draw)  # (23)
         found = associate_network(seen, new.odds)  # (21)
         state = update_network(state, agent, seen, found, draw)
         state = add_network_births(state, new, found, draw)  # (24) to (26)
@@ -122,9 +122,11 @@ class PublishedNetworkSlam(NetworkFront[NetworkParticleState]):
         detected = table.existence > model.settings.detect_above
         sure = state.features.take(detected)
         agents, labels = dict[str, Estimate | None](), dict[str, NDArray[np.intp]]()
-        for number, (name, heard, given) in enumerate(zip(model.names, scan.scans, info.given, strict=True)):
+        for number, (name, anchor_scan, given) in enumerate(
+            zip(model.names, scan.scans, info.given, strict=True)
+        ):
             agents[name] = None
-            if heard is None or given is None:
+            if anchor_scan is None or given is None:
                 continue
             mean, covariance = agent_moments(state.agents[number, :, :CLOCK])
             paths = feature_paths(sure, mean, model.anchors)

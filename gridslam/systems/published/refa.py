@@ -71,12 +71,12 @@ def step(state: ImageState, scan: Scan, model: FilterModel, work: int) -> tuple[
     draw = np.random.default_rng([work, state.step])
     state = move(state, scan.time_s, model, draw)
     parts, logs = list[Features](), np.zeros(len(state.agent))
-    for heard in split_by_anchor(scan, model):
-        seen = evaluate_images(state, heard, model.radio, model.anchors[heard.anchor])
-        new = propose_images(state, heard, model.radio, model, draw)
+    for anchor_scan in split_by_anchor(scan, model):
+        seen = evaluate_images(state, anchor_scan, model.radio, model.anchors[anchor_scan.anchor])
+        new = propose_images(state, anchor_scan, model.radio, model, draw)
         found = associate_images(state, seen, new)
         logs = logs + agent_logs(state, seen, found)
-        born = born_images(state, heard, new, found, model, draw)
+        born = born_images(state, anchor_scan, new, found, model, draw)
         parts += [updated_images(state, seen, found, draw), born]
         state = replace(state, next_identity=state.next_identity + len(born))
     features = pruned(Features.of(parts), model.settings.prune_below)

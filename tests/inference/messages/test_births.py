@@ -168,7 +168,7 @@ def test_a_new_surface_joins_the_belief_as_in_its_twin(seed, surfaces, unknown):
     into = worth_a_birth(draw, surfaces, *unknown)
     size = len(into[0]) + 2
     mean, covariance, reflection = np.full(size, np.nan), np.full((size, size), np.nan), np.full(20, np.nan)
-    names = "mean", "covariance", "head", "anchor", "places", "heard", "m", "last", "first", "radio"
+    names = "mean", "covariance", "head", "anchor", "places", "scan", "m", "last", "first", "radio"
     out = {"spread": np.full(size, np.nan), "fresh": mean, "joint": covariance, "coefficient": reflection}
     out["missed"] = misfit = np.full(1, np.nan)
     launch.named(**dict(zip(names, into, strict=True)), **out)

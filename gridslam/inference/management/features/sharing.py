@@ -84,12 +84,12 @@ def with_scatterers(
     own, spread : FeatureEstimate, (3 O, 3 O)
         Of this model's: the rows of the table that are its anchors', in order.
     """
-    heard = np.flatnonzero((table.kind == SCATTERER) & (table.steps_seen >= LEAST_STEPS))
+    scatterers = np.flatnonzero((table.kind == SCATTERER) & (table.steps_seen >= LEAST_STEPS))
     whose, mine = owners(table, model), np.flatnonzero(owners(table, model) >= 0)
     features, own_spread = [own], np.square([ONE_PLACE_M, ONE_PLACE_M, TIED_M])
     rows = [np.eye(len(joint))[_entries(mine)]]
     for j, anchor in enumerate(model.anchors[:, :2]):
-        for n in heard[whose[heard] != j]:
+        for n in scatterers[whose[scatterers] != j]:
             way = table.position_m[n] - anchor
             far = max(float(np.hypot(*way)), 1e-6)
             one = replace(

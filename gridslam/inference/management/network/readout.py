@@ -68,11 +68,11 @@ def network_estimate(
     """MMSE estimates of agents, surfaces and clocks; the step began at `began`, `time.perf_counter`."""
     state, found = population.best, dict[str, Estimate | None]()
     labels = dict[str, NDArray[np.intp]]()
-    for agent, (name, heard, info) in enumerate(zip(model.names, scan.scans, infos, strict=True)):
+    for agent, (name, anchor_scan, info) in enumerate(zip(model.names, scan.scans, infos, strict=True)):
         found[name] = None
-        if heard is not None and info is not None:
+        if anchor_scan is not None and info is not None:
             found[name] = _of_agent(state, agent, scan, info, model, began, works[agent])
-            labels[name] = whose(info, heard.anchor)
+            labels[name] = whose(info, anchor_scan.anchor)
     devices = len(model.anchor_names) + len(model.names)
     offset, covariance = np.zeros(devices), np.zeros((devices, devices))
     if state.belief.clocks:

@@ -118,8 +118,8 @@ def _recovered(
     state: NetworkState, agent: int, scan: Scan, earlier_s: float | None, model: FilterModel, *,
     work: Workspace,
 ) -> NetworkState:  # fmt: skip
-    heard, part = work.once(whole_scan, scan, model), state.part(agent)
-    count, near = int(np.count_nonzero(heard.loud)), near_paths([heard], part, model)
+    anchor_scan, part = work.once(whole_scan, scan, model), state.part(agent)
+    count, near = int(np.count_nonzero(anchor_scan.loud)), near_paths([anchor_scan], part, model)
     vague, lost = is_vague(part.belief), part.monitor.is_lost(count, near)
     if not lost:
         part = replace(part, monitor=part.monitor.followed(count, near))
@@ -136,11 +136,12 @@ def _recovered(
     radio = part.calibration.tuned(model.radio, 0)
     table, draw = detection_table(radio), np.random.default_rng([work.seed, state.step, agent, PURPOSE])
     with runtime.one_blas_thread():
-        asked = proposed_poses(beacons, heard, radio, draw)
+        asked = proposed_poses(beacons, anchor_scan, radio, draw)
         asked = asked[model.grid.holds(asked[:, :2])]
         fix = best_pose(
-            belief, part.belief, asked, lambda poses: log_likelihood(poses, beacons, heard, table, radio),
-            len(beacons) * len(heard), draw,
+            belief, part.belief, asked,
+            lambda poses: log_likelihood(poses, beacons, anchor_scan, table, radio),
+            len(beacons) * len(anchor_scan), draw,
         )  # fmt: skip
     if fix is None or not fix.clear or not (fix.better or not lost):
         return state.recorded(agent, unfound)
@@ -167,22 +168,20 @@ def placed_at(state: NetworkState, agent: int, fix: Fix, velocity: float) -> Net
     return replace(state, belief=replace(belief, covariance=covariance))
 
 
-def proposed_poses(
-    beacons: Beacons, heard: AnchorScan, radio: RadioModel, draw: np.random.Generator
-) -> Array:
+def proposed_poses(beacons: Beacons, scan: AnchorScan, radio: RadioModel, draw: np.random.Generator) -> Array:
     """Poses (N, 3) that the loud measurements stand for, had they come from any of the beacons."""
-    rows = np.flatnonzero(~np.isnan(heard.value).any(1) & heard.loud)
+    rows = np.flatnonzero(~np.isnan(scan.value).any(1) & scan.loud)
     if not len(rows) or not len(beacons):
         return np.zeros((0, 3))
     if len(rows) > MOST_LOUD:  # or poses x measurements would grow with their square
-        rank = np.argsort(-np.nan_to_num(heard.amplitude[rows], nan=radio.threshold), kind="stable")
+        rank = np.argsort(-np.nan_to_num(scan.amplitude[rows], nan=radio.threshold), kind="stable")
         rows = np.sort(rows[rank[:MOST_LOUD]])
-    strength = np.nan_to_num(heard.amplitude[rows], nan=radio.threshold)
-    std = deviations(heard, rows, strength, heard.value[rows, 1:], radio)
-    may = (heard.label[rows] < 0) | (heard.label[rows] == beacons.anchor[:, None])
+    strength = np.nan_to_num(scan.amplitude[rows], nan=radio.threshold)
+    std = deviations(scan, rows, strength, scan.value[rows, 1:], radio)
+    may = (scan.label[rows] < 0) | (scan.label[rows] == beacons.anchor[:, None])
     poses = []
     for copy in range(COPIES):
-        value = heard.value[rows] + (copy > 0) * std * draw.standard_normal((len(rows), 3))
+        value = scan.value[rows] + (copy > 0) * std * draw.standard_normal((len(rows), 3))
         leaving = beacons.place[:, 2, None] + value[:, 1]
         turned = 2 * beacons.line[:, 0, None] - leaving
         back = np.where(beacons.straight[:, None], leaving + np.pi, turned)
@@ -195,7 +194,7 @@ def proposed_poses(
 
 
 def log_likelihood(
-    poses: Array, beacons: Beacons, heard: AnchorScan, table: DetectionTable, radio: RadioModel
+    poses: Array, beacons: Beacons, scan: AnchorScan, table: DetectionTable, radio: RadioModel
 ) -> Array:
     """Log-likelihood (N,) of all measurements at poses (N, 3), relative to clutter alone."""
     straight, (place, facing, height) = beacons.straight, (beacons.place[:, :2], *beacons.place[:, 2:].T)
@@ -208,9 +207,9 @@ def log_likelihood(
     there = beacons.chance * (straight | (sides > 0))
     strength = radio.amplitude(distance, beacons.level)
     log = -(there * table(strength)).sum(1)
-    rows, known = np.arange(len(heard)), np.isfinite(heard.amplitude)
-    amplitude = np.where(known, heard.amplitude, radio.threshold)
-    std = deviations(heard, rows, amplitude, np.nan_to_num(heard.value[:, 1:]), radio)
+    rows, known = np.arange(len(scan)), np.isfinite(scan.amplitude)
+    amplitude = np.where(known, scan.amplitude, radio.threshold)
+    std = deviations(scan, rows, amplitude, np.nan_to_num(scan.value[:, 1:]), radio)
     measured = np.isfinite(std)
     variance = np.where(measured, std, 1.0) ** 2 + np.array([MAP_M, MAP_RAD, MAP_RAD]) ** 2
     wide = variance[None] + beacons.variance[:, None, None] * np.array([1.0, 0.0, 0.0])
@@ -218,12 +217,12 @@ def log_likelihood(
     square = np.where(measured, -2 * np.log(flat / np.sqrt(2 * np.pi * wide)), 0.0).sum(-1)[None]
     predicted = (distance + beacons.shift, leaving, back - poses[:, 2, None])
     for axis, value in enumerate(predicted):
-        gap = heard.value[:, axis] - value[..., None]
+        gap = scan.value[:, axis] - value[..., None]
         gap = gap if axis == 0 else wrap(gap)
         square = square + np.where(measured[:, axis], gap**2 / wide[..., axis], 0.0)
     blur = 0.5 + (0.25 * strength[..., None]) ** 2
     square = square + np.where(known, (amplitude - strength[..., None]) ** 2 / blur, 0.0)
     tail = np.where(known, np.minimum(amplitude**2 - radio.threshold**2, LOUDEST), 0.0)
     ratio = np.exp(np.minimum(tail - np.log(radio.false_alarms) - 0.5 * square, 60.0))
-    may = (heard.label < 0) | (heard.label == beacons.anchor[:, None])
+    may = (scan.label < 0) | (scan.label == beacons.anchor[:, None])
     return np.asarray(log + np.log1p((there[..., None] * may * ratio).sum(1)).sum(1))

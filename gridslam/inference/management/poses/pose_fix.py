@@ -137,11 +137,13 @@ def find_pose(
     asked = _proposals(images, scan, signal, draw)
     if region is not None:
         asked = asked[region.holds(asked[:, :2])]
-    sizes = (len(own.image) * max(len(heard), 1) for own, heard in zip(images, scan, strict=True))
+    sizes = (len(own.image) * max(len(anchor_scan), 1) for own, anchor_scan in zip(images, scan, strict=True))
 
     def likelihood(poses: Array) -> Array:
         parts = zip(images, scan, strict=True)
-        return np.asarray(sum(_log_likelihood(poses, own, heard, table, signal) for own, heard in parts))
+        return np.asarray(
+            sum(_log_likelihood(poses, own, anchor_scan, table, signal) for own, anchor_scan in parts)
+        )
 
     return best_pose(belief, expected, asked, likelihood, max(sizes, default=1), draw)
 
@@ -203,21 +205,23 @@ def _proposals(
 ) -> Array:
     """Poses (N, 3) that the loud measurements stand for, over each surface they could have come by."""
     poses = [np.zeros((0, 3))]
-    for own, heard in zip(images, scan, strict=True):
-        rows = np.flatnonzero(~np.isnan(heard.value).any(1) & heard.loud)
+    for own, anchor_scan in zip(images, scan, strict=True):
+        rows = np.flatnonzero(~np.isnan(anchor_scan.value).any(1) & anchor_scan.loud)
         if not len(rows):
             continue
         if len(rows) > MOST_LOUD:  # or poses x measurements would grow with their square
-            rank = np.argsort(-np.nan_to_num(heard.amplitude[rows], nan=signal.threshold), kind="stable")
+            rank = np.argsort(
+                -np.nan_to_num(anchor_scan.amplitude[rows], nan=signal.threshold), kind="stable"
+            )
             rows = np.sort(rows[rank[:MOST_LOUD]])
-        strength = np.nan_to_num(heard.amplitude[rows], nan=signal.threshold)
-        std = deviations(heard, rows, strength, heard.value[rows, 1:], signal)
+        strength = np.nan_to_num(anchor_scan.amplitude[rows], nan=signal.threshold)
+        std = deviations(anchor_scan, rows, strength, anchor_scan.value[rows, 1:], signal)
         for copy in range(COPIES):
-            value = heard.value[rows] + (copy > 0) * std * draw.standard_normal((len(rows), 3))
-            leaving = heard.orientation + value[None, :, 1]
-            straight = (own.image == heard.position).all(1)[:, None]
+            value = anchor_scan.value[rows] + (copy > 0) * std * draw.standard_normal((len(rows), 3))
+            leaving = anchor_scan.orientation + value[None, :, 1]
+            straight = (own.image == anchor_scan.position).all(1)[:, None]
             back = np.where(straight, leaving + np.pi, 2 * own.line[:, 0, None] - leaving)
-            level = level_of(value[None, :, :1], heard.height)
+            level = level_of(value[None, :, :1], anchor_scan.height)
             place = own.image[:, None] - level * unit(back)
             poses.append(
                 np.concatenate([place, wrap(back - value[None, :, 2])[..., None]], -1).reshape(-1, 3)
@@ -226,30 +230,30 @@ def _proposals(
 
 
 def _log_likelihood(
-    poses: Array, own: Sources, heard: AnchorScan, table: DetectionTable, signal: RadioModel
+    poses: Array, own: Sources, scan: AnchorScan, table: DetectionTable, signal: RadioModel
 ) -> Array:
     """Log-likelihood (N,) of one anchor's measurements at poses (N, 3), relative to clutter alone."""
     back = direction(poses[:, None, :2], own.image[None])
-    distance = slant(np.linalg.norm(poses[:, None, :2] - own.image[None], axis=-1), heard.height)
-    straight = (own.image == heard.position).all(1)
-    leaving = np.where(straight, back + np.pi, 2 * own.line[:, 0] - back) - heard.orientation
+    distance = slant(np.linalg.norm(poses[:, None, :2] - own.image[None], axis=-1), scan.height)
+    straight = (own.image == scan.position).all(1)
+    leaving = np.where(straight, back + np.pi, 2 * own.line[:, 0] - back) - scan.orientation
     normal, offset = unit(own.line[:, 0]), own.line[:, 1]
-    sides = ((poses[:, :2] @ normal.T) - offset) * (normal @ heard.position - offset)
+    sides = ((poses[:, :2] @ normal.T) - offset) * (normal @ scan.position - offset)
     there = own.chance * (straight | (sides > 0))
     strength = signal.amplitude(distance, own.level)
     log = -(there * table(strength)).sum(1)
-    if not len(heard):
+    if not len(scan):
         return np.asarray(log)
-    rows = np.arange(len(heard))
-    known = np.isfinite(heard.amplitude)
-    amplitude = np.where(known, heard.amplitude, signal.threshold)
-    std = deviations(heard, rows, amplitude, np.nan_to_num(heard.value[:, 1:]), signal)
+    rows = np.arange(len(scan))
+    known = np.isfinite(scan.amplitude)
+    amplitude = np.where(known, scan.amplitude, signal.threshold)
+    std = deviations(scan, rows, amplitude, np.nan_to_num(scan.value[:, 1:]), signal)
     measured = np.isfinite(std)
     variance = np.where(measured, std, 1.0) ** 2 + np.array([MAP_M, MAP_RAD, MAP_RAD]) ** 2
     predicted = (distance, leaving, back - poses[:, 2, None])
     square = np.zeros((len(poses), len(own.image), len(rows)))
     for axis, value in enumerate(predicted):
-        gap = heard.value[:, axis] - value[..., None]
+        gap = scan.value[:, axis] - value[..., None]
         gap = gap if axis == 0 else wrap(gap)
         square += np.where(measured[:, axis], gap**2 / variance[:, axis], 0.0)
     blur = 0.5 + (0.25 * strength[..., None]) ** 2

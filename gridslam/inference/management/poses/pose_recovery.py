@@ -141,5 +141,5 @@ def moved(belief: Belief, fix: Fix, velocity: float) -> Belief:
 
 def crowd(scan: Sequence[AnchorScan]) -> int:
     """Loud measurements of the anchor with most of them, if too many for all to propose poses; else 0."""
-    most = max((int(np.count_nonzero(heard.loud)) for heard in scan), default=0)
+    most = max((int(np.count_nonzero(anchor_scan.loud)) for anchor_scan in scan), default=0)
     return most if most > MOST_LOUD else 0

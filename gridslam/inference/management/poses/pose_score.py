@@ -74,7 +74,7 @@ class SnapshotTerms:
     known: Sources | None = None
 
     @classmethod
-    def of(cls, heard: AnchorScan, radio: RadioModel, birth_rate: float, over: Sources | None = None) -> Self:
+    def of(cls, scan: AnchorScan, radio: RadioModel, birth_rate: float, over: Sources | None = None) -> Self:
         """The terms of one anchor's scan.
 
         Parameters
@@ -84,14 +84,14 @@ class SnapshotTerms:
         over : Sources, optional
             Single bounces over known surfaces.
         """
-        rows = np.arange(len(heard))
-        known = np.isfinite(heard.amplitude)
-        strength = np.where(known, heard.amplitude, radio.threshold)
-        value = heard.table[:, :3].copy()
-        std = deviations(heard, rows, strength, value[:, 1:], radio)
-        value[:, 1] += heard.orientation
+        rows = np.arange(len(scan))
+        known = np.isfinite(scan.amplitude)
+        strength = np.where(known, scan.amplitude, radio.threshold)
+        value = scan.table[:, :3].copy()
+        std = deviations(scan, rows, strength, value[:, 1:], radio)
+        value[:, 1] += scan.orientation
         flat = np.log([radio.max_distance_m, 2 * np.pi, 2 * np.pi])
-        clutter = radio.log_clutter(heard.amplitude) + (flat * ~np.isfinite(std)).sum(1)
+        clutter = radio.log_clutter(scan.amplitude) + (flat * ~np.isfinite(std)).sum(1)
         level = radio.amplitude(value[:, :1], REFLECTION_BINS)
         born = np.exp(radio.log_rician(strength[:, None], level))
         if not known.all():
@@ -101,7 +101,7 @@ class SnapshotTerms:
         with np.errstate(divide="ignore"):
             log_born = np.log(whole * birth_rate * value[:, 0] * born.mean(1))
         return cls(
-            heard.position, heard.height, value, std**2, heard.amplitude,
+            scan.position, scan.height, value, std**2, scan.amplitude,
             clutter + np.log(radio.false_alarms), log_born, radio, detection_table(radio), over,
         )  # fmt: skip
 
@@ -155,7 +155,7 @@ class Snapshot:
         """The anchors' scans, with each one's calibrated radio, and the paths over a map's surfaces."""
         maps: Sequence[Sources | None] = known or [None] * len(scans)
         rows = zip(scans, radios, maps, strict=True)
-        return cls(tuple(SnapshotTerms.of(heard, radio, model.birth_rate, own) for heard, radio, own in rows))
+        return cls(tuple(SnapshotTerms.of(scan, radio, model.birth_rate, own) for scan, radio, own in rows))
 
     def score(self, poses: Array, widen: float = 1.0) -> Array:
         """Log-likelihood of the scan at poses (N, 3) in m, m, rad; in ratio to clutter alone, (N,)."""

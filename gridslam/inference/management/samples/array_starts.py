@@ -53,11 +53,11 @@ def advance(
         return replace(population, states=(state,)), info
     work.begin()
     prior = predict(population.best, scan.time_s, len(scan), model)
-    heard, waited = bool(scan.heard.any()), population.waited
-    due = heard and (waited < PATIENCE or waited % EVERY == 0)
+    audible, waited = bool(scan.heard.any()), population.waited
+    due = audible and (waited < PATIENCE or waited % EVERY == 0)
     found = _found(prior, scan, model, work) if due else None
     if found is None:
-        return still_searching(population, prior, heard, model, work)
+        return still_searching(population, prior, audible, model, work)
     state, info = step(found, scan, model, work)
     return replace(population, states=(state,), searching=False), info
 
@@ -88,5 +88,5 @@ def _terms(state: State, anchor: int, scan: SignalScan, model: SignalModel, work
     none = Rays.of(anchor, 0, -1, -1, np.zeros(0), np.zeros(0)).table
     nothing = PathsPrior(state.belief, model.anchors[anchor], none, np.zeros(0), np.zeros((0, 3)))
     new = find_paths(band, scan.samples[anchor], nothing, float(state.noise[anchor]), np.zeros(0)).new
-    heard, radio = peaks_of(new, anchor, band, state.calibration.tuned(model.radio, anchor), model)
-    return SnapshotTerms.of(heard, radio, model.birth_rate)
+    peaks, radio = peaks_of(new, anchor, band, state.calibration.tuned(model.radio, anchor), model)
+    return SnapshotTerms.of(peaks, radio, model.birth_rate)

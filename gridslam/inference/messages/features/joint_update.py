@@ -79,7 +79,7 @@ class _Place:
 
 
 def update(
-    belief: JointBelief, samples: Complex, heard: NDArray[np.bool_], heading_rad: float, model: SignalModel,
+    belief: JointBelief, samples: Complex, audible: NDArray[np.bool_], heading_rad: float, model: SignalModel,
     step: int, start: Array | None = None,
 ) -> tuple[JointBelief, float]:  # fmt: skip
     """The belief after the samples (J, N, M) of one step, and the log of their evidence.
@@ -89,11 +89,11 @@ def update(
     start : (4,), optional
         Where the agent is thought to be by other means: from there the maximum is looked for.
     """
-    if not heard.any():
+    if not audible.any():
         return belief, 0.0
     size, wave = len(belief.mean), model.waveform
     anchors, first = [], 0
-    for j in np.flatnonzero(heard):
+    for j in np.flatnonzero(audible):
         after = first + 2 + 2 * int((belief.features.anchor == j).sum())
         anchors.append(_Anchor(int(j), received(samples[j], wave), slice(first, after)))
         first = after
@@ -102,7 +102,7 @@ def update(
     prior[size, size] = wave.heading_std_rad**2
     base, at = np.append(belief.mean, 0.0), np.append(belief.mean, 0.0)
     if start is None:
-        at[:size] = regained(belief, samples, heard, heading_rad, model)
+        at[:size] = regained(belief, samples, audible, heading_rad, model)
     else:
         at[:MOVING] = start
     shift = np.zeros(first)
@@ -141,14 +141,14 @@ def update(
         known = products(place.numbers[one.numbers] + shift[one.numbers], one.got, wave)
         found, surprise = _follow_powers(found, one.index, known.of(slice(0, len(power))), power, step)
         evidence += surprise
-    return _sighted(found, belief, heard), evidence
+    return _sighted(found, belief, audible), evidence
 
 
-def _sighted(found: JointBelief, before: JointBelief, heard: NDArray[np.bool_]) -> JointBelief:
+def _sighted(found: JointBelief, before: JointBelief, audible: NDArray[np.bool_]) -> JointBelief:
     """The belief with the place from where features and lines of sight were heard at a step."""
     bank = found.features
     features = bank.identity[bank.steps_seen > before.features.steps_seen]
-    sights = -1 - np.flatnonzero(heard & (found.existence > SIGHTED))
+    sights = -1 - np.flatnonzero(audible & (found.existence > SIGHTED))
     return replace(found, sightings=found.sightings.add(np.concatenate([features, sights]), found.mean[:2]))
 
 
@@ -208,9 +208,9 @@ def _follow_powers(
     used = power[1:] > 0
     powers[rows] += FORGETS * np.where(used, there, 0.0) * (square[1:] - powers[rows])
     powers[rows] = np.maximum(powers[rows], FAINTEST * los_power[anchor])
-    heard = rows[used & (np.abs(amplitude[1:]) ** 2 > SURE * spread[1:])]
-    seen[heard] += 1
-    last[heard] = step
+    detected = rows[used & (np.abs(amplitude[1:]) ** 2 > SURE * spread[1:])]
+    seen[detected] += 1
+    last[detected] = step
     presence = bank.presence.copy()
     presence[rows] = there
     bank = replace(bank, power=powers, steps_seen=seen, last_step=last, presence=presence)

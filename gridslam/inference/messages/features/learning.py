@@ -51,18 +51,18 @@ def learn(state: HybridState, front: Front, model: SignalModel) -> tuple[HybridS
     passing = len(state.joint.features) > old
     if not proposed or gain <= -CLEAR * passing:
         return begun(state, state.joint), Learned(proposed, 0, gain if proposed else 0.0)
-    heard = was_heard(best.joint)
-    heard[:old] = True
+    detected = was_heard(best.joint)
+    detected[:old] = True
     identity = int(best.joint.features.identity.max()) + 1
-    taught = begun(state, best.joint.keep(heard))
-    return replace(taught, next_identity=identity), Learned(proposed, int(heard.sum()) - old, gain)
+    taught = begun(state, best.joint.keep(detected))
+    return replace(taught, next_identity=identity), Learned(proposed, int(detected.sum()) - old, gain)
 
 
 def was_heard(joint: JointBelief) -> NDArray[np.bool_]:
     """Features (F,) that were heard at some step, or are surely there though they are never loud."""
     bank = joint.features
-    heard: NDArray[np.bool_] = bank.steps_seen > 0
-    return heard if joint.extent > 0 else heard | (bank.presence > SIGHTED)
+    scan: NDArray[np.bool_] = bank.steps_seen > 0
+    return scan if joint.extent > 0 else scan | (bank.presence > SIGHTED)
 
 
 def begun(state: HybridState, joint: JointBelief) -> HybridState:

@@ -26,7 +26,7 @@ REACH, MOST = 3.0, 41
 
 
 def regained(
-    belief: JointBelief, samples: Complex, heard: NDArray[np.bool_], heading_rad: float, model: SignalModel
+    belief: JointBelief, samples: Complex, audible: NDArray[np.bool_], heading_rad: float, model: SignalModel
 ) -> Array:
     """Where to begin to look for the maximum: the joint mean (n,), or that given where a sight is heard.
 
@@ -39,7 +39,7 @@ def regained(
     spread = belief.agent_covariance[:2, :2]
     size, axes = np.linalg.eigh(spread)
     before = after_a_step(belief.existence)
-    lost = np.flatnonzero(heard & (before < 0.5))
+    lost = np.flatnonzero(audible & (before < 0.5))
     if not len(lost) or size[-1] < UNSURE_M**2:
         return belief.mean
     steps = np.sqrt(np.maximum(size, 0))

@@ -40,10 +40,10 @@ class Moments:
     effective: float
 
 
-def rescaled(belief: JointBelief, tables: list[Tables], heard: NDArray[np.bool_]) -> JointBelief:
+def rescaled(belief: JointBelief, tables: list[Tables], audible: NDArray[np.bool_]) -> JointBelief:
     """The belief before the first step in units of these samples, by the noise's power."""
     noise, bank = belief.noise.copy(), belief.features
-    for j in np.flatnonzero(heard):
+    for j in np.flatnonzero(audible):
         noise[j] = max(np.median(_squares(tables[j])) / np.log(2), 1e-300)
     power = bank.power * (noise / belief.noise)[bank.anchor]
     return replace(belief, noise=noise, features=replace(bank, power=power))
@@ -56,7 +56,7 @@ def _squares(table: Tables) -> Array:
 
 
 def start_particles(
-    belief: JointBelief, tables: list[Tables], heard: NDArray[np.bool_], model: SignalModel, seed: int
+    belief: JointBelief, tables: list[Tables], audible: NDArray[np.bool_], model: SignalModel, seed: int
 ) -> ParticleBelief:
     """Particles of the prior; noise and power about what is received."""
     draw = np.random.default_rng([seed, 0, START])
@@ -65,7 +65,7 @@ def start_particles(
     agent = belief.mean[:MOVING] + draw.standard_normal((count, MOVING)) @ root.T
     reach = 3 * np.sqrt(np.trace(belief.agent_covariance[:2, :2]) / 2)
     level, power = belief.noise, np.ones(anchors)
-    for j in np.flatnonzero(heard):
+    for j in np.flatnonzero(audible):
         square = _squares(tables[j])
         distance = np.linspace(0, model.waveform.folding_m, square.shape[1])
         near = np.abs(distance - np.hypot(*(model.anchors[j, :2] - belief.mean[:2]))) < reach
@@ -110,13 +110,13 @@ def feature_table(belief: JointBelief, anchor: int) -> Array:
 
 def update_particles(
     particles: ParticleBelief, belief: JointBelief, samples: Complex, tables: list[Tables],
-    heard: NDArray[np.bool_], heading_rad: float, front: Front, model: SignalModel, seed: int, step: int,
+    audible: NDArray[np.bool_], heading_rad: float, front: Front, model: SignalModel, seed: int, step: int,
 ) -> tuple[ParticleBelief, Moments]:  # fmt: skip
     """Particles after the samples (J, N, M) of a step, with the features as they stand, (M134)-(M136)."""
-    count, anchors = len(particles.agent), len(heard)
+    count, anchors = len(particles.agent), len(audible)
     existence, weight = particles.existence.copy(), particles.weight.copy()
     log_own = np.zeros((anchors, count))
-    for j in np.flatnonzero(heard):
+    for j in np.flatnonzero(audible):
         noise = particles.noise[j]
         points = np.column_stack([particles.agent[:, :2], np.full(count, heading_rad), noise])
         ratio, square, energy = front.ratios(
@@ -144,7 +144,7 @@ def update_particles(
     draw = np.random.default_rng([seed, step, RESAMPLE])
     agent = particles.agent[_resample(share, draw)]
     noise = particles.noise.copy()
-    for j in np.flatnonzero(heard):
+    for j in np.flatnonzero(audible):
         own = np.exp(log_own[j] - logsumexp(log_own[j]))
         noise[j] = draw.permutation(noise[j][_resample(own, draw)])
     evidence = float(logsumexp(total) - np.log(count))

@@ -71,29 +71,29 @@ def agent_evidence(
     chance = rays.existence * rays.surfaces * radio.detection_probability(amplitude)
     over_sure = (rays.surfaces > SURE_SURFACE) & np.append(witnessed, True)[rays.last]
     sure = (rays.bounces == 0) | ((rays.bounces == 1) & over_sure)
-    heard, total = work.once(whole_scan, scan, model), np.zeros((len(sought), len(centre)))
+    anchor_scan, total = work.once(whole_scan, scan, model), np.zeros((len(sought), len(centre)))
     steep = lean(length, np.asarray(model.anchor_heights)[rays.anchor])
-    ratio = amplitude_ratio(heard.amplitude, amplitude, radio)
+    ratio = amplitude_ratio(anchor_scan.amplitude, amplitude, radio)
     spread = paths.prediction.spread
 
     def accuracy(chosen: NDArray[np.intp]) -> Array:
-        return _deviations(heard, amplitude[chosen], predicted[chosen, 1:], steep[chosen], radio)
+        return _deviations(anchor_scan, amplitude[chosen], predicted[chosen, 1:], steep[chosen], radio)
 
-    caused = np.zeros((len(sought), len(heard)))
+    caused = np.zeros((len(sought), len(anchor_scan)))
     rows = np.flatnonzero(known[rays.anchor] & (chance > LIKELY))
     if len(rows):
-        density = joint_density(value[rows], width[rows], heard.value, accuracy(rows))
-        may = (heard.label < 0) | (heard.label == rays.anchor[rows, None])
+        density = joint_density(value[rows], width[rows], anchor_scan.value, accuracy(rows))
+        may = (anchor_scan.label < 0) | (anchor_scan.label == rays.anchor[rows, None])
         share = np.where(may, chance[rows, None] * ratio[rows] * density, 0.0)
         caused = by_anchor(share, rays.anchor[rows], len(sought))
     clutter = radio.false_alarms / (radio.span_m * 4 * np.pi**2) + caused.sum(0) - caused
     mine = np.flatnonzero(sure & sought[rays.anchor] & (chance > 0))
     if len(mine):
         sender = rays.anchor[mine]
-        able = (heard.label < 0) | (heard.label == sender[:, None])
+        able = (anchor_scan.label < 0) | (anchor_scan.label == sender[:, None])
         others = np.where(able, clutter[sender] / ratio[mine], np.inf)
         each = clock_evidence(
-            predicted[mine], spread[mine], chance[mine], heard.value, accuracy(mine), others, centre
+            predicted[mine], spread[mine], chance[mine], anchor_scan.value, accuracy(mine), others, centre
         )
         total = by_anchor(each, sender, len(sought))
     return total
@@ -137,10 +137,10 @@ def clock_evidence(
     (L, C)
         That of an anchor is the sum over its paths.
     """
-    heard = np.isfinite(measured[:, 0])
-    shift, variance, weight = _given_angles(predicted, spread, measured[heard], std[:, heard])
+    known = np.isfinite(measured[:, 0])
+    shift, variance, weight = _given_angles(predicted, spread, measured[known], std[:, known])
     variance = variance + CELL_M**2 / 12
-    height = chance[:, None] * weight / clutter[:, heard] / np.sqrt(2 * np.pi * variance)
+    height = chance[:, None] * weight / clutter[:, known] / np.sqrt(2 * np.pi * variance)
     nothing = NOTHING * (1 - chance[:, None])
     supported = height > nothing
     path, late, width, height = (
@@ -166,10 +166,10 @@ def joint_density(predicted: Array, spread: Array, measured: Array, std: Array) 
     predicted, spread, measured, std
         As of `clock_evidence`; 0 where no distance was measured.
     """
-    heard = np.isfinite(measured[:, 0])
+    known = np.isfinite(measured[:, 0])
     density = np.zeros((len(predicted), len(measured)))
-    shift, variance, weight = _given_angles(predicted, spread, measured[heard], std[:, heard])
-    density[:, heard] = weight * np.exp(-0.5 * shift**2 / variance) / np.sqrt(2 * np.pi * variance)
+    shift, variance, weight = _given_angles(predicted, spread, measured[known], std[:, known])
+    density[:, known] = weight * np.exp(-0.5 * shift**2 / variance) / np.sqrt(2 * np.pi * variance)
     return density
 
 
@@ -217,10 +217,8 @@ def amplitude_ratio(measured: Array, expected: Array, radio: RadioModel) -> Arra
     return np.where(np.isnan(measured), 1.0, WEAKENED + (1 - WEAKENED) * 2 * level * density)
 
 
-def _deviations(heard: AnchorScan, amplitude: Array, angles: Array, steep: Array, radio: RadioModel) -> Array:
+def _deviations(scan: AnchorScan, amplitude: Array, angles: Array, steep: Array, radio: RadioModel) -> Array:
     """Deviations (L, M, 3) of all measurements, if paths of these amplitudes and angles caused them."""
-    paths, count = len(amplitude), len(heard)
+    paths, count = len(amplitude), len(scan)
     every, each = np.tile(np.arange(count), paths), np.repeat(np.arange(paths), count)
-    return deviations(heard, every, amplitude[each], angles[each], radio, steep[each]).reshape(
-        paths, count, 3
-    )
+    return deviations(scan, every, amplitude[each], angles[each], radio, steep[each]).reshape(paths, count, 3)

@@ -52,8 +52,8 @@ def set_clocks(
 
 def tells_no_departure(scans: Sequence[Scan | None]) -> bool:
     """Whether something was heard, and no departure of it measured: then clocks have rival modes."""
-    heard = [scan.aod_rad for scan in scans if scan is not None and len(scan)]
-    return bool(heard) and not any(np.isfinite(angle).any() for angle in heard)
+    departures = [scan.aod_rad for scan in scans if scan is not None and len(scan)]
+    return bool(departures) and not any(np.isfinite(angle).any() for angle in departures)
 
 
 def challenge_clocks(

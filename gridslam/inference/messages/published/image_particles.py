@@ -142,23 +142,23 @@ def path_values(agent: Array, place: Array, fixed: NDArray[np.bool_], anchor: Ar
     return np.stack([distance, wrap(departure - anchor[2]), wrap(arrival - agent[:, 4])])
 
 
-def evaluate_images(state: ImageState, heard: AnchorScan, radio: RadioModel, anchor: Array) -> Evaluated:
+def evaluate_images(state: ImageState, scan: AnchorScan, radio: RadioModel, anchor: Array) -> Evaluated:
     """All features of an anchor (3,) at all particles: [Li2025adaptive], eqs. (19), (20)."""
-    rows = np.flatnonzero(state.features.anchor == heard.anchor)
+    rows = np.flatnonzero(state.features.anchor == scan.anchor)
     own = state.features.take(rows)
     values = path_values(state.agent, own.position, own.fixed, anchor)
     missed = 1 - detection_table(radio)(own.intensity)
-    ratio = np.zeros((len(rows), len(heard), len(state.agent)))
-    clutter = np.log(radio.false_alarms) + radio.log_clutter(heard.amplitude)
-    every = np.arange(len(heard))
+    ratio = np.zeros((len(rows), len(scan), len(state.agent)))
+    clutter = np.log(radio.false_alarms) + radio.log_clutter(scan.amplitude)
+    every = np.arange(len(scan))
     for n in range(len(rows)):
-        level = np.full(len(heard), own.intensity[n].mean())
+        level = np.full(len(scan), own.intensity[n].mean())
         angles = np.angle(np.exp(1j * values[1:, n]).mean(-1))
-        std = deviations(heard, every, level, np.tile(angles, (len(heard), 1)), radio)
+        std = deviations(scan, every, level, np.tile(angles, (len(scan), 1)), radio)
         for m in every:
-            at, logs = _fits(values[:, n], heard.value[m], std[m])
+            at, logs = _fits(values[:, n], scan.value[m], std[m])
             if len(at):
-                strength = amplitude_factor(heard.amplitude[m], own.intensity[n, at], missed[n, at], radio)
+                strength = amplitude_factor(scan.amplitude[m], own.intensity[n, at], missed[n, at], radio)
                 ratio[n, m, at] = np.exp(logs + strength - clutter[m])
     return Evaluated(rows, ratio, missed)
 
@@ -224,25 +224,25 @@ def updated_images(
 
 
 def propose_images(
-    state: ImageState, heard: AnchorScan, radio: RadioModel, model: FilterModel, draw: np.random.Generator
+    state: ImageState, scan: AnchorScan, radio: RadioModel, model: FilterModel, draw: np.random.Generator
 ) -> NewImages:
     """A virtual anchor where each measurement says, from the agent's particles: (31) of the document.
 
     Distance, AoA and amplitude are drawn from their densities, so that AoD, amplitude and the area of a
     particle are left as its weight.
     """
-    count, several = len(state.agent), len(heard)
-    anchor, side = model.anchors[heard.anchor], np.array(model.grid.shape) * model.grid.cell_m
+    count, several = len(state.agent), len(scan)
+    anchor, side = model.anchors[scan.anchor], np.array(model.grid.shape) * model.grid.cell_m
     level = np.where(
-        np.isnan(heard.amplitude), radio.amplitude(heard.value[:, 0], UNKNOWN_LOSS), heard.amplitude
+        np.isnan(scan.amplitude), radio.amplitude(scan.value[:, 0], UNKNOWN_LOSS), scan.amplitude
     )
-    std = deviations(heard, np.arange(several), level, heard.value[:, 1:], radio)
+    std = deviations(scan, np.arange(several), level, scan.value[:, 1:], radio)
     rate = np.log(model.settings.births) - np.log(SPREAD**2 * side.prod())
-    base = rate - np.log(radio.false_alarms) - radio.log_clutter(heard.amplitude)
+    base = rate - np.log(radio.false_alarms) - radio.log_clutter(scan.amplitude)
     logs, place = np.empty((several, count)), np.empty((several, count, 2))
     amplitude = np.empty((several, count))
     for m in range(several):
-        value = heard.value[m]
+        value = scan.value[m]
         distance = np.abs(value[0] + std[m, 0] * draw.standard_normal(count))
         bearing = draw.uniform(-np.pi, np.pi, count)
         if np.isfinite(std[m, 2]):
@@ -251,7 +251,7 @@ def propose_images(
         place[m] = state.agent[:, :2] + distance[:, None] * unit(bearing)
         logs[m] = base[m] + np.log(distance)
         missed = 1 - detection_table(radio)(amplitude[m])
-        logs[m] += amplitude_factor(heard.amplitude[m], amplitude[m], missed, radio)
+        logs[m] += amplitude_factor(scan.amplitude[m], amplitude[m], missed, radio)
         if np.isfinite(std[m, 1]):
             aod = path_values(state.agent, place[m][None], np.zeros(1, bool), anchor)[1, 0]
             off = wrap(value[1] - aod) / std[m, 1]
@@ -263,7 +263,7 @@ def propose_images(
 
 
 def born_images(
-    state: ImageState, heard: AnchorScan, new: NewImages, found: Marginals, model: FilterModel,
+    state: ImageState, scan: AnchorScan, new: NewImages, found: Marginals, model: FilterModel,
     draw: np.random.Generator,
 ) -> Features:  # fmt: skip
     """New virtual anchors that are likely enough to be kept: supporting document, (46), (47)."""
@@ -275,7 +275,7 @@ def born_images(
         picks[number] = draw.permutation(resampled(new.logs[m], draw))
     every = rows[:, None]
     return Features(
-        state.next_identity + np.arange(size), np.full(size, heard.anchor, np.int64), np.zeros(size, bool),
+        state.next_identity + np.arange(size), np.full(size, scan.anchor, np.int64), np.zeros(size, bool),
         existence[rows], new.position[every, picks], new.amplitude[every, picks],
     )  # fmt: skip
 

@@ -40,27 +40,27 @@ class NetworkBirths:
 
 
 def propose_network(
-    state: NetworkParticleState, agent: int, heard: AnchorScan, model: FilterModel, draw: np.random.Generator
+    state: NetworkParticleState, agent: int, scan: AnchorScan, model: FilterModel, draw: np.random.Generator
 ) -> NetworkBirths:
     """New virtual anchors of every measurement and anchor, (8), (20), (23)."""
     own, radio, anchors = state.agents[agent], model.radio, model.anchors
-    count, several, labels = len(own), len(heard), len(anchors)
+    count, several, labels = len(own), len(scan), len(anchors)
     side = np.array(model.grid.shape) * model.grid.cell_m
-    std = measured_deviations(heard, radio)
-    base = np.log(model.settings.births) - np.log(SPREAD**2 * side.prod()) - log_clutter(heard, radio)
+    std = measured_deviations(scan, radio)
+    base = np.log(model.settings.births) - np.log(SPREAD**2 * side.prod()) - log_clutter(scan, radio)
     logs = np.full((several, labels, count), -np.inf)
     position = np.zeros((several, labels, count, 2))
     for m in range(several):
-        label = int(heard.label[m])
-        bearing = own[:, 4] + heard.value[m, 2] + std[m, 2] * draw.standard_normal(count)
+        label = int(scan.label[m])
+        bearing = own[:, 4] + scan.value[m, 2] + std[m, 2] * draw.standard_normal(count)
         if not np.isfinite(std[m, 2]):
             bearing = draw.uniform(-np.pi, np.pi, count)
-        measured = heard.value[m, 0] + std[m, 0] * draw.standard_normal(count) + own[:, CLOCK]
+        measured = scan.value[m, 0] + std[m, 0] * draw.standard_normal(count) + own[:, CLOCK]
         for j in range(labels) if label < 0 else (label,):
             distance = measured - state.clocks[j]
             position[m, j] = own[:, :2] + np.maximum(distance, 1e-3)[:, None] * unit(bearing)
             value = path_values(own[:, :CLOCK], position[m, j][None], np.zeros(1, bool), anchors[j])[1, 0]
-            aod = _log_gaussian(wrap(heard.value[m, 1] - value), std[m, 1])
+            aod = _log_gaussian(wrap(scan.value[m, 1] - value), std[m, 1])
             possible = distance > 0
             share = 0.0 if label >= 0 else np.log(labels)
             logs[m, j, possible] = base[m] - share + np.log(distance[possible]) + aod[possible]

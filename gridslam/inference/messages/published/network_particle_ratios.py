@@ -81,32 +81,32 @@ class NetworkRatios:
 
 
 def evaluate_network(
-    state: NetworkParticleState, agent: int, heard: AnchorScan, model: FilterModel
+    state: NetworkParticleState, agent: int, scan: AnchorScan, model: FilterModel
 ) -> NetworkRatios:
     """All features of all anchors at one agent's particles and at their own, (3) to (7), (17), (18)."""
     known, own, radio = state.features, state.agents[agent], model.radio
-    anchors, count, several = len(model.anchors), len(own), len(heard)
+    anchors, count, several = len(model.anchors), len(own), len(scan)
     whose = np.concatenate([np.arange(anchors), known.anchor])
     existence = np.concatenate([np.ones(anchors), known.existence])
-    missed, std = max(1 - detection(radio), 1 - SUREST), measured_deviations(heard, radio)
-    base = np.log1p(-missed) - log_clutter(heard, radio)
+    missed, std = max(1 - detection(radio), 1 - SUREST), measured_deviations(scan, radio)
+    base = np.log1p(-missed) - log_clutter(scan, radio)
     ratio, pairs = np.zeros((len(whose), several, count)), list[CompatiblePair]()
     by_place = np.zeros((len(known), several, count))
     pose, doubt = pose_moments(own)
     for f, anchor in enumerate(whose.tolist()):
         sight, clock = f < anchors, state.clocks[anchor]
         place = model.anchor_positions[anchor][None] if sight else known.position[f - anchors]
-        rows = np.flatnonzero((heard.label < 0) | (heard.label == anchor))
+        rows = np.flatnonzero((scan.label < 0) | (scan.label == anchor))
         middle, spread = place.mean(0), np.cov(place.T, bias=True) if len(place) > 1 else np.zeros((2, 2))
         slopes = _slopes(pose, middle, sight, model.anchors[anchor])
         values = _values(own, middle[None], sight, model.anchors[anchor])
-        for pair in _pairs(f, values, slopes[:, 6:] @ spread @ slopes[:, 6:].T, heard, rows, std, base):
+        for pair in _pairs(f, values, slopes[:, 6:] @ spread @ slopes[:, 6:].T, scan, rows, std, base):
             ratio[f, pair.measurement, pair.at] = pair.weight * blurred(clock, None, pair.late, pair.std)
             pairs.append(pair)
         if sight:
             continue
         values = _values(pose[None], place, sight, model.anchors[anchor])
-        for pair in _pairs(f, values, slopes[:, :6] @ doubt @ slopes[:, :6].T, heard, rows, std, base):
+        for pair in _pairs(f, values, slopes[:, :6] @ doubt @ slopes[:, :6].T, scan, rows, std, base):
             weight = pair.weight * blurred(clock, None, pair.late, pair.std)
             by_place[f - anchors, pair.measurement, pair.at] = weight
     return NetworkRatios(whose, existence, missed, pairs, ratio, by_place)
@@ -141,7 +141,7 @@ def _slopes(pose: Array, place: Array, sight: bool, anchor: Array) -> Array:
 
 
 def _pairs(
-    feature: int, values: Array, extra: Array, heard: AnchorScan, rows: NDArray[np.intp], std: Array,
+    feature: int, values: Array, extra: Array, scan: AnchorScan, rows: NDArray[np.intp], std: Array,
     base: Array,
 ) -> list[CompatiblePair]:  # fmt: skip
     """Measurements near what particles predict.
@@ -163,7 +163,7 @@ def _pairs(
         kinds = np.flatnonzero(np.isfinite(std[m, 1:]))
         whole = extra + np.diag(np.where(np.isfinite(std[m]), std[m], 0.0) ** 2)
         angles = whole[1:, 1:][np.ix_(kinds, kinds)]
-        reach, turn = GATE * np.sqrt(np.diagonal(angles)), wrap(heard.value[m, 1:] - middle)[kinds]
+        reach, turn = GATE * np.sqrt(np.diagonal(angles)), wrap(scan.value[m, 1:] - middle)[kinds]
         if (np.abs(turn) > farthest[kinds] + reach).any():
             continue
         gap = turn[:, None] - off[kinds]
@@ -176,7 +176,7 @@ def _pairs(
         gain = whole[0, 1:][kinds] @ inverse
         logs = base[m] - 0.5 * np.einsum("ap,ab,bp->p", gap, inverse, gap)
         logs = logs - np.log(2 * np.pi) * (2 - 0.5 * len(kinds)) - 0.5 * np.linalg.slogdet(angles)[1]
-        late = heard.value[m, 0] - values[0, at] - gain @ gap
+        late = scan.value[m, 0] - values[0, at] - gain @ gap
         left = float(np.sqrt(whole[0, 0] - gain @ whole[1:, 0][kinds]))
         pairs.append(CompatiblePair(feature, m, at, np.exp(logs), late, left))
     return pairs
@@ -216,12 +216,12 @@ def detection(radio: RadioModel) -> float:
     return float(radio.detection_probability(np.asarray(radio.amplitude(10.0))))
 
 
-def measured_deviations(heard: AnchorScan, radio: RadioModel) -> Array:
+def measured_deviations(scan: AnchorScan, radio: RadioModel) -> Array:
     """Deviations (M, 3) that came with the measurements, or by measured amplitudes; infinite for none."""
-    level = np.where(np.isnan(heard.amplitude), radio.amplitude(10.0), heard.amplitude)
-    return deviations(heard, np.arange(len(heard)), level, heard.value[:, 1:], radio)
+    level = np.where(np.isnan(scan.amplitude), radio.amplitude(10.0), scan.amplitude)
+    return deviations(scan, np.arange(len(scan)), level, scan.value[:, 1:], radio)
 
 
-def log_clutter(heard: AnchorScan, radio: RadioModel) -> Array:
+def log_clutter(scan: AnchorScan, radio: RadioModel) -> Array:
     """Log of mu_fp f_fp over distance and angles, (M,)."""
-    return np.log(radio.false_alarms) + radio.log_clutter(np.full(len(heard), np.nan))
+    return np.log(radio.false_alarms) + radio.log_clutter(np.full(len(scan), np.nan))

@@ -62,7 +62,7 @@ def at_samples(paths: PredictedPaths, state: State) -> PredictedPaths:
 
 @timed("updates")
 def weigh_samples(
-    before: State, state: State, paths: PredictedPaths, heard: AnchorScan, ratios: LikelihoodRatios,
+    before: State, state: State, paths: PredictedPaths, scan: AnchorScan, ratios: LikelihoodRatios,
     model: FilterModel, *, work: Workspace,
 ) -> State:  # fmt: skip
     """An anchor's messages to agent and surfaces, which are resampled: supporting document, (32) to (44).
@@ -72,7 +72,7 @@ def weigh_samples(
     before, state : State
         Before and after the updates; what exists is taken from the latter.
     """
-    samples, draw = before.require_samples(), _stream(work, state, WEIGHING, heard.anchor)
+    samples, draw = before.require_samples(), _stream(work, state, WEIGHING, scan.anchor)
     logs, surfaces = sample_logs(samples, before.surfaces.existence, paths, ratios, model.places)
     lines = samples.lines.copy()
     for row in np.flatnonzero(surfaces.any(1)):

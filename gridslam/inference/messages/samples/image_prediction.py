@@ -60,15 +60,15 @@ class AnchorPaths:
         return 1 + len(self.images)
 
 
-def predict_state(state: DirectState, time_s: float, heard: int, model: FilterModel) -> DirectState:
+def predict_state(state: DirectState, time_s: float, audible: int, model: FilterModel) -> DirectState:
     """Motion of the agent in the joint belief and in every ring; survival ([LiangDirect], section II-B).
 
     Parameters
     ----------
-    heard : int
+    audible : int
         How many anchors were heard at this step.
     """
-    state = replace(state, watch=state.watch.begun(heard))
+    state = replace(state, watch=state.watch.begun(audible))
     if state.time_s is None:
         return replace(state, time_s=time_s)
     elapsed, settings = time_s - state.time_s, model.settings

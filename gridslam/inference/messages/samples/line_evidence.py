@@ -122,8 +122,8 @@ def _born(
         np.zeros(1, np.int32), np.full((1, 2), -1, np.int32), line[None], np.array([odds]),
         np.array([snapshot.anchor], np.int32), np.interp(REFLECTION_BINS, REFLECTIONS, reflection)[None],
     )  # fmt: skip
-    heard = _as_measured(own, covariance, snapshot, model)
-    return add_chosen(forgotten, births, heard, np.zeros(1), snapshot.radio, model)[0]
+    scan = _as_measured(own, covariance, snapshot, model)
+    return add_chosen(forgotten, births, scan, np.zeros(1), snapshot.radio, model)[0]
 
 
 def _as_measured(own: SingleBounces, covariance: Array, snapshot: Snapshot, model: SignalModel) -> AnchorScan:

@@ -44,11 +44,11 @@ def start_levels(
     if links.intensity[anchor] <= 0:
         away = float(np.linalg.norm(state.belief.mean[:2] - model.anchor_positions[anchor]))
         near = away + 0.25 * band.resolution_m * np.linspace(-1, 1, 9)
-        heard = float((np.abs(np.conj(band.response(near)) @ samples) ** 2).max())
+        level = float((np.abs(np.conj(band.response(near)) @ samples) ** 2).max())
         floor = max(2.0 * float(links.noise[anchor]), FIRST_SHARE * float(power.max()))
         links = replace(
             links,
-            intensity=_put(links.intensity, anchor, max(heard, floor)),
+            intensity=_put(links.intensity, anchor, max(level, floor)),
             heard=_put(links.heard, anchor, FIRST_HEARD),
         )
     return replace(state, links=links)
@@ -78,7 +78,7 @@ def update_levels(state: DirectState, paths: AnchorPaths, found: Found) -> Direc
 
     noise = float(links.noise[anchor])
     power, count = np.maximum(mode.paths.power, 0.0), np.append(links.heard[anchor], images.heard[rows])
-    strength, heard = _averaged(intensity, count, power[:joint], visible, noise)
+    strength, counts = _averaged(intensity, count, power[:joint], visible, noise)
     ring_rows = paths.tentative
     ring_strength, ring_heard = _averaged(
         tentative.intensity[ring_rows], tentative.heard[ring_rows],
@@ -87,14 +87,14 @@ def update_levels(state: DirectState, paths: AnchorPaths, found: Found) -> Direc
     gain = max(NOISE_GAIN, 1 / (2.0 + state.step))
     links = Links(
         _put(links.visible, anchor, visible[0]), _put(links.intensity, anchor, strength[0]),
-        _put(links.heard, anchor, heard[0]),
+        _put(links.heard, anchor, counts[0]),
         _put(links.noise, anchor, noise * (1 + gain * (float(np.clip(mode.noise_ratio, 0.1, 10.0)) - 1))),
         links.usurped,
     )  # fmt: skip
     images = replace(
         images, visible=_put(images.visible, rows, visible[1:]),
         existence=_put(images.existence, rows, exists),
-        intensity=_put(images.intensity, rows, strength[1:]), heard=_put(images.heard, rows, heard[1:]),
+        intensity=_put(images.intensity, rows, strength[1:]), heard=_put(images.heard, rows, counts[1:]),
     )  # fmt: skip
     tentative = replace(
         tentative, intensity=_put(tentative.intensity, ring_rows, ring_strength),
@@ -105,8 +105,8 @@ def update_levels(state: DirectState, paths: AnchorPaths, found: Found) -> Direc
 
 def _averaged(level: Array, count: Array, power: Array, chance: Array, noise: float) -> tuple[Array, Array]:
     """Running means of power, weighted by the chance that it was there; at least the noise."""
-    heard = np.minimum(count + chance, MEMORY)
-    return np.maximum(level + chance / np.maximum(heard, 1.0) * (power - level), noise), heard
+    counted = np.minimum(count + chance, MEMORY)
+    return np.maximum(level + chance / np.maximum(counted, 1.0) * (power - level), noise), counted
 
 
 def watch_fit(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:

@@ -151,13 +151,13 @@ class Segment:
         )
 
     def add(
-        self, time_s: float, heading_rad: float, heard: NDArray[np.bool_], samples: NDArray[np.complex128],
+        self, time_s: float, heading_rad: float, audible: NDArray[np.bool_], samples: NDArray[np.complex128],
         agent: Array, evidence: float,
     ) -> Self:  # fmt: skip
         """One more step."""
         return type(self)(
             np.append(self.time_s, time_s), np.append(self.heading_rad, heading_rad),
-            np.concatenate([self.heard, heard[None]]), np.concatenate([self.samples, samples[None]]),
+            np.concatenate([self.heard, audible[None]]), np.concatenate([self.samples, samples[None]]),
             np.concatenate([self.agent, agent[None]]), np.append(self.evidence, evidence),
         )  # fmt: skip
 
