@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from gridslam.arrays import Array
+from gridslam.errors import InputError
 from gridslam.evaluation.path_slopes import (
     follow_hits,
     hit_surfaces,
@@ -143,6 +144,11 @@ def unknown_map_bound(
         Rows of `paths` that a run detected, -1 for clutter, as from `simulate_labelled`: the bound given what
         was heard, docs/model.md, (M371). Where little is heard, its mean square over many runs is well above
         the bound without it, which no filter reaches then, [Tong2012detection].
+
+    Raises
+    ------
+    InputError
+        No such agent, or `detected` isn't rows of `paths`.
     """
     paths = true_paths(scene, agent) if paths is None else paths
     paths, chance = _weighed(scene, agent, paths, detected)
@@ -191,13 +197,34 @@ def _weighed(
     scene: Scene, agent: str, paths: TruePaths, detected: NDArray[np.intp] | None
 ) -> tuple[TruePaths, Array]:
     """Paths over walls that can tell of something, and how much of what each of them tells arrives."""
-    there = paths.of_walls
     if detected is None:
         chance = scene.signal_model(agent).detection_probability(paths.amplitude)
+        there = paths.of_walls
     else:
-        chance = np.bincount(detected[detected >= 0], minlength=len(paths)).astype(float)
-        there = there & (chance > 0)
+        chance = np.zeros(len(paths))
+        chance[_rows(detected, len(paths))] = 1.0
+        there = paths.of_walls & (chance > 0)
     return paths.take(there), chance[there]
+
+
+def _rows(detected: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """The rows of paths that were detected.
+
+    Raises
+    ------
+    InputError
+        They are none.
+    """
+    rows = np.asarray(detected)
+    if rows.ndim != 1 or not np.issubdtype(rows.dtype, np.integer):
+        raise InputError("detected", f"{rows.dtype} of shape {rows.shape}", "row numbers of paths (K,)")
+    wrong = rows[(rows < -1) | (rows >= count)]
+    if len(wrong):
+        raise InputError("detected", str(wrong[0]), f"-1 for clutter, or 0 to {count - 1}")
+    rows = rows[rows >= 0]
+    if len(np.unique(rows)) < len(rows):
+        raise InputError("detected", "a row twice", "each path at most once")
+    return rows
 
 
 def predict_information(information: Array, backward: Array, push: Array, variance: Array) -> Array:

@@ -10,9 +10,9 @@ from gridslam.kernels.primitives.packing import pack
 
 LIKELIER_THAN_NOT = 0.5
 """Probability of having caused a measurement above which a path shows that its surfaces are there."""
-EXPONENT, NO_NUMBER = 52, 0x7FF
 NEAR_M = 1e-9
 """A path from a line to it again is reflected anywhere."""
+EXPONENT, NO_NUMBER = 52, 0x7FF
 """Bit at which a double's exponent begins, and what it is where the rest is no number."""
 
 

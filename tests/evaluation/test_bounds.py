@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scene_samples import shortened
 
+from gridslam.errors import InputError
 from gridslam.evaluation.bounds import (
     AGENT,
     estimable_covariance,
@@ -216,6 +217,12 @@ def test_given_that_all_paths_were_detected_the_bound_is_that_of_sure_detection(
     for bound in known_map_bound, unknown_map_bound:
         given_all = bound(scene, "agent1", detected=rows)
         np.testing.assert_allclose(given_all.position_m, bound(sure, "agent1").position_m, rtol=1e-12)
+
+
+@pytest.mark.parametrize("detected", [np.ones(9, bool), [0.0], [-7], [100_000], [3, 3], [[0, 1]], "all"])
+def test_detected_rows_that_are_none_are_refused(detected):
+    with pytest.raises(InputError, match="detected"):
+        known_map_bound(shortened(Scene.load("room"), 2), "agent1", detected=detected)
 
 
 @pytest.mark.slow

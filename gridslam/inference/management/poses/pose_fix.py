@@ -119,10 +119,10 @@ class Fix:
 
 
 def find_pose(
-    belief: Belief, expected: Belief, images: Sequence[Sources], scan: Sequence[AnchorScan],
+    belief: Belief, expected: Belief, images: Sequence[Sources], scans: Sequence[AnchorScan],
     table: DetectionTable, signal: RadioModel, stream: list[int], region: GridSpec | None = None,
 ) -> Fix | None:  # fmt: skip
-    """The pose that explains a scan best, or None if no measurement proposes any.
+    """The pose that explains scans best, or None if no measurement proposes any.
 
     Parameters
     ----------
@@ -134,16 +134,14 @@ def find_pose(
         Where the agent may be at all.
     """
     draw = np.random.default_rng(stream)
-    asked = _proposals(images, scan, signal, draw)
+    asked = _proposals(images, scans, signal, draw)
     if region is not None:
         asked = asked[region.holds(asked[:, :2])]
-    sizes = (len(own.image) * max(len(anchor_scan), 1) for own, anchor_scan in zip(images, scan, strict=True))
+    sizes = (len(own.image) * max(len(scan), 1) for own, scan in zip(images, scans, strict=True))
 
     def likelihood(poses: Array) -> Array:
-        parts = zip(images, scan, strict=True)
-        return np.asarray(
-            sum(_log_likelihood(poses, own, anchor_scan, table, signal) for own, anchor_scan in parts)
-        )
+        parts = zip(images, scans, strict=True)
+        return np.asarray(sum(_log_likelihood(poses, own, scan, table, signal) for own, scan in parts))
 
     return best_pose(belief, expected, asked, likelihood, max(sizes, default=1), draw)
 
@@ -201,27 +199,25 @@ def best_pose(
 
 
 def _proposals(
-    images: Sequence[Sources], scan: Sequence[AnchorScan], signal: RadioModel, draw: np.random.Generator
+    images: Sequence[Sources], scans: Sequence[AnchorScan], signal: RadioModel, draw: np.random.Generator
 ) -> Array:
     """Poses (N, 3) that the loud measurements stand for, over each surface they could have come by."""
     poses = [np.zeros((0, 3))]
-    for own, anchor_scan in zip(images, scan, strict=True):
-        rows = np.flatnonzero(~np.isnan(anchor_scan.value).any(1) & anchor_scan.loud)
+    for own, scan in zip(images, scans, strict=True):
+        rows = np.flatnonzero(~np.isnan(scan.value).any(1) & scan.loud)
         if not len(rows):
             continue
         if len(rows) > MOST_LOUD:  # or poses x measurements would grow with their square
-            rank = np.argsort(
-                -np.nan_to_num(anchor_scan.amplitude[rows], nan=signal.threshold), kind="stable"
-            )
+            rank = np.argsort(-np.nan_to_num(scan.amplitude[rows], nan=signal.threshold), kind="stable")
             rows = np.sort(rows[rank[:MOST_LOUD]])
-        strength = np.nan_to_num(anchor_scan.amplitude[rows], nan=signal.threshold)
-        std = deviations(anchor_scan, rows, strength, anchor_scan.value[rows, 1:], signal)
+        strength = np.nan_to_num(scan.amplitude[rows], nan=signal.threshold)
+        std = deviations(scan, rows, strength, scan.value[rows, 1:], signal)
         for copy in range(COPIES):
-            value = anchor_scan.value[rows] + (copy > 0) * std * draw.standard_normal((len(rows), 3))
-            leaving = anchor_scan.orientation + value[None, :, 1]
-            straight = (own.image == anchor_scan.position).all(1)[:, None]
+            value = scan.value[rows] + (copy > 0) * std * draw.standard_normal((len(rows), 3))
+            leaving = scan.orientation + value[None, :, 1]
+            straight = (own.image == scan.position).all(1)[:, None]
             back = np.where(straight, leaving + np.pi, 2 * own.line[:, 0, None] - leaving)
-            level = level_of(value[None, :, :1], anchor_scan.height)
+            level = level_of(value[None, :, :1], scan.height)
             place = own.image[:, None] - level * unit(back)
             poses.append(
                 np.concatenate([place, wrap(back - value[None, :, 2])[..., None]], -1).reshape(-1, 3)

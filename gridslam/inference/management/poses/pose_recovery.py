@@ -139,7 +139,7 @@ def moved(belief: Belief, fix: Fix, velocity: float) -> Belief:
     return replace(belief, mean=mean, covariance=0.5 * (covariance + covariance.T))
 
 
-def crowd(scan: Sequence[AnchorScan]) -> int:
+def crowd(scans: Sequence[AnchorScan]) -> int:
     """Loud measurements of the anchor with most of them, if too many for all to propose poses; else 0."""
-    most = max((int(np.count_nonzero(anchor_scan.loud)) for anchor_scan in scan), default=0)
+    most = max((int(np.count_nonzero(scan.loud)) for scan in scans), default=0)
     return most if most > MOST_LOUD else 0

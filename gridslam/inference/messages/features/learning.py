@@ -61,8 +61,8 @@ def learn(state: HybridState, front: Front, model: SignalModel) -> tuple[HybridS
 def was_heard(joint: JointBelief) -> NDArray[np.bool_]:
     """Features (F,) that were heard at some step, or are surely there though they are never loud."""
     bank = joint.features
-    scan: NDArray[np.bool_] = bank.steps_seen > 0
-    return scan if joint.extent > 0 else scan | (bank.presence > SIGHTED)
+    heard: NDArray[np.bool_] = bank.steps_seen > 0
+    return heard if joint.extent > 0 else heard | (bank.presence > SIGHTED)
 
 
 def begun(state: HybridState, joint: JointBelief) -> HybridState:

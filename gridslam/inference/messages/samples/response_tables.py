@@ -66,15 +66,15 @@ class ResponseTables:
         share, direction = power[kept] / (power[kept] + noise), direction[:, kept]
         seen = samples - direction @ (share * (np.conj(direction).T @ samples))
         table = _Table.of(band, size)
-        scan = table.products(size * seen / np.sqrt(noise))[None]
+        matched = table.products(size * seen / np.sqrt(noise))[None]
         others = table.products(size * np.sqrt(share)[:, None] * direction.T)
         apart = table.differences(size**2)
         if real:
-            rows = np.concatenate([scan.real, scan.imag, others.real])[None]
+            rows = np.concatenate([matched.real, matched.imag, others.real])[None]
             gram = apart.real[None]
         else:
-            upper = np.concatenate([scan.real, others.real, -others.imag])
-            rows = np.stack([upper, np.concatenate([scan.imag, others.imag, others.real])])
+            upper = np.concatenate([matched.real, others.real, -others.imag])
+            rows = np.stack([upper, np.concatenate([matched.imag, others.imag, others.real])])
             gram = np.stack([apart.real, apart.imag])
         return cls(
             band.folding_m,
