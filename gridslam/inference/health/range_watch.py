@@ -23,6 +23,8 @@ STRAY = 9.0
 """Misfit per number beyond which places can't be those of lines of sight, whatever is wrong."""
 LEAST_STEPS, EVERY = 15, 5
 """Steps looked at, with two anchors or more in sight, before anything is said; how often it is weighed."""
+LEAST_LOOKS = 4
+"""Steps at which an anchor must have been in sight with others for its offset to be told: one may be stray."""
 LEAST_OFFSET_M, LEAST_HEIGHT_M = 0.3, 0.7
 """What is told of at least, as `gridslam check` does: drawings and receivers are off by less."""
 CERTAIN, CLEAR, MISFIT = 20.0, 10.0, 3.0
@@ -62,6 +64,8 @@ class RangeWatch:
         That were looked at, with two anchors or more in sight.
     doubt : str
         What is wrong, in words; empty if nothing is.
+    looks : tuple of int, J
+        Steps at which each anchor was one of those; empty in files of earlier versions.
     """
 
     information: Array
@@ -70,12 +74,13 @@ class RangeWatch:
     count: float = 0.0
     steps: int = 0
     doubt: str = field(default="", metadata={"later": True})
+    looks: tuple[int, ...] = field(default=(), metadata={"later": True})
 
     @classmethod
     def start(cls, anchors: int) -> Self:
         """Before anything was heard."""
         size = 2 * anchors + 1
-        return cls(np.zeros((size, size)), np.zeros(size))
+        return cls(np.zeros((size, size)), np.zeros(size), looks=(0,) * anchors)
 
     def crossed(self, crossing: Crossing, model: FilterModel) -> Self:
         """Take in where lines of sight cross at a step."""
@@ -95,10 +100,16 @@ class RangeWatch:
         after = replace(
             self, information=self.information + information, vector=self.vector + vector,
             total=self.total + total, count=self.count + count, steps=self.steps + 1,
+            looks=self._looks(slope, model.senders),
         )  # fmt: skip
         if after.steps < LEAST_STEPS or after.steps % EVERY:
             return after
         return replace(after, doubt=after.conclusion(model))
+
+    def _looks(self, slope: Array, anchors: int) -> tuple[int, ...]:
+        """Steps at which each anchor was in sight with others, this one too, whose slopes are (n, 2, P)."""
+        there = (slope[..., :anchors] != 0).any((0, 1)).tolist()
+        return tuple(looks + now for looks, now in zip(self.looks or (0,) * anchors, there, strict=True))
 
     def conclusion(self, model: FilterModel) -> str:
         """What is wrong beyond doubt, in words."""
@@ -116,9 +127,10 @@ class RangeWatch:
     def _fits(self, model: FilterModel) -> Iterator[Fit]:
         """How well each thing that may be wrong explains the gaps, turns left open."""
         anchors = model.senders
-        used = [j for j in range(anchors) if self.information[j, j] > 0]
+        used = [j for j in range(anchors) if self.looks[j] >= LEAST_LOOKS]
         yield self._fit((), False)
-        yield self._fit(tuple(used), True)
+        if used:
+            yield self._fit(tuple(used), True)
         for j in used if len(used) > 1 else ():
             yield self._fit((j,), False)
         if self.information[-1, -1] > 0:

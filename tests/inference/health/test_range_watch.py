@@ -9,7 +9,7 @@ from scene_samples import raised
 
 import gridslam as gs
 from gridslam.inference.health.crossings import crossing_of
-from gridslam.inference.health.range_watch import RangeWatch
+from gridslam.inference.health.range_watch import Crossing, RangeWatch
 from gridslam.inference.state.anchor_measurements import own_deviations, split_by_anchor
 
 ROOM = gs.Scene.load("room")
@@ -63,6 +63,23 @@ def test_an_offset_is_named_with_anchor_size_and_sign(name, metres, anchor, word
 def test_nothing_is_said_of_right_distances(name):
     scene = gs.Scene.load(name)
     assert not any(watched(scene, gs.simulate(scene, "agent1", 22)))
+
+
+def test_one_stray_line_of_sight_of_an_anchor_is_no_offset():
+    """Clutter whose heading happens to agree once, of an anchor that is never in sight otherwise."""
+    slope = np.zeros((2, 2, 7))
+    slope[0, :, 0], slope[1, :, 1] = [1, 0], [0, 1]
+    stray = np.zeros((2, 2, 7))
+    stray[0, :, 0], stray[1, :, 2] = [1, 0], [0, 1]
+    model = gs.Scene.load("canyon").filter_model("agent1")
+    assert model.senders == 3
+    firm, watch = np.tile(400 * np.eye(2), (2, 1, 1)), RangeWatch.start(3)
+    for step in range(30):
+        if step == 2:
+            watch = watch.crossed(Crossing(np.array([[0.0, 0.0], [0.0, 9.0]]), firm, stray), model)
+        watch = watch.crossed(Crossing(np.zeros((2, 2)), firm, slope), model)
+    assert watch.looks == (31, 30, 1)
+    assert not watch.doubt
 
 
 def test_heights_that_a_scene_lacks_are_no_offset():
