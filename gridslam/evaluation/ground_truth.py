@@ -139,6 +139,14 @@ def tells_heading(scene: Scene, agent: str, takes: Kind = "paths") -> bool:
     return not blind and "aoa" in scene.radio.measures
 
 
+def walls_tell_all(scene: Scene, takes: Kind) -> bool:
+    """Whether bounds, which count paths of walls alone, are bounds of a method.
+
+    In sampled signals scatterers are heard, too, and hybrid SLAM makes use of them. No filter of paths does.
+    """
+    return takes == "paths" or not scene.scatterers
+
+
 def known_bound(
     scene: Scene, agent: str, truth: Truth | Trajectory | None, takes: Kind = "paths"
 ) -> Bound | None:
@@ -150,6 +158,8 @@ def known_bound(
         What the method was handed. Of sampled signals, the bound prices overlap in.
     """
     if not isinstance(truth, Truth) or not _goes(scene, agent, truth.trajectory):
+        return None
+    if not walls_tell_all(scene, takes):
         return None
     went = truth.trajectory
     if takes == "signal":

@@ -14,7 +14,7 @@ from gridslam.errors import InputError
 from gridslam.evaluation.array_bounds import array_bound
 from gridslam.evaluation.bounds import Bound, MapBound, known_map_bound, unknown_map_bound
 from gridslam.evaluation.consistency import Steps, nees_band, true_rays
-from gridslam.evaluation.ground_truth import tells_heading
+from gridslam.evaluation.ground_truth import tells_heading, walls_tell_all
 from gridslam.evaluation.metrics import OSPA_CUTOFF_M
 from gridslam.evaluation.signal_bounds import has_single_antennas, scene_signal_bound
 from gridslam.evaluation.surface_truth import AudibleSurfaces
@@ -37,7 +37,7 @@ class Benchmark:
     Attributes
     ----------
     known : Bound
-        Of an agent that knows the walls.
+        Of an agent that knows the walls; NaN where scatterers tell more.
     unknown : MapBound
         Of one that finds them, or starts from what the agents before it could know.
     rays, likely_rays : (J, N) int
@@ -217,7 +217,11 @@ def _benchmarks(variant: Variant, takes: Kind, agents: Sequence[str]) -> dict[st
         heard = AudibleSurfaces.of(truth, earlier)
         rays, likely = true_rays(scene, name, truth), true_rays(scene, name, truth, 0.5)
         unknown = before
-        if takes == "signal":
+        if not walls_tell_all(scene, takes):
+            nothing = np.full_like(known.position_m, np.nan)
+            known = replace(known, position_m=nothing, heading_rad=nothing)
+            unknown = replace(before, position_m=nothing, heading_rad=nothing)
+        elif takes == "signal":
             bound = scene_signal_bound if has_single_antennas(scene, name) else array_bound
             known, apart = (bound(scene, name, k, truth.paths) for k in (True, False))
             unknown = replace(before, position_m=apart.position_m, heading_rad=apart.heading_rad)

@@ -54,7 +54,7 @@ def draw_signal(
     step = typical_step(estimates) if step is None else step
     band = Band.of(recording.waveform.offset_hz, recording.waveform.pulse)
     own, names = estimates[step].paths, recording.anchors
-    figure = blank(width, 0.6 + 1.9 * len(names))
+    figure = blank(width, 0.85 + 1.9 * len(names))
     grid = np.linspace(0, band.folding_m, 1024)
     response = np.conj(band.response(grid))
     for anchor, axes in enumerate(np.atleast_1d(figure.subplots(len(names), 1, sharex=True))):
@@ -79,7 +79,8 @@ def draw_signal(
             axes.plot(far, np.full(len(far), FLOOR_DB), "k|", ms=9, mew=1.4, label="true paths")
         axes.set(ylabel=f"{names[anchor]} (dB)", ylim=(FLOOR_DB, None), xlim=(0, band.folding_m))
         axes.grid(alpha=0.3)
-    figure.axes[0].legend(loc="upper right", fontsize="small", frameon=False)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=4, fontsize="small", frameon=False)
     figure.axes[-1].set_xlabel(f"distance (m), step {estimates[step].step}")
     return figure
 

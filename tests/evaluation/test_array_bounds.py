@@ -66,6 +66,18 @@ def test_runs_on_samples_of_arrays_are_judged_by_it():
     assert np.isfinite(found.heading_rad).all()
 
 
+def test_no_bound_is_given_where_scatterers_tell_samples_more_than_walls_do():
+    data = gs.Scene.load("scatter").model_dump(exclude_none=True)
+    data["agents"][0]["steps"] = 2
+    data["scatterers"] = data["scatterers"][:1]
+    scene = gs.Scene.checked(data, "scatter")
+    truth = gs.ground_truth(scene, "agent1")
+    assert known_bound(scene, "agent1", truth, "signal") is None
+    assert known_bound(scene, "agent1", truth, "paths") is not None  # no filter of paths makes use of them
+    bare = gs.Scene.checked(data | {"scatterers": []}, "scatter")
+    assert known_bound(bare, "agent1", gs.ground_truth(bare, "agent1"), "signal") is not None
+
+
 def test_a_measured_heading_is_worth_its_deviation():
     data = short(4).model_dump(exclude_none=True)
     data["agents"][0]["heading_sensor_deg"] = 0.5

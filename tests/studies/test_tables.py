@@ -10,9 +10,9 @@ from tiny import TINY
 
 from gridslam.errors import InputError
 from gridslam.evaluation.bounds import Bound, MapBound
-from gridslam.studies.batches import Benchmark, batches
+from gridslam.studies.batches import Benchmark, _benchmarks, batches
 from gridslam.studies.plots import draw_cdf, draw_consistency, draw_errors, draw_hidden, draw_study
-from gridslam.studies.study import Outcome, Study, run_study
+from gridslam.studies.study import Outcome, Study, Variant, run_study
 from gridslam.studies.tables import step_rows, summary_rows, write_tables
 from gridslam.world.scene import Scene
 
@@ -149,3 +149,15 @@ def test_figures_of_several_settings_are_drawn_side_by_side(scene, tmp_path, mon
     assert axes.get_yscale() == "linear"
     styles = {(line.get_color(), line.get_linestyle()) for line in axes.lines if "runs" in line.get_label()}
     assert len({color for color, _ in styles}) == len({style for _, style in styles}) == 2
+
+
+def test_no_bounds_are_drawn_where_scatterers_tell_samples_more_than_walls_do():
+    data = Scene.load("scatter").model_dump(exclude_none=True)
+    data["agents"][0]["steps"] = 2
+    data["scatterers"] = data["scatterers"][:1]
+    scattered = Variant(Scene.checked(data, "scatter").to_toml(), "scatter", ())
+    for takes, bounded in (("signal", False), ("paths", True)):
+        mark = _benchmarks(scattered, takes, ["agent1"])["agent1"]
+        for bound in (mark.known, mark.unknown):
+            assert np.isfinite(bound.position_m).all() == bounded
+            assert np.isfinite(bound.heading_rad).any() == bounded

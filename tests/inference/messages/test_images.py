@@ -219,6 +219,23 @@ def test_images_that_are_seen_are_not_away(model):
     assert back.with_path(2.0, 1.0).away.tolist() == [0.0, 0.0, 0.0]
 
 
+def test_a_path_that_is_back_is_there_for_sure():
+    prior = PathPrior(
+        np.array([5.0, 5.0]), np.eye(2), np.array([3.0, 0.1]), np.array([0.0, 4.0]), np.array([0.9, 0.2])
+    )
+    assert prior.back(1).chances.tolist() == [0.9, 1.0]
+    assert prior.chances.tolist() == [0.9, 0.2]
+
+
+def test_a_ring_is_there_by_its_existence_and_the_chance_that_a_path_stays(model):
+    state = add_tentative(state_with(model), 0, [NewDistance(0.4, 6.0, 1e-4, 50.0)], model)
+    rings = replace(state.tentative.rings, existence=np.array([0.4]))
+    state = replace(state, tentative=replace(state.tentative, rings=rings))
+    prior = predict_paths(state, 0, model).prior
+    assert prior.chances[1] == pytest.approx(0.97 * 0.4)
+    assert prior.weight[1] == pytest.approx(0.4 * 50.0)
+
+
 @pytest.mark.parametrize(
     ("amplitude", "believed", "low", "high"),
     [(17.0, 5.0, 50.0, 150.0), (17.0, 300.0, 300.0, 300.0), (0.0, 5.0, 5.0, 5.0)],

@@ -68,6 +68,21 @@ def test_a_hidden_feature_is_noticed_keeps_its_power_and_comes_back():
     assert 8 <= one.features.steps_seen[0] <= 10
 
 
+def test_a_power_follows_a_step_by_the_probability_that_its_path_is_there():
+    model, one = signal_model(), belief(features=1)
+    faint = np.array([POWERS[0], 2.0])
+    z = received(model, (0, 0), 0.3, POINTS[:2], faint, np.random.default_rng(1))
+    moved, there = [], []
+    for presence in (0.99, 0.6):  # the same samples, and all else the same
+        bank = replace(one.features, power=faint[1:], presence=np.array([presence]))
+        after = update(replace(one, features=bank), z, HEARD, 0.3, model, 0)[0].features
+        moved.append(after.power[0] - faint[1])
+        there.append(after.presence[0])
+    assert 0.5 < there[1] < 0.9 * there[0]
+    assert abs(moved[0]) > 1e-3
+    assert moved[1] / moved[0] == pytest.approx(there[1] / there[0])
+
+
 def test_where_a_hidden_path_should_be_noise_says_nothing():
     model, draw = signal_model(), np.random.default_rng(2)
     one = belief(features=1)
