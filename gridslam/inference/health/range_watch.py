@@ -24,7 +24,7 @@ STRAY = 9.0
 LEAST_STEPS, EVERY = 15, 5
 """Steps looked at, with two anchors or more in sight, before anything is said; how often it is weighed."""
 LEAST_LOOKS = 4
-"""Steps at which an anchor must have been in sight with others for its offset to be told: one may be stray."""
+"""Steps at which an anchor must have been in sight with others for its offset to be told: one may stray."""
 LEAST_OFFSET_M, LEAST_HEIGHT_M = 0.3, 0.7
 """What is told of at least, as `gridslam check` does: drawings and receivers are off by less."""
 CERTAIN, CLEAR, MISFIT = 20.0, 10.0, 3.0
