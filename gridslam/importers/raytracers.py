@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from reprlib import repr as brief
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,12 +25,15 @@ from gridslam.measurements.table import Measurements
 from gridslam.world.columns import ELEVATIONS
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import SPEED_OF_LIGHT
+from gridslam.world.start import require_scene
 
 if TYPE_CHECKING:
     from gridslam.world.levels import Verticals
     from gridslam.world.scene import Scene
 
 CHOICES = ("slope_deg", "carrier_hz", "least_snr_db", "agent")
+RANGES = {"slope_deg": (0.0, 90.0), "carrier_hz": (1.0, 1e15), "least_snr_db": (-np.inf, 1000.0)}
+"""Of choices that are numbers."""
 SAME_SLOPE_RAD = np.radians(1.0)
 """Largest difference of the slopes at both ends; slopes of ray tracers in single precision are this good."""
 STEEPEST_DEG, SAME_HEIGHT_M = 30.0, 0.1
@@ -153,22 +157,21 @@ def plane_table(
     Raises
     ------
     InputError
-        Numbers of steps or anchors that don't match, or a heading that is no finite number.
+        No scene, numbers of steps or anchors that don't match, a heading that is no finite number, or a
+        choice out of `RANGES`.
 
     Notes
     -----
     Amplitudes are roots of SNRs ([Li2026grid], eq. (2)): line of sight at 1 m has ``snr_at_1m_db``, and
     a ray tracer gives it the gain ``lambda / (4 pi)``; so ``u = u_1m |a| 4 pi / lambda``.
     """
+    require_scene(scene)
+    _check_choices({"slope_deg": slope_deg, "carrier_hz": carrier_hz, "least_snr_db": least_snr_db})
     steps, count, _ = paths.delay_s.shape
     if count != len(scene.anchors):
         raise InputError("paths: transmitters", str(count), f"{len(scene.anchors)}, as the scene has anchors")
-    heading = np.asarray(heading_rad, dtype=np.float64)
-    if heading.shape not in ((), (steps,)) or not np.isfinite(heading).all():
-        raise InputError(
-            "heading_rad", f"shape {heading.shape}", f"one finite number, or one for each of {steps}"
-        )
-    wavelength = SPEED_OF_LIGHT / (carrier_hz or scene.radio.carrier_hz)
+    heading = headings(heading_rad, steps)
+    wavelength = SPEED_OF_LIGHT / (scene.radio.carrier_hz if carrier_hz is None else carrier_hz)
     signal = scene.signal_model()
     amplitude = signal.amplitude_at_1m * paths.gain * 4 * np.pi / wavelength
     least = signal.threshold if least_snr_db is None else 10 ** (least_snr_db / 20)
@@ -177,11 +180,10 @@ def plane_table(
     with np.errstate(invalid="ignore"):
         usable = (slope <= np.radians(steepest)) & (paths.delay_s > 0) & (amplitude > least)
         usable &= _in_space(paths, length, scene.verticals(agent)) if scene.has_heights else paths.planar
-    turned = np.broadcast_to(heading, (steps,))[:, None, None]
     columns = {
         "distance_m": length if scene.has_heights else length * np.cos(slope),
         "aod_rad": wrap(paths.departure_rad - scene.anchor_orientations[:, None]),
-        "aoa_rad": wrap(paths.arrival_rad - turned),
+        "aoa_rad": wrap(paths.arrival_rad - heading[:, None, None]),
         "amplitude": amplitude,
     }
     for end, zenith in enumerate((paths.departure_zenith_rad, paths.arrival_zenith_rad)):
@@ -192,6 +194,34 @@ def plane_table(
         name: {anchor: values[:, j] for j, anchor in enumerate(scene.anchor_names)}
         for name, values in cut.items()
     }
+
+
+def headings(heading_rad: ArrayLike, steps: int) -> Array:
+    """One heading for each step, (N,) rad, of one for all or one for each.
+
+    Raises
+    ------
+    InputError
+        Neither, or no finite numbers.
+    """
+    allowed = f"one finite number, or one for each of {steps}"
+    try:
+        heading = np.asarray(heading_rad, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError("heading_rad", brief(heading_rad), allowed) from None
+    if heading.shape not in ((), (steps,)):
+        raise InputError("heading_rad", f"shape {heading.shape}", allowed)
+    if not np.isfinite(heading).all():
+        raise InputError("heading_rad", "NaN or infinity", allowed)
+    return np.broadcast_to(heading, (steps,))
+
+
+def _check_choices(choices: Mapping[str, float | None]) -> None:
+    for name, value in choices.items():
+        low, high = RANGES[name]
+        known = isinstance(value, int | float | np.integer | np.floating)
+        if value is not None and not (known and low <= value <= high):
+            raise InputError(name, brief(value), f"a number from {low:g} to {high:g}, or None")
 
 
 def _in_space(paths: TracedPaths, length: Array, ways: Verticals) -> NDArray[np.bool_]:

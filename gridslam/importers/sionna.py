@@ -18,9 +18,13 @@ from gridslam.errors import InputError
 from gridslam.importers.raytracers import TracedPaths, measurements_of, network_of
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.measurements.table import Measurements
+from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
+from gridslam.world.start import require_scene
 
 ANGLES = ("phi_t", "phi_r", "theta_t", "theta_r")
+MOST_EXTENTS = 1000
+"""Longest path that is believed, in diagonals of the scene: delays in ns or in m are far beyond."""
 
 
 def measurements_from_sionna(
@@ -51,9 +55,10 @@ def measurements_from_sionna(
     Raises
     ------
     InputError
-        Not such an object, or numbers of devices that don't match.
+        Not such an object, no scene, numbers of devices that don't match, delays that can't be in seconds, or
+        a heading or choice that is no number.
     """
-    return measurements_of(traced(paths, uplink), scene, heading_rad, **more)
+    return measurements_of(traced(paths, scene, uplink), scene, heading_rad, **more)
 
 
 def network_from_sionna(
@@ -84,18 +89,20 @@ def network_from_sionna(
     Raises
     ------
     InputError
-        Not such an object, numbers of devices that don't match, or agents that aren't the scene's.
+        As of `measurements_from_sionna`, or agents that aren't the scene's.
     """
-    return network_of(traced(paths, uplink), scene, heading_rad, receivers, **more)
+    return network_of(traced(paths, scene, uplink), scene, heading_rad, receivers, **more)
 
 
-def traced(paths: Any, uplink: bool = False) -> TracedPaths:
+def traced(paths: Any, scene: Scene, uplink: bool = False) -> TracedPaths:
     """Collect what was traced.
 
     Parameters
     ----------
     paths : sionna.rt.Paths, or a sequence of them
         All receivers are steps, one object after the other; all transmitters are anchors.
+    scene : Scene
+        For its extent.
     uplink : bool
         The other way round: the transmitters are the steps, the receivers the anchors.
 
@@ -106,20 +113,21 @@ def traced(paths: Any, uplink: bool = False) -> TracedPaths:
     Raises
     ------
     InputError
-        An attribute is missing or has a shape that Sionna RT doesn't give it.
+        An attribute is missing or has a shape that Sionna RT doesn't give it, or delays can't be in seconds.
 
     Notes
     -----
     The gain is the root of the mean power over the antennas of both ends, the other quantities are those
     between the first antennas (with ``synthetic_array`` they are the same for all).
     """
+    require_scene(scene)
     several = paths if isinstance(paths, Sequence) else [paths]
     if not several:
         raise InputError("paths", "none", "one Paths object or more")
-    return TracedPaths.join([_one(item, uplink) for item in several])
+    return TracedPaths.join([_one(item, scene, uplink) for item in several])
 
 
-def _one(paths: Any, uplink: bool) -> TracedPaths:
+def _one(paths: Any, scene: Scene, uplink: bool) -> TracedPaths:
     tau = numbers_of(paths, "tau")
     several_antennas = tau.ndim == 5  # otherwise one value for the whole of a synthetic array
     if tau.ndim not in (3, 5):
@@ -133,7 +141,8 @@ def _one(paths: Any, uplink: bool) -> TracedPaths:
     power = (np.abs(coefficients(paths)) ** 2).mean(axis=(1, 3))
     if power.shape != columns["tau"].shape:
         raise InputError("paths: a", f"shape {power.shape} over the antennas", f"{columns['tau'].shape}")
-    good = columns.pop("valid").astype(bool) & (columns["tau"] >= 0)
+    good = columns.pop("valid").astype(bool)
+    require_seconds(columns["tau"][good], scene)
     table = {name: np.where(good, values, np.nan) for name, values in columns.items()}
     table["gain"] = np.where(good, np.sqrt(power), np.nan)
     if uplink:
@@ -158,11 +167,14 @@ def coefficients(paths: Any) -> NDArray[np.complex128]:
         There are none, or not of that shape.
     """
     pair = getattr(paths, "a", None)
-    if isinstance(pair, tuple) and len(pair) == 2:
-        real, imaginary = (np.asarray(part, dtype=np.float64) for part in pair)
-    else:
-        whole = np.asarray(pair)
-        real, imaginary = np.real(whole), np.imag(whole)
+    try:
+        if isinstance(pair, tuple) and len(pair) == 2:
+            real, imaginary = (np.asarray(part, dtype=np.float64) for part in pair)
+        else:
+            whole = np.asarray(pair)
+            real, imaginary = np.real(whole), np.imag(whole)
+    except (TypeError, ValueError):
+        raise InputError("paths: a", "no numbers", "(real, imaginary), as Sionna RT gives") from None
     if real.ndim != 5 or real.shape != imaginary.shape:
         raise InputError(
             "paths: a", f"{real.ndim} dimensions", "(real, imaginary) with 5, as Sionna RT gives"
@@ -176,8 +188,27 @@ def numbers_of(paths: Any, name: str) -> NDArray:
     Raises
     ------
     InputError
-        There is none.
+        There is none, or it holds no numbers.
     """
     if not hasattr(paths, name):
         raise InputError(f"paths: {name}", "none", "a Paths object of Sionna RT 1.0 or later")
-    return np.asarray(getattr(paths, name)).astype(np.float64)
+    try:
+        return np.asarray(getattr(paths, name)).astype(np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"paths: {name}", "no numbers", "numbers, as Sionna RT gives them") from None
+
+
+def require_seconds(tau: NDArray[np.float64], scene: Scene) -> None:
+    """Refuse delays of valid paths that can't be in seconds.
+
+    Raises
+    ------
+    InputError
+        NaN, infinity, below 0, or more than light needs for `MOST_EXTENTS` times the scene's diagonal.
+    """
+    corners = np.vstack([np.transpose([scene.grid.x_m, scene.grid.y_m]), scene.anchor_positions])
+    extent = float(np.linalg.norm(np.ptp(corners, axis=0)))
+    most = MOST_EXTENTS * extent / SPEED_OF_LIGHT
+    for wrong in tau[~((tau >= 0) & (tau <= most))][:1]:
+        allowed = f"seconds, 0 to {most:.3g}: light over {MOST_EXTENTS} times the scene's {extent:.3g} m"
+        raise InputError("paths: tau", f"{wrong:g} of a valid path", allowed)

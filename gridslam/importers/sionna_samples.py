@@ -14,12 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
-from gridslam.importers.sionna import ANGLES, coefficients, numbers_of
+from gridslam.importers.raytracers import headings
+from gridslam.importers.sionna import ANGLES, coefficients, numbers_of, require_seconds
 from gridslam.measurements.recording import Recording
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
-from gridslam.world.start import require_seed
+from gridslam.world.start import require_scene, require_seed
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.waveform import Waveform
 
@@ -64,7 +65,8 @@ def recording_from_sionna(
     Raises
     ------
     InputError
-        Not such an object, several antennas at an end, or numbers of devices that don't match.
+        Not such an object, no scene, several antennas at an end, numbers of devices that don't match, delays
+        that can't be in seconds, a heading that is no number, or a truth that is no track of as many steps.
 
     Notes
     -----
@@ -73,6 +75,7 @@ def recording_from_sionna(
     far apart.
     """
     require_seed(seed)
+    require_scene(scene)
     if not scene.agents:
         raise InputError(f"{scene.name}: agents", "none", "the agent whose elements and radio these are")
     body = scene.agents[0] if agent is None else scene.agent(agent)
@@ -80,13 +83,11 @@ def recording_from_sionna(
     several = list(paths) if isinstance(paths, Sequence) else [paths]
     if not several:
         raise InputError("paths", "none", "one Paths object or more")
-    parts = [_Part(item, len(scene.anchors)) for item in several]
+    parts = [_Part(item, scene) for item in several]
     steps = sum(part.steps for part in parts)
-    heading = np.asarray(heading_rad, np.float64)
-    if heading.shape not in ((), (steps,)) or not np.isfinite(heading).all():
-        allowed = f"one finite number, or one for each of {steps}"
-        raise InputError("heading_rad", f"shape {heading.shape}", allowed)
-    heading = np.broadcast_to(heading, (steps,))
+    heading = headings(heading_rad, steps)
+    if not isinstance(truth, Trajectory | None):
+        raise InputError("truth", type(truth).__name__, "a Trajectory")
     if truth is not None and len(truth) != steps:
         raise InputError("truth", f"{len(truth)} steps", f"{steps}, as there are receivers")
     draw = np.random.default_rng([seed, scene.agents.index(body), STREAM])
@@ -117,8 +118,8 @@ def recording_from_sionna(
 class _Part:
     """One object of the tracer: coefficients and directions of all paths, (steps, anchors, paths)."""
 
-    def __init__(self, paths: Any, anchors: int) -> None:
-        gain = coefficients(paths)
+    def __init__(self, paths: Any, scene: Scene) -> None:
+        gain, anchors = coefficients(paths), len(scene.anchors)
         if gain.shape[1] != 1 or gain.shape[3] != 1:
             found = f"{gain.shape[1]} at receivers, {gain.shape[3]} at transmitters"
             raise InputError("paths: antennas", found, "one at either end; the scene's arrays do the rest")
@@ -133,6 +134,7 @@ class _Part:
             if one.shape != self.gain.shape:
                 raise InputError(f"paths: {name}", f"shape {values.shape}", f"{self.gain.shape}, as a")
             columns[name] = one
+        require_seconds(columns["tau"][columns["valid"].astype(bool)], scene)
         self.columns = columns
 
     def of(self, step: int, anchor: int, turn: float, heading: float) -> tuple[Complex, Array, Array, Array]:

@@ -25,7 +25,7 @@ from gridslam.systems.slam import Slam, built, mapped, stepped
 from gridslam.world.geometry import wrap
 from gridslam.world.observation import Observation
 from gridslam.world.scene import Scene
-from gridslam.world.start import Start
+from gridslam.world.start import Start, require_scene
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.waveform import Waveform
 
@@ -91,8 +91,7 @@ def map_scene(
         number of particles out of range, a map of another frame, measurements of anchors that aren't the
         scene's, or of the kind that the method doesn't take.
     """
-    if not isinstance(scene, Scene):
-        raise InputError("scene", type(scene).__name__, "a Scene, as gs.Scene.load(name or path) returns")
+    require_scene(scene)
     waveform = measurements.waveform if isinstance(measurements, Recording) else None
     method = suited(method, waveform)
     found = method_class(method)

@@ -55,6 +55,17 @@ def require_seed(seed: int) -> None:
         raise InputError("seed", repr(seed), "a whole number, 0 or more")
 
 
+def require_scene(scene: object) -> None:
+    """Refuse what is no scene, its name above all.
+
+    Raises
+    ------
+    InputError
+    """
+    if not isinstance(scene, Scene):
+        raise InputError("scene", type(scene).__name__, "a Scene, as gs.Scene.load(name or path) returns")
+
+
 def assumed_start(scene: Scene, agent: str, seed: int, how: str = "drawn") -> Start:
     """The start that a filter assumes for an agent of the scene.
 
