@@ -214,9 +214,10 @@ def _check_header(header: list[str], path: str, line: int, several: bool) -> lis
             raise InputError(where, f"an unknown column {name!r}", nearest(name, known))
         if header.count(name) > 1:
             raise InputError(where, f"column {name!r} twice", "each column once")
-    needed = KEYS[:2] if several else KEYS
+    # steps follow from times
+    needed = [name for name in (KEYS[:2] if several else KEYS) if name != "step"]
     for name in needed:
-        if name not in header and name != "step":  # steps follow from times
+        if name not in header:
             raise InputError(where, f"no column {name!r}", f"all of {','.join(needed)}")
     if not set(header) & set(VALUES):
         raise InputError(where, "no measured column", f"at least one of {','.join(VALUES)}")

@@ -213,4 +213,6 @@ def _need(module: str, package: str) -> ModuleType:
     try:
         return importlib.import_module(module)
     except ImportError:
-        raise InputError("study", f"no {package} here", "pip install 'gridslam[study]'") from None
+        raise InputError(
+            "study", f"no {package} here", "pip install 'gridslam[study]', in a clone -e '.[study]'"
+        ) from None
