@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from itertools import islice
+from functools import partial
 
 import numpy as np
-import psutil
 
 from gridslam import runtime
 from gridslam.errors import InputError
@@ -18,12 +16,11 @@ from gridslam.maps.map import Map
 from gridslam.measurements.observations import Observations, require_kind
 from gridslam.measurements.recording import Recording
 from gridslam.runs.run import Run
-from gridslam.runs.stopping import asked_to_stop
+from gridslam.runs.steps import begun, run_steps
 from gridslam.runs.unfinished import AgentCheckpoint
 from gridslam.systems.registry import DEFAULT, method_class, method_name, suited, taken_by
 from gridslam.systems.slam import Slam, built, mapped, stepped
 from gridslam.world.geometry import wrap
-from gridslam.world.observation import Observation
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start, require_scene
 from gridslam.world.trajectory import Trajectory
@@ -104,33 +101,12 @@ def map_scene(
     if prior_map is not None:
         prior_map, _ = fitted(prior_map, scene, same_frame=same_frame)
     device = runtime.start()
-    estimates: list[Estimate] = []
-    peak, spent = 0.0, 0.0
-    resumed = checkpoint.resumed(found) if checkpoint is not None else None
-    if checkpoint is not None and resumed is not None:
-        slam, estimates = resumed
-        peak, spent = checkpoint.progress.peak_mb, checkpoint.progress.seconds
-    else:
-        slam = _started(found, scene, prior_map, agent, seed, start, waveform)
-    began = time.perf_counter() - spent
-    with _watcher(progress, slam.agent, measurements) as tell, asked_to_stop() as stopped:
-        observations: Iterator[Observation] = iter(measurements)
-        for scan in islice(observations, len(estimates), None):
-            estimates.append(stepped(slam, scan))
-            peak = max(peak, psutil.Process().memory_info().rss / 2**20)
-            try:
-                if tell is not None:
-                    tell(estimates[-1], len(estimates), len(measurements))
-                if watch is not None:
-                    watch(estimates[-1], slam.map)
-            except KeyboardInterrupt:
-                stopped.set()
-            if checkpoint is not None:
-                checkpoint.keep(slam, estimates, time.perf_counter() - began, peak, now=stopped.is_set())
-            if stopped.is_set():
-                break
-    if not estimates:
-        raise InputError("measurements", "no step", "at least one step")
+    slam, before = begun(
+        found, checkpoint, lambda: _started(found, scene, prior_map, agent, seed, start, waveform)
+    )
+    with _watcher(progress, slam.agent, measurements) as tell:
+        done = run_steps(partial(stepped, slam), slam, measurements, before, tell, watch, checkpoint)
+    estimates = done.estimates
     last, sheet = estimates[-1], stamped(mapped(slam), scene)
     surfaces = last.surfaces.take(last.detected)
     if sheet.surfaces is not None and not any(len(e.surfaces) for e in estimates):
@@ -147,8 +123,8 @@ def map_scene(
         covariance=np.array([e.covariance for e in estimates]),
         surfaces=surfaces,
         map=sheet,
-        seconds_per_step=(time.perf_counter() - began) / len(estimates),
-        peak_memory_mb=peak,
+        seconds_per_step=done.seconds_per_step,
+        peak_memory_mb=done.peak_memory_mb,
         interrupted=len(estimates) < len(measurements),
         start=start.how if start is not None else "exact",
     )

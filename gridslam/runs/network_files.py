@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 
 from gridslam.io.files import get, put, reading_h5, write_bytes, writing_h5
-from gridslam.runs.network_run import ClockTrack
+from gridslam.runs.clock_track import ClockTrack
 from gridslam.world.clocks import ClockTruth
 
 FORMAT = "gridslam-clocks"

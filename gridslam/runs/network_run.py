@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from typing import Any
 
 import numpy as np
-import psutil
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.arrays import Array
 from gridslam.errors import InputError
-from gridslam.estimates import Estimate
 from gridslam.inference.management.network.readout import NetworkEstimate
 from gridslam.maps.map import Map
 from gridslam.measurements.network import NetworkMeasurements
+from gridslam.runs.clock_track import ClockTrack
 from gridslam.runs.map_scene import believed_track, check_anchors
 from gridslam.runs.run import Run
-from gridslam.runs.stopping import asked_to_stop
+from gridslam.runs.steps import begun, run_steps
 from gridslam.runs.unfinished import AgentCheckpoint
 from gridslam.simulation.network import NetworkTruth
 from gridslam.systems.network_front import NetworkFront
@@ -33,67 +29,6 @@ from gridslam.world.start import Start
 SETTLED = 101
 """Step from which on clocks are compared with the bound, as in [Venus2025network], section VI."""
 PS = 1e12
-
-
-@dataclass(frozen=True, eq=False)
-class ClockTrack:
-    """Estimated offsets of all clocks over time.
-
-    Attributes
-    ----------
-    device : tuple of str, D = J + I names
-        Anchors, then agents.
-    anchors : int
-        J.
-    step : (N,) int
-    time_s : (N,)
-    offset_s : (N, D)
-        What all have in common can't be observed.
-    covariance_s2 : (N, D, D)
-    unset : (N, J) bool
-        Anchors whose clocks were still searched for.
-    """
-
-    device: tuple[str, ...]
-    anchors: int
-    step: NDArray[np.intp]
-    time_s: Array
-    offset_s: Array
-    covariance_s2: Array
-    unset: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, estimates: list[NetworkEstimate], anchors: int) -> ClockTrack:
-        """Of all steps of a run."""
-        return cls(
-            estimates[0].device,
-            anchors,
-            np.array([e.step for e in estimates]),
-            np.array([e.time_s for e in estimates]),
-            np.array([e.offset_s for e in estimates]),
-            np.array([e.offset_covariance_s2 for e in estimates]),
-            np.array([e.unset for e in estimates]),
-        )
-
-    @property
-    def deviation_s(self) -> Array:
-        """Standard deviations of the offsets, (N, D) s."""
-        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance_s2, axis1=1, axis2=2), 0)))
-
-    def errors(self, truth: ClockTruth) -> Array:
-        """Estimated minus true offsets, (N, D) s.
-
-        Raises
-        ------
-        InputError
-            A device of which the truth isn't known.
-        """
-        for name in self.device:
-            if name not in truth.device:
-                raise InputError("clocks: device", repr(name), ", ".join(truth.device))
-        own = [truth.device.index(name) for name in self.device]
-        there = [np.interp(self.time_s, truth.time_s, truth.offset_s[:, column]) for column in own]
-        return self.offset_s - np.stack(there, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,51 +164,51 @@ def map_network(
     system = method_class(method)
     if not issubclass(system, NetworkFront):
         raise InputError("method", repr(method), "one for several agents at once")
-    peak, spent = 0.0, 0.0
-    resumed = checkpoint.resumed(system) if checkpoint is not None else None
-    if checkpoint is not None and resumed is not None:
-        slam, estimates = resumed
-        peak, spent = checkpoint.progress.peak_mb, checkpoint.progress.seconds
-    else:
+
+    def start() -> NetworkFront[Any]:
         slam = system(scene, prior_map, seed=seed, same_frame=same_frame, agents=names)
-        estimates = list[NetworkEstimate]()
         if starts is not None:
             slam.start_all(starts)
-    began = time.perf_counter() - spent
-    with asked_to_stop() as stopped:
-        for scan in islice(iter(measurements), len(estimates), None):
-            estimates.append(slam.step(scan))
-            peak = max(peak, psutil.Process().memory_info().rss / 2**20)
-            try:
-                if progress is not None:
-                    progress(estimates[-1], len(estimates), len(measurements))
-                if watch is not None:
-                    watch(estimates[-1], slam.map)
-            except KeyboardInterrupt:
-                stopped.set()
-            if checkpoint is not None:
-                checkpoint.keep(slam, estimates, time.perf_counter() - began, peak, now=stopped.is_set())
-            if stopped.is_set():
-                break
-    if not estimates:
-        raise InputError("measurements", "no step", "at least one step")
-    seconds = (time.perf_counter() - began) / len(estimates)
-    interrupted, sheet = len(estimates) < len(measurements), slam.map()
-    runs = {}
+        return slam
+
+    slam, before = begun(system, checkpoint, start)
+    done = run_steps(slam.step, slam, measurements, before, progress, watch, checkpoint)
+    estimates = done.estimates
+    sheet, interrupted, runs = slam.map(), len(estimates) < len(measurements), {}
     for name in names:
-        own = [e for e in (one.agents[name] for one in estimates) if e is not None]
-        if own:
-            how = starts[name].how if starts and name in starts else "exact"
-            runs[name] = _run(scene, name, method, seed, device, own, sheet, seconds, peak, interrupted, how)
+        own = [one for one in (all_of.agents[name] for all_of in estimates) if one is not None]
+        if not own:
+            continue
+        runs[name] = Run(
+            scene=scene,
+            agent=name,
+            method=method,
+            seed=seed,
+            device=device,
+            estimates=own,
+            trajectory=believed_track(own, scene.agent(name).height_m),
+            covariance=np.array([one.covariance for one in own]),
+            surfaces=own[-1].surfaces.take(own[-1].detected),
+            map=sheet,
+            seconds_per_step=done.seconds_per_step,
+            peak_memory_mb=done.peak_memory_mb,
+            interrupted=interrupted,
+            start=starts[name].how if starts and name in starts else "exact",
+        )
+    clocks = ClockTrack.of(estimates, len(scene.anchors))
+    return NetworkRun(runs, clocks, _labels(measurements, estimates), interrupted)
+
+
+def _labels(measurements: NetworkMeasurements, estimates: Sequence[NetworkEstimate]) -> NDArray[np.intp]:
+    """The anchor that each measurement of these steps was believed to be of, -1 for none."""
     rows = measurements.table.step < len(estimates)
     given = np.full(int(rows.sum()), -1, np.intp)
     for one in estimates:
-        for index, name in enumerate(names):
+        for index, name in enumerate(measurements.agents):
             if name in one.anchor:
-                given[(measurements.table.step == one.step)[rows] & (measurements.agent[rows] == index)] = (
-                    one.anchor[name]
-                )
-    return NetworkRun(runs, ClockTrack.of(estimates, len(scene.anchors)), given, interrupted)
+                own = (measurements.table.step == one.step) & (measurements.agent == index)
+                given[own[rows]] = one.anchor[name]
+    return given
 
 
 def check_network(scene: Scene, measurements: NetworkMeasurements) -> None:
@@ -307,14 +242,3 @@ def check_names(scene: Scene, measurements: NetworkMeasurements) -> None:
             known = ", ".join(agent.name for agent in scene.agents)
             raise InputError("measurements: agents", repr(name), known or "none here")
     check_anchors(scene, measurements.table)
-
-
-def _run(
-    scene: Scene, name: str, method: str, seed: int, device: str, own: list[Estimate], sheet: Map,
-    seconds: float, peak: float, interrupted: bool, how: str,
-) -> Run:  # fmt: skip
-    track = believed_track(own, scene.agent(name).height_m)
-    return Run(
-        scene, name, method, seed, device, own, track, np.array([e.covariance for e in own]),
-        own[-1].surfaces.take(own[-1].detected), sheet, seconds, peak, interrupted, how,
-    )  # fmt: skip

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gridslam.drawing.map_figure import PAGE_IN, blank
-from gridslam.runs.network_run import ClockTrack
+from gridslam.runs.clock_track import ClockTrack
 from gridslam.runs.run_files import RunFiles
 from gridslam.world.clocks import ClockTruth
 

@@ -9,8 +9,8 @@ import pytest
 from tiny import TINY
 
 import gridslam as gs
+from gridslam.runs.clock_track import ClockTrack
 from gridslam.runs.network_files import write_clocks, write_csv
-from gridslam.runs.network_run import ClockTrack
 from gridslam.runs.parts import INDEX, UNFINISHED
 
 

@@ -1,0 +1,126 @@
+"""All steps of a run, one after another: watched, kept in checkpoints, stopped when asked to."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sized
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Any, Generic, Protocol, TypeVar
+
+import psutil
+
+from gridslam.errors import InputError
+from gridslam.maps.map import Map
+from gridslam.runs.stopping import asked_to_stop
+from gridslam.runs.unfinished import AgentCheckpoint
+
+MIB = 2**20
+
+Estimated = TypeVar("Estimated")
+System = TypeVar("System")
+Progress = Callable[[Estimated, int, int], None]
+Watch = Callable[[Estimated, Callable[[], Map]], None]
+
+
+class Scans(Sized, Iterable[Any], Protocol):
+    """What was heard, step by step: `Measurements`, `Recording` or `NetworkMeasurements`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steps(Generic[Estimated]):
+    """Steps that were taken.
+
+    Attributes
+    ----------
+    estimates : list of Estimate or NetworkEstimate
+        One for each.
+    seconds : float
+        Wall-clock time in all, of every process that had a part in it.
+    peak_memory_mb : float
+        Greatest resident memory after a step, MiB.
+    """
+
+    estimates: list[Estimated] = field(default_factory=list)
+    seconds: float = 0.0
+    peak_memory_mb: float = 0.0
+
+    @property
+    def seconds_per_step(self) -> float:
+        """Wall-clock time of a step in the mean."""
+        return self.seconds / len(self.estimates)
+
+
+def begun(
+    system: type[System], checkpoint: AgentCheckpoint | None, start: Callable[[], System]
+) -> tuple[System, Steps[Any]]:
+    """A filter and the steps that it took already: of a checkpoint, or none and one that starts.
+
+    Raises
+    ------
+    InputError
+        A file of the checkpoint is damaged, or of another system.
+    """
+    resumed = checkpoint.resumed(system) if checkpoint is not None else None
+    if checkpoint is None or resumed is None:
+        return start(), Steps()
+    slam, estimates = resumed
+    return slam, Steps(estimates, checkpoint.progress.seconds, checkpoint.progress.peak_mb)
+
+
+def run_steps(
+    step: Callable[[Any], Estimated],
+    slam: Any,
+    scans: Scans,
+    before: Steps[Estimated],
+    progress: Progress[Estimated] | None,
+    watch: Watch[Estimated] | None,
+    checkpoint: AgentCheckpoint | None,
+) -> Steps[Estimated]:
+    """Take all steps that are left.
+
+    Parameters
+    ----------
+    step : callable
+        One step: what was heard in, an estimate out.
+    slam : Slam or NetworkFront
+        Whose step it is; its map is shown to `watch`, its state kept by `checkpoint`.
+    scans : Measurements, Recording or NetworkMeasurements
+        Of all steps.
+    before : Steps
+        Of `begun`: those that needn't be taken again.
+    progress, watch, checkpoint
+        As those of `gridslam.map_scene`.
+
+    Returns
+    -------
+    Steps
+        Those before included; fewer than scans if it was interrupted: Ctrl-C lets the step in hand finish.
+
+    Raises
+    ------
+    InputError
+        There is no step, or a step refuses what was heard.
+    KeyboardInterrupt
+        Asked to stop a second time.
+    """
+    estimates, peak = list(before.estimates), before.peak_memory_mb
+    began = time.perf_counter() - before.seconds
+    with asked_to_stop() as stopped:
+        for scan in islice(iter(scans), len(estimates), None):
+            estimates.append(step(scan))
+            peak = max(peak, psutil.Process().memory_info().rss / MIB)
+            try:
+                if progress is not None:
+                    progress(estimates[-1], len(estimates), len(scans))
+                if watch is not None:
+                    watch(estimates[-1], slam.map)
+            except KeyboardInterrupt:
+                stopped.set()
+            if checkpoint is not None:
+                checkpoint.keep(slam, estimates, time.perf_counter() - began, peak, now=stopped.is_set())
+            if stopped.is_set():
+                break
+    if not estimates:
+        raise InputError("measurements", "no step", "at least one step")
+    return Steps(estimates, time.perf_counter() - began, peak)
