@@ -11,7 +11,15 @@ from scipy.stats import norm
 import gridslam as gs
 from gridslam.inference.management.poses.pose_fix import Sources
 from gridslam.inference.management.poses.pose_score import IN_SIGHT, NEAREST_M, TWICE, Snapshot
-from gridslam.inference.management.poses.pose_search import find_modes, line_of_sight_poses, reflected_poses
+from gridslam.inference.management.poses.pose_search import (
+    APART_M,
+    APART_RAD,
+    PORTION,
+    best_apart,
+    find_modes,
+    line_of_sight_poses,
+    reflected_poses,
+)
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.belief import Belief
 from gridslam.world.geometry import course, line_between, mirror, unit, wrap
@@ -96,6 +104,25 @@ def test_poses_of_lines_of_sight_hear_what_was_heard(scene, heard):
 def whole_room(model):
     """A belief that knows nothing but the region."""
     return Belief(model.start_mean, np.diag([21.0, 21.0, 1e-3, 1e-3, 3.3]))
+
+
+@pytest.mark.parametrize("most", [5, 40, 10_000])
+def test_the_best_of_each_neighbourhood_are_those_of_one_pose_after_the_other(most):
+    draw = np.random.default_rng(7)
+    poses = draw.uniform([0, 0, -np.pi], [1.5, 1.5, np.pi], (4 * PORTION, 3))
+    log = np.round(draw.normal(size=len(poses)), 2)  # some are alike: the first is taken
+    slow, more = list[int](), False
+    for one in sorted(range(len(log)), key=lambda n: -log[n]):
+        gap = np.abs(poses[slow] - poses[one])
+        turn = np.minimum(gap[:, 2], 2 * np.pi - gap[:, 2])
+        near = (np.hypot(gap[:, 0], gap[:, 1]) < APART_M) & (turn < APART_RAD)
+        if log[one] > log.max() - 6 and not near.any():
+            more = len(slow) == most
+            if more:
+                break
+            slow.append(one)
+    assert best_apart(poses, log, 6.0, most) == (slow, more)
+    assert len(slow) > 4
 
 
 @pytest.mark.slow

@@ -28,6 +28,8 @@ WIDEN = 2.0
 """Deviations are doubled while the poses are few."""
 APART_M, APART_RAD = 0.5, 0.25
 """Poses nearer than this are one candidate."""
+PORTION = 1024
+"""Of the best poses that are looked through first; each further one is twice as large."""
 ROUNDS, SAMPLES, BROADER = 3, 400, 1.5
 BEHIND, SHORTLIST = 14.0, 22.0
 """Log-likelihood behind the best at which a mode is dropped, and a candidate with doubled deviations."""
@@ -86,19 +88,13 @@ def find_modes(
     asked += [reflected_poses(terms, draw) for terms in snapshot.terms if terms.known is not None]
     every = np.concatenate([part[within.holds(part)] for part in asked])
     log = snapshot.score(every, WIDEN)
-    chosen, more = _candidates(every, log, 2 * cap)
-    found = [_refined(snapshot, within, every[row], draw) for row in chosen]
-    score = np.array([mode[2] for mode in found])
-    order = np.argsort(-score, kind="stable")
-    distinct: list[int] = []
-    for one in order.tolist():
-        near = [_near(found[one][0][None], found[other][0], 0.5)[0] for other in distinct]
-        if score[one] > score[order[0]] - BEHIND and not any(near):
-            distinct.append(one)
-    pose, spread = np.array([found[k][0] for k in distinct]), np.array([found[k][1] for k in distinct])
-    unlikely = score[-(len(found) // 10 + 1) :].max() < score[order[0]] - BEHIND  # and so are those left out
+    chosen, more = best_apart(every, log, SHORTLIST, 2 * cap)
+    pose, spread, score = _refined(snapshot, within, every[chosen], draw)
+    distinct, _ = best_apart(pose, score, BEHIND, len(score), 0.5)
+    unlikely = score[-(len(score) // 10 + 1) :].max() < score.max() - BEHIND  # and so are those left out
     complete = len(distinct) <= cap and (unlikely or not more)
-    distinct, pose, spread = distinct[:cap], pose[:cap], spread[:cap]
+    distinct = distinct[:cap]
+    pose, spread = pose[distinct], spread[distinct]
     gap = pose - mean
     gap[:, 2] = wrap(gap[:, 2])
     known = covariance + np.diag(LEAST)
@@ -194,43 +190,59 @@ def _near(poses: Array, centre: Array, scale: float = 1.0) -> NDArray[np.bool_]:
     return np.asarray((apart < scale * APART_M) & (np.abs(wrap(poses[:, 2] - centre[2])) < scale * APART_RAD))
 
 
-def _candidates(poses: Array, log: Array, most: int) -> tuple[list[int], bool]:
-    """The best pose of each neighbourhood, best first, and whether there are more than `most`."""
-    rows = np.flatnonzero(log > log.max() - SHORTLIST)
+def best_apart(
+    poses: Array, log: Array, behind: float, most: int, scale: float = 1.0
+) -> tuple[list[int], bool]:
+    """The best pose of each neighbourhood, best first, and whether there are more than `most`.
+
+    Parameters
+    ----------
+    behind : float
+        How far behind the best is left out.
+    scale : float
+        Of a neighbourhood.
+    """
+    (rows,) = (log > log.max() - behind).nonzero()
     rows = rows[np.argsort(-log[rows], kind="stable")]
-    chosen: list[int] = []
-    while len(rows):
-        if len(chosen) == most:
-            return chosen, True
-        chosen.append(int(rows[0]))
-        rows = rows[~_near(poses[rows], poses[rows[0]])]
+    chosen, first, portion = list[int](), 0, PORTION
+    while first < len(rows):  # where there are too many, the best portions name as many as are asked for
+        left, first, portion = rows[first : first + portion], first + portion, 2 * portion
+        for one in chosen:
+            left = left[~_near(poses[left], poses[one], scale)]
+        while len(left):
+            if len(chosen) == most:
+                return chosen, True
+            chosen.append(int(left[0]))
+            left = left[~_near(poses[left], poses[left[0]], scale)]
     return chosen, False
 
 
 def _refined(
-    snapshot: Snapshot, within: Bounds, pose: Array, draw: np.random.Generator
-) -> tuple[Array, Array, float]:
-    """Mean, covariance and best score of the mode about a pose."""
-    mean, covariance = pose, np.diag(np.array([0.5 * APART_M, 0.5 * APART_M, 0.5 * APART_RAD]) ** 2)
-    best = -np.inf
+    snapshot: Snapshot, within: Bounds, poses: Array, draw: np.random.Generator
+) -> tuple[Array, Array, Array]:
+    """Means (K, 3), covariances (K, 3, 3) and best scores (K,) of the modes about poses (K, 3)."""
+    count, first = len(poses), np.diag(np.array([0.5 * APART_M, 0.5 * APART_M, 0.5 * APART_RAD]) ** 2)
+    mean, covariance, best = poses.copy(), np.tile(first, (count, 1, 1)), np.full(count, -np.inf)
+    normal = draw.standard_normal((count, ROUNDS, SAMPLES, 3))
+    normal[:, :, 0] = 0.0  # the mean itself
+    live = np.arange(count)
     for turn in range(ROUNDS):
-        fresh = draw.multivariate_normal(mean, covariance, SAMPLES, method="cholesky")
-        fresh[0] = mean
-        gap = fresh - mean
-        density = -0.5 * np.einsum("ni,ij,nj->n", gap, np.linalg.inv(covariance), gap)
-        value = snapshot.score(fresh, WIDEN if turn == 0 else 1.0)
-        value = np.where(within.holds(fresh), value, -np.inf)
-        if not np.isfinite(value).any():
-            break
-        log = (1.0 if turn == 0 else COVER) * value - density
-        weight = np.exp(log - log.max())
-        weight /= weight.sum()
-        mean = weight @ fresh
-        gap = fresh - mean
-        covariance = (weight[:, None] * gap).T @ gap + np.diag(LEAST)
+        root = np.linalg.cholesky(covariance[live])
+        fresh = mean[live, None] + normal[live, turn] @ root.transpose(0, 2, 1)
+        every = fresh.reshape(-1, 3)
+        value = np.where(within.holds(every), snapshot.score(every, WIDEN if turn == 0 else 1.0), -np.inf)
+        value = value.reshape(fresh.shape[:2])
+        there = np.isfinite(value).any(1)
+        live, fresh, value = live[there], fresh[there], value[there]
+        log = (1.0 if turn == 0 else COVER) * value + 0.5 * (normal[live, turn] ** 2).sum(-1)
+        weight = np.exp(log - log.max(1, keepdims=True))
+        weight /= weight.sum(1, keepdims=True)
+        mean[live] = (weight[:, None] @ fresh)[:, 0]
+        gap = fresh - mean[live, None]
+        covariance[live] = (weight[..., None] * gap).transpose(0, 2, 1) @ gap + np.diag(LEAST)
         if turn:
-            best = max(best, float(value.max()))
+            best[live] = np.maximum(best[live], value.max(1))
         if turn < ROUNDS - 1:
-            covariance = BROADER * covariance
-    mean[2] = wrap(mean[2])
+            covariance[live] *= BROADER
+    mean[:, 2] = wrap(mean[:, 2])
     return mean, covariance, best
