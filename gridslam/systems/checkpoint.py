@@ -92,7 +92,7 @@ def _require_alike(believed: Any, fresh: Any, path: str) -> None:
     """Refuse arrays with other numbers of axes than those of a fresh state, and covariances that are none."""
     before = arrays_of(fresh)
     for name, array in arrays_of(believed).items():
-        like = before.get(re.sub(r"/\d+(?=/)", "/0", name))
+        like = before.get(re.sub(r"/\d+(?=/)", "/0", name).replace("/search/before/", "/"))
         if like is not None and like.ndim != array.ndim:
             raise InputError(f"{path}: /believed/{name}", f"shape {array.shape}", f"{like.ndim} axes")
         if name.rpartition("/")[2] == "covariance" and array.ndim == 2:

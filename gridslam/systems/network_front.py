@@ -105,7 +105,7 @@ class NetworkFilter(NetworkFront[Population[NetworkState]]):
     @staticmethod
     def require_sound(believed: Any, model: Any, where: str) -> None:
         """Refuse hypotheses whose numbers can't be."""
-        require_sound_networks(believed, where)
+        require_sound_networks(believed, model, where)
 
     @property
     def state(self) -> NetworkState:

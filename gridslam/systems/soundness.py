@@ -26,6 +26,7 @@ from gridslam.inference.state.rings import BEARINGS, MOVING
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.filter_model import FilterModel
+from gridslam.world.network_model import NetworkModel
 from gridslam.world.radio import BINS
 
 Shape = tuple[int, ...]
@@ -65,21 +66,32 @@ def require_sound_weights(population: Population[Any], where: str) -> None:
     _require(claims, where)
 
 
-def require_sound_networks(believed: Population[NetworkState], where: str) -> None:
-    """Refuse hypotheses about a network whose weights or beliefs can't be."""
+def require_sound_networks(believed: Population[NetworkState], model: NetworkModel, where: str) -> None:
+    """Refuse hypotheses about a network whose weights or beliefs can't be, or scans that no filter takes."""
     log = np.array(believed.log_weight)
     ordered = bool((np.diff(log) <= 0).all())
     _require([*_weights(log, len(believed)), ("log_weight", ordered, "the likeliest first")], where)
     for number, state in enumerate(believed.states):
-        mean, covariance = state.belief.mean, state.belief.covariance
-        symmetric = bool(np.isfinite(covariance).all() and np.allclose(covariance, covariance.T))
-        sound = symmetric and bool((np.diagonal(covariance) >= 0).all())
-        claims = [
-            ("mean", bool(np.isfinite(mean).all()), "finite"),
-            ("covariance", sound, "symmetric, with variances that aren't negative"),
-            ("walks", state.walks is None or _sound_walks(state.walks, state), "as many as ways and clocks"),
-        ]
-        _require(claims, f"{where}/states/{number}/belief")
+        _require_sound_network(state, f"{where}/states/{number}/belief")
+        if state.search is not None:
+            within = f"{where}/states/{number}/search"
+            _require_sound_network(state.search.before, f"{within}/before/belief")
+            _require([("before", state.search.before.search is None, "of no search")], within)
+            for scan in state.search.scans:
+                scan.checked(len(model.anchor_names), None, len(model.agents), pseudo=True)
+
+
+def _require_sound_network(state: NetworkState, where: str) -> None:
+    """Refuse a state of a network whose belief can't be."""
+    mean, covariance = state.belief.mean, state.belief.covariance
+    symmetric = bool(np.isfinite(covariance).all() and np.allclose(covariance, covariance.T))
+    sound = symmetric and bool((np.diagonal(covariance) >= 0).all())
+    claims = [
+        ("mean", bool(np.isfinite(mean).all()), "finite"),
+        ("covariance", sound, "symmetric, with variances that aren't negative"),
+        ("walks", state.walks is None or _sound_walks(state.walks, state), "as many as ways and clocks"),
+    ]
+    _require(claims, where)
 
 
 def _sound_walks(walks: ClockWalk, state: NetworkState) -> bool:

@@ -26,6 +26,8 @@ from gridslam.io.files import get, put, subgroup
 
 KIND = "class"
 PLAIN = {bool: "b", int: "iu", float: "fiu", str: "USO"}
+MOST_ABSENT = 1000
+"""Items of a tuple of which some may be None: those aren't in a file."""
 
 
 def put_value(group: h5py.Group, name: str, value: Any) -> None:
@@ -200,7 +202,7 @@ def _tuple(group: h5py.Group, name: str, inner: tuple[Any, ...], blank: bool) ->
         return tuple(values.tolist())
     own = subgroup(group, name)
     length = own.attrs.get("length")
-    most = len(own) + len(own.attrs)
+    most = max(len(own) + len(own.attrs), MOST_ABSENT if types.NoneType in get_args(inner[0]) else 0)
     if not isinstance(length, np.integer) or not 0 <= length <= most or not (endless or length == len(inner)):
         allowed = f"{len(inner)}" if not endless else f"at most {most}"
         raise InputError(f"{own.file.filename}: {own.name}/length", str(length), allowed)

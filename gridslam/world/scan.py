@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.world.columns import DEVIATIONS, ELEVATIONS, OPTIONAL, VALUES, check_columns
+
+BLANK = {"blank": True}
+"""Of columns that may hold NaN, where a checkpoint keeps a scan."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,17 +42,17 @@ class Scan:
     step: int
     time_s: float
     anchor: NDArray[np.intp]
-    distance_m: Array
-    aod_rad: Array
-    aoa_rad: Array
-    amplitude: Array
-    distance_std_m: Array | None = None
-    aod_std_rad: Array | None = None
-    aoa_std_rad: Array | None = None
-    aod_elevation_rad: Array | None = None
-    aoa_elevation_rad: Array | None = None
-    aod_elevation_std_rad: Array | None = None
-    aoa_elevation_std_rad: Array | None = None
+    distance_m: Array = field(metadata=BLANK)
+    aod_rad: Array = field(metadata=BLANK)
+    aoa_rad: Array = field(metadata=BLANK)
+    amplitude: Array = field(metadata=BLANK)
+    distance_std_m: Array | None = field(default=None, metadata=BLANK)
+    aod_std_rad: Array | None = field(default=None, metadata=BLANK)
+    aoa_std_rad: Array | None = field(default=None, metadata=BLANK)
+    aod_elevation_rad: Array | None = field(default=None, metadata=BLANK)
+    aoa_elevation_rad: Array | None = field(default=None, metadata=BLANK)
+    aod_elevation_std_rad: Array | None = field(default=None, metadata=BLANK)
+    aoa_elevation_std_rad: Array | None = field(default=None, metadata=BLANK)
 
     def __len__(self) -> int:
         return len(self.anchor)

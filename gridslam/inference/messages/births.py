@@ -29,8 +29,9 @@ MOST_DOUBTFUL_M = 2.0
 MOST_BENT = 6.0
 """Deviations by which a new line may miss its own distance or AoA; one that bends too much to be linearised,
 as beside an anchor, misses them by hundreds and is put off, too."""
-RIVAL = 0.2
-"""Share of a measurement's births from which on the second likeliest is followed, too."""
+RIVAL, RIVALS, RIVALS_UNLABELLED = 0.2, 1, 4
+"""Share of a measurement's births from which on one that isn't the likeliest is followed, too; how many at
+most, and where the anchor isn't known: those of one anchor come in pairs, and would leave no other's."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +74,11 @@ class Births:
         none = np.zeros(0, np.int32)
         return cls(none, np.zeros((0, 2), np.int32), np.zeros((0, 2)), np.zeros(0), none)
 
-    def chosen(self, claimed: Array, least: float) -> list[tuple[int, float]]:
+    def chosen(self, claimed: Array, least: float, most: int = RIVALS) -> list[tuple[int, float]]:
         """Hypotheses to follow and the existence of each new surface, surest measurement first; (M33).
 
-        A measurement's likeliest hypothesis, and a rival that has a fair share of it: the steps to come tell
-        which of the two was right.
+        A measurement's likeliest hypothesis, and rivals that have a fair share of it: the steps to come tell
+        which of them was right.
 
         Parameters
         ----------
@@ -85,6 +86,8 @@ class Births:
             What the known paths send to each measurement.
         least : float
             Probability of being new below which a measurement bears nothing.
+        most : int
+            Rivals of a measurement.
 
         Returns
         -------
@@ -103,7 +106,7 @@ class Births:
         for existence, total, hypotheses in sorted(ranked, key=lambda row: -row[0]):
             if existence < least or not total:
                 break
-            likeliest, *rivals = sorted(hypotheses, key=lambda pair: -pair[0])[:2]
+            likeliest, *rivals = sorted(hypotheses, key=lambda pair: -pair[0])[: 1 + most]
             fair = [likeliest, *(rival for rival in rivals if rival[0] >= RIVAL * total)]
             followed += [(one, existence * ratio / total) for ratio, one in fair]
         return followed
@@ -157,7 +160,8 @@ def add_chosen(
     """
     bearers: list[tuple[Key, int]] = []
     born: list[tuple[int, float]] = []
-    for number, existence in births.chosen(claimed, 0.5 * model.settings.prune_below):
+    rivals = RIVALS if scan.anchor >= 0 else RIVALS_UNLABELLED
+    for number, existence in births.chosen(claimed, 0.5 * model.settings.prune_below, rivals):
         belief, reflection, misfit = initialise_surface(births, number, scan, state.belief, signal, model)
         if belief.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not misfit < MOST_BENT:
             continue

@@ -9,7 +9,13 @@ from kernel_worlds import UNKNOWN, random_belief, random_places, random_radio, r
 
 import gridslam as gs
 from gridslam import reference, runtime
-from gridslam.inference.messages.births import Births, add_chosen, initialise_surface
+from gridslam.inference.messages.births import (
+    RIVALS,
+    RIVALS_UNLABELLED,
+    Births,
+    add_chosen,
+    initialise_surface,
+)
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief, append
 from gridslam.world.geometry import trace, wrap
@@ -34,12 +40,27 @@ def test_a_fair_rival_is_followed_and_a_poor_one_is_not():
     assert [chance for _, chance in chosen] == pytest.approx([30 / 31.1, 10 / 20, 8 / 20])
 
 
+def test_without_a_label_all_fair_rivals_are_followed():
+    """Of one measurement, either order of two bounces of one anchor, and another anchor's."""
+    births = hypotheses([0, 0, 0, 0], [2.5, 2.5, 1.9, 0.4])
+    assert [one for one, _ in births.chosen(np.zeros(1), 0.05)] == [0, 1]
+    assert [one for one, _ in births.chosen(np.zeros(1), 0.05, RIVALS_UNLABELLED)] == [0, 1, 2]
+    belief = Belief(np.array([*AGENT, 0, 0, HEADING]), np.diag(np.square([0.05, 0.05, 0.05, 0.05, 0.03])))
+    model = model_of("alcove", [[*PLACE, 0.0]])
+    path = trace(AGENT[None], PLACE[None], NEW[None], NEW[None], np.array([1]))
+    value = np.array([[path.distance[0], wrap(path.departure[0]), wrap(path.arrival[0] - HEADING)]])
+    for anchor, followed in ((0, 2), (-1, 3)):
+        heard = AnchorScan.of(anchor, PLACE, 0.0, value, np.full((1, 3), np.nan), np.array([4.0]))
+        found = add_chosen(state_of(belief), births, heard, np.zeros(1), SIGNAL, model)[0]
+        assert len(found.surfaces) == followed
+
+
 @given(st.lists(st.floats(1e-3, 1e3), min_size=1, max_size=8), st.floats(0, 1e3))
 @settings(max_examples=60, deadline=None)
 def test_chances_of_rivals_stay_a_distribution(ratio, claimed):
     births = hypotheses(np.zeros(len(ratio), int), ratio)
     chosen = births.chosen(np.array([claimed]), 0.0)
-    assert 1 <= len(chosen) <= 2
+    assert 1 <= len(chosen) <= 1 + RIVALS
     assert 0 < sum(chance for _, chance in chosen) < 1
     assert births.ratio[chosen[0][0]] == max(ratio)
 

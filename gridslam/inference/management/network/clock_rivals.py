@@ -7,7 +7,7 @@ what comes before it. Where they are, a mode is in doubt for the first steps alo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.management.hypotheses import comparable
+from gridslam.inference.management.network.clock_replay import Step, evidence, stepped
 from gridslam.inference.messages.network.clock_setting import tells_no_departure
 from gridslam.inference.state.network.clock_search import (
     FIRST_STEPS,
@@ -31,7 +31,6 @@ from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.network_model import NetworkModel
 from gridslam.world.network_scan import NetworkScan
 
-Step = Callable[[NetworkState, NetworkScan, NetworkModel, Any], tuple[NetworkState, Any]]
 Modes = dict[int, list[NDArray[np.bool_]]]
 """Cells (C,) of every mode of an anchor's clock; the last may be all that is left."""
 REACH_M, MOST = 1.25, 5
@@ -67,7 +66,7 @@ def advance(
     room = CAP - len(population)
     _limit(works, len(population) > 1)
     for before, log in zip(population.states, population.log_weight, strict=True):
-        after, info = step(before, scan, model, works)
+        after, info = stepped(before, scan, model, works, step)
         parts = [(before, 0.0)]
         if room > 0:
             modes = rival_modes if tells_no_departure(scan.scans) else early_modes
@@ -78,7 +77,7 @@ def advance(
         room -= len(parts) - 1
         for branch, share in parts:
             if len(parts) > 1:
-                after, info = step(branch, scan, model, works)
+                after, info = stepped(branch, scan, model, works, step)
             states.append(after)
             infos.append(info)
             logs.append(log + share + evidence(after, info, model))
@@ -171,12 +170,6 @@ def likeliest_choices(likely: list[list[float]], most: int) -> list[tuple[float,
         longer = [(log + float(one), (*pick, k)) for log, pick in best for k, one in enumerate(own)]
         best = sorted(longer, key=lambda choice: -choice[0])[:most]
     return best
-
-
-def evidence(state: NetworkState, info: Any, model: NetworkModel) -> float:
-    """Log evidence of a step, of what all agents heard."""
-    parts = zip(range(len(model.agents)), info.agents, model.agents, strict=True)
-    return sum(comparable(own, state.part(agent), one) for agent, own, one in parts if own is not None)
 
 
 def reduced(population: Population[NetworkState]) -> Population[NetworkState]:

@@ -19,6 +19,7 @@ from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.state import FRESH_SIGHT, State
 from gridslam.inference.state.surface_bank import FRESH_DOUBLE, FRESH_SINGLE, SurfaceBank
 from gridslam.world.network_model import NetworkModel
+from gridslam.world.network_scan import NetworkScan
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,25 @@ class AgentRecord:
     calibration: Calibration
     monitor: HealthMonitor
     amplitudes: RayAmplitudes
+
+
+@dataclass(frozen=True, eq=False)
+class ClockSteps:
+    """The steps of a search for clocks, by which they can be taken again.
+
+    Attributes
+    ----------
+    before : NetworkState
+        Before the first of them.
+    scans : tuple of NetworkScan
+        What was heard at each.
+    log_evidence : float
+        Of what was heard, as the steps were taken.
+    """
+
+    before: NetworkState
+    scans: tuple[NetworkScan, ...]
+    log_evidence: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +86,8 @@ class NetworkState:
         Occupancy and coefficients of cells, of all agents (network grid SLAM).
     walks : ClockWalk, optional
         How far clocks seem to walk, once that is learned; see `messages.network.walk`.
+    search : ClockSteps, optional
+        The steps since clocks were last all set.
     """
 
     belief: NetworkBelief
@@ -80,6 +102,7 @@ class NetworkState:
     time_s: float | None = None
     grid: Grid | None = None
     walks: ClockWalk | None = None
+    search: ClockSteps | None = None
 
     @classmethod
     def start(cls, model: NetworkModel) -> Self:

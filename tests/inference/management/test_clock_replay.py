@@ -1,0 +1,150 @@
+"""Steps of a search for clocks are taken again once one is set: phantom walls of its anchor are undone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.inference.management.network import clock_replay
+from gridslam.inference.management.network.clock_replay import mistakable, taken_again, with_clocks_of
+from gridslam.inference.state.network.clock_search import SET_VARIANCE
+from gridslam.simulation.network import simulate_network
+from gridslam.systems import network
+from gridslam.systems.network import NetworkSlam
+
+AGENTS = ["agent1", "agent2"]
+HIDDEN, UNHEARD = 3, 4
+"""The anchor that isn't heard in the first steps, and how many these are."""
+
+
+@pytest.fixture(scope="module")
+def scene():
+    whole = gs.Scene.load("exchange").model_dump(exclude_none=True)
+    whole["filter"]["particles"] = 500
+    for agent in whole["agents"]:
+        agent["steps"] = 12
+    return gs.Scene.checked(whole, "test")
+
+
+@pytest.fixture(scope="module")
+def scans(scene):
+    data, truth = simulate_network(scene, AGENTS, 5, unlabelled=True)
+    early = (truth.source == HIDDEN) & (data.table.step < UNHEARD)
+    return [thinned(data, early, step) for step in range(UNHEARD + 4)]
+
+
+def thinned(data, dropped, step):
+    """A scan without some rows of its table."""
+    rows = [~dropped[(data.table.step == step) & (data.agent == agent)] for agent in range(len(AGENTS))]
+    whole = data.scan(step)
+    return replace(whole, scans=tuple(only(own, keep) for own, keep in zip(whole.scans, rows, strict=True)))
+
+
+def only(scan, rows):
+    columns = {name: value[rows] for name, value in vars(scan).items() if isinstance(value, np.ndarray)}
+    return replace(scan, **columns)
+
+
+def until_set(slam, scans):
+    """The filter before the step by which the last clock is set, that step's number, and what was believed
+    before the first."""
+    first = slam.state
+    for number, scan in enumerate(scans):
+        before = slam.state
+        slam.step(scan)
+        if not slam.state.clocks.unset.any():
+            return first, before, number
+    raise AssertionError("the clock wasn't set")
+
+
+def test_the_world_is_that_of_a_filter_told_the_clock_before_the_first_step(scene, scans):
+    slam = NetworkSlam(scene, agents=AGENTS, seed=5)
+    _, before, number = until_set(slam, scans)
+    assert number >= UNHEARD
+    assert len(before.search.scans) == number
+    alone, _ = network.step(before, scans[number], slam.model, slam.work)  # the step that sets it
+    walked = slam.model.clocks.walk_m**2 * (scans[number].time_s - scans[0].time_s)
+    told = with_clocks_of(alone, before.search.before, SET_VARIANCE + walked)
+    for scan in scans[: number + 1]:
+        told, _ = network.step(told, scan, slam.model, slam.work)
+    np.testing.assert_array_equal(slam.state.belief.covariance, told.belief.covariance)
+    np.testing.assert_array_equal(slam.state.los, told.los)
+    assert slam.state.search is None
+    assert (told.los != alone.los).any()
+
+
+def test_only_modes_of_open_clocks_are_told(scene, scans):
+    slam = NetworkSlam(scene, agents=AGENTS, seed=5)
+    first, _, _ = until_set(slam, scans)
+    half = replace(first, clocks=first.clocks.closed(0))
+    told = with_clocks_of(slam.state, half, 2.0)
+    devices = told.belief.layout.devices
+    mean, variance = told.belief.mean[devices], np.diagonal(told.belief.covariance)[devices]
+    later = slam.state.belief.mean[slam.state.belief.layout.devices]
+    np.testing.assert_array_equal(mean[1:4], later[1:4])
+    np.testing.assert_array_equal(variance[1:4], 2.0)
+    assert mean[0] == first.belief.mean[devices[0]]
+    np.testing.assert_array_equal(told.belief.mean[: devices[0]], first.belief.mean[: devices[0]])
+    assert not told.clocks.unset.any()
+
+
+def test_a_world_that_explains_less_is_not_taken(scene, scans):
+    slam = NetworkSlam(scene, agents=AGENTS, seed=5)
+    _, before, number = until_set(slam, scans)
+    alone, _ = network.step(before, scans[number], slam.model, slam.work)
+    steps = replace(before.search, scans=scans[:2], log_evidence=1e9)
+    assert taken_again(steps, alone, slam.model, slam.work, network.step) is None
+    steps = replace(steps, log_evidence=-1e9)
+    state, _, again = taken_again(steps, alone, slam.model, slam.work, network.step)
+    assert state.step == 2
+    assert again.log_evidence > 0
+
+
+def test_a_checkpoint_keeps_the_steps_of_a_search(scene, scans, tmp_path):
+    slam = NetworkSlam(scene, agents=AGENTS, seed=5)
+    for scan in scans[:2]:
+        slam.step(scan)
+    slam.step(replace(scans[2], scans=(scans[2].scans[0], None)))
+    slam.save(tmp_path / "search.h5")
+    again = NetworkSlam.resume(tmp_path / "search.h5")
+    assert again.state.search.scans[2].scans[1] is None
+    for scan in scans[3:]:
+        slam.step(scan)
+        again.step(scan)
+    assert not again.state.clocks.unset.any()
+    np.testing.assert_array_equal(again.state.belief.covariance, slam.state.belief.covariance)
+    search = NetworkSlam.resume(tmp_path / "search.h5").state.search
+    nowhere = replace(search.before.belief, mean=search.before.belief.mean * np.nan)
+    spoilt = replace(search.before, belief=nowhere)
+    stray = replace(search.scans[0].scans[0], anchor=np.full(len(search.scans[0].scans[0]), 9))
+    for wrong in (
+        replace(search, before=spoilt),
+        replace(search, before=replace(search.before, search=search)),
+        replace(search, scans=(replace(search.scans[0], scans=(stray, None)),)),
+    ):
+        state = replace(slam.state, search=wrong)
+        with pytest.raises(gs.InputError, match=r"mean|before|anchor"):
+            slam.require_sound(replace(slam.now.believed, states=(state,)), slam.model, "here.h5")
+
+
+def test_a_long_search_remembers_its_latest_steps(scene, scans, monkeypatch):
+    monkeypatch.setattr(clock_replay, "MOST_STEPS", 2)
+    slam = NetworkSlam(scene, agents=AGENTS, seed=5)
+    lengths = []
+    for scan in scans[:UNHEARD]:
+        slam.step(scan)
+        lengths.append(len(slam.state.search.scans))
+    assert lengths == [1, 2, 1, 2]
+    assert slam.state.search.before.step == 2
+
+
+def test_nothing_is_remembered_where_nothing_can_be_mistaken(scene, scans):
+    slam = NetworkSlam(scene, agents=AGENTS, seed=5)
+    slam.step(scans[0])
+    state, scan = slam.state, scans[0]
+    assert mistakable(state, scan)
+    assert not mistakable(replace(state, labelled=True), scan)
+    blind = tuple(replace(own, aod_rad=np.full(len(own), np.nan)) for own in scan.scans)
+    assert not mistakable(state, replace(scan, scans=blind))
+    assert not mistakable(replace(state, belief=replace(state.belief, rates=5)), scan)
