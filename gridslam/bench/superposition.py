@@ -10,7 +10,7 @@ from gridslam.inference.messages.samples.array_likelihood import ArrayBand, clim
 from gridslam.inference.messages.samples.distance_mode import PathPrior, joint_mode, limits_of
 from gridslam.inference.messages.samples.image_births import POINTS
 from gridslam.inference.messages.samples.image_rings import NODES, nodes
-from gridslam.inference.messages.samples.response_tables import ResponseTables
+from gridslam.inference.messages.samples.response_series import ResponseSeries
 from gridslam.inference.messages.samples.signal_likelihood import Band, Inverse, pairs
 from gridslam.inference.state.rings import BEARINGS
 
@@ -89,11 +89,11 @@ def _particles(draw: np.random.Generator, seconds: float) -> KernelSpeed:
     distance = np.linspace(3.0, 20.0, RINGS)[:, None] + draw.normal(0, 0.1, (RINGS, PARTICLES))
     samples, power = draw.normal(size=ANTENNA).astype(np.complex128), np.full((RINGS, PARTICLES), 100.0)
     base = np.eye(ANTENNA, dtype=np.complex128)
-    tables = ResponseTables.of(band, samples, 0 * base, 1.0)
+    series = ResponseSeries.of(band, samples, 0 * base, 1.0)
     return race(
         "weigh_particles", f"{RINGS} paths", "path-particle", RINGS * PARTICLES, seconds, PARTICLES / TWINS,
-        lambda: tables.log_densities(distance, power),
-        lambda: tables.log_densities(distance[:, :1], power[:, :1]),
+        lambda: series.log_densities(distance, power),
+        lambda: series.log_densities(distance[:, :1], power[:, :1]),
         lambda: reference.weigh_particles(
             band.wavenumber, band.pulse, samples, base, distance[:, :TWINS], power[:, :TWINS]
         ),

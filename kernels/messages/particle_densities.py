@@ -1,141 +1,146 @@
 """Density of a snapshot at many particles of N paths each, by N x N algebra; docs/model.md, (M74), (M88).
 
-No sum runs over samples: products of responses are looked up in tables over distance, cubics in each cell.
-Complex numbers are matrices of two by two, but where all products of responses are real. Arrays are flat,
-and LANES particles stand side by side, so that the compiler makes vectors of them.
+No sum runs over samples: products of responses are polynomials of where a particle's paths lie in the stretch
+that all particles cover. Complex numbers are matrices of two by two, but where all products of responses are
+real. LANES particles stand side by side, and rows go in pairs, so that what is loaded serves twice.
+
+What keeps the compiler at vectors of lanes: sums are multiplied by a 1 that it doesn't know, or it would make
+vectors of the turns of their loops; numbers of entries are cut to so many bits, or it wouldn't see that lanes
+lie side by side.
 """
 
 import taichi as ti
 
-from gridslam.kernels.primitives.functions import logarithm_of
 from gridslam.kernels.primitives.launching import quick
 
-LANES = 8
+LANES = 16
 """Particles that are worked on side by side."""
-OFTEN = 4
-"""Rows of a root whose diagonals are multiplied before a logarithm is taken."""
+OFTEN = 8
+"""Rows of a root whose pivots are multiplied before their logarithm is taken."""
+FEW, MANY = 0xFFFF, 0xFFFFFF
+"""Bits of numbers of rows, and of entries."""
+Side = ti.types.vector(LANES, ti.f64)
 
 
 @quick
 @ti.kernel
 def weigh_particles(
-    sizes: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [6] N; D; 1 where products are real, else 2; cells S;
-    # chunks C that threads take; blocks B of particles
-    distance: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [B, N, LANES] in cells, from 0 to S
-    root: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [B, N, LANES] of a path's power over the noise's
-    gram: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [2 S, 1 or 2, 4] products of two responses by difference
-    # of distances, from -S
-    table: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S, 1 or 2 rows, 2 or 1 products with the samples, and
-    # D with directions in which there is more than noise, 4]
-    work: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [C, 2 N + 2, D + 2 N, LANES] scratch
-    density: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [B, LANES] out: log density but for a constant
+    sizes: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [7] N, even where products are real; D; parts, 1 where
+    # products are real, else 2; terms K and L; chunks C that threads take; blocks B of particles
+    true: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [1] 1
+    offset: ti.types.ndarray(dtype=Side, ndim=1),  # [N + 2 / parts, B] places in the stretch, from -1 to 1;
+    # after the paths 0, for the samples
+    root: ti.types.ndarray(dtype=Side, ndim=1),  # [N + 2 / parts, B] of a path's power over the noise's; 1
+    product: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N + 2 / parts, N, parts, L] of two responses by how
+    # much farther the second lies; then of a response with the samples (real and imaginary part, if parts
+    # is 1) by where it lies
+    rows: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N parts, D, K] of a response with directions in which
+    # there is more than noise
+    work: ti.types.ndarray(dtype=Side, ndim=1),  # [C, N parts + 2, D + N parts] scratch
+    explained: ti.types.ndarray(dtype=Side, ndim=1),  # [B] out: power of the samples that the paths explain
+    pivots: ti.types.ndarray(dtype=Side, ndim=1),  # [N parts / OFTEN, B] out: products of pivots of the root
 ):
-    """Log density of the samples at each particle."""
-    for chunk in range(sizes[4]):
-        parts, rows, base = sizes[2], sizes[0] * sizes[2], sizes[1]
-        wide = base + rows
-        origin = chunk * (rows + 2) * wide
-        for block in range(sizes[5] * chunk // sizes[4], sizes[5] * (chunk + 1) // sizes[4]):
-            found, product = ti.Vector.zero(ti.f64, LANES), ti.Vector.one(ti.f64, LANES)
-            for n in range(rows):
-                look_up(sizes, block, n, origin, distance, root, table, work)
-                correlate(sizes, block, n, origin, distance, root, gram, work)
-                for k in range(n):
-                    eliminate(n, k, origin, base, wide, work)
-                sum_up(n, n, origin, base, wide, work)
-                here = origin + n * wide + base + n
-                for lane in ti.static(range(LANES)):
-                    product[lane] *= work[LANES * here + lane]
-                    work[LANES * here + lane] = 1 / ti.sqrt(work[LANES * here + lane])
-                if n % OFTEN == OFTEN - 1 or n == rows - 1:
-                    for lane in ti.static(range(LANES)):
-                        found[lane] -= logarithm_of(product[lane]) / parts
-                        product[lane] = 1.0
-            for side in range(3 - parts):
-                for k in range(rows):
-                    eliminate(rows + side, k, origin, base, wide, work)
-                    here = origin + (rows + side) * wide + base + k
-                    for lane in ti.static(range(LANES)):
-                        found[lane] += work[LANES * here + lane] * work[LANES * here + lane]
-            for lane in ti.static(range(LANES)):
-                density[LANES * block + lane] = found[lane]
+    """Root of the paths' covariance in their own space, and the samples solved by it, at each particle."""
+    for chunk in range(sizes[5]):
+        count, base = (sizes[0] * sizes[2]) & FEW, sizes[1] & FEW
+        wide, same = (base + count) & FEW, true[0]
+        start = (chunk * (count + 2) * wide) & MANY
+        for block in range(sizes[6] * chunk // sizes[5], sizes[6] * (chunk + 1) // sizes[5]):
+            pivot = ti.Vector.one(ti.f64, LANES)
+            for pair in range((count // 2 + 1) & FEW):  # the last one are the samples
+                n = 2 * pair
+                here, first = (start + n * wide) & MANY, base
+                if n < count:
+                    first = 0
+                    look_up(sizes, block, n, here, offset, root, rows, work)
+                for before in range(pair):
+                    k = 2 * before
+                    aa = correlated(sizes, block, n, k, offset, root, product)
+                    ab = correlated(sizes, block, n, k + 1, offset, root, product)
+                    ba = correlated(sizes, block, n + 1, k, offset, root, product)
+                    bb = correlated(sizes, block, n + 1, k + 1, offset, root, product)
+                    there = (start + k * wide) & MANY
+                    for i in range(first, (base + k) & FEW):
+                        a, b = work[here + i], work[here + wide + i]
+                        c, d = work[there + i], work[there + wide + i]
+                        aa = same * aa - a * c
+                        ab = same * ab - a * d
+                        ba = same * ba - b * c
+                        bb = same * bb - b * d
+                    there += base + k
+                    c, d, slant = work[there], work[there + wide + 1], work[there + wide]
+                    aa *= c
+                    ba *= c
+                    at = here + base + k
+                    work[at] = aa
+                    work[at + wide] = ba
+                    work[at + 1] = (ab - aa * slant) * d
+                    work[at + wide + 1] = (bb - ba * slant) * d
+                if n < count:
+                    one, two = root[entry(sizes, block, n)], root[entry(sizes, block, n + 1)]
+                    aa, bb = 1 + one * one, 1 + two * two
+                    ba = correlated(sizes, block, n + 1, n, offset, root, product)
+                    for i in range((base + n) & FEW):
+                        a, b = work[here + i], work[here + wide + i]
+                        aa = same * aa - a * a
+                        ba = same * ba - a * b
+                        bb = same * bb - b * b
+                    one = 1 / ti.sqrt(aa)
+                    ba *= one
+                    bb -= ba * ba
+                    at = here + base + n
+                    work[at] = one
+                    work[at + wide] = ba
+                    work[at + wide + 1] = 1 / ti.sqrt(bb)
+                    pivot *= aa * bb
+                    if n % OFTEN == OFTEN - 2 or n == count - 2:
+                        pivots[n // OFTEN * sizes[6] + block] = pivot
+                        pivot = ti.Vector.one(ti.f64, LANES)
+            found, last = ti.Vector.zero(ti.f64, LANES), (start + count * wide) & MANY
+            for i in range(base, wide):
+                a, b = work[last + i], work[last + wide + i]
+                found = same * found + (a * a + b * b)
+            explained[block] = found
 
 
 @ti.func
 def look_up(
-    sizes: ti.template(), block, n, origin, distance: ti.template(), root: ti.template(),
-    table: ti.template(), work: ti.template(),
+    sizes: ti.template(), block, n, here, offset: ti.template(), root: ti.template(), rows: ti.template(),
+    work: ti.template(),
 ):  # fmt: skip
-    """A row's products with all directions, and with the samples, behind all rows."""
-    parts, base = sizes[2], sizes[1]
-    wide, samples = base + sizes[0] * parts, 3 - parts
-    first, row = block * sizes[0] + n // parts, ti.Vector.zero(ti.i32, LANES)
-    share, scale = ti.Vector.zero(ti.f64, LANES), ti.Vector.zero(ti.f64, LANES)
-    for lane in ti.static(range(LANES)):
-        at = distance[LANES * first + lane]
-        row[lane] = (ti.cast(at, ti.i32) * parts + n % parts) * (samples + base)
-        share[lane] = at - ti.cast(at, ti.i32)
-        scale[lane] = root[LANES * first + lane]
-    for i in range(samples + base):
-        place = origin + n * wide + i - samples
-        if i < samples:
-            place = origin + (sizes[0] * parts + i) * wide + base + n
-        one = ti.Vector.zero(ti.f64, LANES)
-        for lane in ti.static(range(LANES)):
-            one[lane] = scale[lane] * cubic(table, 4 * (row[lane] + i), share[lane])
-        for lane in ti.static(range(LANES)):
-            work[LANES * place + lane] = one[lane]
+    """Products of a pair of rows with all directions."""
+    base, wide = sizes[1] & FEW, (sizes[1] + sizes[0] * sizes[2]) & FEW
+    for side in range(2):
+        path, first = entry(sizes, block, n + side), (n + side) * base
+        for i in range(base):
+            value = series(rows, ((first + i) * sizes[3]) & MANY, sizes[3], offset[path])
+            work[here + side * wide + i] = root[path] * value
 
 
 @ti.func
-def correlate(
-    sizes: ti.template(), block, n, origin, distance: ti.template(), root: ti.template(),
-    gram: ti.template(), work: ti.template(),
-):  # fmt: skip
-    """A row's products with those before it, as if there were noise alone, and with itself."""
-    parts, base = sizes[2], sizes[1]
-    own = block * sizes[0] + n // parts
-    start = origin + n * (base + sizes[0] * parts) + base
-    for k in range(n):
-        other, part, sign = block * sizes[0] + k // parts, (n % parts) ^ (k % parts), 1.0
-        if n % parts < k % parts:
-            sign = -1.0
-        one = ti.Vector.zero(ti.f64, LANES)
-        for lane in ti.static(range(LANES)):
-            at = distance[LANES * other + lane] - distance[LANES * own + lane] + sizes[3]
-            cell = ti.cast(at, ti.i32)
-            scale = sign * root[LANES * own + lane] * root[LANES * other + lane]
-            one[lane] = scale * cubic(gram, 4 * (cell * parts + part), at - cell)
-        for lane in ti.static(range(LANES)):
-            work[LANES * (start + k) + lane] = one[lane]
-    for lane in ti.static(range(LANES)):
-        work[LANES * (start + n) + lane] = 1 + root[LANES * own + lane] ** 2
+def correlated(
+    sizes: ti.template(), block, n, k, offset: ti.template(), root: ti.template(), product: ti.template()
+):
+    """Product of two rows, as if there were noise alone."""
+    shift, terms = sizes[2] - 1, sizes[4]
+    mine, other, part, sign = n >> shift, k >> shift, (n ^ k) & shift, 1.0
+    if n & shift < k & shift:
+        sign = -1.0
+    one, two = entry(sizes, block, n), entry(sizes, block, k)
+    first = (((mine * sizes[0] + other) * sizes[2] + part) * terms) & MANY
+    return sign * root[one] * root[two] * series(product, first, terms, offset[two] - offset[one])
 
 
 @ti.func
-def cubic(table: ti.template(), first, share):
-    """A cell's cubic."""
-    return table[first] + share * (table[first + 1] + share * (table[first + 2] + share * table[first + 3]))
+def entry(sizes: ti.template(), block, n):
+    """Where a row's path stands of a block."""
+    return ((n >> (sizes[2] - 1)) * sizes[6] + block) & MANY
 
 
 @ti.func
-def eliminate(n, k, origin, base, wide, work: ti.template()):
-    """Entry k of a row of the root."""
-    sum_up(n, k, origin, base, wide, work)
-    here, inverse = origin + n * wide + base + k, origin + k * wide + base + k
-    for lane in ti.static(range(LANES)):
-        work[LANES * here + lane] *= work[LANES * inverse + lane]
-
-
-@ti.func
-def sum_up(n, k, origin, base, wide, work: ti.template()):
-    """Take from a row's entry k what entries before it explain."""
-    mine, other = origin + n * wide, origin + k * wide
-    left = ti.Vector.zero(ti.f64, LANES)
-    for lane in ti.static(range(LANES)):
-        left[lane] = work[LANES * (mine + base + k) + lane]
-    for i in range(ti.select(n < wide - base, 0, base), base + k):
-        for lane in ti.static(range(LANES)):
-            left[lane] -= work[LANES * (mine + i) + lane] * work[LANES * (other + i) + lane]
-    for lane in ti.static(range(LANES)):
-        work[LANES * (mine + base + k) + lane] = left[lane]
+def series(table: ti.template(), first, terms, at):
+    """A polynomial, the highest power first."""
+    value = ti.Vector.zero(ti.f64, LANES)
+    for j in range(terms & FEW):
+        value = value * at + table[first + j]
+    return value

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.messages.samples.response_tables import ResponseTables
+from gridslam.inference.messages.samples.response_series import ResponseSeries
 from gridslam.inference.messages.samples.signal_likelihood import Band, Inverse, log_ratio
 from gridslam.inference.state.published.feature_particles import Features, ParticleState
 from gridslam.world.filter_model import FilterModel
@@ -119,9 +119,9 @@ def agent_message(state: ParticleState, expected: Expected, band: Band, samples:
     sharp = (expected.distance.std(-1) < STACKED_M) & (own.existence > STACKED_EXISTENCE)
     if not sharp.any():
         return np.zeros(len(state.agent))
-    tables = ResponseTables.of(band, samples, expected.terms[~sharp].sum(0), expected.noise)
+    series = ResponseSeries.of(band, samples, expected.terms[~sharp].sum(0), expected.noise)
     power = own.existence[sharp, None] * own.intensity[sharp] / expected.noise
-    return tables.log_densities(expected.distance[sharp], power)
+    return series.log_densities(expected.distance[sharp], power)
 
 
 def noise_message(state: ParticleState, anchor: int, expected: Expected, samples: Complex) -> Array:
