@@ -99,6 +99,21 @@ def test_amplitude_beliefs_stay_distributions(amplitudes, existence, distance):
     np.testing.assert_allclose(belief.probability.sum(1), 1, atol=1e-9)
 
 
+def test_a_ray_that_was_given_up_and_is_heard_again_is_as_strong_as_it_is_heard():
+    """It kept the amplitude of its silence, and what was heard next was taken for another wall's."""
+    state, _ = followed([None] * 8, existence=0.2)
+    assert ahead(state, 0.95, 3.0).probability[0] @ ahead(state, 0.95, 3.0).nodes < 4
+    path, own = one_path(0.004, 3.0), heard(15.0)
+    belief = predict_amplitudes(state, path, own, SIGNAL, work=WORK)
+    once = SimpleNamespace(responsible=np.ones((1, 1)))
+    back = update_amplitudes(state, path, belief, own, once, SIGNAL, work=WORK)
+    again = ahead(back, 0.95, 3.0)
+    assert abs(again.probability[0] @ again.nodes - 15.0) < 1.5
+    missed = SimpleNamespace(responsible=np.zeros((1, 0)))
+    silent = update_amplitudes(state, path, belief, heard(), missed, SIGNAL, work=WORK)
+    assert silent.amplitudes is state.amplitudes
+
+
 @pytest.mark.parametrize("true", [4.0, 9.0, 20.0])
 def test_amplitude_converges_to_what_is_heard(true):
     draw = np.random.default_rng(1)

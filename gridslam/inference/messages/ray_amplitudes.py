@@ -38,7 +38,7 @@ NEAREST_M = 0.2
 UNKNOWN_SHARE = 0.5
 """Of what free space allows, the mean amplitude of a ray of which nothing is known."""
 WORTH_KEEPING = 0.01
-"""Existence below which a ray's amplitude is dropped."""
+"""Existence, before a step or by what it has heard, below which a ray's amplitude stays as it was."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,8 @@ def update_amplitudes(
         belief.probability, scan.table, np.ascontiguousarray(responsible), model.table, model.number,
         float(signal.samples), scratch, after,
     )  # fmt: skip
-    worth = (rays.existence * rays.surfaces > WORTH_KEEPING).tolist()
+    alive = np.maximum(rays.existence, responsible.sum(1))  # one that comes back was given up long ago
+    worth = (alive * rays.surfaces > WORTH_KEEPING).tolist()
     lengths, keys = paths.prediction.length.tolist(), RayAmplitudes.keys(rays, state.surfaces.identity)
     rows = enumerate(zip(keys, lengths, worth, strict=True))
     changes = {key: (after[row], length) for row, (key, length, lasting) in rows if lasting}
