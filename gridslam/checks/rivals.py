@@ -1,4 +1,4 @@
-"""Cures that concern several columns or anchors (names exchanged, offsets, heights), and which one wins."""
+"""Cures that concern several columns or anchors (names, turns, offsets, heights), and which one wins."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
 from gridslam.checks.range_errors import RangeError
 from gridslam.checks.range_fit import RangeFit, fits
+from gridslam.checks.turned_anchors import Turn, nearly, turned_tables, words
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite
 from gridslam.world.columns import Columns
 from gridslam.world.network_scene import clock_model
@@ -82,6 +83,10 @@ def whole_cure(table: Columns, scene: Scene, agent: str | None, sofar: Sight, pl
         if sight.explained >= FITTING and sight.evidence > needed:
             needed = sight.evidence + CLEAR
             best = Cure(_names(order, scene, sight, plain), renamed, sight)
+    # directions in the world are turns, too, each by the anchor's orientation: the simpler cure comes first
+    turned = turn_cure(table, scene, agent, plain, needed + CERTAIN)
+    if turned is not None:
+        best, needed = turned, turned.sight.evidence + CLEAR
     if not both_measured(table):
         return best
     # finds the lines of sight alone: the particles may miss the right error, least squares name it afterwards
@@ -90,6 +95,45 @@ def whole_cure(table: Columns, scene: Scene, agent: str | None, sofar: Sight, pl
     if top.explained < FITTING or top.evidence <= needed:
         return best
     return range_cure(table, scene, agent, top) or best
+
+
+def fitting_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) -> Cure | None:
+    """The cure of a table whose lines of sight fit, though they could better: by distances or turns."""
+    return range_cure(table, scene, agent, sight) or turn_cure(table, scene, agent, sight, 0.0)
+
+
+def turn_cure(table: Columns, scene: Scene, agent: str | None, plain: Sight, needed: float) -> Cure | None:
+    """Anchors that stand otherwise than the scene says, if that explains clearly more.
+
+    Parameters
+    ----------
+    plain : Sight
+        What is explained as the table stands.
+    needed : float
+        Log evidence that must be reached.
+    """
+    found = [(explain(read, scene, agent), turns, read) for turns, read in turned_tables(table, scene, agent)]
+    found = [one for one in found if one[0].explained >= FITTING]
+    if not found:
+        return None
+    top = max(sight.evidence for sight, _, _ in found)
+    alike = [one for one in found if one[0].evidence > top - CERTAIN]
+    fewest = min(len(turns) for _, turns, _ in alike)
+    ways = dict[tuple, tuple[Sight, tuple[Turn, ...], Columns]]()
+    for one in (one for one in alike if len(one[1]) == fewest):
+        key = tuple((turn.anchor, turn.mirrored) for turn in one[1])
+        if key not in ways or (one[0].evidence > ways[key][0].evidence and nearly(one[1], ways[key][1])):
+            ways[key] = one
+    (sight, turns, read), *others = sorted(ways.values(), key=lambda one: -one[0].evidence)
+    gain = sight.evidence - plain.evidence
+    if gain < CERTAIN or sight.evidence < needed:
+        return None
+    text = "; or ".join(words(one, scene) for one in (turns, *(more for _, more, _ in others)))
+    reason = (
+        f"line of sight in {sight.explained:.0%} of {sight.scans} scans, {plain.explained:.0%} as it stands; "
+        f"log likelihood ratio {gain:.0f}"
+    )
+    return Cure(Suspicion("aod_rad", "turned", text, not others, reason), read, sight)
 
 
 def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) -> Cure | None:
@@ -171,7 +215,7 @@ def offset_beside(
         What is explained then.
     """
     kinds = {item.kind for item in found}
-    if not found or kinds & {"offset", "slant", "names"} or not both_measured(table):
+    if not found or kinds & {"offset", "slant", "names", "turned"} or not both_measured(table):
         return found
     error = RangeError("offset", tuple(range(len(scene.anchors))))
     rival = explain(table, scene, agent, error=error)
