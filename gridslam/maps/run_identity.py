@@ -52,8 +52,10 @@ class Identity:
             return self
         link = hashlib.sha256(self.chain.encode())
         link.update(np.array([scan.step, scan.time_s], "<f8").tobytes())
-        for column in scan.content():
-            link.update(b"-" if column is None else np.ascontiguousarray(column, "<f8").tobytes())
+        columns = (
+            b"-" if column is None else np.asarray(column, "<f8").tobytes() for column in scan.content()
+        )
+        link.update(b"".join(columns))
         chain, heard = link.hexdigest(), self.heard + 1
         return Identity(chain, heard, self.text + (chain[:DIGITS] if heard & (heard - 1) == 0 else ""))
 

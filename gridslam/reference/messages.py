@@ -9,6 +9,7 @@ from scipy.special import i0e
 from gridslam.arrays import Array
 from gridslam.kernels import FAINTEST, PATH_BLOCK, UNMEASURED
 from gridslam.kernels.primitives.blocks import Amplitudes, Anchors, Drawing, PathRows, Ratios
+from gridslam.kernels.primitives.tables import OPEN
 from gridslam.reference.paths import densities, draw
 from gridslam.world.geometry import lean, wrap
 
@@ -151,6 +152,7 @@ def evaluate(
     weight, valid = densities(
         state, head, path, anchors.places, start, np.column_stack([pair[:, :3], apart]), PATH_BLOCK
     )
+    valid[(odds[OPEN] == 0) & (np.diff(start) == 0)] = 0.0  # what isn't open needn't be possible
     blocks = np.concatenate([valid, weight])
     odds, message, measured = enter(blocks, start, index, pair, odds, message, measured)
     measured[1] = scan[:, 8]

@@ -42,7 +42,7 @@ def evaluate(
                 draw_block(block * BLOCK, head, drawing.root, drawing.base, drawing.points, drawing.state)
                 densities(
                     block, head, drawing.state, rows.path, anchors.places, pairs.start, scratch.table,
-                    pairs.blocks,
+                    ratios.odds, pairs.blocks,
                 )  # fmt: skip
     ti.loop_config(serialize=True)
     for _ in range(1):

@@ -271,8 +271,9 @@ def _hand_over(context: Any, handed: list[Any], number: int, slot: tuple[Place, 
     place, kind = slot
     before, handed[number] = handed[number], NOTHING  # if an interrupt comes between, all is handed over
     if type(value) is ndarray and type(kind) is tuple:
-        inner = kind[2]
-        if value.dtype != kind[0] or value.ndim != kind[1] or (inner and value.shape[-1:] != inner):
+        dtype, axes, inner = kind
+        own, shape = value.dtype, value.shape
+        if (own is not dtype and own != dtype) or len(shape) != axes or (inner and shape[-1:] != inner):
             return False
         try:
             address = addressof(START_OF(value))
@@ -280,9 +281,9 @@ def _hand_over(context: Any, handed: list[Any], number: int, slot: tuple[Place, 
             if not value.flags.c_contiguous:
                 return False
             address = value.ctypes.data
-        shape = value.shape[:-1] if inner else value.shape
-        if type(before) is ndarray and before.shape == value.shape:
-            shape = ()  # which stands there, and takes longest to hand over
+        # the shape takes longest to hand over, and mostly stands there
+        known = type(before) is ndarray and before.shape == shape
+        shape = () if known else shape[:-1] if inner else shape
         context.set_arg_external_array_with_shape(place, address, value.nbytes, shape, 0)
         handed[number] = value  # which keeps it where it is
     elif kind is float or kind is int:

@@ -28,6 +28,7 @@ from gridslam.kernels.primitives.layout import (
     rise_of,
     unknown_row,
 )
+from gridslam.kernels.primitives.tables import OPEN
 
 BLOCK = PATH_BLOCK
 FINE = 4096.0
@@ -36,18 +37,21 @@ FINE = 4096.0
 @ti.func
 def densities(
     block, head, state: ti.template(), path: ti.template(), places: ti.template(), start: ti.template(),
-    pair: ti.template(), out: ti.template(),
+    pair: ti.template(), odds: ti.template(), out: ti.template(),
 ):  # fmt: skip
     """Sum, over a block of particles, the density of every gated pair where the path is possible.
 
-    And count the particles at which each path is. Arguments are those of `evaluation.evaluate`; `pair` is its
-    `table`, `out` its `blocks`.
+    And count the particles at which each path is; of one without pairs that no ray comes through, V = 0, it
+    doesn't matter at how many, and 0 stands there. Arguments are those of `evaluation.evaluate`; `pair` is
+    its `table`, `out` its `blocks`.
     """
     for row in range(path.shape[0]):
-        if start[row] == start[row + 1]:  # of most paths, nothing is asked but whether they are possible
+        if start[row] < start[row + 1]:
+            weigh_pairs(block, row, head, state, path, places, start, pair, out)
+        elif odds[OPEN, row] > 0:  # of most paths, nothing is asked but whether they are possible
             out[row, block] = possible(block * BLOCK, row, state, path, places)
         else:
-            weigh_pairs(block, row, head, state, path, places, start, pair, out)
+            out[row, block] = 0.0
 
 
 @ti.func

@@ -33,10 +33,11 @@ def stages():
 
     @ti.kernel
     def summed(
-        state: single, head: ti.i32, path: whole, places: double, start: row, table: single, blocks: single
-    ):
+        state: single, head: ti.i32, path: whole, places: double, start: row, table: single, odds: double,
+        blocks: single,
+    ):  # fmt: skip
         for block in range(blocks.shape[1]):
-            densities(block, head, state, path, places, start, table, blocks)
+            densities(block, head, state, path, places, start, table, odds, blocks)
 
     @ti.kernel
     def entered(

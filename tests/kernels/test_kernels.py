@@ -17,16 +17,19 @@ from gridslam.inference.state.particles import Sampling, draft_of
 from gridslam.inference.workspace.workspace import SHAPES, Workspace
 from gridslam.kernels import PATH_BLOCK
 from gridslam.kernels.primitives.blocks import OFFSET, SHARE
+from gridslam.kernels.primitives.tables import ODDS, OPEN
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 seeds = st.integers(0, 2**32 - 1)
 
 
-def launch_densities(state, path, start, pair, place):
+def launch_densities(state, path, start, pair, place, is_open=1.0):
     _, densities, _ = stages()
     out = np.full((len(path) + start[-1], state.shape[1] // PATH_BLOCK), np.nan, np.float32)
     pair = pair if len(pair) else np.zeros((1, 11), np.float32)
-    densities(state, 5, with_anchor(path), place[None].astype(float), start, pair, out)
+    odds = np.full((ODDS, len(path)), np.nan)
+    odds[OPEN] = is_open
+    densities(state, 5, with_anchor(path), place[None].astype(float), start, pair, odds, out)
     return out[len(path) :], out[: len(path)]
 
 
@@ -82,6 +85,9 @@ def test_path_evaluation_without_any_measurement_still_tells_what_is_possible(su
     assert weight.shape[0] == 0
     _, possible = expected_densities(state, path, start, np.zeros((0, 11)), place)
     np.testing.assert_allclose(valid, possible, atol=1)
+    is_open = np.arange(len(path)) % 2
+    _, asked = launch_densities(state, path, start, np.zeros((0, 11), np.float32), place, is_open)
+    np.testing.assert_array_equal(asked, valid * is_open[:, None])
 
 
 def test_a_wall_that_the_path_runs_along_or_stands_on_gives_no_reflection():

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -138,11 +138,7 @@ class RangeWatch:
 
     def _fit(self, columns: tuple[int, ...], alike: bool) -> Fit:
         """The fit of some entries, all `alike` or each by itself."""
-        size = len(self.vector)
-        turns = np.eye(size)[size // 2 : -1]
-        own = np.eye(size)[list(columns)].reshape(-1, size)
-        shape = np.concatenate([own.sum(0, keepdims=True) if alike else own, turns])
-        prior = np.diag([1e-9] * (len(shape) - len(turns)) + [TURN_RAD**-2] * len(turns))
+        shape, prior = _thing(len(self.vector), columns, alike)
         pull = shape @ self.vector
         size_m = np.linalg.solve(shape @ self.information @ shape.T + prior, pull)
         return Fit(columns, alike, self.total - float(pull @ size_m), float(size_m[0]))
@@ -174,6 +170,16 @@ def _open(anchors: int) -> Array:
     """Information (P, P) about what may be wrong before anything was heard."""
     std = np.repeat([MOST_OFFSET_M, TURN_RAD, MOST_HEIGHT_M**2], [anchors, anchors, 1])
     return fixed(np.diag(std**-2.0))
+
+
+@lru_cache(64)
+def _thing(size: int, columns: tuple[int, ...], alike: bool) -> tuple[Array, Array]:
+    """What of P entries one thing that may be wrong moves, turns beside it, (D, P), and its prior (D, D)."""
+    turns = np.eye(size)[size // 2 : -1]
+    own = np.eye(size)[list(columns)].reshape(-1, size)
+    shape = np.concatenate([own.sum(0, keepdims=True) if alike else own, turns])
+    prior = np.diag([1e-9] * (len(shape) - len(turns)) + [TURN_RAD**-2] * len(turns))
+    return fixed(shape), fixed(prior)
 
 
 def _words(fit: Fit, model: FilterModel) -> str:

@@ -28,14 +28,11 @@ def neighbours(table: Array) -> NDArray[np.bool_]:
         That of `AnchorScan`. What lacks distance, AoA or amplitude is in no crowd.
     """
     none = np.zeros((len(table), len(table)), dtype=bool)
-    if len(table) <= OTHERS:
+    if not _close(table[:, 0].tolist()):  # as at most steps
         return none
     amplitude = table[:, 6]
     (able,) = ((table[:, 3] >= 0) & (table[:, 5] >= 0) & (amplitude >= 0) & (amplitude < FAINT)).nonzero()
-    if len(able) <= OTHERS:
-        return none
-    length = sorted(table[able, 0].tolist())
-    if all(last - first >= 2 * NEAR_M for first, last in zip(length, length[OTHERS:], strict=False)):
+    if not _close(table[able, 0].tolist()):
         return none
     (distance, _, arrival), label = table[able, :3].T, table[able, LABEL]
     near = (np.abs(distance[:, None] - distance) < NEAR_M) & (label[:, None] == label)
@@ -46,6 +43,12 @@ def neighbours(table: Array) -> NDArray[np.bool_]:
     near[~crowd] = False
     none[np.ix_(able, able)] = near
     return none
+
+
+def _close(lengths: list[float]) -> bool:
+    """Whether so many of some lengths (m) that they may make a crowd are about the same."""
+    lengths.sort()
+    return any(last - first < 2 * NEAR_M for first, last in zip(lengths, lengths[OTHERS:], strict=False))
 
 
 def of_one_way(near: NDArray[np.bool_], beta: Array, image: NDArray[np.int32]) -> NDArray[np.bool_]:

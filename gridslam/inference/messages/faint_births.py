@@ -89,11 +89,11 @@ def _has_company(line: Array, left: Leftovers, places: Array) -> NDArray[np.bool
 
 def _about(line: Array, left: Leftovers, places: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
     """Lines and leftovers (N,) whose distances are about the same, and the anchors' images there, (N, 2)."""
-    image = mirror(line[:, None], places[:, :2])[:, left.anchor]
-    away = image - left.taken_at[:, :2]
-    far = slant(np.hypot(away[..., 0], away[..., 1]), places[left.anchor, 3])
+    image = mirror(line[:, None], places[:, :2])
+    away = image.take(left.anchor, 1) - left.taken_at[:, :2]
+    far = slant(np.hypot(away[..., 0], away[..., 1]), places[:, 3].take(left.anchor))
     b, h = (np.abs(left.value[:, 0] - far) < NEAR_M).nonzero()
-    return b, h, image[b, h]
+    return b, h, image[b, left.anchor[h]]
 
 
 def _near(value: Array, predicted: Array) -> tuple[NDArray[np.bool_], Array]:

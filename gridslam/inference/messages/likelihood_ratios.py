@@ -63,8 +63,8 @@ class LikelihoodRatios:
     ----------
     pairs : Pairs
     blocks : (L + K or more, P / PATH_BLOCK) float32
-        Over blocks of particles: number at which the path is possible; sum of each pair's weights. On the
-        device.
+        Over blocks of particles: number at which the path is possible, if V > 0; sum of each pair's weights.
+        On the device.
     odds : (12, L)
         By path, rows as in `gridslam.kernels.primitives.tables`; the updates fill the last four, in a copy.
     message : (5, L, M)

@@ -54,7 +54,7 @@ class Leftovers:
     @cached_property
     def taken_at(self) -> Array:
         """Pose at which each measurement was taken, (H, 3)."""
-        return self.pose[self.back]
+        return self.pose.take(self.back, 0)
 
     @classmethod
     def none(cls) -> Self:
