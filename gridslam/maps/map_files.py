@@ -79,33 +79,38 @@ def write_map(grid: MapCells, path: str | os.PathLike[str]) -> None:
         The file can't be written.
     """
     with writing_h5(path, FORMAT) as file:
-        cells = file.create_group("grid")
-        put_attributes(
-            cells, {"origin_m": grid.origin_m, "cell_m": float(grid.cell_m), "prior": float(grid.prior)}
-        )
-        for name in ("occupancy", "observed", "reflection", "reflection_std"):
-            put(cells, name, getattr(grid, name), "1")
-        put(cells, "evidence", grid.evidence, "nat")
-        touched = grid.coefficient.any(axis=-1)
-        put(cells, "coefficient_cell", np.argwhere(touched).astype(np.int32), "cell")
-        put(cells, "coefficient", grid.coefficient[touched], "nat")
-        if grid.surfaces is not None:
-            surfaces = file.create_group("surfaces")
-            for name, unit in SURFACE_UNITS.items():
-                put(surfaces, name, getattr(grid.surfaces, name), unit)
-            if grid.surface_reflection is not None:
-                put(surfaces, "reflection_posterior", grid.surface_reflection, "1")
-            if grid.surface_covariance is not None:
-                put(surfaces, "joint_covariance", grid.surface_covariance, SURFACE_UNITS["line_cov"])
-        if grid.features is not None:
-            features = file.create_group("features")
-            for name, unit in FEATURE_UNITS.items():
-                put(features, name, getattr(grid.features, name), unit)
-            if grid.feature_covariance is not None:
-                put(features, "joint_covariance", grid.feature_covariance, "m^2")
-        for name, belief in grid.levels.items():
-            put(file.require_group("levels"), name, belief, "1")
-        put_attributes(file.create_group("provenance"), grid.provenance)
+        put_map(grid, file)
+
+
+def put_map(grid: MapCells, group: h5py.Group) -> None:
+    """Write a map into a group of a file, as `write_map` has it."""
+    cells = group.create_group("grid")
+    put_attributes(
+        cells, {"origin_m": grid.origin_m, "cell_m": float(grid.cell_m), "prior": float(grid.prior)}
+    )
+    for name in ("occupancy", "observed", "reflection", "reflection_std"):
+        put(cells, name, getattr(grid, name), "1")
+    put(cells, "evidence", grid.evidence, "nat")
+    touched = grid.coefficient.any(axis=-1)
+    put(cells, "coefficient_cell", np.argwhere(touched).astype(np.int32), "cell")
+    put(cells, "coefficient", grid.coefficient[touched], "nat")
+    if grid.surfaces is not None:
+        surfaces = group.create_group("surfaces")
+        for name, unit in SURFACE_UNITS.items():
+            put(surfaces, name, getattr(grid.surfaces, name), unit)
+        if grid.surface_reflection is not None:
+            put(surfaces, "reflection_posterior", grid.surface_reflection, "1")
+        if grid.surface_covariance is not None:
+            put(surfaces, "joint_covariance", grid.surface_covariance, SURFACE_UNITS["line_cov"])
+    if grid.features is not None:
+        features = group.create_group("features")
+        for name, unit in FEATURE_UNITS.items():
+            put(features, name, getattr(grid.features, name), unit)
+        if grid.feature_covariance is not None:
+            put(features, "joint_covariance", grid.feature_covariance, "m^2")
+    for name, belief in grid.levels.items():
+        put(group.require_group("levels"), name, belief, "1")
+    put_attributes(group.create_group("provenance"), grid.provenance)
 
 
 def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -117,32 +122,37 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
         No such file, another format or version, missing or contradicting datasets, or damaged.
     """
     with reading_h5(path, FORMAT) as file:
-        cells = subgroup(file, "grid")
-        frame: dict[str, Any] = get_attributes(cells)
-        for name, kind in (("origin_m", list), ("cell_m", float), ("prior", float)):
-            if not isinstance(frame.get(name), kind):
-                raise InputError(f"{path}: /grid {name}", f"{frame.get(name)}", "a number (origin_m: two)")
-        observed = get(cells, "observed", (None, None), "b")
-        if observed.size > LARGEST_CELLS:
-            raise InputError(f"{path}: /grid", f"{observed.size} cells", f"at most {LARGEST_CELLS}")
-        evidence, coefficient = _read_beliefs(cells, observed, frame["prior"])
-        surfaces, posterior, joint = (
-            _read_surfaces(subgroup(file, "surfaces")) if "surfaces" in file else (None, None, None)
-        )
-        return {
-            "origin_m": np.asarray(frame["origin_m"]),
-            "cell_m": frame["cell_m"],
-            "evidence": evidence,
-            "coefficient": coefficient,
-            "observed": observed,
-            "prior": frame["prior"],
-            "surfaces": surfaces,
-            "surface_reflection": posterior,
-            "surface_covariance": joint,
-            "provenance": get_attributes(subgroup(file, "provenance")) if "provenance" in file else {},
-            **(_read_features(file) if "features" in file else {}),
-            "levels": _read_levels(file),
-        }
+        return get_map(file, str(path))
+
+
+def get_map(group: h5py.Group, where: str) -> dict[str, Any]:
+    """The fields of a `Map` in a group of a file, see `read_map`; errors call it `where`."""
+    cells = subgroup(group, "grid")
+    frame: dict[str, Any] = get_attributes(cells)
+    for name, kind in (("origin_m", list), ("cell_m", float), ("prior", float)):
+        if not isinstance(frame.get(name), kind):
+            raise InputError(f"{where}: /grid {name}", f"{frame.get(name)}", "a number (origin_m: two)")
+    observed = get(cells, "observed", (None, None), "b")
+    if observed.size > LARGEST_CELLS:
+        raise InputError(f"{where}: /grid", f"{observed.size} cells", f"at most {LARGEST_CELLS}")
+    evidence, coefficient = _read_beliefs(cells, observed, frame["prior"])
+    surfaces, posterior, joint = (
+        _read_surfaces(subgroup(group, "surfaces")) if "surfaces" in group else (None, None, None)
+    )
+    return {
+        "origin_m": np.asarray(frame["origin_m"]),
+        "cell_m": frame["cell_m"],
+        "evidence": evidence,
+        "coefficient": coefficient,
+        "observed": observed,
+        "prior": frame["prior"],
+        "surfaces": surfaces,
+        "surface_reflection": posterior,
+        "surface_covariance": joint,
+        "provenance": get_attributes(subgroup(group, "provenance")) if "provenance" in group else {},
+        **(_read_features(group) if "features" in group else {}),
+        "levels": _read_levels(group),
+    }
 
 
 def _read_beliefs(cells: h5py.Group, observed: np.ndarray, prior: float) -> tuple[np.ndarray, np.ndarray]:
@@ -204,7 +214,7 @@ def _read_surfaces(group: h5py.Group) -> tuple[SurfaceEstimate, np.ndarray | Non
     return SurfaceEstimate(**table), posterior, joint
 
 
-def _read_features(file: h5py.File) -> dict[str, Any]:
+def _read_features(file: h5py.Group) -> dict[str, Any]:
     """Learned features and, where stored, their joint covariance.
 
     `identity` and `noise` may be missing, and `anchor_m` where the provenance names the anchors.
@@ -234,7 +244,7 @@ def _read_features(file: h5py.File) -> dict[str, Any]:
     return {"features": FeatureEstimate(**table), "feature_covariance": joint}
 
 
-def _read_levels(file: h5py.File) -> dict[str, np.ndarray]:
+def _read_levels(file: h5py.Group) -> dict[str, np.ndarray]:
     """Beliefs (50,) about coefficients of floor and ceiling, where stored."""
     group = subgroup(file, "levels") if "levels" in file else {}
     return {name: get(group, name, (len(COEFFICIENTS),), "f") for name in LEVELS if name in group}

@@ -61,7 +61,7 @@ def calibrate(
         prior, _ = fitted(prior_map, scene, same_frame=same_frame)
         table = prior.features
         if table is None or not len(table):
-            table, _ = image_features(prior.surfaces, prior.surface_covariance, model)
+            table, *_ = image_features(prior.surfaces, prior.surface_covariance, model)
     known = []
     for j, anchor in enumerate(model.anchors[:, :2]):
         paths = np.array([[*anchor, 0.0]])

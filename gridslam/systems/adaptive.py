@@ -26,6 +26,7 @@ from gridslam.inference.messages.ray_amplitudes import (
     update_amplitudes,
 )
 from gridslam.inference.messages.surface_walk import learn_surface_walks
+from gridslam.inference.messages.unexplained import gather_unexplained, none_yet
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.leftovers import Leftovers
@@ -42,7 +43,7 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
     """The state before the first step: the agent's prior, and the surfaces of an earlier agent's map."""
     state = replace(
         State.start(model), amplitudes=RayAmplitudes(), leftovers=Leftovers.none(),
-        levels=inherit_levels(model, prior),
+        levels=inherit_levels(model, prior), unexplained=none_yet(model),
     )  # fmt: skip
     return state if prior is None else inherit_surfaces(state, prior)
 
@@ -84,6 +85,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     state = learn_surface_walks(recalled, state)  # (M361)
     state = form.park(recalled, merge_and_prune(state, model, None), model, work=work)
     state = remember_leftovers(state, scans, exchanges, model, work=work)
+    state = gather_unexplained(state, scans, exchanges, model, work=work)  # (M432)
     return conclude(state, exchanges, reckoned, model, work)
 
 

@@ -12,10 +12,14 @@ import os
 import re
 from typing import Any
 
+import h5py
+
 from gridslam.errors import InputError
 from gridslam.inference.state.population import Population
 from gridslam.io.covariances import require_covariance
 from gridslam.io.files import get_attributes, put_attributes, reading_h5, subgroup, writing_h5
+from gridslam.maps.map import Map
+from gridslam.maps.map_files import get_map, put_map
 from gridslam.maps.run_identity import Identity
 from gridslam.systems.values import arrays_of, get_value, put_value
 from gridslam.world.scene import Scene
@@ -44,6 +48,8 @@ def write_checkpoint(slam: Any, path: str | os.PathLike[str]) -> None:
         put_attributes(file.create_group("run"), attributes)
         put_value(file, "believed", slam.now.believed)
         put_value(file, "waveform", getattr(slam, "waveform", None))
+        if getattr(slam, "inherited", None) is not None:
+            put_map(slam.inherited, file.create_group("inherited"))
 
 
 def read_checkpoint(path: str | os.PathLike[str], system: Any) -> Any:
@@ -72,9 +78,23 @@ def read_checkpoint(path: str | os.PathLike[str], system: Any) -> Any:
         believed = get_value(file, "believed", kind)
         _require_alike(believed, fresh, str(path))
         slam.require_sound(believed, slam.model, f"{path}: /believed")
+        slam.inherited = _read_inherited(file, slam.scene) if "inherited" in file else None
         slam.provenance, identity = _read_origin(known, str(path))
         slam.now = slam.now._replace(believed=believed, identity=identity)
         return slam
+
+
+def _read_inherited(file: h5py.File, scene: Scene) -> Map:
+    """What of an earlier agent's map goes into the one that is made."""
+    where = f"{file.filename}: /inherited"
+    try:
+        sheet = Map(**get_map(subgroup(file, "inherited"), where))
+    except InputError as error:
+        named = error.where if error.where.startswith(where) else where
+        raise InputError(named, error.found, error.allowed) from error
+    if sheet.shape != scene.grid.shape:
+        raise InputError(where, f"{sheet.shape} cells", f"{scene.grid.shape}, those of the scene")
+    return sheet
 
 
 def _read_origin(known: dict[str, Any], path: str) -> tuple[dict[str, list[Any]], Identity]:

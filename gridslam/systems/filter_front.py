@@ -48,6 +48,8 @@ class FilterFront(ABC, Generic[Observed, Believed]):
     now : Moment
     model : FilterModel
     agent : str
+    inherited : Map or None
+        What of an earlier agent's map no state holds, but goes into the map that is made.
     """
 
     method: ClassVar[str]
@@ -92,6 +94,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
             prior, _ = fitted(prior_map, scene, same_frame=same_frame)
         prior = prior if self.uses_maps else None
         self.provenance = _provenance(prior)
+        self.inherited = None if prior is None else self._inherited(prior)
         begun = self._begun(self.start(self.model, prior))
         self.now = Moment(begun, Identity.of(scene.anchor_positions))
 
@@ -104,6 +107,10 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         """What is believed before the first step, of the state that the system begins with."""
         believed: Believed = state
         return believed
+
+    def _inherited(self, prior: Map) -> Map | None:
+        """What of an earlier agent's map no state holds, but goes into the map that is made."""
+        return None
 
     def _model(self, model: FilterModel) -> Any:
         """What the system takes of the model."""

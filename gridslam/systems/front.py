@@ -13,6 +13,7 @@ from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.estimates import Estimate
+from gridslam.inference.management.features.left_features import left_features
 from gridslam.inference.management.features.surface_features import mirror_surfaces
 from gridslam.inference.management.hypotheses import advance, begun
 from gridslam.inference.management.mixture import agent_moments
@@ -103,15 +104,35 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
         state, info = self.advance(self.state, scan, self.model, self.work)
         return Population.of(state), info
 
+    def _inherited(self, prior: Map) -> Map | None:
+        """Features that surfaces may not stand for, and cells, of systems that don't map any."""
+        bare = replace(prior, surfaces=None, surface_reflection=None, surface_covariance=None, levels={})
+        if self.keeps_grid:
+            grid = prior.blank(prior.origin_m, prior.cell_m, prior.shape, prior.prior)
+            bare = replace(bare, evidence=grid.evidence, coefficient=grid.coefficient, observed=grid.observed)
+        return bare if bare.features is not None or bare.observed.any() else None
+
     def map(self) -> Map:
-        """The map as it stands: detected surfaces, and a grid of which nothing was observed."""
+        """The map as it stands: detected surfaces, and what was handed down or is left over."""
         state = unparked(self.state)
         table = surface_estimate(state, work=self.work)
         found = table.existence > self.model.settings.detect_above
         joint = lines_covariance(state.belief, found)
         sheet = bare_map(self, table.take(found), state.surfaces.reflection[found], joint)
         levels = () if state.levels is None else zip(self.model.level_names, state.levels, strict=True)
-        return replace(sheet, levels={name: belief for name, belief in levels if belief.any()})
+        sheet = replace(sheet, levels={name: belief for name, belief in levels if belief.any()})
+        earlier = self.inherited
+        if earlier is not None:
+            sheet = replace(
+                sheet, evidence=earlier.evidence, coefficient=earlier.coefficient, observed=earlier.observed
+            )
+        handed = (None, None) if earlier is None else (earlier.features, earlier.feature_covariance)
+        array = self.scene.agent(self.agent).array
+        elements = 1 if array is None else len(array.elements)
+        features, spread = left_features(
+            state.unexplained, *handed, table.line[found], self.model.anchor_positions, elements
+        )
+        return sheet if features is None else replace(sheet, features=features, feature_covariance=spread)
 
     def _strength(self, state: State) -> Callable[[Rays, Array], Array] | None:
         """Amplitudes (L,) of rays of given distances (L,); None where they follow from coefficients."""

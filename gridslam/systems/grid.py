@@ -22,6 +22,7 @@ from gridslam.inference.messages.level_coefficients import learn_levels, with_le
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.reflection import reflected, update_coefficients
 from gridslam.inference.messages.surface_walk import learn_surface_walks
+from gridslam.inference.messages.unexplained import gather_unexplained, none_yet
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.grid import Grid
@@ -42,7 +43,10 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
     prior : Map, optional
         On the model's grid.
     """
-    state = replace(State.start(model), leftovers=Leftovers.none(), levels=inherit_levels(model, prior))
+    state = replace(
+        State.start(model), leftovers=Leftovers.none(), levels=inherit_levels(model, prior),
+        unexplained=none_yet(model),
+    )  # fmt: skip
     if prior is None:
         return replace(state, grid=Grid.empty(model.grid.shape))
     grid = Grid.of(prior.evidence, prior.observed, prior.coefficient)
@@ -85,6 +89,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     state = learn_surface_walks(recalled, state)  # (M361)
     state = form.park(recalled, merge_and_prune(state, model, None), model, work=work)
     state = remember_leftovers(state, scans, exchanges, model, work=work)
+    state = gather_unexplained(state, scans, exchanges, model, work=work)  # (M432)
     return conclude(state, exchanges, reckoned, model, work)
 
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from gridslam.inference.management.features.feature_tables import with_features
 from gridslam.inference.management.features.hybrid_info import HybridInfo, conclude
-from gridslam.inference.management.features.sharing import handed_over
 from gridslam.inference.messages.features.feature_likelihood import require_hybrid
 from gridslam.inference.messages.features.following import (
     counted,
@@ -27,13 +26,14 @@ from gridslam.inference.messages.features.lessons import SETTLED, put_aside, tak
 from gridslam.inference.state.features.features import MOVING, FeatureBank
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
 from gridslam.maps.map import Map
-from gridslam.systems.hybrid_front import HybridFilter, HybridWork
+from gridslam.systems.hybrid_front import HybridFilter, HybridWork, given_features
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
 
 def start(model: SignalModel, prior: Map | None = None) -> HybridState:
-    """The state before the first step: the agent's prior, and what an earlier agent left, see `handed_over`.
+    """The state before the first step: the agent's prior, and what an earlier agent left, see
+    `sharing.handed_over`.
 
     Raises
     ------
@@ -47,8 +47,8 @@ def start(model: SignalModel, prior: Map | None = None) -> HybridState:
         np.full(anchors, 0.5), np.ones(anchors), np.ones(anchors),
     )  # fmt: skip
     if prior is not None:
-        left = prior.features, prior.feature_covariance, prior.surfaces, prior.surface_covariance
-        belief = with_features(belief, *handed_over(*left, model), model.anchor_positions)
+        known = given_features(prior, model)
+        belief = with_features(belief, known.table, known.covariance, model.anchor_positions)
     empty = Segment.empty(anchors, elements, frequencies)
     return HybridState(belief, belief, empty, next_identity=len(belief.features))
 

@@ -14,7 +14,10 @@ from gridslam.estimate_tables import PathEstimate
 from gridslam.estimates import Estimate
 from gridslam.inference.management.features.feature_tables import feature_estimate
 from gridslam.inference.management.features.hybrid_info import HybridInfo
+from gridslam.inference.management.features.inherited_surfaces import KnownSurfaces, surfaces_after
 from gridslam.inference.management.features.mirror_cells import mirrors_of
+from gridslam.inference.management.features.sharing import handed_over, with_others
+from gridslam.inference.management.features.surface_features import Images
 from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.lessons import Beside
 from gridslam.inference.state.features.hybrid_state import HybridState
@@ -43,6 +46,12 @@ class HybridWork:
     front: Front
     seed: int
     beside: Beside = field(default_factory=Beside)
+
+
+def given_features(prior: Map, model: SignalModel) -> Images:
+    """The features that an earlier agent's map gives to the next one."""
+    left = prior.features, prior.feature_covariance, prior.surfaces, prior.surface_covariance
+    return handed_over(*left, model)
 
 
 class HybridFilter(SignalFilter[HybridState]):
@@ -82,17 +91,30 @@ class HybridFilter(SignalFilter[HybridState]):
             seconds=time.perf_counter() - began, health=info.health,
         )  # fmt: skip
 
+    def _inherited(self, prior: Map) -> Map:
+        return prior
+
     def map(self) -> Map:
-        """The learned features, and what mirrors among them say of surfaces and cells."""
-        belief = self.state.joint
+        """Features, what mirrors among them say of surfaces and cells, and those of the map before."""
+        belief, earlier = self.state.joint, self.inherited
         table, joint = feature_estimate(belief, self.model.anchor_positions)
-        known = mirrors_of(table, belief, self.model)
+        told = mirrors_of(table, belief, self.model)
+        sheet = Map.of_scene(self.scene) if earlier is None else earlier
+        known = KnownSurfaces.of(sheet.surfaces, sheet.surface_reflection, sheet.surface_covariance)
+        start = None if earlier is None else given_features(earlier, self.model)
+        known = surfaces_after(known, start, told, table, joint, belief.sightings)
+        if earlier is not None:
+            table, joint = with_others(table, joint, earlier.features, earlier.feature_covariance, self.model)
         sheet = replace(
-            Map.of_scene(self.scene), features=table, feature_covariance=joint, provenance=self.latest(),
-            evidence=known.grid.evidence, observed=known.grid.observed, coefficient=known.grid.coefficient,
+            sheet, features=table, feature_covariance=joint, provenance=self.latest(),
+            evidence=sheet.evidence + told.grid.evidence, observed=sheet.observed | told.grid.observed,
+            coefficient=sheet.coefficient + told.grid.coefficient,
         )  # fmt: skip
-        if len(known.surfaces):
-            sheet = replace(sheet, surfaces=known.surfaces, surface_reflection=known.reflection)
+        if len(known.table):
+            sheet = replace(
+                sheet, surfaces=known.table, surface_reflection=known.reflection,
+                surface_covariance=known.covariance,
+            )  # fmt: skip
         return stamped(sheet, self.scene)
 
     def _sights(self, info: HybridInfo) -> PathEstimate:

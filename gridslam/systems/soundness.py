@@ -188,6 +188,14 @@ def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shap
         for field in fields(state.leftovers):
             found = getattr(state.leftovers, field.name).shape
             yield f"leftovers/{field.name}", found, parts.get(field.name, (rows,))
+    places = state.unexplained
+    if places is not None:
+        tails: dict[str, Shape] = {
+            "value": (2,), "std": (2,), "pose": (3,), "covariance": (3, 3),
+        }  # fmt: skip
+        for field in fields(places):
+            found = getattr(places, field.name).shape
+            yield f"unexplained/{field.name}", found, (len(places), *tails.get(field.name, ()))
     if state.by_line is not None:
         found = state.by_line.ratio.shape
         yield "by_line/ratio", found, (anchors, *found[1:3], len(REFLECTIONS))
@@ -286,6 +294,12 @@ def _claims_of_parts(state: State, model: FilterModel) -> list[tuple[str, bool, 
             ("leftovers/back", _within(left.back, 0, len(left.pose) - 1), "a row of pose"),
             ("leftovers/std", _within(left.std, LEAST_STD, np.inf), "above 0"),
             ("leftovers/amplitude", _within(left.amplitude, LEAST_STD, np.inf), "above 0"),
+        ]
+    if state.unexplained is not None:
+        whose, std = state.unexplained.anchor, state.unexplained.std
+        claims += [
+            ("unexplained/anchor", _within(whose, 0, anchors - 1), "anchors' numbers"),
+            ("unexplained/std", _within(std, LEAST_STD, np.inf), "above 0"),
         ]
     if grid is not None:
         rows = np.sort(grid.row[grid.row >= 0])

@@ -1,12 +1,16 @@
 """One product: a map of hybrid SLAM for grid SLAM and the other way round, by the command line."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from feature_samples import learned
 from scene_samples import shortened
 
 import gridslam as gs
+from gridslam.estimate_tables import SCATTERER
+from gridslam.world.levels import COEFFICIENTS
 
 runs = pytest.mark.usefixtures("no_figures")
 
@@ -43,6 +47,45 @@ def test_mirrors_that_were_learned_are_walls_and_cells_for_grid_slam_and_its_wal
     assert scored(tmp_path, "again")["features"] >= 3
     error = [scored(tmp_path, run)["position_rmse_m"] for run in ("learned", "again")]
     assert error[1] < error[0]
+    again = gs.Map.load(tmp_path / "again" / "map.h5")
+    assert again.observed[walls.observed].all(), "the grid's cells are handed on"
+    assert scored(tmp_path, "again")["map"]["auc"] >= scored(tmp_path, "walls")["map"]["auc"] - 0.01
+    assert len(again.surfaces) >= len(walls.surfaces)
+    for sheet in (first, again):
+        spread = sheet.surface_covariance
+        assert np.abs(spread[:2, 2:4]).max() > 0, "what one agent found hangs together"
+        assert np.linalg.eigvalsh(spread).min() > 0
+
+
+@pytest.mark.slow
+@runs
+def test_nothing_of_a_map_is_lost_from_grid_to_hybrid_to_grid(say, tmp_path):
+    screen(tmp_path, 20)
+    assert say("run", "screen.toml", "--method", "grid", "--seed", 4, "-o", "walls").code == 0
+    sheet = gs.Map.load(tmp_path / "walls" / "map.h5")
+    level = np.exp(-0.5 * ((COEFFICIENTS - 0.4) / 0.1) ** 2)
+    left = learned(
+        [[-9.0, 3.0], [4.0, -3.0]], anchor_m=np.array([[0.5, 5.0], [90.0, 90.0]]), kind=np.full(2, SCATTERER),
+        bias_m=np.array([9.7, 126.6]),
+    )  # fmt: skip
+    sheet = replace(sheet, features=left, levels={"floor": level / level.sum()})
+    sheet.save(tmp_path / "whole.h5")
+    again = ("run", "screen.toml", "--method", "hybrid", "--seed", 3, "--map", "whole.h5", "-o", "learned")
+    assert say(*again).code == 0
+    second = gs.Map.load(tmp_path / "learned" / "map.h5")
+    met = second.evidence != sheet.evidence
+    np.testing.assert_array_equal(second.coefficient[~met], sheet.coefficient[~met])
+    assert second.observed[sheet.observed].all()
+    np.testing.assert_array_equal(second.levels["floor"], sheet.levels["floor"])
+    assert np.isin(sheet.surfaces.identity, second.surfaces.identity).all()
+    last = ("run", "screen.toml", "--method", "grid", "--seed", 5, "--map", "learned/map.h5", "-o", "third")
+    assert say(*last).code == 0
+    third = gs.Map.load(tmp_path / "third" / "map.h5")
+    for found in (second, third):
+        gap = np.linalg.norm(found.features.position_m[:, None] - left.position_m, axis=-1)
+        assert (gap.min(0) < 1.0).all()
+    assert len(third.features) < len(second.features), "images are those of surfaces"
+    assert third.observed[second.observed].all()
 
 
 @pytest.mark.slow

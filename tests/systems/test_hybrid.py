@@ -2,6 +2,7 @@
 
 from dataclasses import fields, is_dataclass, replace
 
+import h5py
 import numpy as np
 import pytest
 
@@ -15,6 +16,7 @@ from gridslam.world.start import assumed_start
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 HIDDEN = slice(68, 126)
+APART = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 1.0], [0.0, -1.0]])
 KEPT = (5, 12, 32, 40)
 """With particles; while the first steps, then a segment, are being learned from; between."""
 WATCHED = (5, 9, 14, 29, 34, 40)
@@ -120,10 +122,20 @@ def test_the_next_agent_goes_on_from_the_map(run, screen, heard, tmp_path):
     assert len(slam.state.joint.features) == len(prior.features)
     off = [np.hypot(*(slam.step(heard.scan(k)).position_m - heard.truth.position_m[k])) for k in range(20)]
     assert max(off[15:]) < 0.15
+    slam.save(tmp_path / "state.h5")
+    again, sheet = HybridSlam.resume(tmp_path / "state.h5").map(), slam.map()
+    np.testing.assert_array_equal(again.evidence, sheet.evidence)
+    np.testing.assert_array_equal(again.surface_covariance, sheet.surface_covariance)
+    assert (sheet.observed | ~prior.observed).all()
+    assert len(sheet.surfaces) == len(prior.surfaces)
+    with h5py.File(tmp_path / "state.h5", "r+") as file:
+        del file["inherited/grid/observed"]
+    with pytest.raises(InputError, match="inherited"):
+        HybridSlam.resume(tmp_path / "state.h5")
     far = replace(
         prior.features, anchor_m=prior.features.anchor_m + 1, kind=np.full(len(prior.features), FREE)
     )
-    others = replace(prior, features=far, surfaces=None, surface_reflection=None)
+    others = replace(prior, features=far, surfaces=None, surface_reflection=None, surface_covariance=None)
     assert len(HybridSlam(screen, others).state.joint.features) == 0
     assert len(SightSlam(screen, prior).state.joint.features) == 0  # the line of sight alone
 
@@ -177,6 +189,29 @@ def test_a_checkpoint_that_cannot_be_is_refused(screen, heard, tmp_path, monkeyp
         slam.save(tmp_path / "a.h5")
     with pytest.raises(InputError):
         HybridSlam.resume(tmp_path / "a.h5")
+
+
+@pytest.mark.slow
+def test_a_map_that_explains_the_first_steps_worse_than_none_is_not_believed(run, screen, heard):
+    sheet = run[0].map()
+    for off in (0.0, 1.2, 3.0):
+        moved = replace(
+            sheet.features, position_m=sheet.features.position_m + off * APART[: len(sheet.features)]
+        )
+        prior = replace(
+            sheet, features=moved, surfaces=None, surface_reflection=None, surface_covariance=None
+        )
+        slam = begun(HybridSlam, screen, heard, prior_map=prior)
+        for k in range(16):
+            found = slam.step(heard.scan(k))
+        bank = slam.state.joint.features
+        left = np.isin(bank.identity, np.arange(len(moved)))
+        assert np.hypot(*(found.position_m - heard.truth.position_m[15])) < 0.2
+        if off:  # gone, or as good as gone
+            assert (bank.presence[left] < 0.1).all()
+            assert (bank.presence[~left] > 0.5).sum() == 3
+        else:
+            assert left.all()
 
 
 @pytest.mark.slow

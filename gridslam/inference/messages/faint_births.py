@@ -208,17 +208,22 @@ def remember_leftovers(
         return state
     own = work.once(own_deviations, scans, model.radio)
     whole, anchor, value, std, amplitude = work.once(_stated, scans, own)
-    free = whole & (np.concatenate([exchange.responsible.sum(0) for exchange in exchanges]) < KNOWN)
-    first = 0
-    for scan, exchange in zip(scans, exchanges, strict=True):
-        if len(exchange.born):
-            free[first + exchange.born[exchange.born[:, 1] > KNOWN, 0].astype(np.intp)] = False
-        first += len(scan)
-    (rows,), belief = free.nonzero(), state.belief
+    (rows,), belief = (whole & unclaimed(exchanges)).nonzero(), state.belief
     leftovers = state.leftovers.joined(
         belief.mean[POSE], belief.covariance[OF_POSE], anchor[rows], value[rows], std[rows], amplitude[rows]
     )
     return replace(state, leftovers=leftovers)
+
+
+def unclaimed(exchanges: Sequence[Exchange]) -> NDArray[np.bool_]:
+    """Measurements (M,) of all anchors that were probably no known path's, nor bore a surface."""
+    free = np.concatenate([exchange.responsible.sum(0) for exchange in exchanges]) < KNOWN
+    first = 0
+    for exchange in exchanges:
+        if len(exchange.born):
+            free[first + exchange.born[exchange.born[:, 1] > KNOWN, 0].astype(np.intp)] = False
+        first += exchange.message.shape[2]
+    return np.asarray(free)
 
 
 def _stated(

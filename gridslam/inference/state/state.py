@@ -20,6 +20,7 @@ from gridslam.inference.state.published.state_samples import StateSamples
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rings import Rings
 from gridslam.inference.state.surface_bank import SurfaceBank
+from gridslam.inference.state.unexplained import Unexplained
 from gridslam.world.filter_model import FilterModel
 
 FRESH_SIGHT = 0.9
@@ -73,6 +74,8 @@ class State:
         Of single bounces, by coefficient (direct grid SLAM).
     levels : (W, 50), optional
         Beliefs about coefficients of floor and ceiling, 0 for known ones; see `level_coefficients`.
+    unexplained : Unexplained, optional
+        Measurements of the run that no surface explains (grid and adaptive SLAM).
     noise : (J,), optional
         Power of the noise in each sample, 0 where it isn't known yet (systems on sampled signals).
     """
@@ -95,6 +98,7 @@ class State:
     by_line: LineEvidence | None = None
     presence: Presence | None = None
     levels: Array | None = field(default=None, metadata={"later": True})
+    unexplained: Unexplained | None = field(default=None, metadata={"later": True})
 
     @classmethod
     def start(cls, model: FilterModel) -> Self:

@@ -61,7 +61,7 @@ def step(
 
 def true_features(scene: Scene, model: SignalModel) -> tuple[FeatureEstimate, Array]:
     """Images of all anchors in the walls that reflect, and scatterers; the covariance of all x, y, b."""
-    images, joint = image_features(_surfaces(scene), None, model)
+    images, joint, _ = image_features(_surfaces(scene), None, model)
     tables = [images, *(_scatterer(one.position_m, one.size_m, model) for one in scene.scatterers)]
     whole = FeatureEstimate.stack(tables)
     count = len(whole)

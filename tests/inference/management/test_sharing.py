@@ -33,7 +33,7 @@ def scatterer(place=PLACE, **more):
 
 
 def test_a_scatterer_of_one_anchor_is_one_of_the_other_with_another_extra_length():
-    table, joint = handed_over(*sheet(scatterer()), two_anchors())
+    table, joint, _ = handed_over(*sheet(scatterer()), two_anchors())
     assert table.anchor.tolist() == [0, 1]
     np.testing.assert_allclose(table.position_m, [PLACE, PLACE])
     np.testing.assert_allclose(table.bias_m, np.hypot(*(PLACE - ANCHORS[:, :2]).T))
@@ -48,7 +48,7 @@ def test_a_scatterer_of_one_anchor_is_one_of_the_other_with_another_extra_length
 
 def test_a_scatterer_is_as_large_for_every_anchor():
     """Its power at 1 m goes with the size s over both ways, g = (s (to + fro) / (to fro))^2."""
-    table, _ = handed_over(*sheet(scatterer()), two_anchors())
+    table, *_ = handed_over(*sheet(scatterer()), two_anchors())
     to, fro = np.hypot(*(PLACE - ANCHORS[:, :2]).T), np.hypot(*PLACE)  # the agent starts at 0
     size = np.sqrt(table.variance) * to * fro / (to + fro)
     assert size[0] == pytest.approx(size[1])
@@ -56,7 +56,7 @@ def test_a_scatterer_is_as_large_for_every_anchor():
 
 @pytest.mark.parametrize("more", [{"kind": np.array([FREE])}, {"steps_seen": np.array([3])}])
 def test_what_may_be_anything_or_was_hardly_heard_is_not_shared(more):
-    table, _ = handed_over(*sheet(replace(scatterer(), **more)), two_anchors())
+    table, *_ = handed_over(*sheet(replace(scatterer(), **more)), two_anchors())
     assert table.anchor.tolist() == [0]
 
 
@@ -66,21 +66,21 @@ def test_what_the_other_anchor_knows_already_is_not_handed_over_twice():
     other = replace(one, anchor=np.array([1]), anchor_m=ANCHORS[[1], :2], bias_m=far)
     both = type(one).stack([one, other])
     joint = 1e-3 * np.eye(6)
-    table, found = handed_over(*sheet(both, feature_covariance=joint), two_anchors())
+    table, found, _ = handed_over(*sheet(both, feature_covariance=joint), two_anchors())
     assert table.anchor.tolist() == [0, 1]
     np.testing.assert_array_equal(found, joint)
 
 
 def test_a_scatterer_of_an_anchor_that_is_gone_is_heard_from_those_that_are_there():
     gone = replace(scatterer(), anchor_m=np.array([[40.0, 1.0]]))
-    table, _ = handed_over(*sheet(gone), two_anchors())
+    table, *_ = handed_over(*sheet(gone), two_anchors())
     assert table.anchor.tolist() == [0, 1]
 
 
 def test_the_mirror_of_one_anchor_is_one_of_an_anchor_that_knows_nothing():
     line = np.array([0.2, 6.0])
     image = mirror(line, ANCHORS[0, :2])
-    table, joint = handed_over(*sheet(learned([image])), two_anchors())
+    table, joint, _ = handed_over(*sheet(learned([image])), two_anchors())
     assert table.anchor.tolist() == [0, 1]
     np.testing.assert_allclose(table.position_m[1], mirror(line, ANCHORS[1, :2]), atol=1e-9)
     assert (table.kind == MIRROR).all()
@@ -94,17 +94,17 @@ def test_surfaces_of_a_grid_and_features_beside_them_are_both_handed_over():
     image = mirror(lines[0], ANCHORS[0, :2])
     known = type(scatterer()).stack([learned([image], noise=np.array([7.0])), scatterer()])
     grid = sheet(known, surfaces=surfaces(lines))
-    table, joint = handed_over(*grid, two_anchors())
+    table, joint, _ = handed_over(*grid, two_anchors())
     assert joint.shape == (3 * len(table),) * 2
     at_image = np.hypot(*(table.position_m - image).T) < 1e-6
     assert table.anchor[at_image].tolist() == [0]
     other = np.hypot(*(table.position_m - mirror(lines[1], ANCHORS[0, :2])).T) < 1e-6
     assert other.sum() == 1
-    alone, _ = handed_over(*sheet(surfaces=surfaces(lines)), two_anchors())
+    alone, *_ = handed_over(*sheet(surfaces=surfaces(lines)), two_anchors())
     same = np.hypot(*(alone.position_m - table.position_m[other][0]).T) < 1e-6
     assert table.variance[other][0] == pytest.approx(7 * alone.variance[same][0])
 
 
 def test_a_map_of_nothing_hands_nothing_over():
-    table, joint = handed_over(*sheet(), two_anchors())
+    table, joint, _ = handed_over(*sheet(), two_anchors())
     assert (len(table), joint.shape) == (0, (0, 0))

@@ -31,7 +31,7 @@ def images(lines):
 
 
 def test_images_of_surfaces_and_of_pairs_become_features():
-    table, joint = image_features(surfaces(), None, signal_model())
+    table, joint, _ = image_features(surfaces(), None, signal_model())
     once, twice = images(LINES)
     np.testing.assert_allclose(table.position_m, [*once, *twice])
     assert not table.bias_m.any()
@@ -45,13 +45,13 @@ def test_images_of_surfaces_and_of_pairs_become_features():
 
 def test_two_orders_of_walls_at_right_angles_are_one_image():
     lines = np.array([[0.2, 6.0], [0.2 + np.pi / 2, 5.0]])
-    table, _ = image_features(surfaces(lines), None, signal_model())
+    table, *_ = image_features(surfaces(lines), None, signal_model())
     assert len(table) == 3
 
 
 def test_images_are_as_sure_as_the_surfaces_they_stand_in():
     draw, model = np.random.default_rng(0), signal_model()
-    _, joint = image_features(surfaces(deviation=(2e-3, 0.01)), None, model)
+    _, joint, _ = image_features(surfaces(deviation=(2e-3, 0.01)), None, model)
     rows = []
     for _ in range(4000):
         lines = LINES + draw.normal(size=LINES.shape) * [2e-3, 0.01]
@@ -96,7 +96,7 @@ def test_mirror_images_become_surfaces_but_not_images_of_images():
 def test_what_reflects_in_one_method_does_in_the_other():
     once, twice = images(LINES)
     table = mirror_surfaces(learned([*once, *twice]))
-    back, _ = image_features(table, None, signal_model())
+    back, *_ = image_features(table, None, signal_model())
     np.testing.assert_allclose(np.sort(back.position_m, 0), np.sort([*once, *twice], 0), atol=1e-9)
 
 

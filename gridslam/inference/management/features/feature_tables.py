@@ -5,12 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from gridslam.arrays import Array
 from gridslam.estimate_tables import FREE, MIRROR, SCATTERER, FeatureEstimate
 from gridslam.inference.messages.features.joint_update import FORGETS
-from gridslam.inference.state.features.features import ENTRIES, MOVING, FeatureBank, place_jacobian, places
+from gridslam.inference.state.features.features import (
+    CROWD,
+    CROWD_EXTENT_M,
+    ENTRIES,
+    MOVING,
+    FeatureBank,
+    place_jacobian,
+    places,
+)
 from gridslam.inference.state.features.hybrid_state import JointBelief
 
 SURE = 2.0
@@ -18,6 +27,8 @@ SURE = 2.0
 POWER_STD = float(np.sqrt(FORGETS / (2 - FORGETS)))
 """Deviation of a running mean of exponential powers, in units of their mean."""
 SAME_PLACE_M = 0.01
+SURELY_M = 0.05
+"""Deviation of an extra length up to which a mirror is sure to be one, in a crowd or not."""
 NEAREST_M = 0.5
 """A feature nearer to where an agent starts is counted from beside it."""
 
@@ -103,4 +114,11 @@ def with_features(
     noise = belief.noise.copy()
     for anchor, level in zip(whose, table.noise, strict=True):
         noise[anchor] = level if np.isfinite(level) and level > 0 else noise[anchor]
-    return replace(belief, mean=mean, covariance=covariance, features=bank, noise=noise)
+    extent = CROWD_EXTENT_M if crowded(table, whose) else belief.extent
+    return replace(belief, mean=mean, covariance=covariance, features=bank, noise=noise, extent=extent)
+
+
+def crowded(table: FeatureEstimate, whose: NDArray[np.int64]) -> bool:
+    """Whether some anchor (F,) has a crowd of features that aren't sure to be images."""
+    unsure = (table.kind != MIRROR) | (table.covariance[:, 2, 2] > SURELY_M**2)
+    return bool((np.bincount(whose[unsure]) > CROWD).any())

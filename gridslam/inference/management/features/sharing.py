@@ -19,6 +19,7 @@ from gridslam.inference.management.features.surface_features import (
     ALIKE,
     ALIKE_M,
     LEAST_STEPS,
+    Images,
     image_features,
     mirror_surfaces,
     same_line,
@@ -39,8 +40,8 @@ Indices = NDArray[np.int64]
 def handed_over(
     features: FeatureEstimate | None, joint: Array | None, surfaces: SurfaceEstimate | None,
     lines: Array | None, model: SignalModel,
-) -> tuple[FeatureEstimate, Array]:  # fmt: skip
-    """All features that a map has for the anchors of a model, and the covariance of their x, y, b (3 F, 3 F).
+) -> Images:  # fmt: skip
+    """All features that a map has for the anchors of a model; images in its surfaces with slopes by these.
 
     Parameters
     ----------
@@ -59,9 +60,10 @@ def handed_over(
     own, spread = _rows(table, joint, np.flatnonzero(whose >= 0))
     own = replace(own, anchor=whose[whose >= 0])
     found, spread = with_scatterers(table, joint, own, spread, model)
-    for images, covariance in _images(surfaces, lines, table, own, model):
-        found, spread = _joined(found, spread, *_missing(images, covariance, found))
-    return replace(found, identity=np.arange(len(found))), spread
+    every = Images(found, spread, np.zeros((3 * len(found), 2 * len(surfaces))))
+    for images in _images(surfaces, lines, table, own, model):
+        every = _joined(every, _missing(images, every.table))
+    return every._replace(table=replace(every.table, identity=np.arange(len(every.table))))
 
 
 def owners(table: FeatureEstimate, model: SignalModel) -> Indices:
@@ -70,6 +72,26 @@ def owners(table: FeatureEstimate, model: SignalModel) -> Indices:
     gap = np.linalg.norm(table.anchor_m[:, None] - anchors, axis=-1).reshape(len(table), len(anchors))
     near: Indices = np.where(gap.min(1, initial=np.inf) < SAME_PLACE_M, gap.argmin(1), -1)
     return near
+
+
+def with_others(
+    table: FeatureEstimate, joint: Array, earlier: FeatureEstimate | None, known: Array | None,
+    model: SignalModel,
+) -> tuple[FeatureEstimate, Array]:  # fmt: skip
+    """Features after a run, and those of an earlier map whose anchors weren't in it: they stay as they were.
+
+    Parameters
+    ----------
+    joint, known : (3 F, 3 F), (3 G, 3 G) or None
+        Covariances of all x, y, b; default: each one's own.
+    """
+    if earlier is None:
+        return table, joint
+    if known is None:
+        known = block_diag(np.zeros((0, 0)), *earlier.covariance[:, :3, :3])
+    others, square = _rows(earlier, known, np.flatnonzero(owners(earlier, model) < 0))
+    others = replace(others, identity=table.identity.max(initial=-1) + 1 + np.arange(len(others)))
+    return FeatureEstimate.stack([table, others]), block_diag(joint, square)
 
 
 def with_scatterers(
@@ -129,17 +151,18 @@ def _images(
     table: FeatureEstimate,
     own: FeatureEstimate,
     model: SignalModel,
-) -> list[tuple[FeatureEstimate, Array]]:
+) -> list[Images]:
     """Images in the map's surfaces; in those that features stand for, only of anchors that have none."""
     mirrors = mirror_surfaces(table)
     other = np.array([not any(same_line(s, m) for m in mirrors.line) for s in surfaces.line], bool)
-    if known is not None:
-        keep = np.repeat(other, 2)
-        known = known[np.ix_(keep, keep)]
-    found = [image_features(surfaces.take(other), known, model)]
-    images, spread = image_features(mirrors, None, model)
-    bare = ~np.isin(images.anchor, own.anchor)
-    return [*found, _rows(images, spread, np.flatnonzero(bare))]
+    keep = np.repeat(other, 2)
+    found = image_features(surfaces.take(other), None if known is None else known[np.ix_(keep, keep)], model)
+    slopes = np.zeros((len(found.slopes), len(keep)))
+    slopes[:, keep] = found.slopes
+    images, spread, _ = image_features(mirrors, None, model)
+    rows = np.flatnonzero(~np.isin(images.anchor, own.anchor))
+    bare = Images(*_rows(images, spread, rows), np.zeros((3 * len(rows), len(keep))))
+    return [found._replace(slopes=slopes), bare]
 
 
 def _rows(table: FeatureEstimate, joint: Array, rows: Indices) -> tuple[FeatureEstimate, Array]:
@@ -154,15 +177,18 @@ def _entries(rows: Indices) -> Indices:
     return each
 
 
-def _missing(images: FeatureEstimate, spread: Array, found: FeatureEstimate) -> tuple[FeatureEstimate, Array]:
+def _missing(images: Images, found: FeatureEstimate) -> Images:
     """Images that no feature stands for, in units of the samples that features were learned from."""
-    rows = [n for n in range(len(images)) if not _stands_for(found, images.take([n]))]
-    some, square = _rows(images, spread, np.array(rows, np.int64))
+    rows = np.array(
+        [n for n in range(len(images.table)) if not _stands_for(found, images.table.take([n]))], np.int64
+    )
+    some, square = _rows(images.table, images.covariance, rows)
     level = {int(j): found.noise[found.anchor == j][0] for j in np.unique(found.anchor)}
     noise = np.array([level.get(int(j), 1.0) for j in some.anchor])
     covariance = some.covariance.copy()
     covariance[:, 3, 3] *= noise**2
-    return replace(some, variance=some.variance * noise, noise=noise, covariance=covariance), square
+    some = replace(some, variance=some.variance * noise, noise=noise, covariance=covariance)
+    return Images(some, square, images.slopes[_entries(rows)])
 
 
 def _stands_for(table: FeatureEstimate, one: FeatureEstimate) -> bool:
@@ -175,7 +201,8 @@ def _stands_for(table: FeatureEstimate, one: FeatureEstimate) -> bool:
     return bool((far < ALIKE**2).any())
 
 
-def _joined(
-    one: FeatureEstimate, spread: Array, other: FeatureEstimate, covariance: Array
-) -> tuple[FeatureEstimate, Array]:
-    return FeatureEstimate.stack([one, other]), block_diag(spread, covariance)
+def _joined(one: Images, other: Images) -> Images:
+    return Images(
+        FeatureEstimate.stack([one.table, other.table]), block_diag(one.covariance, other.covariance),
+        np.concatenate([one.slopes, other.slopes]),
+    )  # fmt: skip

@@ -6,7 +6,10 @@ mirror image is a surface half-way to its anchor; docs/model.md, (M232), (M233).
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from scipy.linalg import block_diag
 
 from gridslam.arrays import Array
 from gridslam.estimate_tables import MIRROR, FeatureEstimate, SurfaceEstimate
@@ -30,10 +33,16 @@ TURNED, APART_M = np.radians(5.0), 0.5
 """Of lines that count as one surface."""
 
 
-def image_features(
-    table: SurfaceEstimate | None, known: Array | None, model: SignalModel
-) -> tuple[FeatureEstimate, Array]:
-    """Images of all anchors in a map's surfaces and in pairs of them, and the covariance of all x, y, b.
+class Images(NamedTuple):
+    """Features (G) that are images, covariance (3 G, 3 G) of their x, y, b, slopes (3 G, 2 S) by lines."""
+
+    table: FeatureEstimate
+    covariance: Array
+    slopes: Array
+
+
+def image_features(table: SurfaceEstimate | None, known: Array | None, model: SignalModel) -> Images:
+    """Images of all anchors in a map's surfaces and in pairs of them.
 
     Powers are those that the scene's radio would receive, over a noise of 1.
 
@@ -45,12 +54,11 @@ def image_features(
     table = SurfaceEstimate.empty() if table is None else table
     keep = np.flatnonzero(table.existence > LEAST_EXISTENCE)
     line, count, anchors = table.line[keep], len(keep), model.anchors[:, :2]
-    spread = np.zeros((2 * count, 2 * count))
-    for n in range(count):
-        spread[2 * n : 2 * n + 2, 2 * n : 2 * n + 2] = table.line_cov[keep[n]]
+    rows = (2 * keep[:, None] + np.arange(2)).ravel()
     if known is not None:
-        rows = (2 * keep[:, None] + np.arange(2)).ravel()
         spread = known[np.ix_(rows, rows)]
+    else:
+        spread = block_diag(np.zeros((0, 0)), *table.line_cov[keep])
     chains: list[tuple[int, ...]] = [(n,) for n in range(count)]
     if count**2 <= MOST:
         chains += [(n, m) for n in range(count) for m in range(count) if n != m]
@@ -72,7 +80,7 @@ def image_features(
             power.append(level * float(np.prod(table.reflection[keep[list(chain)]] ** 2)))
     total = len(place)
     if not total:
-        return FeatureEstimate.empty(), np.zeros((0, 0))
+        return Images(FeatureEstimate.empty(), np.zeros((0, 0)), np.zeros((0, 2 * len(table))))
     jacobian = np.zeros((3 * total, 2 * count))
     jacobian.reshape(total, 3, -1)[:, :2] = slope
     joint = jacobian @ spread @ jacobian.T + np.diag(np.tile([0.0, 0.0, NONE_M**2], total))
@@ -82,10 +90,13 @@ def image_features(
         covariance[n, :3, :3] = joint[3 * n : 3 * n + 3, 3 * n : 3 * n + 3]
         covariance[n, 3, 3] = (POWER_STD * power[n]) ** 2
     number, zeros = np.arange(total), np.zeros(total)
-    return FeatureEstimate(
+    slopes = np.zeros((3 * total, 2 * len(table)))
+    slopes[:, rows] = jacobian
+    features = FeatureEstimate(
         number, np.array(whose), anchors[whose], np.array(place), zeros, np.array(power), zeros + 1.0,
         covariance, np.full(total, MIRROR), np.zeros(total, np.int64), np.full(total, -1),
-    ), joint  # fmt: skip
+    )  # fmt: skip
+    return Images(features, joint, slopes)
 
 
 def mirrored(point: Array, slope: Array, line: Array, column: int) -> tuple[Array, Array]:

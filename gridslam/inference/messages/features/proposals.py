@@ -20,18 +20,15 @@ from gridslam.inference.messages.features.seeding import (
 )
 from gridslam.inference.messages.features.sight import feature_table
 from gridslam.inference.messages.features.stretch import Stretch, stretch_of
-from gridslam.inference.state.features.features import entries
+from gridslam.inference.state.features.features import CROWD, CROWD_EXTENT_M, entries
 from gridslam.inference.state.features.hybrid_state import JointBelief, Segment
 from gridslam.world.signal_model import SignalModel
 
 UNTOLD = 0.3
 """Deviation of an image's extra length, in its length, where nothing tells it from a scatterer: on a short
 track, or in a crowd."""
-CROWD = 8
-"""Features of an anchor beyond which they stand for more scatterers than a pulse can tell apart."""
-CROWD_EXTENT_M, LOOSE = 0.2, 0.2
-"""Extent of features in a crowd, and deviation of their ties, in their length: none is quite what it is
-taken for."""
+LOOSE = 0.2
+"""Deviation of ties in a crowd, in their length: no feature is quite what it is taken for."""
 LENGTH_STD_M, DIRECTION_STD_RAD, EXTRA_SHARE = 0.3, 0.2, 0.5
 """Of a new feature, before the segment is gone through again."""
 TIED_M = 0.1

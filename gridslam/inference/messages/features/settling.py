@@ -13,9 +13,9 @@ import numpy as np
 
 from gridslam.inference.messages.features import sight
 from gridslam.inference.messages.features.feature_likelihood import Front
-from gridslam.inference.messages.features.rivals import Lesson, best_of, usual_prices
+from gridslam.inference.messages.features.rivals import CLEAR, Lesson, Rival, best_of, usual_prices
 from gridslam.inference.state.features.features import MOVING
-from gridslam.inference.state.features.hybrid_state import HybridState
+from gridslam.inference.state.features.hybrid_state import HybridState, Segment
 from gridslam.world.signal_model import SignalModel
 
 
@@ -23,20 +23,33 @@ def settle(state: HybridState, front: Front, model: SignalModel) -> HybridState:
     """The state with the joint belief after the first steps.
 
     Its features, if any, are for the time being: the segment goes on, and what it teaches takes their place.
+    Those of an earlier agent's map last, unless the steps are explained better without them: then the map is
+    of another world, or its maker was lost.
     """
     cloud, segment = state.particles, state.segment
     if cloud is None:
         return state
     before = replace(state.before, los_power=sight.los_power(cloud), noise=cloud.noise.mean(1))
     state = replace(state, before=before, joint=before, particles=None)
-    lesson = Lesson.of(state, segment, 0, front, model)
-    if len(before.features):  # an earlier agent's: the particles knew of them
-        return replace(state, joint=lesson.judge(before, segment).joint)
-    price = usual_prices(before, model)[:1]  # so short a track doesn't tell kinds apart
-    still = replace(segment, agent=np.tile(before.mean[:MOVING], (len(segment), 1)))
-    begun = lesson.rivals(segment, before, price) + lesson.rivals(still, before, price, still.first(1))
-    plain, rival = lesson.judge(before, segment), lesson.best(begun, [segment, still], price[0])
-    best = best_of([plain, rival])
+    best = beginning(state, segment, front, model)
+    bank = before.features
+    if len(bank):  # an earlier agent's, that the particles knew of: also without
+        none = np.zeros(len(bank), bool)
+        bare = replace(state, before=before.keep(none), joint=before.keep(none))
+        without = beginning(bare, segment, front, model)
+        if without.beats(best, CLEAR):
+            state, best = bare, without
     identity = best.joint.features.identity.max(initial=state.next_identity - 1) + 1
     segment = replace(segment, agent=best.track)
     return replace(state, joint=best.joint, segment=segment, next_identity=int(identity))
+
+
+def beginning(state: HybridState, segment: Segment, front: Front, model: SignalModel) -> Rival:
+    """The set of features, on top of those that are known, that explains the first steps best."""
+    before, lesson = state.before, Lesson.of(state, segment, 0, front, model)
+    price = usual_prices(before, model)[:1]  # so short a track doesn't tell kinds apart
+    plain = lesson.judge(before, segment)
+    still = replace(segment, agent=np.tile(before.mean[:MOVING], (len(segment), 1)))
+    begun = lesson.rivals(segment, plain.joint if len(before.features) else before, price)
+    begun += lesson.rivals(still, before, price, still.first(1))
+    return best_of([plain, lesson.best(begun, [segment, still], price[0])])

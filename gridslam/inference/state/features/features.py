@@ -13,6 +13,10 @@ from gridslam.arrays import Array
 Indices = NDArray[np.int64]
 MOVING, ENTRIES = 4, 3
 """Entries of the joint belief: the agent's [x, y, vx, vy], each feature's [length, direction, extra]."""
+CROWD = 8
+"""Features of an anchor beyond which they stand for more scatterers than a pulse can tell apart."""
+CROWD_EXTENT_M = 0.2
+"""Extent of features in a crowd."""
 
 
 def _all_there(before: dict[str, Any]) -> Array:
