@@ -36,6 +36,18 @@ def replace(value: Value, /, **changes: Any) -> Value:
     return made
 
 
+def put(array: NDArray[Any], rows: int | NDArray[np.intp], value: NDArray[Any] | float) -> NDArray[Any]:
+    """A copy with other values in some rows."""
+    fresh = array.copy()
+    fresh[rows] = value
+    return fresh
+
+
+def squared(numbers: NDArray[np.complex128]) -> Array:
+    """Squares of the magnitudes of complex numbers."""
+    return np.asarray(numbers.real**2 + numbers.imag**2)
+
+
 @cache
 def _fields(kind: type) -> tuple[str, ...]:
     """Names of a dataclass's fields, if nothing else has to be done to make one."""

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate, Health
 from gridslam.inference.management.samples.image_merging import merge_images
@@ -54,7 +55,7 @@ from gridslam.inference.messages.samples.path_levels import (
     watch_fit,
 )
 from gridslam.inference.messages.samples.ring_births import add_tentative
-from gridslam.inference.messages.samples.signal_likelihood import Band
+from gridslam.inference.messages.samples.signal_likelihood import band_of
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rings import MOVING
 from gridslam.inference.state.samples.images import DirectState
@@ -99,7 +100,7 @@ def step(
     state: DirectState, scan: SignalScan, model: SignalModel, work: None = None
 ) -> tuple[DirectState, DirectInfo]:
     """One step, as the list of its messages ([LiangDirect], section III; docs/model.md, section 12)."""
-    band = Band.of(model.waveform.offset_hz, model.waveform.pulse)
+    band = band_of(model.waveform)
     every, findings = list[AnchorPaths](), list[Found]()
     rate = birth_rate(state.step, model.max_bounces)
     state = predict_state(state, scan.time_s, len(scan), model)
@@ -192,7 +193,7 @@ class DirectSlam(SignalFilter[Population[DirectState]]):
         return population
 
     def _begun(self, state: DirectState) -> Population[DirectState]:
-        return begun(state, Band.of(self.waveform.offset_hz, self.waveform.pulse))
+        return begun(state, band_of(self.waveform))
 
     def _advanced(self, scan: SignalScan) -> tuple[Population[DirectState], DirectInfo]:
         population, info, amiss = advance(self.population, scan, self.model, self.advance)
@@ -238,7 +239,7 @@ class DirectSlam(SignalFilter[Population[DirectState]]):
         table = image_surfaces(self.state, self.model)
         found, blank = table.existence > self.model.settings.detect_above, Map.of_scene(self.scene)
         uniform = np.full((int(found.sum()), len(REFLECTION_BINS)), 1 / len(REFLECTION_BINS))
-        sheet = replace(
+        sheet = dataclasses.replace(
             blank, surfaces=table.take(found), surface_reflection=uniform, provenance=self.latest()
         )
         return stamped(sheet, self.scene)

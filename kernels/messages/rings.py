@@ -13,6 +13,8 @@ from gridslam.kernels.primitives.launching import quick
 
 MOVING, SIZE = 4, 6
 """Entries of the agent, and all of a hypothesis."""
+TAKEN = 3
+"""Vectors for what a ring's own path takes from the tables: one for each point of its spread."""
 REACH = 4.0
 """Deviations that a hypothesis integrates the likelihood over, on both sides."""
 LEAST_VARIANCE, LEFT = 1e-12, 1e-6
@@ -112,7 +114,7 @@ def weigh_rings(
     matched: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [G, 2] products with the samples at every distance of
     # a folding range, on top of all paths
     own: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [G] and with themselves
-    removed: ti.types.ndarray(dtype=ti.f64, ndim=4),  # [R, T, M + 1, 2] what a ring's own path takes from
+    removed: ti.types.ndarray(dtype=ti.f64, ndim=4),  # [R, TAKEN, M + 1, 2] what a ring's own path takes from
     # these: vectors whose transforms are added, and their products with the samples
     limits: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [6] spacing of the distances, m; the anchor's distance
     # and its deviation, m; probability that a path stays; 1 / sqrt(2 pi); 2 pi / G
@@ -168,11 +170,15 @@ def compare(
     angle = limits[5] * at
     turn = ti.Vector([cos_of(angle), sin_of(angle)])
     received, power = ti.Vector([matched[at, 0], matched[at, 1]]), own[at]
-    for t in range(removed.shape[1]):
-        now, wave = ti.Vector([ti.f64(1.0), ti.f64(0.0)]), ti.Vector.zero(ti.f64, 2)
-        for m in range(last):
-            wave += times(now, ti.Vector([removed[r, t, m, 0], removed[r, t, m, 1]]))
-            now = times(now, turn)
+    now, waves = ti.Vector([ti.f64(1.0), ti.f64(0.0)]), ti.Matrix.zero(ti.f64, TAKEN, 2)
+    for m in range(last):
+        for t in ti.static(range(TAKEN)):
+            one = times(now, ti.Vector([removed[r, t, m, 0], removed[r, t, m, 1]]))
+            waves[t, 0] += one[0]
+            waves[t, 1] += one[1]
+        now = times(now, turn)
+    for t in ti.static(range(TAKEN)):
+        wave = ti.Vector([waves[t, 0], waves[t, 1]])
         received += times(wave, ti.Vector([removed[r, t, last, 0], removed[r, t, last, 1]]))
         power += wave[0] * wave[0] + wave[1] * wave[1]
     more = 1 + intensity[r] * power

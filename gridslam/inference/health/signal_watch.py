@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.estimates import Health
 from gridslam.inference.health import reasons
 from gridslam.inference.health.monitor import MISFIT, SILENT, VAGUE_M, innovation_band
+from gridslam.inference.state.belief import diagonal_together
 from gridslam.inference.state.calibration import KEEP
 
 LEAST_EXPLAINED = 0.2
@@ -58,10 +59,8 @@ class SignalWatch:
         explained, power : float
             Of the paths of the joint belief and of all, over the noise.
         """
-        root = np.linalg.cholesky(before)
-        left = np.linalg.solve(root, np.linalg.solve(root, after).T)
-        value, vector = np.linalg.eigh(np.eye(len(shift)) - 0.5 * (left + left.T))
-        news = vector.T @ np.linalg.solve(root, shift)
+        left, frame = diagonal_together(after, before)
+        value, news = 1 - left, frame.T @ shift
         informed = value > 0.05  # a distance of which nothing was told can't misfit
         squared = float((news[informed] ** 2 / value[informed]).sum())
         return replace(

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotrs
+from scipy.linalg.lapack import dpotrf, dpotrs, dsygv
 
 from gridslam.arrays import Array, replace
 from gridslam.inference.state.layout import HEADING, StateLayout
@@ -242,3 +242,17 @@ def solved(covariance: Array, right: Array) -> Array:
         if not failed:
             return np.asarray(dpotrs(root, right / scale[:, None], lower=1)[0] / scale[:, None])
     return np.asarray(np.linalg.pinv(even, hermitian=True) @ (right / scale[:, None]) / scale[:, None])
+
+
+def diagonal_together(covariance: Array, other: Array) -> tuple[Array, Array]:
+    """Variances (N,) and a frame F (N, N) in which one covariance is diagonal, F' C F, and another one is 1.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        The other isn't positive definite.
+    """
+    value, frame, trouble = dsygv(covariance, other)
+    if trouble:
+        raise np.linalg.LinAlgError("covariance isn't positive definite")
+    return value, frame

@@ -13,14 +13,14 @@ belief learns of the agent, as information; the joint belief learns nothing from
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.arrays import Array
-from gridslam.inference.state.belief import Belief, give_birth
+from gridslam.arrays import Array, replace
+from gridslam.inference.state.belief import Belief, diagonal_together, give_birth
 from gridslam.world.geometry import line_between, mirror_derivative, slant
 from gridslam.world.radio import RadioModel
 
@@ -129,16 +129,14 @@ def follow(rings: Rings, before: Belief, after: Belief) -> Rings:
     if not len(rings) or same:
         return rings
     # in the frame where the old covariance is 1 and the new one diagonal
-    root = np.linalg.cholesky(old)
-    back = np.linalg.inv(root)
-    value, vector = np.linalg.eigh(back @ new @ back.T)
-    value, frame = np.maximum(value, 1e-6), back.T @ vector
+    value, frame = diagonal_together(new, old)
+    value, spread = np.maximum(value, 1e-6), old @ frame
     shift = frame.T @ (after.mean[:MOVING] - before.mean[:MOVING])
     surer = value < 1
     learned = np.concatenate([
         before.mean[:MOVING, None], (frame @ np.where(surer, shift / value, 0.0))[:, None],
         frame * np.sqrt(np.where(surer, 1 / value - 1, 0.0)),
-        root @ vector * np.where(surer, 0.0, value - 1) @ vector.T @ root.T,
+        spread * np.where(surer, 0.0, value - 1) @ spread.T,
     ], 1)  # fmt: skip
     mean, covariance = rings.mean.copy(), rings.covariance.copy()
     log = np.full(rings.weight.shape, -np.inf)

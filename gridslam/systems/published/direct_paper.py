@@ -27,7 +27,7 @@ from gridslam.inference.messages.published.direct_particles import (
     resampled,
     start_particles,
 )
-from gridslam.inference.messages.samples.signal_likelihood import Band
+from gridslam.inference.messages.samples.signal_likelihood import band_of
 from gridslam.inference.state.published.feature_particles import Features, ParticleState
 from gridslam.maps.map import Map
 from gridslam.systems.direct import require_single_antennas
@@ -59,7 +59,7 @@ def step(state: ParticleState, scan: SignalScan, model: SignalModel, work: int) 
     work : int
         The seed.
     """
-    band = Band.of(model.waveform.offset_hz, model.waveform.pulse)
+    band = band_of(model.waveform)
     draw = np.random.default_rng([work, state.step])
     state = predict_particles(state, scan.time_s, model, draw)
     fresh, logs = list[Features](), np.zeros(len(state.agent))

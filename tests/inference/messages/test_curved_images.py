@@ -8,7 +8,7 @@ import pytest
 import gridslam as gs
 from gridslam.inference.messages.samples.distance_mode import PathPrior
 from gridslam.inference.messages.samples.image_births import birth_rate, find_births
-from gridslam.inference.messages.samples.image_prediction import curved, image_distances
+from gridslam.inference.messages.samples.image_prediction import image_distances
 from gridslam.inference.messages.samples.signal_likelihood import Band
 from gridslam.inference.state.belief import Belief, append
 from gridslam.inference.state.samples.images import DirectState, Images
@@ -54,14 +54,16 @@ def test_moments_of_curved_distances_are_those_of_samples(model):
     root = rng.normal(size=(size, size)) * np.array([0.3, 0.3, 0.01, 0.01, 0.06, 0.02, 0.06, 0.02])[:, None]
     state = replace(state, belief=Belief(state.belief.mean, root @ root.T / 4))
     rows, position = np.arange(2), model.anchor_positions[0]
-    mean, slope = image_distances(state, rows, position)
     drawn = rng.normal(size=(2_000, size)) @ root.T / 2
-    bent = np.array([
-        image_distances(
-            replace(state, belief=replace(state.belief, mean=state.belief.mean + off)), rows, position
-        )[0] for off in drawn
-    ]) - mean - drawn @ slope.T  # fmt: skip
-    farther, doubt = curved(state, rows, position)
+
+    def distances(off):  # of a state that is known exactly nothing bends
+        sure = Belief(state.belief.mean + off, 0 * state.belief.covariance)
+        return image_distances(replace(state, belief=sure), rows, position)
+
+    mean, slope, _ = distances(np.zeros(size))
+    bent = np.array([distances(off)[0] for off in drawn]) - mean - drawn @ slope.T
+    whole, _, covariance = image_distances(state, rows, position)
+    farther, doubt = whole - mean, covariance - slope @ state.belief.covariance @ slope.T
     assert np.abs(farther).max() > 0.005
     np.testing.assert_allclose(farther, bent.mean(0), atol=0.1 * np.abs(farther).max())
     np.testing.assert_allclose(doubt, np.cov(bent.T), atol=0.2 * doubt.max())

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import dataclasses
 
 import numpy as np
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, RingEstimate, SurfaceEstimate
 from gridslam.inference.state.population import Population, moments
 from gridslam.inference.state.rings import MOVING
@@ -78,7 +78,7 @@ def note_hits(state: DirectState, model: FilterModel) -> DirectState:
     counts = (images.visible > 0.5) & (spread < KNOWN_M)
     low, high = np.fmin(images.extent[:, 0], along), np.fmax(images.extent[:, 1], along)
     extent = np.where(counts[:, None], np.stack([low, high], -1), images.extent)
-    return replace(state, images=replace(images, extent=extent))
+    return replace(state, images=dataclasses.replace(images, extent=extent))
 
 
 def image_paths(state: DirectState, model: FilterModel, heading_rad: float) -> PathEstimate:

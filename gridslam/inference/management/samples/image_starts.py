@@ -18,7 +18,7 @@ from gridslam.inference.management.mixture import SLACK, TOGETHER
 from gridslam.inference.messages.samples.distance_mode import FREE_M
 from gridslam.inference.messages.samples.image_births import INTENSITIES_DB, Found, birth_rate
 from gridslam.inference.messages.samples.image_prediction import predict_state
-from gridslam.inference.messages.samples.signal_likelihood import Band, Complex, Inverse
+from gridslam.inference.messages.samples.signal_likelihood import Band, Complex, Inverse, band_of
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.samples.images import DirectState
 from gridslam.world.signal_model import SignalModel
@@ -52,7 +52,7 @@ def advance(
     population: Population[DirectState], scan: SignalScan, model: SignalModel, step: Step
 ) -> tuple[Population[DirectState], Any, str]:
     """One step of all hypotheses: these, what happened in the likeliest, and what is amiss with the start."""
-    band = Band.of(model.waveform.offset_hz, model.waveform.pulse)
+    band = band_of(model.waveform)
     if population.searching and scan.heard.any():
         with runtime.one_blas_thread():
             population = _started(population.best, scan, model, band)

@@ -141,16 +141,19 @@ def joint_mode(
     from gridslam.kernels.messages.distances import climb_distances
 
     size = len(prior.mean)
+    weight = np.empty((size, 2))
+    weight[:, 0], weight[:, 1] = prior.weight, prior.chances
     distance = np.array(prior.mean if start is None else start, np.float64)
     information, value = np.empty((size, size)), np.empty(1)
     climb_distances(
         band.wavenumber, pairs(band.pulse), pairs(np.ascontiguousarray(samples)), prior.mean,
-        prior.precision, np.column_stack([prior.weight, prior.chances]), limits_of(band, noise),
+        prior.precision, weight, limits_of(band, noise),
         np.empty((7, size + 1, size, 2)), np.empty((size, 9)), distance, information, value,
     )  # fmt: skip
     covariance = np.linalg.inv(prior.precision + information)
-    covariance = 0.5 * (covariance + covariance.T)
-    return Mode(distance, covariance, float(value[0]), band, samples, prior.weight, noise)
+    return Mode(
+        distance, 0.5 * (covariance + covariance.T), float(value[0]), band, samples, prior.weight, noise
+    )
 
 
 def limits_of(band: Band, noise: float) -> Array:

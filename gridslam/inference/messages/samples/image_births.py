@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, squared
 from gridslam.inference.messages.samples.distance_mode import Mode, PathPrior, joint_mode
 from gridslam.inference.messages.samples.path_search import take_in
 from gridslam.inference.messages.samples.signal_likelihood import Band, Inverse, Sweep, log_ratio
@@ -277,7 +277,7 @@ class _Births:
 
     def _score(self, table: Sweep) -> _Scores:
         """What one more path is worth at all distances where it may be worth a look."""
-        least, matched = self.least, np.square(np.abs(table.matched))
+        least, matched = self.least, squared(table.matched)
         # the best of all intensities is worth q - 1 - log q, q = matched / self_power > 1
         worthy = self.open & (matched >= (1 + least) * table.self_power) if least > 0 else self.open
         rows = np.flatnonzero(worthy)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.messages.samples.distance_mode import Mode, PathPrior
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rings import MOVING, Rings, follow, move, symmetric
@@ -74,7 +75,7 @@ def predict_state(state: DirectState, time_s: float, audible: int, model: Filter
     elapsed, settings = time_s - state.time_s, model.settings
     rings = move(state.tentative.rings, elapsed, settings.acceleration_mps2)
     rings = replace(rings, existence=settings.survival * rings.existence)
-    images = replace(
+    images = dataclasses.replace(
         state.images, existence=settings.survival * state.images.existence, age=state.images.age + 1
     )
     return replace(
@@ -91,90 +92,82 @@ def predict_paths(state: DirectState, anchor: int, model: FilterModel) -> Anchor
     images, links = state.images, state.links
     own = np.flatnonzero(images.anchor == anchor)
     others = np.flatnonzero(state.tentative.rings.anchor == anchor)
-    mean, slope = image_distances(state, own, model.anchor_positions[anchor])
-    farther, doubt = curved(state, own, model.anchor_positions[anchor])
-    covariance = symmetric(slope @ state.belief.covariance @ slope.T) + LEAST_VARIANCE * np.eye(len(mean))
-    mean, covariance = mean + farther, covariance + doubt
-    tentative = state.tentative.take(others)
-    ring_mean, ring_variance = ring_distances(tentative.rings)
-
-    visible = P_APPEAR + (P_STAY - P_APPEAR) * np.append(links.visible[anchor], images.visible[own])
-    intensity = np.append(links.intensity[anchor], images.intensity[own])
-    chance = visible * np.append(1.0, images.existence[own])
-    away = np.concatenate([np.where(visible < AWAY, intensity, 0.0), np.zeros(len(others))])
+    mean, slope, covariance = image_distances(state, own, model.anchor_positions[anchor])
     joint, size = len(mean), len(mean) + len(others)
-    precision = np.zeros((size, size))
-    precision[:joint, :joint] = np.linalg.inv(covariance)
-    precision[range(joint, size), range(joint, size)] = 1 / ring_variance
-    prior = PathPrior(
-        np.concatenate([mean, ring_mean]),
-        symmetric(precision),
-        np.concatenate([chance * intensity, tentative.rings.existence * tentative.intensity]),
-        away,
-        np.concatenate([chance, P_STAY * tentative.rings.existence]),
-    )
+    # rows: mean, weight, power if it is away for now, chance; of its own path, of images, of rings
+    path, precision = np.zeros((4, size)), np.zeros((size, size))
+    visible, intensity, exists = np.empty(joint), np.empty(joint), np.ones(joint)
+    visible[0], visible[1:] = links.visible[anchor], images.visible[own]
+    visible = P_APPEAR + (P_STAY - P_APPEAR) * visible
+    intensity[0], intensity[1:] = links.intensity[anchor], images.intensity[own]
+    exists[1:] = images.existence[own]
+    chance = visible * exists
+    path[:, :joint] = mean, chance * intensity, np.where(visible < AWAY, intensity, 0.0), chance
+    inverse = np.linalg.inv(covariance)
+    precision[:joint, :joint] = 0.5 * (inverse + inverse.T)
+    if len(others):
+        rings = state.tentative.rings.take(others)
+        path[0, joint:], ring_variance = ring_distances(rings)
+        path[1, joint:] = rings.existence * state.tentative.intensity[others]
+        path[3, joint:] = P_STAY * rings.existence
+        precision[range(joint, size), range(joint, size)] = 1 / ring_variance
+    prior = PathPrior(path[0], precision, path[1], path[2], path[3])
     return AnchorPaths(anchor, own, others, slope, covariance, visible, prior)
 
 
-def image_distances(state: DirectState, rows: NDArray[np.intp], position: Array) -> tuple[Array, Array]:
-    """Distances (1 + S,) of an anchor and its settled images, and their slopes (1 + S, N) by the state."""
-    place = np.concatenate([position[None], state.places[rows]])
-    away = state.belief.mean[:2] - place
-    distance = np.maximum(np.linalg.norm(away, axis=-1), 1e-6)
-    toward = away / distance[:, None]
-    slope = np.zeros((len(place), len(state.belief.mean)))
-    slope[:, :2] = toward
-    by_polar = -np.einsum("si,sij->sj", toward[1:], state.place_slopes[rows])
-    for side in range(2):
-        slope[1 + np.arange(len(rows)), MOVING + 2 * rows + side] = by_polar[:, side]
-    return distance, slope
+def image_distances(
+    state: DirectState, rows: NDArray[np.intp], position: Array
+) -> tuple[Array, Array, Array]:
+    """Distances (1 + S,) of an anchor and its settled images, slopes (1 + S, N) by the state, covariance.
 
-
-def curved(state: DirectState, rows: NDArray[np.intp], position: Array) -> tuple[Array, Array]:
-    """What the curvature of distances adds to their mean (1 + S,) and covariance (1 + S, 1 + S) (M156).
-
-    A belief that is wide across a path is straight, and the circle of equal distance bends away from it: by
-    1 cm at 4 m for a deviation of 0.3 m, more than a strong path's own. A distance bends with the way across
-    the path, and with the bearing of its image, whose place goes round in a circle.
+    Curvature adds to mean and covariance (M156): a belief that is wide across a path is straight, and the
+    circle of equal distance bends away from it, by 1 cm at 4 m for a deviation of 0.3 m, more than a strong
+    path's own. A distance bends with the way across the path, and with the bearing of its image, whose place
+    goes round in a circle.
     """
-    mean, images = state.belief.mean, np.arange(len(rows))
-    place = np.concatenate([position[None], state.places[rows]])
-    away = mean[:2] - place
-    distance = np.maximum(np.linalg.norm(away, axis=-1), 1e-6)
-    toward, count = away / distance[:, None], len(place)
+    mean, count = state.belief.mean, 1 + len(rows)
+    away = np.empty((count, 2))
+    away[0], away[1:] = mean[:2] - position, mean[:2] - state.places[rows]
+    distance = np.maximum(np.sqrt((away * away).sum(-1)), 1e-6)
+    toward = away / distance[:, None]
     across = np.stack([-toward[:, 1], toward[:, 0]], -1)
-    turn, bend = np.zeros((2 * count, len(mean))), np.zeros(2 * count)
-    turn[:count, :2], bend[:count] = across, 1 / distance
-    by_polar = -np.einsum("si,sij->sj", across[1:], state.place_slopes[rows])
-    for side in range(2):
-        turn[1 + images, MOVING + 2 * rows + side] = by_polar[:, side]
-    polar = mean[MOVING:].reshape(-1, 2)[rows]
-    turn[count + 1 + images, MOVING + 2 * rows] = 1.0
-    bend[count + 1 :] = polar[:, 1] * (toward[1:] * unit(polar[:, 0])).sum(-1)
-    spread = turn @ state.belief.covariance @ turn.T
-    farther = 0.5 * bend * spread.diagonal()
-    doubt = 0.5 * np.outer(bend, bend) * spread**2
-    return (
-        farther[:count] + farther[count:],
-        doubt[:count, :count] + doubt[:count, count:] + doubt[count:, :count] + doubt[count:, count:],
-    )
+    # derivatives of distances, ways across and bearings, one below the other
+    by, image = np.zeros((3 * count - 1, len(mean))), np.arange(1, count)
+    by[:count, :2], by[count : 2 * count, :2] = toward, across
+    place, turn = state.place_slopes[rows], MOVING + 2 * rows
+    for part, direction in enumerate((toward, across)):
+        polar = (direction[1:, :, None] * place).sum(1)
+        by[part * count + image, turn], by[part * count + image, turn + 1] = -polar[:, 0], -polar[:, 1]
+    by[2 * count + image - 1, turn] = 1.0
+    bearing, span = mean[turn], mean[turn + 1]
+    bend = np.empty(2 * count - 1)
+    bend[:count] = 1 / distance
+    bend[count:] = span * (toward[1:] * unit(bearing)).sum(-1)
+    slope, turned = by[:count], by[count:]
+    spread = turned @ state.belief.covariance @ turned.T
+    farther, doubt = 0.5 * bend * spread.diagonal(), 0.5 * (bend[:, None] * bend) * spread**2
+    distance[:] += farther[:count]
+    distance[1:] += farther[count:]
+    covariance = symmetric(slope @ state.belief.covariance @ slope.T) + doubt[:count, :count]
+    covariance[1:] += doubt[count:, :count]
+    covariance[:, 1:] += doubt[:count, count:]
+    covariance[1:, 1:] += doubt[count:, count:]
+    covariance[range(count), range(count)] += LEAST_VARIANCE
+    return distance, slope, covariance
 
 
 def ring_distances(rings: Rings) -> tuple[Array, Array]:
     """Mean and variance (R,) of the distance of every ring, matched over its hypotheses."""
-    distance, spread, _ = hypothesis_distances(rings)
-    mean = (rings.weight * distance).sum(-1)
-    return mean, (rings.weight * (spread + (distance - mean[:, None]) ** 2)).sum(-1)
-
-
-def hypothesis_distances(rings: Rings) -> tuple[Array, Array, Array]:
-    """Distance (R, K), its variance, and its covariance with agent and image (R, K, 6)."""
     away = rings.mean[..., MOVING:] - rings.mean[..., :2]
-    distance = np.maximum(np.linalg.norm(away, axis=-1), 1e-6)
-    toward = away / distance[..., None]
-    slope = np.concatenate([-toward, np.zeros_like(toward), toward], -1)
-    gain = np.einsum("rkij,rkj->rki", rings.covariance, slope)
-    return distance, np.maximum((gain * slope).sum(-1), 1e-12), gain
+    distance = np.maximum(np.sqrt((away * away).sum(-1)), 1e-6)
+    slope = np.zeros((*distance.shape, MOVING + 2))
+    np.divide(away, distance[..., None], out=slope[..., MOVING:])
+    np.negative(slope[..., MOVING:], out=slope[..., :2])
+    gain = (rings.covariance @ slope[..., None])[..., 0]
+    spread = (gain * slope).sum(-1)
+    mean = (rings.weight * distance).sum(-1)
+    off = distance - mean[:, None]
+    return mean, (rings.weight * (np.maximum(spread, 1e-12) + off * off)).sum(-1)
 
 
 def update_state(state: DirectState, paths: AnchorPaths, mode: Mode) -> DirectState:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.arrays import Array
+from gridslam.arrays import Array, put, replace
 from gridslam.inference.messages.samples.distance_mode import BEHIND_M
 from gridslam.inference.messages.samples.image_births import (
     LEAST_EXISTENCE,
@@ -46,39 +46,38 @@ def learn_rings(state: DirectState, paths: AnchorPaths, found: Found) -> DirectS
     rows = paths.tentative
     if not len(rows):
         return state
-    own = state.tentative.take(rows)
-    rings, mode, table = own.rings, found.mode, found.table
+    every, mode, table = state.tentative.rings, found.mode, found.table
+    weight, existence = every.weight[rows], every.existence[rows]
     several = np.arange(paths.joint, paths.joint + len(rows))  # after those of the joint state
     points = len(table.self_power)
     limits = np.array([
         table.spacing_m, mode.distance[0], np.sqrt(BEHIND_M**2 + mode.variance[0]), P_STAY, NORMAL,
         2 * np.pi / points,
     ])  # fmt: skip
-    mean, covariance = rings.mean.copy(), rings.covariance.copy()
-    log, there = np.full(rings.weight.shape, -np.inf), np.zeros(rings.weight.shape)
+    mean, covariance = every.mean[rows], every.covariance[rows]
+    log, there = np.full(weight.shape, -np.inf), np.zeros(weight.shape)
     runtime.start()
     from gridslam.kernels.messages.rings import weigh_rings
 
     weigh_rings(
-        rings.weight, own.intensity, pairs(table.matched), table.self_power,
+        weight, state.tentative.intensity[rows], pairs(table.matched), table.self_power,
         pairs(found.inverse.taken_by(several)), limits, np.empty(points), nodes(), mean, covariance,
         log, there,
     )  # fmt: skip
-    weight = np.log(np.maximum(rings.weight, 1e-300)) + log
-    top = weight.max(-1, keepdims=True)
-    weight = np.exp(weight - top)
-    evidence = weight.sum(-1)
-    log_odds = np.log(rings.existence / (1 - rings.existence)) + np.log(evidence) + top[:, 0]
-    weight = np.where(weight > LEAST_WEIGHT * evidence[:, None], weight, 0.0)
-    fresh = replace(
-        rings,
-        existence=1 / (1 + np.exp(-np.clip(log_odds, -16.0, 16.0))),
-        seen=rings.seen + ((rings.weight * there).sum(-1) > 0.5),
-        weight=weight / weight.sum(-1, keepdims=True),
-        mean=mean,
-        covariance=covariance,
+    top = log.max(-1, keepdims=True)
+    learned = weight * np.exp(log - top)
+    evidence = learned.sum(-1)
+    log_odds = np.log(existence / (1 - existence)) + np.log(evidence) + top[:, 0]
+    learned = np.where(learned > LEAST_WEIGHT * evidence[:, None], learned, 0.0)
+    rings = replace(
+        every,
+        existence=put(every.existence, rows, 1 / (1 + np.exp(-np.clip(log_odds, -16.0, 16.0)))),
+        seen=put(every.seen, rows, every.seen[rows] + ((weight * there).sum(-1) > 0.5)),
+        weight=put(every.weight, rows, learned / learned.sum(-1, keepdims=True)),
+        mean=put(every.mean, rows, mean),
+        covariance=put(every.covariance, rows, covariance),
     )
-    return replace(state, tentative=replace(state.tentative, rings=state.tentative.rings.put(rows, fresh)))
+    return replace(state, tentative=replace(state.tentative, rings=rings))
 
 
 def forbid_own_place(state: DirectState, model: FilterModel) -> DirectState:
@@ -97,7 +96,8 @@ def forbid_own_place(state: DirectState, model: FilterModel) -> DirectState:
 
 
 def _apart(place: Array, anchor: Array) -> NDArray[np.bool_]:
-    return np.asarray(np.linalg.norm(place - anchor, axis=-1) > OWN_PLACE_M)
+    gap = place - anchor
+    return np.asarray((gap * gap).sum(-1) > OWN_PLACE_M**2)
 
 
 def prune(state: DirectState) -> DirectState:

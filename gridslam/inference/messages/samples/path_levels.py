@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, put, replace
 from gridslam.inference.messages.samples.distance_mode import Mode
 from gridslam.inference.messages.samples.image_births import Found
 from gridslam.inference.messages.samples.image_prediction import AnchorPaths
@@ -40,7 +40,7 @@ def start_levels(
     cells = np.asarray(band.folding_m / len(band) * np.arange(len(band)), np.float64)
     power = np.abs(np.conj(band.response(cells)) @ samples) ** 2
     if links.noise[anchor] <= 0:
-        links = replace(links, noise=_put(links.noise, anchor, first_noise(band, samples, cells)))
+        links = replace(links, noise=put(links.noise, anchor, first_noise(band, samples, cells)))
     if links.intensity[anchor] <= 0:
         away = float(np.linalg.norm(state.belief.mean[:2] - model.anchor_positions[anchor]))
         near = away + 0.25 * band.resolution_m * np.linspace(-1, 1, 9)
@@ -48,8 +48,8 @@ def start_levels(
         floor = max(2.0 * float(links.noise[anchor]), FIRST_SHARE * float(power.max()))
         links = replace(
             links,
-            intensity=_put(links.intensity, anchor, max(level, floor)),
-            heard=_put(links.heard, anchor, FIRST_HEARD),
+            intensity=put(links.intensity, anchor, max(level, floor)),
+            heard=put(links.heard, anchor, FIRST_HEARD),
         )
     return replace(state, links=links)
 
@@ -86,19 +86,19 @@ def update_levels(state: DirectState, paths: AnchorPaths, found: Found) -> Direc
     )  # fmt: skip
     gain = max(NOISE_GAIN, 1 / (2.0 + state.step))
     links = Links(
-        _put(links.visible, anchor, visible[0]), _put(links.intensity, anchor, strength[0]),
-        _put(links.heard, anchor, counts[0]),
-        _put(links.noise, anchor, noise * (1 + gain * (float(np.clip(mode.noise_ratio, 0.1, 10.0)) - 1))),
+        put(links.visible, anchor, visible[0]), put(links.intensity, anchor, strength[0]),
+        put(links.heard, anchor, counts[0]),
+        put(links.noise, anchor, noise * (1 + gain * (float(np.clip(mode.noise_ratio, 0.1, 10.0)) - 1))),
         links.usurped,
     )  # fmt: skip
-    images = replace(
-        images, visible=_put(images.visible, rows, visible[1:]),
-        existence=_put(images.existence, rows, exists),
-        intensity=_put(images.intensity, rows, strength[1:]), heard=_put(images.heard, rows, counts[1:]),
+    images = dataclasses.replace(
+        images, visible=put(images.visible, rows, visible[1:]),
+        existence=put(images.existence, rows, exists),
+        intensity=put(images.intensity, rows, strength[1:]), heard=put(images.heard, rows, counts[1:]),
     )  # fmt: skip
     tentative = replace(
-        tentative, intensity=_put(tentative.intensity, ring_rows, ring_strength),
-        heard=_put(tentative.heard, ring_rows, ring_heard),
+        tentative, intensity=put(tentative.intensity, ring_rows, ring_strength),
+        heard=put(tentative.heard, ring_rows, ring_heard),
     )  # fmt: skip
     return replace(state, links=links, images=images, tentative=tentative)
 
@@ -138,9 +138,9 @@ def reclaim_line_of_sight(state: DirectState, paths: AnchorPaths, mode: Mode) ->
     gap = np.abs(mode.distance[1 : 1 + len(chances)] - paths.prior.mean[0])
     beside = (gap < USURPER_M) & (chances > USURPER_ABOVE)
     if links.visible[anchor] >= USURPED_BELOW or not beside.any():
-        return replace(state, links=replace(links, usurped=_put(links.usurped, anchor, 0)))
+        return replace(state, links=replace(links, usurped=put(links.usurped, anchor, 0)))
     steps = int(links.usurped[anchor]) + 1
-    links = replace(links, usurped=_put(links.usurped, anchor, steps))
+    links = replace(links, usurped=put(links.usurped, anchor, steps))
     if steps < USURPED_STEPS:
         return replace(state, links=links)
     which = int(np.flatnonzero(beside)[gap[beside].argmin()])
@@ -153,14 +153,7 @@ def reclaim_line_of_sight(state: DirectState, paths: AnchorPaths, mode: Mode) ->
         intensity = state.tentative.intensity[ring]
         state = replace(state, tentative=state.tentative.take(np.arange(len(state.tentative)) != ring))
     links = replace(
-        links, visible=_put(links.visible, anchor, RECLAIMED), usurped=_put(links.usurped, anchor, 0),
-        intensity=_put(links.intensity, anchor, float(intensity)), heard=_put(links.heard, anchor, 1.0),
+        links, visible=put(links.visible, anchor, RECLAIMED), usurped=put(links.usurped, anchor, 0),
+        intensity=put(links.intensity, anchor, float(intensity)), heard=put(links.heard, anchor, 1.0),
     )  # fmt: skip
     return replace(state, links=links)
-
-
-def _put(array: NDArray, rows: int | NDArray[np.intp], value: Array | float) -> NDArray:
-    """A copy with other values in some rows."""
-    fresh = array.copy()
-    fresh[rows] = value
-    return fresh

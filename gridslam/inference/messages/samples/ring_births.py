@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.messages.samples.image_births import OWN_PLACE_M, NewDistance
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rings import BEARINGS, MOVING, Rings, outer

@@ -8,14 +8,15 @@ All of it follows from products of the N responses with each other and with the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.lapack import zpotrf, ztrtrs
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, squared
 from gridslam.world.radio import SPEED_OF_LIGHT
+from gridslam.world.waveform import Waveform
 
 Complex = NDArray[np.complex128]
 SPREAD = np.array([-1.0, 0.0, 1.0])
@@ -75,7 +76,11 @@ class Band:
     def response(self, distance: ArrayLike) -> Complex:
         """h(d) of distances (...,) in m: (..., M), of norm 1 (M49)."""
         phase = np.asarray(distance, np.float64)[..., None] * self.wavenumber
-        return np.asarray(self.pulse * np.exp(-1j * phase))
+        wave = np.empty(phase.shape, np.complex128)
+        np.cos(phase, out=wave.real)
+        np.negative(np.sin(phase), out=wave.imag)
+        wave *= self.pulse
+        return wave
 
     def slope(self, response: Complex) -> Complex:
         """Derivative of responses (..., M) by their distance, 1/m."""
@@ -85,6 +90,12 @@ class Band:
         """h(d)^H h(d') by the gap d' - d (...,), m: for a flat pulse the real Dirichlet kernel (M72)."""
         phase = np.asarray(gap, np.float64)[..., None] * self.wavenumber
         return np.asarray(np.exp(-1j * phase) @ (np.abs(self.pulse) ** 2))
+
+
+@lru_cache(maxsize=8)
+def band_of(waveform: Waveform) -> Band:
+    """The band of a recording: the same at each of its steps, with whatever follows from it."""
+    return Band.of(waveform.offset_hz, waveform.pulse)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +238,7 @@ class Sweep:
 
     def log_ratio(self, intensity: Array | float) -> Array:
         """Log likelihood ratio of one more path at all points, (..., G)."""
-        return log_ratio(np.abs(self.matched) ** 2, self.self_power, intensity)
+        return log_ratio(squared(self.matched), self.self_power, intensity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,11 +279,15 @@ class Inverse:
         # by the fewer products of the nodes with each other, (s2 I + F F^H)^-1 = (I - B^H B) / s2
         flat = np.sqrt(power / noise).reshape(-1, 1) * nodes.reshape(-1, len(band))
         back = np.conj(flat)
-        matrix = np.eye(len(band), dtype=np.complex128) / noise
+        matrix = np.zeros((len(band), len(band)), np.complex128)
         if len(flat):  # LAPACK complains of none
-            lower, _ = zpotrf(np.eye(len(flat)) + back @ flat.T, lower=1)
+            inner = back @ flat.T
+            inner.reshape(-1)[:: len(flat) + 1] += 1
+            lower, _ = zpotrf(inner, lower=1)
             half, _ = ztrtrs(lower, back, lower=1)
-            matrix = matrix - np.conj(half).T @ half / noise
+            np.matmul(np.conj(half).T, half, out=matrix)
+            matrix *= -1 / noise
+        matrix.reshape(-1)[:: len(band) + 1] += 1 / noise
         return cls(band, samples, matrix, nodes, power)
 
     @cached_property
@@ -298,7 +313,7 @@ class Inverse:
         padded = np.zeros(size * (2 * size + 1), np.complex128)
         padded[: 2 * size * size].reshape(size, 2 * size)[:, :size] = core
         lags = padded.reshape(size, -1).sum(0)[:size]
-        own = np.fft.hfft(np.append(lags, np.zeros(points // 2 + 1 - size)), points)
+        own = np.fft.hfft(lags, points)
         return Sweep(self.band.folding_m / points, matched, np.maximum(own, 1e-300))
 
     def taken_by(self, rows: NDArray[np.intp]) -> Complex:
@@ -317,7 +332,7 @@ class Inverse:
         matched = np.conj(factors) @ self.samples
         return Sweep(
             whole.spacing_m, whole.matched + (waves * matched[..., None]).sum(1),
-            whole.self_power + (np.abs(waves) ** 2).sum(1),
+            whole.self_power + squared(waves).sum(1),
         )  # fmt: skip
 
     def without(self, distance: Array) -> tuple[Array, Array]:
@@ -327,8 +342,8 @@ class Inverse:
         waves = (back[:, None] * self.factors).sum(-1)
         removed = np.conj(self.factors) @ self.samples
         matched = back @ (self.matrix @ self.samples) + (waves * removed).sum(1)
-        own = ((back @ self.matrix) * response).sum(-1).real + (np.abs(waves) ** 2).sum(1)
-        return np.abs(matched) ** 2, np.maximum(own, 1e-300)
+        own = ((back @ self.matrix) * response).sum(-1).real + squared(waves).sum(1)
+        return squared(matched), np.maximum(own, 1e-300)
 
     def _transform(self, vector: Complex, points: int) -> Complex:
         """h(d)^H v at all points, but for a common phase of each: (..., M) to (..., G)."""

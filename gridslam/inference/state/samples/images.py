@@ -267,11 +267,12 @@ class DirectState:
 
 
 def _packed(part: Part) -> Part:
-    values = {f.name: getattr(part, f.name) for f in fields(part)}
-    arrays: dict[str, Any] = {
-        name: np.ascontiguousarray(value) for name, value in values.items() if isinstance(value, np.ndarray)
+    loose: dict[str, Any] = {
+        name: np.ascontiguousarray(value)
+        for name, value in vars(part).items()
+        if isinstance(value, np.ndarray) and not value.flags.c_contiguous
     }
-    return replace(part, **arrays)
+    return replace(part, **loose) if loose else part
 
 
 def predict(belief: Belief, dt: float, acceleration: float, walk_m: float) -> Belief:
