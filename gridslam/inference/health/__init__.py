@@ -28,8 +28,11 @@ reason              said when                                   by              
 `NOT_FOUND`         a vague start is still searched for         `management.start_search`        (M202), (M91)
 `several_places`    several hypotheses count                    `doubt.places`; direct SLAM      section 14,
                                                                 `image_starts`                   (M91)
-`fresh_start`       the lead over a start anew is below 4 nats  `doubt.Doubt.reasons`            (M206)
-`elsewhere`         a scan alone fits another place better      `doubt.Doubt.reasons`            (M253)
+`fresh_start`       the lead over a start anew is below 4 nats  `doubt.Doubt.against`            (M206)
+`elsewhere`         a scan alone fits another place better      `doubt.Doubt.against`            (M253)
+`UNPROVEN`          a start was taken from a list that lacks    `doubt.Doubt.tried`              (M392)
+                    places, and nothing has borne it out
+`TURNABLE`          a vague start with one anchor and no AoD    `management.hypotheses`          section 14
 `OFF_GRID`          the agent is outside the scene's region     `management.hypotheses`          section 14
 `ASTRAY`            an agent of a network is lost, or was       `systems.network`                section 13
                     found again up to 4 steps ago

@@ -7,7 +7,7 @@ against: the best pose by one scan alone, as if nothing had ever been heard.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -22,11 +22,16 @@ ONE_ALONE, ELSEWHERE = 15.0, 5.0
 beyond those, with forgetting, from which on a place is called wrong."""
 KEEP, FADING = 0.5, 0.25
 """Forgetting of leads, and of what fits elsewhere, from one comparison to the next."""
+PROOF_LEAD, PROOF_LOUD = 10.0, 20.0
+"""Lead of each loud measurement, nats, that bears out a start for which too many places fitted; as many nats
+as so many of them have are needed anyway."""
 DOUBT_STEPS, SPREAD_M = 50, 0.3
 """For how long a doubt keeps the search for challengers going; spread of the position that is one."""
 PLACE_COUNTS, PLACE_COUNTS_AT_FIRST, AT_FIRST = 0.01, 1e-4, 30
 """Weight from which on a place is one that remains; the same for so many steps after a branching, whose
 evidence is that of vague beliefs."""
+LATER = {"later": True}
+"""Of fields that files of earlier versions may lack."""
 
 
 @dataclass(frozen=True)
@@ -42,19 +47,29 @@ class Doubt:
     elsewhere : float
         By how much a scan and no map favour another pose than the believed one, nats beyond what one
         measurement can say, with forgetting.
+    unproven : bool
+        Whether the start was taken from a list that lacks places, and nothing has borne it out since.
+    borne, counted : float
+        Lead and loud measurements since then, or since all spoke against it.
+    turnable : bool
+        Whether nothing tells by how much all is turned about the one anchor.
     """
 
     lead: float = 0.0
     loud: float = 0.0
     doubtful: int = 0
     elsewhere: float = 0.0
+    unproven: bool = field(default=False, metadata=LATER)
+    borne: float = field(default=0.0, metadata=LATER)
+    counted: float = field(default=0.0, metadata=LATER)
+    turnable: bool = field(default=False, metadata=LATER)
 
     FORMER_NAMES: ClassVar = ("Watch",)
 
     def followed(self, variance_m2: float, hypotheses: int) -> Self:
         """A step on, with that variance of the position (both axes), and so many hypotheses."""
         doubtful = max(self.doubtful - 1, 0)
-        if variance_m2 > SPREAD_M**2 or hypotheses > 1:
+        if variance_m2 > SPREAD_M**2 or hypotheses > 1 or self.unproven:
             doubtful = DOUBT_STEPS
         return self if doubtful == self.doubtful else replace(self, doubtful=doubtful)
 
@@ -74,9 +89,30 @@ class Doubt:
             self, lead=KEEP * self.lead + evidence - best, loud=KEEP * self.loud + loud,
             elsewhere=FADING * self.elsewhere + max(best - here - ONE_ALONE, 0.0),
         )  # fmt: skip
-        return replace(after, doubtful=DOUBT_STEPS) if after.reasons() else after
+        return replace(after, doubtful=DOUBT_STEPS) if after.against() else after
+
+    def tried(self, lead: float, loud: int) -> Self:
+        """Take in by how much the likeliest hypothesis leads a start anew at a step, nats; (M392)."""
+        if self.borne + lead <= 0:
+            return replace(self, borne=0.0, counted=0.0)
+        after = replace(self, borne=self.borne + lead, counted=self.counted + loud)
+        enough = PROOF_LEAD * max(after.counted, PROOF_LOUD)
+        return after.proven() if after.borne >= enough else after
+
+    def proven(self) -> Self:
+        """The start is borne out: what is believed is no longer one of many places."""
+        return replace(self, unproven=False)
 
     def reasons(self) -> list[str]:
+        """What speaks against all hypotheses, and what their start leaves open."""
+        found = self.against()
+        if self.unproven:
+            found.append(reasons.UNPROVEN)
+        if self.turnable:
+            found.append(reasons.TURNABLE)
+        return found
+
+    def against(self) -> list[str]:
         """What speaks against all hypotheses.
 
         Any one measurement may be the line of sight of another pose, and one line of sight tells a fresh

@@ -5,6 +5,8 @@ from __future__ import annotations
 from gridslam.world.radio import SPEED_OF_LIGHT
 
 NOT_FOUND = "start not found yet"
+UNPROVEN = "start not sure yet: there were more places than could be followed"
+TURNABLE = "nothing tells by how much all is turned about the one anchor"
 OFF_GRID = "the agent has left the grid"
 ASTRAY = "what it hears isn't used for what all agents share"
 

@@ -17,7 +17,7 @@ from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.mixture import poses, together
 from gridslam.inference.management.poses.pose_fix import Sources
 from gridslam.inference.management.poses.pose_score import Snapshot
-from gridslam.inference.management.poses.pose_search import POSE, find_modes, line_of_sight_poses
+from gridslam.inference.management.poses.pose_search import POSE, find_modes, line_of_sight_poses, near
 from gridslam.inference.state.anchor_measurements import AnchorScan, split_by_anchor
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
@@ -67,10 +67,10 @@ def _refined(snapshot: Snapshot, pose: Array, draw: np.random.Generator) -> Arra
     count, std = len(pose), np.array([0.08, 0.08, 0.04])
     drawn, scores = draw.standard_normal((count, ROUNDS, DRAWN, 3)), list[Array]()
     for k in range(ROUNDS):
-        near = pose[:, None] + std * drawn[:, k]
-        near[:, 0] = pose
-        score = snapshot.score(near.reshape(-1, 3)).reshape(count, DRAWN)
-        pose, std = near[np.arange(count), score.argmax(1)], 0.4 * std
+        tried = pose[:, None] + std * drawn[:, k]
+        tried[:, 0] = pose
+        score = snapshot.score(tried.reshape(-1, 3)).reshape(count, DRAWN)
+        pose, std = tried[np.arange(count), score.argmax(1)], 0.4 * std
         scores.append(score.max(1))
     return np.max(scores, 0)
 
@@ -82,16 +82,23 @@ def watched(
     model: FilterModel,
     work: Workspace,
 ) -> Population[State]:
-    """Hand a step's log evidence to the watch, every so often with that of a fresh start to compare."""
+    """Hand a step's log evidence to the watch, every so often with that of a fresh start to compare.
+
+    At every step while a start isn't borne out.
+    """
     state, covariance = population.best, population.best.belief.covariance
     watch = population.watch.followed(float(covariance[0, 0] + covariance[1, 1]), len(population))
-    if state.step % EVERY == 0 and len(scan):
+    due = state.step % EVERY == 0
+    if len(scan) and (due or watch.unproven):
         scans = work.once(split_by_anchor, scan, model)
         loud = int(np.count_nonzero(scans.whole.loud))
-        if loud:
+        if loud or watch.unproven:
             draw = np.random.default_rng([work.seed, state.step, PURPOSE_OF_LEAD])
             best, here = best_snapshot(snapshot_of(scans, state, model), state.belief.mean[POSE], draw)
-            watch = watch.compared(evidence(), best, here, loud)
+            if watch.unproven:
+                watch = watch.tried(evidence() - best, loud)
+            if due and loud:
+                watch = watch.compared(evidence(), best, here, loud)
     return population if watch is population.watch else replace(population, watch=watch)
 
 
@@ -123,6 +130,8 @@ def challenged(
             snapshot, replace(state.belief, mean=mean, covariance=spread), model.grid, LISTED, stream, POSES
         )
         present = float(snapshot.score(poses(population)).max())
+    if population.watch.unproven and modes.complete and near(modes.pose, state.belief.mean[POSE]).all():
+        population = replace(population, watch=population.watch.proven())  # nothing fits elsewhere
     leading = np.flatnonzero(modes.score > present)[:CHALLENGERS]
     if not modes.complete or not len(leading):
         return population

@@ -13,7 +13,7 @@ import numpy as np
 from gridslam import runtime
 from gridslam.inference.health import reasons
 from gridslam.inference.health.crossings import crossing_of
-from gridslam.inference.health.doubt import places
+from gridslam.inference.health.doubt import Doubt, places
 from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.management.branching import branches_of, conditioned, linear_width, split, widest
 from gridslam.inference.management.challenge import HANDICAP, challenged, snapshot_of, watched
@@ -122,7 +122,9 @@ def _search(
 def _started(state: State, modes: Modes, model: FilterModel) -> Population[State]:
     """A population of the modes that were listed."""
     states = branches_of(state, modes, float(model.start_variance[2]))
-    return Population.of(state).having(states, modes.log_prior, since=0)
+    turnable = model.senders == 1 and "aod" not in model.radio.measures
+    watch = Doubt(unproven=not modes.complete, turnable=turnable)
+    return Population.of(state).having(states, modes.log_prior, since=0, watch=watch)
 
 
 def _listed(

@@ -7,7 +7,17 @@ import pytest
 from scene_samples import shortened
 
 import gridslam as gs
-from gridslam.inference.health.doubt import DOUBT_STEPS, ELSEWHERE, LOW_LEAD, ONE_ALONE, Doubt, places
+from gridslam.inference.health.doubt import (
+    DOUBT_STEPS,
+    ELSEWHERE,
+    LOW_LEAD,
+    ONE_ALONE,
+    PROOF_LEAD,
+    PROOF_LOUD,
+    Doubt,
+    places,
+)
+from gridslam.inference.health.reasons import UNPROVEN
 from gridslam.inference.management.branching import placed
 from gridslam.inference.management.challenge import (
     EVERY,
@@ -156,3 +166,41 @@ def test_places_are_hypotheses_that_count_and_stand_apart():
     assert places(log, 40, lambda rows: near[np.ix_(rows, rows)]) == 2
     assert places(log, 30, lambda rows: near[np.ix_(rows, rows)]) == 3
     assert places(log[:1], 40, lambda rows: pytest.fail("one hypothesis is at one place")) == 1
+
+
+def test_a_start_of_too_many_places_is_borne_out_by_evidence_alone():
+    doubt = Doubt(unproven=True)
+    assert doubt.reasons() == [UNPROVEN]
+    assert doubt.followed(0.0, 1).doubtful == DOUBT_STEPS, "other places are looked for meanwhile"
+    enough = PROOF_LEAD * PROOF_LOUD
+    assert doubt.tried(enough - 1, 3).reasons() == [UNPROVEN]
+    assert doubt.tried(enough - 1, 3).tried(2.0, 1).reasons() == []
+    crowd = int(2 * PROOF_LOUD)
+    assert doubt.tried(enough + 1, crowd).unproven, "each loud measurement has to say it"
+    assert not doubt.tried(PROOF_LEAD * crowd, crowd).unproven
+    assert Doubt(turnable=True).compared(1e3, 0.0, 0.0, 9).doubtful == 0, "no other place would tell"
+    against = doubt.tried(enough - 1, 3).tried(-enough, 2)
+    assert (against.borne, against.counted, against.unproven) == (0.0, 0.0, True)
+    assert against.tried(enough - 1, 2).unproven, "what was said before is gone"
+
+
+def test_a_start_is_compared_at_every_step_until_it_is_borne_out(mapped, scans):
+    slam, _ = mapped
+    scan, model, work = scans[slam.state.step - 1], slam.model, slam.work
+    state = replace(slam.state, step=EVERY * 2 + 3)
+    for unproven, worth, said in ((True, 1e4, False), (True, 0.0, True), (False, np.nan, False)):
+        before = Population((state,), watch=Doubt(unproven=unproven))
+        after = watched(before, lambda worth=worth: worth, scan, model, work).watch
+        assert after.unproven is said
+        assert (after.borne > 0) is (worth == 1e4)
+        assert after.lead == 0.0, "the lead is taken every few steps"
+
+
+def test_a_start_is_borne_out_by_a_scan_that_fits_nowhere_else(mapped, scans):
+    slam, _ = mapped
+    doubt = Doubt(unproven=True, doubtful=DOUBT_STEPS)
+    right, scan = replace(slam.state, step=EVERY), scans[slam.state.step - 1]
+    for state, said in ((right, False), (moved(right, (2.0, 1.0), 1.0), True)):
+        population = Population((state,), watch=doubt)
+        after = challenged(population, scan, start(slam.model), slam.model, slam.work)
+        assert after.watch.unproven is said

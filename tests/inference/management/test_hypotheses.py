@@ -9,10 +9,11 @@ from scene_samples import shortened
 import gridslam as gs
 from gridslam.bench.growth import drawn
 from gridslam.inference.health.doubt import places
-from gridslam.inference.health.reasons import NOT_FOUND
+from gridslam.inference.health.reasons import NOT_FOUND, TURNABLE, UNPROVEN
 from gridslam.inference.management import mixture
 from gridslam.inference.management.branching import placed
-from gridslam.inference.management.hypotheses import PARTICLES, _split, begun, each_stepped
+from gridslam.inference.management.hypotheses import PARTICLES, _split, _started, begun, each_stepped
+from gridslam.inference.management.poses.pose_search import Modes
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.population import Population
 from gridslam.systems.adaptive import AdaptiveSlam
@@ -184,6 +185,20 @@ def test_radios_without_bearings_and_inherited_maps_search_for_no_start(scene):
     vague_state = replace(slam.state, belief=Belief(model.start_mean, np.diag(model.start_variance)))
     assert not begun(vague_state, deaf).searching
     assert not begun(slam.state, slam.model).searching
+
+
+@pytest.mark.parametrize("complete", [True, False])
+@pytest.mark.parametrize("measures", [("distance", "aod", "aoa"), ("distance", "aoa")])
+@pytest.mark.parametrize("anchors", [1, 2])
+def test_what_a_start_leaves_open_is_told(scene, complete, measures, anchors):
+    scene = vague(scene).model_copy(update={"anchors": scene.anchors[:anchors]})
+    model = scene.filter_model("agent1")
+    model = replace(model, radio=replace(model.radio, measures=measures))
+    state, poses = GridSlam(scene, seed=1).state, np.array([[0.0, 0.5, 0.1], [1.0, 0.5, 0.1]])
+    modes = Modes(poses, np.tile(0.01 * np.eye(3), (2, 1, 1)), np.zeros(2), np.zeros(2), complete)
+    told = _started(state, modes, model).watch.reasons()
+    assert (UNPROVEN in told) is not complete
+    assert (TURNABLE in told) is (anchors == 1 and "aod" not in measures), "departures tell the turn"
 
 
 @pytest.mark.slow

@@ -185,7 +185,8 @@ def reflected_poses(terms: SnapshotTerms, draw: np.random.Generator, copies: int
     return np.concatenate(parts)
 
 
-def _near(poses: Array, centre: Array, scale: float = 1.0) -> NDArray[np.bool_]:
+def near(poses: Array, centre: Array, scale: float = 1.0) -> NDArray[np.bool_]:
+    """Which poses (N, 3) are in the neighbourhood of one (3,)."""
     apart = np.hypot(poses[:, 0] - centre[0], poses[:, 1] - centre[1])
     return np.asarray((apart < scale * APART_M) & (np.abs(wrap(poses[:, 2] - centre[2])) < scale * APART_RAD))
 
@@ -208,12 +209,12 @@ def best_apart(
     while first < len(rows):  # where there are too many, the best portions name as many as are asked for
         left, first, portion = rows[first : first + portion], first + portion, 2 * portion
         for one in chosen:
-            left = left[~_near(poses[left], poses[one], scale)]
+            left = left[~near(poses[left], poses[one], scale)]
         while len(left):
             if len(chosen) == most:
                 return chosen, True
             chosen.append(int(left[0]))
-            left = left[~_near(poses[left], poses[left[0]], scale)]
+            left = left[~near(poses[left], poses[left[0]], scale)]
     return chosen, False
 
 
