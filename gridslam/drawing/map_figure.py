@@ -21,11 +21,13 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Ellipse, Patch
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.estimate_tables import HypothesisEstimate
+from gridslam.estimate_tables import HypothesisEstimate, SurfaceEstimate
 from gridslam.estimates import Estimate
+from gridslam.world.geometry import unit
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
@@ -41,13 +43,19 @@ WIDE_IN = 5.0
 FORMATS = ("png", "pdf", "svg")
 STILL: dict[str, dict[str, Any]] = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
 """No time of drawing in a file: the same run gives the same figures."""
+PAD_IN = 0.05
+"""Above and below what is drawn, inches."""
+LAYOUTS = 2
+"""Times that a figure is laid out: ticks change with the size of the axes, and the axes with the ticks."""
 OUTLINE = 0.8
 """Width of true walls, points."""
 
 
 class Walls(Protocol):
-    """Stretches of surfaces: ends (W, 2, 2) in m, indexed [stretch, end, xy]."""
+    """Stretches of surfaces: rows (W,) of their table, ends (W, 2, 2) in m, indexed [stretch, end, xy]."""
 
+    @property
+    def surface(self) -> NDArray[np.int64]: ...  # noqa: D102
     @property
     def ends_m(self) -> NDArray[np.float64]: ...  # noqa: D102
 
@@ -68,6 +76,9 @@ class Cells(Protocol):
     @property
     def reflection(self) -> NDArray[np.float64]: ...  # noqa: D102
 
+    @property
+    def surfaces(self) -> SurfaceEstimate | None: ...  # noqa: D102
+
     def wall_segments(self) -> Walls: ...  # noqa: D102
 
 
@@ -78,6 +89,7 @@ def draw_map(
     truth: Trajectory | None = None,
     estimates: Sequence[Estimate] = (),
     width: float = PAGE_IN,
+    false: NDArray[np.bool_] | None = None,
 ) -> Figure:
     """Occupancy and detected surfaces and, where given, estimated and true track, true walls and anchors.
 
@@ -89,6 +101,8 @@ def draw_map(
     estimates : sequence of Estimate
         Their rival hypotheses are shown.
     width : float, inches
+    false : (S,) bool, optional
+        Of the map's surfaces, those that lie at no true one.
     """
     figure, axes = region(grid, scene, width)
     mapped = bool(grid.observed.any())  # some methods map no cells
@@ -96,7 +110,7 @@ def draw_map(
         occupancy(axes, grid)
     if scene is not None:
         true_walls(axes, scene, GREEN, OUTLINE)
-    surfaces(axes, grid)
+    surfaces(axes, grid, false)
     if track is not None:
         axes.plot(*track.position_m.T, color=BLUE, lw=1.8, label="estimated track", zorder=4)
     if truth is not None:
@@ -126,11 +140,38 @@ def draw_reflection(grid: Cells, scene: Scene | None = None, width: float = PAGE
 
 
 def encoded(figure: Figure, form: str = "png") -> bytes:
-    """A figure as a file's content: ``png``, ``pdf`` or ``svg``, cut to what is drawn."""
+    """A figure as a file's content: ``png``, ``pdf`` or ``svg``; its width, and the height in use."""
     content = io.BytesIO()
     with rc_context({"pdf.fonttype": 42, "svg.hashsalt": "gridslam"}):
-        figure.savefig(content, format=form, bbox_inches="tight", pad_inches=0.05, metadata=STILL[form])
+        fit_legends(figure)
+        drawn = figure.get_tightbbox()
+        cut = Bbox([[0, drawn.y0 - PAD_IN], [figure.get_figwidth(), drawn.y1 + PAD_IN]])
+        figure.savefig(content, format=form, bbox_inches=cut, metadata=STILL[form])
     return content.getvalue()
+
+
+def fit_legends(figure: Figure) -> None:
+    """Legends that are wider than the figure get fewer columns; lays the figure out."""
+    for _ in range(LAYOUTS):
+        figure.draw_without_rendering()
+    for legend in list(figure.legends):
+        low = legend.get_window_extent().y0 < 0.5 * figure.bbox.height
+        place: Any = f"outside {'lower' if low else 'upper'} center"
+        handles, texts = legend.legend_handles, legend.get_texts()
+        columns, titles = len(texts), [text.get_text() for text in texts]
+        while columns > 1 and legend.get_window_extent().width > figure.bbox.width:
+            columns -= 1
+            legend.remove()
+            legend = figure.legend(
+                [one for one in handles if one is not None],
+                titles,
+                loc=place,
+                ncols=columns,
+                fontsize=texts[0].get_fontsize(),
+                frameon=False,
+            )
+            for _ in range(LAYOUTS):
+                figure.draw_without_rendering()
 
 
 def inlined(figure: Figure, title: str) -> str:
@@ -233,12 +274,34 @@ def scatterers(axes: Axes, scene: Scene, color: str) -> None:
         axes.plot(*place.T, "o", ls="", label="true scatterers", **style)
 
 
-def surfaces(axes: Axes, grid: Cells) -> None:
-    """Surfaces found, where there is a wall."""
-    ends = grid.wall_segments().ends_m
-    pieces = LineCollection(list(ends), colors=ORANGE, linewidths=1.0, label="surfaces found", zorder=3)
-    pieces.set_linestyle((0, (4, 2)))
-    axes.add_collection(pieces)
+def surfaces(axes: Axes, grid: Cells, false: NDArray[np.bool_] | None = None) -> None:
+    """Surfaces found: dashed where there is a wall; dotted, whole, those that no cell bears out.
+
+    Those that are `false` (S,) have a colour of their own.
+    """
+    walls, table = grid.wall_segments(), grid.surfaces
+    if table is None:
+        return
+    none = np.zeros(len(table), bool)
+    wrong = none if false is None else false
+    bare = np.setdiff1d(np.arange(len(table)), walls.surface)
+    (left, bottom), (right, top) = zip(axes.get_xlim(), axes.get_ylim(), strict=True)
+    far = 2 * float(np.abs([left, right, bottom, top]).max())
+    extent = np.where(np.isfinite(table.extent_m[bare]), table.extent_m[bare], [-far, far])
+    angle, offset = table.line[bare].T
+    foot, along = offset[:, None] * unit(angle), unit(angle + 0.5 * np.pi)
+    lines = foot[:, None] + extent[:, :, None] * along[:, None]
+    sets = ((walls.ends_m, walls.surface, False), (lines, bare, True))
+    for ends, rows, dotted in sets:
+        for mine, color, width, label in (
+            (~wrong[rows], ORANGE, 1.0, "surfaces found"),
+            (wrong[rows], PURPLE, 1.6, "found where none is"),
+        ):
+            if mine.any() or (color == ORANGE and not dotted):
+                title = f"{label}, not in cells" if dotted else label
+                pieces = LineCollection(list(ends[mine]), colors=color, linewidths=width, zorder=3)
+                pieces.set(label=title, linestyle=(0, (1, 1.5)) if dotted else (0, (4, 2)))
+                axes.add_collection(pieces)
 
 
 def rivals(axes: Axes, estimates: Sequence[Estimate]) -> None:

@@ -99,10 +99,10 @@ class AudibleSurfaces:
         there = self.curve[whom[distance[which, whom] < MATCHED_M]]
         return int((there < 0).sum() + len(np.unique(there[there >= 0])))
 
-    def false(self, found: SurfaceEstimate) -> int:
-        """How many found surfaces lie at none of them: 0.5 m or more as feature vectors from each."""
+    def false(self, found: SurfaceEstimate) -> NDArray[np.bool_]:
+        """Which found surfaces (F,) lie at none of them: 0.5 m or more as feature vectors from each."""
         distance = np.linalg.norm(found.sfv_m[:, None] - self.feature, axis=-1)
-        return int((distance.min(1, initial=np.inf) >= MATCHED_M).sum())
+        return np.asarray(distance.min(1, initial=np.inf) >= MATCHED_M)
 
     def _distance(self, found: Array, there: NDArray[np.bool_]) -> float:
         """OSPA against some of the surfaces; of a curved wall, the facets that lines were found for."""
@@ -149,6 +149,13 @@ def surface_scores(found: SurfaceEstimate, truth: Truth) -> dict[str, float | in
     return {
         "surfaces_matched": heard.matched(found),
         "surfaces_true": heard.count(),
-        "surfaces_false": heard.false(found),
+        "surfaces_false": int(heard.false(found).sum()),
         "surface_ospa_m": heard.ospa(found),
     }
+
+
+def false_surfaces(
+    found: SurfaceEstimate | None, truth: Truth, earlier: Sequence[Truth] = ()
+) -> NDArray[np.bool_] | None:
+    """Which of a map's surfaces lie at none that the truth's paths hit, or those of earlier agents."""
+    return None if found is None else AudibleSurfaces.of(truth, earlier).false(found)

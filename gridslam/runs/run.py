@@ -86,8 +86,13 @@ class Run:
             The truth is none, or that of another scene.
         """
         from gridslam.drawing.map_figure import draw_map
+        from gridslam.evaluation.surface_truth import false_surfaces
+        from gridslam.simulation.image_source import Truth
 
-        return draw_map(self.map, self.scene, self.trajectory, self._own_track(truth), self.estimates)
+        track, false = self._own_track(truth), None
+        if isinstance(truth, Truth) and self.map.provenance.get("agents") == [self.agent]:
+            false = false_surfaces(self.map.surfaces, truth)  # of earlier agents' maps too little is known
+        return draw_map(self.map, self.scene, self.trajectory, track, self.estimates, false=false)
 
     def _repr_html_(self) -> str:
         from gridslam.drawing.map_figure import inlined

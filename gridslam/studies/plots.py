@@ -29,8 +29,8 @@ LEAST_M, LEAST_CM, LEAST_DEG = 1e-4, 1e-2, 1e-3
 """Errors below these are drawn as these."""
 ERRORS = ("position_error_m", 100.0, LEAST_CM), ("heading_error_rad", np.degrees(1.0), LEAST_DEG)
 """Errors that are drawn, with the factor to cm and degrees; the heading only where something tells of it."""
-WHOLE_IN, NARROW_IN = 8.0, 5.0
-"""Width for which figures are laid out, and below which there is room for two columns of a legend."""
+WHOLE_IN = 8.0
+"""Width for which figures are laid out."""
 HIDDEN = "position_error_m", "position_claimed_m"
 SETTLED = 30
 """Steps after which errors count for where axes end; a third of a shorter run."""
@@ -79,10 +79,7 @@ def draw_study(
 
 def _resize(figure: Figure, width: float) -> None:
     """Give a figure another width; narrow ones keep more of their height, for what stands beside the axes."""
-    share = width / WHOLE_IN
-    figure.set_size_inches(share * figure.get_figwidth(), share**0.6 * figure.get_figheight())
-    for legend in figure.legends if width < NARROW_IN else ():
-        legend.set_ncols(2)
+    figure.set_size_inches(width, (width / WHOLE_IN) ** 0.6 * figure.get_figheight())
 
 
 def draw_errors(own: Sequence[Batch]) -> Figure:
@@ -152,9 +149,9 @@ def draw_mospa(own: Sequence[Batch]) -> Figure:
             count.plot(number_of, color=color, ls=style, lw=1.3)
     _bound(distance, [batch.benchmark.mospa_m for batch in own], "mapping error bound", "--")
     _bound(count, [batch.benchmark.surfaces for batch in own], "true", "--")
-    distance.set(yscale="log", ylabel="MOSPA of the surfaces (m)")
-    image.set(yscale="log", ylabel="MOSPA of the virtual anchors (m)")
-    count.set(xlabel="step", ylabel="surfaces found (dashed: true)")
+    distance.set(yscale="log", ylabel="MOSPA of\nthe surfaces (m)")
+    image.set(yscale="log", ylabel="MOSPA of the\nvirtual anchors (m)")
+    count.set(xlabel="step", ylabel="surfaces found\n(dashed: true)")
     count.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     for axes in (distance, image, count):
         axes.grid(alpha=0.3)
@@ -170,14 +167,16 @@ def draw_surfaces(own: Sequence[Batch]) -> Figure | None:
         return None
     columns = min(3, len(chosen))
     rows = -(-len(chosen) // columns)
-    figure = _figure(4 * columns, 2.6 * rows + 0.6)
+    figure = _figure(WHOLE_IN, 2.0 * rows + 0.8)
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for panel in panels.flat[len(chosen) :]:
         panel.set_visible(False)
+    for panel in panels[-2, len(chosen) % columns or columns :] if rows > 1 else ():
+        panel.tick_params(labelbottom=True)
     for panel, column in zip(panels.flat, chosen, strict=False):
         share = panel.twinx()
         share.set(ylim=(0, 1.02))
-        share.tick_params(labelsize=7)
+        share.tick_params(labelsize="x-small", labelright=panel.get_subplotspec().is_last_col())
         for number, batch in enumerate(own):
             color, style = _look(number)
             error = batch.steps["surface_error_m"][:, column]
@@ -194,8 +193,8 @@ def draw_surfaces(own: Sequence[Batch]) -> Figure | None:
         panel.set(yscale="log", title=f"surface {mark.unknown.surface[column] + 1}")
         panel.set_ylim(1e-3, 10)
         panel.grid(alpha=0.3)
-    figure.supxlabel("step", fontsize=10)
-    figure.supylabel("RMSE (m); thin, right: share of runs that have it", fontsize=10)
+    figure.supxlabel("step (thin lines, right axes: share of runs that have it)", fontsize="medium")
+    figure.supylabel("RMSE (m)", fontsize="medium")
     _legend(figure, panels[0, 0])
     return figure
 
@@ -270,7 +269,7 @@ def draw_hidden(own: Sequence[Batch]) -> Figure | None:
         yscale="log", ylabel="position RMSE, dashed: claimed (cm)", xlabel="step (grey: no line of sight)"
     )
     axes.grid(alpha=0.3)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", fontsize=8, frameon=False)
+    _legend(figure, axes, 1)
     return figure
 
 
@@ -319,7 +318,6 @@ def _figure(width: float, height: float) -> Figure:
     return figure
 
 
-def _legend(figure: Figure, axes: Axes) -> None:
-    figure.legend(
-        *axes.get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=8, frameon=False
-    )
+def _legend(figure: Figure, axes: Axes, columns: int = 3) -> None:
+    style: dict[str, Any] = {"ncols": columns, "fontsize": "small", "frameon": False}
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", **style)

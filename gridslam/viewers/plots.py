@@ -37,7 +37,7 @@ from gridslam.drawing.map_figure import (
 )
 from gridslam.evaluation.ground_truth import inherited_truth, known_bound, tells_heading, truth_of
 from gridslam.evaluation.metrics import SETTLED_STEP, track_errors
-from gridslam.evaluation.surface_truth import AudibleSurfaces
+from gridslam.evaluation.surface_truth import AudibleSurfaces, false_surfaces
 from gridslam.io.files import cannot_write, write_bytes
 from gridslam.maps.map import Map
 from gridslam.measurements.recording import Recording
@@ -238,9 +238,13 @@ def draw_all(
     for name, found in run.agents.items():
         truth = truths[name]
         beside = [t for other, t in truths.items() if shared and other != name and t is not None]
+        whole = None if truth is None else truth.joined(beside)
+        false = None if whole is None else false_surfaces(found.map.surfaces, whole, earlier)
         with fonts(width):
             drawn = {
-                "map": draw_map(found.map, run.scene, found.trajectory, found.truth, found.estimates, width),
+                "map": draw_map(
+                    found.map, run.scene, found.trajectory, found.truth, found.estimates, width, false
+                ),
                 "errors": draw_errors(run.scene, name, found, truth, earlier, width, takes, beside),
             }
             if any(np.isfinite(e.paths.points).any() for e in found.estimates):

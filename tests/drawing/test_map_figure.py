@@ -68,7 +68,8 @@ def test_plot_of_a_method_without_cells_speaks_of_none(run):
 def test_plot_shows_what_is_known(run):
     truth = gs.ground_truth(run.scene, "agent1")
     labels = [{text.get_text() for text in run.plot(t).legends[0].get_texts()} for t in (None, truth)]
-    assert labels[1] - labels[0] == {"true track"}
+    false = {"found where none is", "found where none is, not in cells"}
+    assert labels[1] - labels[0] - false == {"true track"}
     assert {"estimated track", "true walls", "surfaces found", "occupied"} <= labels[0]
     assert "true walls" not in {text.get_text() for text in draw_map(run.map).legends[0].get_texts()}
 
@@ -79,6 +80,33 @@ def test_true_walls_lie_under_the_cells_that_cover_them(run):
     free, occupied = (image.get_zorder() for image in axes.images)
     assert free < order["true walls"] < occupied < order["surfaces found"]
     assert np.ma.masked_invalid(axes.images[1].get_array()).count() == run.map.occupied.sum()
+
+
+def test_false_surfaces_are_drawn_each_and_told_from_others(run):
+    """One that no cell bears out, too: it stands in the table."""
+    table = run.map.surfaces
+    false = np.arange(len(table)) == 0
+    for never_hit, label in ((False, "found where none is"), (True, "found where none is, not in cells")):
+        extent = np.where(never_hit & false[:, None], np.nan, table.extent_m)
+        grid = replace(run.map, surfaces=replace(table, extent_m=extent))
+        (axes,) = draw_map(grid, run.scene, false=false).axes
+        own = {item.get_label(): item for item in axes.collections}
+        assert label in own
+        assert own[label].get_color().tolist() != own["surfaces found"].get_color().tolist()
+        angle, offset = table.line[0]
+        ends = np.concatenate(own[label].get_segments())
+        np.testing.assert_allclose(ends @ [np.cos(angle), np.sin(angle)], offset, atol=1e-9)
+    assert not any("none is" in item.get_label() for item in run.plot().axes[0].collections)
+
+
+@pytest.mark.parametrize("width", [COLUMN_IN, 7.2])
+def test_figures_have_the_width_that_was_asked_for_and_nothing_sticks_out(run, width):
+    false = np.ones(len(run.map.surfaces), bool)
+    figure = draw_map(run.map, run.scene, run.trajectory, run.trajectory, width=width, false=false)
+    (box,) = re.findall(rb"/MediaBox \[ *0 0 ([\d.]+)", encoded(figure, "pdf"))
+    assert float(box) == pytest.approx(72 * width, abs=0.5)
+    drawn = figure.get_tightbbox()
+    assert 0 <= drawn.x0 < drawn.x1 <= width
 
 
 @pytest.mark.slow

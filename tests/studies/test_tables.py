@@ -1,13 +1,16 @@
 """Tables and figures of studies, against hand-made runs."""
 
 import csv
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from made_up_runs import AGENTS, Here, made_up, plan
+from matplotlib.text import Text
 from tiny import TINY
 
+from gridslam.drawing.map_figure import encoded
 from gridslam.errors import InputError
 from gridslam.evaluation.bounds import Bound, MapBound
 from gridslam.studies.batches import Benchmark, _benchmarks, batches
@@ -142,7 +145,21 @@ def test_figures_of_several_settings_are_drawn_side_by_side(scene, tmp_path, mon
     written = draw_study(tmp_path / "s", batches(outcome))
     assert len(written) == 6
     assert all(path.stat().st_size > 10_000 for path in written)
+    drawn = []
+
+    def noted(figure, form):
+        content = encoded(figure, form)
+        sizes = {text.get_fontsize() for text in figure.findobj(Text) if text.get_text()}
+        drawn.append((figure.get_tightbbox(), max(sizes)))
+        return content
+
+    monkeypatch.setattr("gridslam.studies.plots.encoded", noted)
     narrow = draw_study(tmp_path / "s", batches(outcome), "pdf", 3.5)
+    for path, (box, largest) in zip(narrow, drawn, strict=True):
+        (wide,) = re.findall(rb"/MediaBox \[ *0 0 ([\d.]+)", path.read_bytes())
+        assert float(wide) == pytest.approx(72 * 3.5, abs=0.5), path.name
+        assert 0 <= box.x0 < box.x1 <= 3.5, path.name
+        assert largest < 1.3 * 7, "letters of a narrow figure"
     assert [path.suffix for path in narrow] == 6 * [".pdf"]
     assert all(path.read_bytes().startswith(b"%PDF") for path in narrow)
     axes = draw_errors(batches(outcome)).axes[0]
