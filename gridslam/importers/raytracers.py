@@ -272,6 +272,9 @@ def network_of(
         Agents that aren't the scene's, or of which something is missing, or places that aren't there.
     """
     tracks = more.pop("truth", None) or {}
+    for what, given in (("heading_rad", heading_rad), ("receivers", steps), ("truth", tracks)):
+        if not isinstance(given, Mapping):
+            raise InputError(what, type(given).__name__, "a dictionary, with an entry for each agent's name")
     for what, given in (("heading_rad", heading_rad), ("truth", tracks)):
         unknown = [name for name in given if name not in steps]
         if unknown:

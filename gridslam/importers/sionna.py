@@ -143,6 +143,7 @@ def _one(paths: Any, scene: Scene, uplink: bool) -> TracedPaths:
         raise InputError("paths: a", f"shape {power.shape} over the antennas", f"{columns['tau'].shape}")
     good = columns.pop("valid").astype(bool)
     require_seconds(columns["tau"][good], scene)
+    require_whole(columns | {"a": power}, good)
     table = {name: np.where(good, values, np.nan) for name, values in columns.items()}
     table["gain"] = np.where(good, np.sqrt(power), np.nan)
     if uplink:
@@ -212,3 +213,20 @@ def require_seconds(tau: NDArray[np.float64], scene: Scene) -> None:
     for wrong in tau[~((tau >= 0) & (tau <= most))][:1]:
         allowed = f"seconds, 0 to {most:.3g}: light over {MOST_EXTENTS} times the scene's {extent:.3g} m"
         raise InputError("paths: tau", f"{wrong:g} of a valid path", allowed)
+
+
+def require_whole(columns: Mapping[str, NDArray], valid: NDArray[np.bool_]) -> None:
+    """Refuse valid paths of which a gain or an angle isn't finite: they'd be lost without a word.
+
+    Raises
+    ------
+    InputError
+        Says how many there are.
+    """
+    for name, values in columns.items():
+        wrong = valid & ~np.isfinite(values)
+        if wrong.any():
+            found = f"{wrong.sum()} of {valid.sum()} valid paths without a finite number"
+            raise InputError(
+                f"paths: {name}", found, "finite ones; set `valid` to False for paths that aren't there"
+            )

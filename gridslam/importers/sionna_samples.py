@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.importers.raytracers import headings
-from gridslam.importers.sionna import ANGLES, coefficients, numbers_of, require_seconds
+from gridslam.importers.sionna import ANGLES, coefficients, numbers_of, require_seconds, require_whole
 from gridslam.measurements.recording import Recording
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import SPEED_OF_LIGHT
@@ -134,7 +134,9 @@ class _Part:
             if one.shape != self.gain.shape:
                 raise InputError(f"paths: {name}", f"shape {values.shape}", f"{self.gain.shape}, as a")
             columns[name] = one
-        require_seconds(columns["tau"][columns["valid"].astype(bool)], scene)
+        valid = columns["valid"].astype(bool)
+        require_seconds(columns["tau"][valid], scene)
+        require_whole(columns | {"a": self.gain}, valid)
         self.columns = columns
 
     def of(self, step: int, anchor: int, turn: float, heading: float) -> tuple[Complex, Array, Array, Array]:

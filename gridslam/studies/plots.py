@@ -149,8 +149,13 @@ def draw_mospa(own: Sequence[Batch]) -> Figure:
             count.plot(number_of, color=color, ls=style, lw=1.3)
     _bound(distance, [batch.benchmark.mospa_m for batch in own], "mapping error bound", "--")
     _bound(count, [batch.benchmark.surfaces for batch in own], "true", "--")
-    distance.set(yscale="log", ylabel="MOSPA of\nthe surfaces (m)")
-    image.set(yscale="log", ylabel="MOSPA of the\nvirtual anchors (m)")
+    for axes, label in (
+        (distance, "MOSPA of\nthe surfaces (m)"),
+        (image, "MOSPA of the\nvirtual anchors (m)"),
+    ):
+        axes.set_ylabel(label)
+        if any((np.asarray(line.get_ydata()) > 0).any() for line in axes.lines):  # else no logarithm
+            axes.set_yscale("log")
     count.set(xlabel="step", ylabel="surfaces found\n(dashed: true)")
     count.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     for axes in (distance, image, count):

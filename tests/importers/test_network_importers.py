@@ -120,6 +120,8 @@ def test_agents_of_a_source_that_do_not_fit_are_named(scene, exact):
     heading, whose, more = arguments(scene)
     paths = sionna(places(scene, exact))
     cases = [
+        ({"heading_rad": 3.0}, "heading_rad: found float; allowed: a dictionary"),
+        ({"receivers": [0, 1]}, "receivers: found list; allowed: a dictionary"),
         ({"heading_rad": {"agent1": 0.0}}, "heading_rad: found none of 'agent3'"),
         ({"heading_rad": heading | {"he": 0.0}}, "heading_rad: agent: found 'he'; allowed: agent1, agent3"),
         ({"receivers": {"he": [0]}, "heading_rad": {"he": 0.0}, "truth": {}}, "'he'"),

@@ -145,6 +145,19 @@ def test_delays_that_cannot_be_in_seconds_are_refused(importer, tau, found):
 
 
 @pytest.mark.parametrize("importer", [gs.recording_from_sionna, gs.from_sionna])
+@pytest.mark.parametrize("name", ["a", "phi_t", "theta_r"])
+def test_valid_paths_without_gain_or_angle_are_refused_and_counted(importer, name):
+    paths = traced(3)
+    values = paths.a[0].copy() if name == "a" else getattr(paths, name)
+    values[0, ..., 1] = np.nan
+    whole = SimpleNamespace(**(vars(paths) | {name: (values, paths.a[1]) if name == "a" else values}))
+    with pytest.raises(InputError, match=f"paths: {name}: found 1 of 6 valid paths without a finite number"):
+        importer(whole, SCREEN, HEADING)
+    whole.valid[0, 0, 1] = False
+    importer(whole, SCREEN, HEADING)
+
+
+@pytest.mark.parametrize("importer", [gs.recording_from_sionna, gs.from_sionna])
 @pytest.mark.parametrize("scene", ["screen", None])
 def test_what_is_no_scene_is_refused(importer, scene):
     with pytest.raises(InputError, match=f"scene: found {type(scene).__name__}; allowed: a Scene"):

@@ -2,6 +2,7 @@
 
 import csv
 import re
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -14,10 +15,19 @@ from gridslam.drawing.map_figure import encoded
 from gridslam.errors import InputError
 from gridslam.evaluation.bounds import Bound, MapBound
 from gridslam.studies.batches import Benchmark, _benchmarks, batches
-from gridslam.studies.plots import draw_cdf, draw_consistency, draw_errors, draw_hidden, draw_study
+from gridslam.studies.plots import (
+    draw_cdf,
+    draw_consistency,
+    draw_errors,
+    draw_hidden,
+    draw_mospa,
+    draw_study,
+)
 from gridslam.studies.study import Outcome, Study, Variant, run_study
 from gridslam.studies.tables import step_rows, summary_rows, write_tables
 from gridslam.world.scene import Scene
+
+MAPPED = ("surface_ospa_m", "image_ospa_m", "surfaces")
 
 
 @pytest.fixture(scope="module")
@@ -135,6 +145,17 @@ def test_errors_while_hidden_are_drawn_beside_what_is_claimed_of_methods_on_samp
     assert draw_hidden([batch for batch in own if batch.method == "grid"]) is None
     everywhere = [replace(b, benchmark=replace(b.benchmark, sight=np.ones((1, 100), bool))) for b in own]
     assert draw_hidden(everywhere) is None
+
+
+def test_a_study_of_a_method_that_maps_no_surfaces_draws_without_a_warning():
+    data = Scene.load("scatter").model_dump(exclude_none=True)
+    data["agents"][0]["steps"], data["scatterers"] = 20, data["scatterers"][:1]
+    study = Study((Scene.checked(data, "short"),), ("hybrid",), (0, 1))
+    own = batches(Outcome(study, [made_up(job, 0.02) for job in study.jobs()]))
+    none = {name: np.full_like(v, np.nan) for name, v in own[0].steps.items() if name in MAPPED}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        encoded(draw_mospa([replace(own[0], steps=own[0].steps | none)]))
 
 
 @pytest.mark.slow
