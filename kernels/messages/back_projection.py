@@ -5,7 +5,7 @@ Steps are taken `STEPS` at a time, side by side in vectors.
 
 import taichi as ti
 
-from gridslam.kernels.messages.feature_likelihood import LEAST_M
+from gridslam.kernels.messages.feature_responses import LEAST_M
 from gridslam.kernels.primitives.functions import turn_of, wrapped
 from gridslam.kernels.primitives.launching import quick
 

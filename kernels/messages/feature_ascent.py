@@ -2,15 +2,14 @@
 
 import taichi as ti
 
-from gridslam.kernels.messages.feature_likelihood import (
+from gridslam.kernels.messages.feature_likelihood import differentiate, factorise, invert
+from gridslam.kernels.messages.feature_responses import (
     SIDE,
     SLOPE,
     Outputs,
     Side,
-    differentiate,
-    factorise,
-    invert,
     multiply,
+    pairs_of,
     place_features,
     project,
 )
@@ -37,15 +36,15 @@ def rise(
     scratch: ti.template(), gram: ti.template(), slopes: ti.template(),
 ):  # fmt: skip
     """Sum of A over all points; that of its slopes by the features from `first` on, into `slopes`."""
-    total, count = ti.f64(0.0), features.shape[0]
+    total, count, pairs = ti.f64(0.0), features.shape[0], pairs_of(element)
     for n in range(first, count):
         for e in ti.static(range(4)):
             slopes[NOW, n - first, e] = 0.0
     for block in range((points.shape[0] + SIDE - 1) // SIDE):
         p = block * SIDE
-        place_features(p, 0, points, features, anchor, element, table, step, reach, scratch, True)
-        project(0, count, element.shape[0], pulse, reach[0], scratch)
-        multiply(0, count, element.shape[0], pulse, reach[0], scratch, gram, True)
+        place_features(p, 0, pairs, points, features, anchor, element, table, step, reach, scratch, True)
+        project(0, count, pairs, pulse, reach[0], scratch)
+        multiply(0, count, pairs, pulse, reach[0], scratch, gram, True)
         value = factorise(0, count, scratch, gram)
         invert(0, count, first, scratch, gram)
         differentiate(0, count, first, scratch, gram)

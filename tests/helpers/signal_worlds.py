@@ -10,14 +10,8 @@ from gridslam.inference.messages.features.matched_outputs import (
     rows_per_m,
 )
 from gridslam.kernels.messages.feature_ascent import climb_features
-from gridslam.kernels.messages.feature_likelihood import (
-    ARRAY,
-    BLOCKS,
-    LANES,
-    SIDE,
-    differentiate_features,
-    evaluate_features,
-)
+from gridslam.kernels.messages.feature_likelihood import differentiate_features, evaluate_features
+from gridslam.kernels.messages.feature_responses import ARRAY, BLOCKS, LANES, SIDE
 from gridslam.kernels.primitives.blocks import Ascent
 from gridslam.reference.feature_likelihood import response
 from gridslam.world.radio import SPEED_OF_LIGHT

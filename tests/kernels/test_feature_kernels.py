@@ -43,6 +43,18 @@ def test_slopes_are_those_of_the_covariance_of_all_samples(seed, features):
     assert np.isnan(some[:, :-1]).all()  # untouched
 
 
+@pytest.mark.parametrize("order", [[0, 1, 2, 3], [0, 3, 1, 2], [0, 1, 4, 2, 3]])
+def test_antennas_that_mirror_each_other_or_do_not_are_heard_alike(order):
+    # whether one stands for both or not: in pairs, in another order, and with one in the middle
+    one = world(8, features=5, particles=9)
+    element, samples = np.append(one.element, np.zeros((1, 2)), 0), np.append(one.samples, one.samples[:1], 0)
+    one = one._replace(element=element[order], samples=samples[order])
+    expected = reference.evaluate_features(*one.known)
+    np.testing.assert_allclose(one.value()[:, 0], expected[:, 0], rtol=2e-4, atol=2e-3)
+    slopes, twins = one.slopes()[0], reference.differentiate_features(*one.known)
+    np.testing.assert_allclose(slopes, twins, atol=2e-4 * np.abs(twins).max() + 1e-3)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("entry", range(4))
 def test_the_twin_of_the_slopes_equals_finite_differences(entry):

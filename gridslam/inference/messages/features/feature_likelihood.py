@@ -105,7 +105,8 @@ class Front:
             Of the features: by those before it there is none (0).
         """
         runtime.start()
-        from gridslam.kernels.messages.feature_likelihood import BLOCKS, differentiate_features
+        from gridslam.kernels.messages.feature_likelihood import differentiate_features
+        from gridslam.kernels.messages.feature_responses import BLOCKS
 
         out = np.zeros((len(points), len(features) + 1, 4))
         differentiate_features(
@@ -130,7 +131,7 @@ class Front:
         """
         runtime.start()
         from gridslam.kernels.messages.feature_ascent import DONE, climb_features
-        from gridslam.kernels.messages.feature_likelihood import BLOCKS
+        from gridslam.kernels.messages.feature_responses import BLOCKS
 
         features, plan = features.copy(), plan.copy()
         scratch, slopes = self._scratch(len(features), BLOCKS, 1), np.zeros((3, len(kind), 4))
@@ -168,7 +169,7 @@ class Front:
 
     def _scratch(self, features: int, blocks: int, lanes: int | None = None) -> tuple[Array, Array]:
         """Scratch of a launch, by how many blocks of rows gram has."""
-        from gridslam.kernels.messages.feature_likelihood import ARRAY, LANES, SIDE
+        from gridslam.kernels.messages.feature_responses import ARRAY, LANES, SIDE
 
         entries = ARRAY + 3 * len(self.waveform.agent_element_m)
         lanes = LANES if lanes is None else lanes
