@@ -7,8 +7,16 @@ import pytest
 
 import gridslam as gs
 from gridslam.inference.management.network import clock_replay
-from gridslam.inference.management.network.clock_replay import mistakable, taken_again, with_clocks_of
+from gridslam.inference.management.network.clock_replay import (
+    WALL_M,
+    WALL_RAD,
+    mistakable,
+    taken_again,
+    with_clocks_of,
+    with_walls_of,
+)
 from gridslam.inference.state.network.clock_search import SET_VARIANCE
+from gridslam.inference.state.surface_bank import FRESH_SINGLE
 from gridslam.simulation.network import simulate_network
 from gridslam.systems import network
 from gridslam.systems.network import NetworkSlam
@@ -58,20 +66,63 @@ def until_set(slam, scans):
     raise AssertionError("the clock wasn't set")
 
 
-def test_the_world_is_that_of_a_filter_told_the_clock_before_the_first_step(scene, scans):
+def told_by_hand(slam, before, number, scans):
+    """The states that a filter has which is told the clock, and then the walls, before the first step."""
+    alone, _ = network.step(before, scans[number], slam.model, slam.work)  # the step that sets it
+    walked = slam.model.clocks.walk_m**2 * (scans[number].time_s - scans[0].time_s)
+    start = with_clocks_of(alone, before.search.before, SET_VARIANCE + walked)
+    once = stepped_through(start, scans[: number + 1], slam)
+    return alone, once, stepped_through(with_walls_of(once, start), scans[: number + 1], slam)
+
+
+def stepped_through(state, scans, slam):
+    for scan in scans:
+        state, _ = network.step(state, scan, slam.model, slam.work)
+    return state
+
+
+@pytest.mark.parametrize("mapped", [True, False])
+def test_the_world_is_that_of_a_filter_told_clock_and_walls_before_the_first_step(
+    scene, scans, mapped, monkeypatch
+):
+    if not mapped:
+        monkeypatch.setattr(clock_replay, "with_walls_of", lambda after, before: before)
     slam = NetworkSlam(scene, agents=AGENTS, seed=5)
     _, before, number = until_set(slam, scans)
     assert number >= UNHEARD
     assert len(before.search.scans) == number
-    alone, _ = network.step(before, scans[number], slam.model, slam.work)  # the step that sets it
-    walked = slam.model.clocks.walk_m**2 * (scans[number].time_s - scans[0].time_s)
-    told = with_clocks_of(alone, before.search.before, SET_VARIANCE + walked)
-    for scan in scans[: number + 1]:
-        told, _ = network.step(told, scan, slam.model, slam.work)
+    alone, once, twice = told_by_hand(slam, before, number, scans)
+    told = twice if mapped else once
     np.testing.assert_array_equal(slam.state.belief.covariance, told.belief.covariance)
     np.testing.assert_array_equal(slam.state.los, told.los)
     assert slam.state.search is None
     assert (told.los != alone.los).any()
+    head = once.belief.layout.head
+    spread = np.diagonal(once.belief.covariance)[:head]
+    assert np.abs(np.diagonal(twice.belief.covariance)[:head] / spread - 1).max() < 0.3  # little is told
+
+
+def test_walls_that_two_links_hear_are_told_roughly(scene, scans):
+    slam = NetworkSlam(scene, agents=AGENTS, seed=5)
+    for scan in scans:
+        slam.step(scan)
+    state = slam.state
+    bank, fresh = state.surfaces, NetworkSlam(scene, agents=AGENTS, seed=5).state
+    told = with_walls_of(state, fresh)
+    assert len(told.surfaces) == 4
+    assert told.next_identity == 4
+    assert (told.surfaces.single == FRESH_SINGLE).all()
+    entries = told.belief.layout.head + 2 * np.arange(4)
+    across = told.belief.covariance[entries[:, None], entries]
+    np.testing.assert_allclose(across, np.eye(4) * WALL_RAD**2)
+    np.testing.assert_array_equal(told.belief.lines, state.belief.lines[bank.existence > 0.9])
+    at_foot = np.array([[-told.surfaces.foot[0], 1.0]])
+    first = slice(entries[0], entries[0] + 2)
+    assert (at_foot @ told.belief.covariance[first, first] @ at_foot.T)[0, 0] == pytest.approx(WALL_M**2)
+    assert len(with_walls_of(state, told).surfaces) == 4 + (bank.identity >= 4).sum()
+    single = np.where(np.arange(len(bank.single))[:, None] == 0, bank.single, 0.1)
+    phantoms = replace(state, surfaces=replace(bank, single=single))
+    assert len(with_walls_of(phantoms, fresh).surfaces) == 0
 
 
 def test_only_modes_of_open_clocks_are_told(scene, scans):

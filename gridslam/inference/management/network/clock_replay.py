@@ -1,21 +1,30 @@
 """The steps of a search for clocks are taken again once a clock is set; docs/model.md, section 13.
 
 While an anchor's clock is open, its paths bear no surfaces, and some are taken for another anchor's over
-walls that aren't there. Told the clock from the first step on, they fall into place.
+walls that aren't there. Told the clock from the first step on, and then roughly the walls that come out,
+they fall into place.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from gridslam.arrays import replace
 from gridslam.inference.management.hypotheses import comparable
-from gridslam.inference.messages.network.clock_setting import tells_no_departure
+from gridslam.inference.messages.network.clock_evidence import SURE_SURFACE
+from gridslam.inference.messages.network.clock_setting import (
+    loosened,
+    tells_no_departure,
+    witnessed_surfaces,
+)
+from gridslam.inference.state.belief import append
+from gridslam.inference.state.network.belief import NetworkBelief
 from gridslam.inference.state.network.clock_search import SET_VARIANCE
 from gridslam.inference.state.network.state import ClockSteps, NetworkState
+from gridslam.inference.state.surface_bank import FRESH_SINGLE
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.network_model import NetworkModel
 from gridslam.world.network_scan import NetworkScan
@@ -23,6 +32,8 @@ from gridslam.world.network_scan import NetworkScan
 Step = Callable[[NetworkState, NetworkScan, NetworkModel, Any], tuple[NetworkState, Any]]
 MOST_STEPS = 40
 """That are taken again; of a longer search the latest, this many at most."""
+WALL_M, WALL_RAD, WALL_SEEN = 0.3, np.radians(3.0), 3
+"""Deviations within which walls are told, far wider than they are known by then; how often they were seen."""
 
 
 def stepped(
@@ -69,20 +80,62 @@ def taken_again(
 ) -> tuple[NetworkState, Any, ClockSteps] | None:
     """The same steps with the clocks that are set after them set from the first on, each about its mode.
 
+    And once more with the surfaces that come out, of which births of other labels are none then.
+
     Returns
     -------
     (state, info, steps) or None
         State and info of the last. None where what was heard is less likely so, or a clock didn't stay set.
     """
     walked = model.clocks.walk_m**2 * (steps.scans[-1].time_s - steps.scans[0].time_s)
-    state = start = with_clocks_of(after, steps.before, SET_VARIANCE + walked)
+    start, clocks = with_clocks_of(after, steps.before, SET_VARIANCE + walked), after.clocks
+    state, info, total = _from(start, steps.scans, model, works, step)
+    if (state.clocks.unset & ~clocks.unset).any() or total < steps.log_evidence:
+        return None
+    told = with_walls_of(state, start)
+    if len(told.surfaces) > len(start.surfaces):
+        mapped, heard, explained = _from(told, steps.scans, model, works, step)
+        if (mapped.clocks.unset == state.clocks.unset).all() and explained >= total:
+            # walls that are told say nothing of clocks that are still searched for
+            state, info = loosened(replace(mapped, clocks=state.clocks)), heard
+    return state, info, ClockSteps(start, steps.scans, total)
+
+
+def _from(
+    state: NetworkState,
+    scans: Sequence[NetworkScan],
+    model: NetworkModel,
+    works: Sequence[Workspace],
+    step: Step,
+) -> tuple[NetworkState, Any, float]:
+    """State and info after some steps, and the log evidence of all."""
     info, total = None, 0.0
-    for scan in steps.scans:
+    for scan in scans:
         state, info = step(state, scan, model, works)
         total += evidence(state, info, model)
-    if (state.clocks.unset & ~after.clocks.unset).any() or total < steps.log_evidence:
-        return None
-    return state, info, ClockSteps(start, steps.scans, total)
+    return state, info, total
+
+
+def with_walls_of(after: NetworkState, before: NetworkState) -> NetworkState:
+    """The state of before with the new surfaces of after that two links hear, each roughly where it is."""
+    bank, lines = after.surfaces, after.belief.lines
+    new = (bank.identity >= before.next_identity) & (bank.existence > SURE_SURFACE)
+    surfaces, belief, count = before.surfaces, before.belief, len(before.surfaces)
+    rows = np.flatnonzero(new & witnessed_surfaces(after)).tolist()
+    for number, row in enumerate(rows):
+        foot = float(bank.foot[row])
+        surfaces = surfaces.add(
+            before.next_identity + number, float(bank.existence[row]), bank.reflection[row], foot,
+            (0, -1, -1), seen=WALL_SEEN,
+        )  # fmt: skip
+        tilted = WALL_RAD**2 * np.array([[1.0, foot], [foot, foot**2]])
+        belief = cast(NetworkBelief, append(belief, lines[row], tilted + np.diag([0.0, WALL_M**2])))
+    single = surfaces.single.copy()
+    single[:, count:] = FRESH_SINGLE
+    return replace(
+        before, surfaces=replace(surfaces, single=single), belief=belief,
+        next_identity=before.next_identity + len(rows),
+    )  # fmt: skip
 
 
 def with_clocks_of(after: NetworkState, before: NetworkState, variance: float) -> NetworkState:
