@@ -73,7 +73,7 @@ class Doubt:
             doubtful = DOUBT_STEPS
         return self if doubtful == self.doubtful else replace(self, doubtful=doubtful)
 
-    def compared(self, evidence: float, best: float, here: float, loud: int) -> Self:
+    def compared(self, evidence: float, best: float, here: float, loud: float) -> Self:
         """Take in a comparison.
 
         Parameters
@@ -82,7 +82,7 @@ class Doubt:
             Of the likeliest hypothesis at this step, nats.
         best, here : float
             Scores by the scan alone of the best pose, and of the best near the believed one, nats.
-        loud : int
+        loud : float
             Loud measurements of the scan.
         """
         after = replace(
@@ -91,7 +91,7 @@ class Doubt:
         )  # fmt: skip
         return replace(after, doubtful=DOUBT_STEPS) if after.against() else after
 
-    def tried(self, lead: float, loud: int) -> Self:
+    def tried(self, lead: float, loud: float) -> Self:
         """Take in by how much the likeliest hypothesis leads a start anew at a step, nats; (M392)."""
         if self.borne + lead <= 0:
             return replace(self, borne=0.0, counted=0.0)

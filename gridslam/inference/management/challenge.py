@@ -18,7 +18,7 @@ from gridslam.inference.management.mixture import poses, together
 from gridslam.inference.management.poses.pose_fix import Sources
 from gridslam.inference.management.poses.pose_score import Snapshot
 from gridslam.inference.management.poses.pose_search import POSE, find_modes, line_of_sight_poses, near
-from gridslam.inference.state.anchor_measurements import AnchorScan, split_by_anchor
+from gridslam.inference.state.anchor_measurements import AnchorScan, SplitScan, split_by_anchor
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -32,6 +32,8 @@ HANDICAP, CHALLENGERS, POSES, LISTED = 7.0, 3, 60_000, 20
 """Log weight of challengers below the best, how many, uniform poses scored for them, modes listed at most."""
 ROUNDS, DRAWN, COPIES = 2, 100, 3
 """Rounds of a comparison, poses drawn in each, and per measurement that may be a line of sight."""
+WITHOUT_AMPLITUDE = 0.6
+"""Of a loud measurement, what one without amplitude counts for that isn't clutter."""
 HERE_M, HERE_RAD = 0.1, 0.1
 """What is nearer to where the agent is believed to be is no other place."""
 PURPOSE, PURPOSE_OF_LEAD = 4, 5
@@ -91,7 +93,7 @@ def watched(
     due = state.step % EVERY == 0
     if len(scan) and (due or watch.unproven):
         scans = work.once(split_by_anchor, scan, model)
-        loud = int(np.count_nonzero(scans.whole.loud))
+        loud = loud_of(scans, model)
         if loud or watch.unproven:
             draw = np.random.default_rng([work.seed, state.step, PURPOSE_OF_LEAD])
             best, here = best_snapshot(snapshot_of(scans, state, model), state.belief.mean[POSE], draw)
@@ -100,6 +102,21 @@ def watched(
             if due and loud:
                 watch = watch.compared(evidence(), best, here, loud)
     return population if watch is population.watch else replace(population, watch=watch)
+
+
+def loud_of(scans: SplitScan, model: FilterModel) -> float:
+    """How many loud measurements a scan is worth, for a comparison with a fresh start.
+
+    Without amplitudes no measurement is louder than another: what is expected to be clutter isn't counted,
+    and each of the others tells less than a loud one whose amplitude fits, too.
+    """
+    whole = scans.whole
+    silent = np.isnan(whole.amplitude)
+    clutter = model.radio.false_alarms * np.count_nonzero([np.isnan(scan.amplitude).any() for scan in scans])
+    return float(
+        np.count_nonzero(whole.loud & ~silent)
+        + WITHOUT_AMPLITUDE * max(np.count_nonzero(silent) - clutter, 0)
+    )
 
 
 def challenged(

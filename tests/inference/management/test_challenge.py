@@ -21,8 +21,10 @@ from gridslam.inference.health.reasons import UNPROVEN
 from gridslam.inference.management.branching import placed
 from gridslam.inference.management.challenge import (
     EVERY,
+    WITHOUT_AMPLITUDE,
     best_snapshot,
     challenged,
+    loud_of,
     snapshot_of,
     watched,
 )
@@ -82,6 +84,24 @@ def test_a_right_world_leads_a_fresh_start_and_is_well(mapped):
     assert all(watch.lead > 1.5 * LOW_LEAD * watch.loud for watch in known)
     assert slam.info.health.ok
     assert not slam.population.watch.doubtful
+
+
+def test_a_right_world_without_amplitudes_is_well_and_a_wrong_one_is_not(scene):
+    """Nothing is loud then: counted as loud, all of it would make the lead of a right map look low."""
+    heard = gs.simulate(scene, "agent1", seed=3)
+    scans = list(replace(heard, amplitude=np.full(len(heard.step), np.nan)))
+    slam, leads = GridSlam(scene, seed=3), []
+    for scan in scans:
+        slam.step(scan)
+        leads.append(slam.population.watch)
+    known = [watch for watch in leads if watch.loud]
+    assert known
+    assert not any("fresh start" in reason for watch in known for reason in watch.reasons())
+    split = split_by_anchor(scans[20], slam.model)
+    count = len(split.whole) - 2 * scene.radio.false_alarms
+    assert loud_of(split, slam.model) == pytest.approx(WITHOUT_AMPLITUDE * count)
+    wrong = known[-1].compared(30.0, 29.0, 29.0, loud_of(split, slam.model))
+    assert "fresh start" in replace(wrong, lead=1.0 * wrong.loud).reasons()[0]
 
 
 def test_a_world_that_a_fresh_start_explains_as_well_is_doubted_and_said_so(mapped, scans):
