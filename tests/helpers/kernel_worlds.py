@@ -3,6 +3,7 @@
 import numpy as np
 from hypothesis import strategies as st
 
+from gridslam import reference
 from gridslam.kernels.primitives.blocks import Hits
 from gridslam.world.filter_model import FIXED
 
@@ -107,3 +108,10 @@ def some_rows(draw, shape, spread):
     count = int(known.sum())
     where[known] = draw.permutation(count)
     return where, draw.normal(0, spread, (count, BINS)).astype(np.float32)
+
+
+def predicted_of(mean, covariance, head, path, places):
+    """Values, spreads and lengths of paths, by the twin."""
+    value, _, spread = reference.predict(mean, covariance, head, path, places)
+    late = reference.late(mean, head, path[:, 3], places)
+    return np.column_stack([value, spread.reshape(-1, 9), value[:, 0] - late])

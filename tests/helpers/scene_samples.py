@@ -30,3 +30,21 @@ def raised(scene, above_m, agent_m=1.0):
     for agent in data["agents"]:
         agent["height_m"] = agent_m
     return gs.Scene.checked(data, scene.name)
+
+
+def tall(layers=5, levels=True, steps=30, height_std_m=0.0, **radio):
+    """`room`, anchors 1.5 m above the agent, with arrays of so many layers, floor and ceiling."""
+    data = raised(shortened(gs.Scene.load("room"), steps), 1.5).model_dump(exclude_none=True)
+    own = data["agents"][0]["height_m"]
+    if levels:
+        data["floor"] = {"height_m": own - 1.1, "coefficient": 0.5}
+        data["ceiling"] = {"height_m": own + 1.9, "coefficient": 0.4}
+    data["agents"][0]["height_std_m"] = height_std_m
+    data["radio"] |= {"array": data["radio"]["array"] | {"layers": layers}, **radio}
+    return gs.Scene.checked(data, "room")
+
+
+def replace_layers(scene, layers):
+    data = scene.model_dump(exclude_none=True)
+    data["radio"]["array"]["layers"] = layers
+    return gs.Scene.checked(data, scene.name)

@@ -120,6 +120,22 @@ def test_a_step_can_be_taken_again_from_any_state_that_was_kept(system, scene, s
         assert info.health.why == slam.info.health.why
 
 
+def owner(array):
+    """The array whose memory it is."""
+    return array if array.base is None else owner(array.base)
+
+
+def test_to_keep_every_state_of_a_run_takes_13_bytes_a_cell_and_little_else(scene, scans):
+    slam, kept = GridSlam(scene, seed=3), []
+    for scan in scans:
+        slam.step(scan)
+        kept.append(slam.state)
+    own = {id(whole): whole.nbytes for state in kept for whole in map(owner, arrays(state))}
+    cells, rows = kept[-1].grid.evidence.size, len(kept[-1].grid.hit)
+    assert rows < 0.1 * cells, "coefficients are those of cells that were hit"
+    assert sum(own.values()) < len(kept) * (13 * cells + 80 * rows + 60_000)
+
+
 def interrupted(after, function, *arguments):
     """Call a function, and raise at the line of ours of this number; return how many lines came."""
     ours, lines = str(Path(gs.__file__).parent), 0

@@ -16,15 +16,16 @@ from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rays import P_STAY
 from gridslam.inference.state.rings import (
-    BEARINGS,
     LEAST_EXISTENCE,
     MOVING,
     Rings,
+    directions,
     follow,
     join,
     move,
     outer,
     prune,
+    rings_about,
     shrunk,
     symmetric,
     weighed,
@@ -34,8 +35,6 @@ from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import level_of, line_between, slant, unit
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
 
-OVERLAP = 0.6
-"""Deviation of a hypothesis along the ring at birth, in spacings: their sum is flat within 1 %."""
 APART = 2.0
 """Deviations by which a distance must exceed that of the anchor itself before it may begin a ring."""
 
@@ -265,7 +264,7 @@ def expected(
     """
     usable, deviation, loudness = _level(scan, signal)
     distance = np.where(usable, scan.value[:, 0], 0.0)
-    image = belief.mean[:2] + level_of(distance, scan.height)[:, None, None] * unit(_bearings())
+    image = belief.mean[:2] + level_of(distance, scan.height)[:, None, None] * directions()
     line = line_between(scan.position, image)
     span = np.linalg.norm(image - scan.position, axis=-1)
     crosses = np.abs((unit(line[..., 0]) @ middle) - line[..., 1]) < radius_m
@@ -292,24 +291,8 @@ def begin(
         Of the bearings.
     """
     rows = np.flatnonzero(chance > LEAST_EXISTENCE)
-    length = scan.value[rows, 0, None]
-    distance = np.maximum(level_of(length, scan.height), 1e-6)  # as seen from above
-    variance = np.square(_level(scan, signal)[1][rows, None] * length / distance)
-    toward = np.broadcast_to(unit(_bearings()), (len(rows), BEARINGS, 2))
-    across = np.stack([-toward[..., 1], toward[..., 0]], -1)
-    arc = np.square(OVERLAP * 2 * np.pi / BEARINGS * distance)[..., None, None]
-    mean = np.zeros((len(rows), BEARINGS, MOVING + 2))
-    mean[..., :MOVING] = belief.mean[:MOVING]
-    mean[..., MOVING:] = belief.mean[:2] + distance[..., None] * toward
-    entry = np.array([0, 1, 2, 3, 0, 1])  # the image shares the error of the agent's position
-    covariance = np.broadcast_to(belief.covariance[np.ix_(entry, entry)], (*mean.shape, MOVING + 2)).copy()
-    covariance[..., MOVING:, MOVING:] += variance[..., None, None] * outer(toward, toward) + arc * outer(
-        across, across
-    )
-    age, seen = np.zeros(len(rows), np.int64), np.ones(len(rows), np.int64)
-    anchor = np.full(len(rows), scan.anchor, np.intp)
-    return rings.joined(Rings(anchor, chance[rows], age, seen, weight[rows], mean, covariance))
-
-
-def _bearings() -> Array:
-    return np.asarray(2 * np.pi / BEARINGS * np.arange(BEARINGS), np.float64)
+    length = scan.value[rows, 0]
+    distance = np.maximum(level_of(length, scan.height), 1e-6)
+    deviation = _level(scan, signal)[1][rows] * length / distance
+    fresh = rings_about(belief, scan.anchor, distance, np.square(deviation), chance[rows], weight[rows])
+    return rings.joined(fresh)

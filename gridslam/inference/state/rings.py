@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.arrays import Array, replace
 from gridslam.inference.state.belief import Belief, diagonal_together, give_birth
-from gridslam.world.geometry import line_between, mirror_derivative, slant
+from gridslam.world.geometry import line_between, mirror_derivative, slant, unit
 from gridslam.world.radio import RadioModel
 
 BEARINGS = 72
@@ -38,6 +38,8 @@ SURE = 0.95
 """Existence that it must have then."""
 JITTER_M = 0.001
 """Random walk of an image per step."""
+OVERLAP = 0.6
+"""Deviation of a hypothesis along the ring at birth, in spacings: their sum is flat within 1 %."""
 MOVING = 4
 """Entries of the agent in a hypothesis."""
 
@@ -101,6 +103,40 @@ class Rings:
         mean = np.einsum("rk,rki->ri", self.weight, self.mean)
         off = self.mean - mean[:, None]
         return mean, np.einsum("rk,rkij->rij", self.weight, self.covariance + outer(off, off))
+
+
+def directions() -> Array:
+    """Unit vectors from the agent to the hypotheses of a ring, (K, 2)."""
+    return unit(np.asarray(2 * np.pi / BEARINGS * np.arange(BEARINGS), np.float64))
+
+
+def rings_about(
+    belief: Belief, anchor: int, distance: Array, variance: Array, existence: Array, weight: Array
+) -> Rings:
+    """Rings (n) about the agent: of new images, whose hypotheses share the error of its position.
+
+    Parameters
+    ----------
+    distance, variance : (n,) m, m^2
+        Of every image as seen from above.
+    existence : (n,)
+    weight : (n, K)
+        Of the bearings.
+    """
+    count, far = len(distance), distance[:, None]
+    toward = np.broadcast_to(directions(), (count, BEARINGS, 2))
+    across = np.stack([-toward[..., 1], toward[..., 0]], -1)
+    arc = np.square(OVERLAP * 2 * np.pi / BEARINGS * far)[..., None, None]
+    mean = np.zeros((count, BEARINGS, MOVING + 2))
+    mean[..., :MOVING] = belief.mean[:MOVING]
+    mean[..., MOVING:] = belief.mean[:2] + far[..., None] * toward
+    entry = np.array([0, 1, 2, 3, 0, 1])
+    covariance = np.broadcast_to(belief.covariance[np.ix_(entry, entry)], (*mean.shape, MOVING + 2)).copy()
+    covariance[..., MOVING:, MOVING:] += variance[:, None, None, None] * outer(toward, toward) + arc * outer(
+        across, across
+    )
+    anchors, age = np.full(count, anchor, np.intp), np.zeros(count, np.int64)
+    return Rings(anchors, existence, age, age + 1, weight, mean, covariance)
 
 
 def move(rings: Rings, dt: float, acceleration: float) -> Rings:

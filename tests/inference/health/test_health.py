@@ -1,4 +1,4 @@
-"""What a filter says of itself, what it learns of its radio, and finding the agent again."""
+"""What a filter says of itself, and what it learns of its radio."""
 
 import copy
 from dataclasses import replace
@@ -17,17 +17,13 @@ from gridslam.evaluation.bounds import known_map_bound
 from gridslam.evaluation.consistency import complaints
 from gridslam.inference.health.monitor import HealthMonitor, innovation_band
 from gridslam.inference.management.merging import merge_and_prune
-from gridslam.inference.management.poses import pose_fix, pose_recovery
-from gridslam.inference.messages.likelihood import DetectionTable
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios, Pairs
 from gridslam.inference.state.anchor_measurements import anchor_scans
-from gridslam.inference.state.belief import Belief, append
+from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.calibration import LEAST_CLUTTER, MOST_CLUTTER, Calibration
 from gridslam.kernels.primitives import tables
 from gridslam.simulation import disturbances
 from gridslam.studies import robustness
-from gridslam.world import geometry
-from gridslam.world.geometry import wrap
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
@@ -236,55 +232,6 @@ def test_a_turned_anchor_is_noticed(room):
     assert estimate.health.turned_rad[1] == 0
     assert -5.0 < np.degrees(estimate.health.turned_rad[0]) < -1.5
     assert "anchor A seems turned by -" in estimate.health.why
-
-
-def mapped(room, pose, std):
-    """Belief at a wrong pose, with the true walls."""
-    mean = np.array([pose[0], pose[1], 0.0, 0.0, pose[2]])
-    belief = Belief(mean, np.diag([std[0] ** 2, std[0] ** 2, 0.01, 0.01, std[1] ** 2]))
-    for line in room.scene.segments().line:
-        belief = append(belief, line, np.diag([1e-6, 1e-4]))
-    return belief
-
-
-@pytest.mark.parametrize("off", [(1.5, -0.8, 0.4), (-1.0, 2.0, 3.0)])
-def test_the_agent_is_found_wherever_it_was_believed(room, signal, off):
-    step = 70
-    truth = np.array([*room.track.position_m[step], room.track.heading_rad[step]])
-    belief = mapped(room, truth + off, (2.0, 1.5))
-    lines = belief.lines
-    sources = [
-        pose_fix.Sources(
-            np.concatenate([heard.position[None], geometry.mirror(lines, heard.position)]),
-            np.concatenate([np.zeros((1, 2)), lines]), np.array([1, 0.7, 0.7, 0.7, 0.7]), np.full(5, 0.9),
-        )
-        for heard in scan_of(room, step)
-    ]  # fmt: skip
-    fix = pose_fix.find_pose(
-        belief, belief, sources, scan_of(room, step), DetectionTable(signal), signal, [1, 2]
-    )
-    assert np.linalg.norm(fix.pose[:2] - truth[:2]) < 0.15
-    assert abs(wrap(fix.pose[2] - truth[2])) < 0.1
-    assert fix.lead > pose_fix.CLEAR
-    assert fix.gain > pose_fix.WORTH
-    after = pose_recovery.moved(pose_recovery.freed(belief, 1.0, 0.03), fix, 0.01)
-    assert np.linalg.norm(after.mean[:2] - truth[:2]) < 0.3
-    assert np.linalg.eigvalsh(after.covariance).min() > -1e-12
-
-
-def test_no_measurement_gives_no_fix(room, signal):
-    belief = mapped(room, (0.0, 0.0, 0.0), (1.0, 1.0))
-    assert pose_fix.find_pose(belief, belief, [], [], DetectionTable(signal), signal, [1]) is None
-
-
-def test_a_jump_cuts_the_agent_from_the_map_and_keeps_the_map(room):
-    belief = mapped(room, (0.0, 0.0, 0.0), (0.01, 0.01))
-    fix = pose_fix.Fix(np.array([2.0, 1.0, 1.0]), np.diag([1e-3, 1e-3, 1e-3]), 50.0, 50.0)
-    after = pose_recovery.moved(belief, fix, 0.04)
-    np.testing.assert_allclose(after.mean[[0, 1, 4]], fix.pose)
-    np.testing.assert_array_equal(after.mean[5:], belief.mean[5:])
-    np.testing.assert_array_equal(after.covariance[5:, 5:], belief.covariance[5:, 5:])
-    assert not after.covariance[:5, 5:].any()
 
 
 @pytest.mark.slow

@@ -1,0 +1,36 @@
+"""States of hybrid SLAM whose segment is a way past features, for lessons and proposals."""
+
+import numpy as np
+from signal_worlds import received, signal_model
+
+from gridslam.inference.messages.features.feature_likelihood import Front
+from gridslam.inference.messages.features.joint_update import predict, update
+from gridslam.inference.messages.features.learning import JUDGED
+from gridslam.inference.messages.features.rivals import Lesson
+from gridslam.inference.state.features.features import FeatureBank
+from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
+
+LOS, LOS_POWER = np.array([3.0, 4.0, 0.0]), 3000.0
+MIRROR, SCATTERER = np.array([-6.0, 2.0, 0.0]), np.array([2.0, -4.0, 8.06])
+STEPS = 20
+
+
+def state_after(points, powers, seed, elsewhere_from=STEPS, spread=(0.1, 0.1, 0.1, 0.1)):
+    """A state whose segment is a way past the points; from `elsewhere_from` on, they are 5 m off."""
+    model, draw = signal_model(spread=spread), np.random.default_rng(seed)
+    belief = JointBelief(
+        model.start_mean[:4], np.diag(model.start_variance[:4]), FeatureBank.empty(), np.array([0.9]),
+        np.array([LOS_POWER]), np.ones(1),
+    )  # fmt: skip
+    segment, heard, at = Segment.empty(1, 4, 41), np.array([True]), belief
+    for k in range(STEPS):
+        place = np.array([0.1 * k, 0.5 * np.sin(0.2 * k)])
+        rows = points if k < elsewhere_from else [point + np.array([0.0, 5.0, 0.0]) for point in points]
+        z = received(model, place, 0.1 * k, [LOS, *rows], [LOS_POWER, *powers], draw)
+        at, evidence = update(predict(at, 0.1, 2.0) if k else at, z, heard, 0.1 * k, model, k)
+        segment = segment.add(0.1 * k, 0.1 * k, heard, z, np.array([*place, 1.0, 0.0]), evidence)
+    return HybridState(belief, belief, segment, step=STEPS, time_s=0.1 * (STEPS - 1)), model
+
+
+def lesson_of(state, model):
+    return Lesson.of(state, state.segment, JUDGED, Front(model.waveform), model)

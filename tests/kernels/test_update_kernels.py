@@ -1,0 +1,172 @@
+"""Kernels that correct the belief by the paths of an anchor, against their twins."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from kernel_worlds import (
+    UNKNOWN,
+    predicted_of,
+    random_bank,
+    random_belief,
+    random_places,
+    random_radio,
+    random_table,
+)
+
+from gridslam import reference, runtime
+from gridslam.bench.kernels import twin_arguments
+from gridslam.kernels import PATH_BLOCK, SUMS
+
+runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
+seeds = st.integers(0, 2**32 - 1)
+
+
+@given(seeds, st.integers(0, 3), st.sampled_from([0, 100]), st.booleans(), UNKNOWN)
+@settings(max_examples=60, deadline=None)
+def test_updates_equal_their_twin(seed, surfaces, rounds, noted, unknown):
+    from gridslam.kernels.messages.updates import update, update_with_clocks, update_with_rises
+
+    draw, (clocks, rises) = np.random.default_rng(seed), unknown
+    mean, covariance, path = random_belief(draw, surfaces, clocks, rises)
+    places = random_places(draw, 2, rises)
+    path[:, 3] = np.sort(draw.integers(0, 2, len(path)))
+    predicted = predicted_of(mean, covariance, 5 + clocks, path, places)
+    far = predicted[:, 12] > 0.5  # next to its image, an agent has no direction to it
+    path, predicted = path[far], predicted[far]
+    value = predicted[:, :3]
+    count, anchors = 4, 2
+    chosen = np.argwhere(draw.random((len(path), count)) < 0.4).astype(np.int32)
+    start = np.searchsorted(chosen[:, 0], np.arange(len(path) + 1)).astype(np.int32)
+    pair = np.ones((len(chosen), 8))
+    pair[:, :3] = value[chosen[:, 0]] + 0.1 * draw.normal(size=(len(chosen), 3))
+    pair[:, 3:6] = np.where(draw.random((len(chosen), 3)) < 0.2, 1e12, 0.01)
+    pair[:, 6] = draw.exponential(10.0 ** draw.integers(-2, 3), len(chosen))
+    message = np.zeros((5, len(path), count))
+    message[:2, chosen[:, 0], chosen[:, 1]] = draw.exponential(1.0, (2, len(chosen)))
+    message[3] = draw.uniform(0.2, 1, (len(path), count))
+    odds, measured = draw.uniform(0.05, 0.95, (12, len(path))), draw.uniform(0, 1, (5, count))
+    measured[2] = 1 + draw.exponential(1.0, count)
+    heard = random_table(draw, count)
+    blocks = draw.uniform(0, PATH_BLOCK, (len(path) + len(chosen), 3)).astype(np.float32)
+    surface, _, _, sight, single, double = random_bank(draw, surfaces, anchors)
+    sums = draw.uniform(0, 1, (anchors, SUMS))
+    sums[:, -1] = 150.0
+    into = {
+        "mean": mean, "covariance": covariance, "head": 5 + clocks, "path": path, "start": start,
+        "index": chosen, "pair": pair, "odds": odds, "rounds": rounds, "places": places,
+        "predicted": predicted, "scan": heard, "blocks": blocks, "radio": random_radio(draw),
+        "turned": np.array([-0.02, 0.01]),
+    }  # fmt: skip
+    messages = {"message": message, "measured": measured}
+    kept = {"surface": surface, "sight": sight, "single": single, "double": double}
+    rows, pairs = len(path), len(chosen)
+    notes = {
+        "count": np.array([2, 3], np.int32), "noted": np.full((rows + 4, 4), 7, np.int32),
+        "factor": draw.normal(size=(rows + 4, 2)), "summary": draw.normal(size=(4, rows + 4)),
+        "begin": np.full(rows + 5, 3, np.int32), "detection": draw.normal(size=(2, pairs + 5)),
+    }  # fmt: skip
+    if not noted:
+        notes["noted"] = np.empty((0, 4), np.int32)
+    out = {"share": np.full(len(chosen), np.nan), "sums": sums} | notes
+    flat = into | messages | kept | out | {"scratch": np.empty((len(mean), 6))}
+    expected = reference.update(**twin_arguments(reference.update, flat))
+    launch = update_with_rises() if rises else update_with_clocks() if clocks else update
+    launch.named(**flat)
+    found = into | messages | kept | out
+    found["worth"], found["total"] = odds[8], odds[11]
+    for name, wanted in expected.items():
+        # directions are worked out to 1e-6 rad: in means at most that, in densities times gap over variance
+        rtol = 1e-4 if name in ("share", "message", "total") else 1e-5
+        np.testing.assert_allclose(found[name], wanted, rtol=rtol, atol=1e-6, err_msg=name)
+    assert np.linalg.eigvalsh(covariance).min() > -1e-9
+    assert (surface < 1).all()
+
+
+def test_equally_sure_paths_are_taken_as_they_stand():
+    import taichi as ti
+
+    from gridslam.kernels.primitives.corrections import sorted_by
+
+    @ti.kernel
+    def order_of(rank: ti.types.ndarray(dtype=ti.f64, ndim=2)) -> ti.i32:
+        count = 0
+        for _ in range(1):
+            count = sorted_by(rank, 0.25, rank.shape[1])
+        return count
+
+    rank = np.full((12, 7), -1.0)
+    rank[9] = [0.5, 0.1, 0.9, 0.5, 0.25, 0.9, 0.0]
+    assert order_of(rank) == 5
+    assert rank[10].tolist() == [2, 5, 0, 3, 4, -1, -1]
+
+
+def test_effective_sample_size_is_all_of_equal_weights_and_follows_their_spread():
+    draw, size = np.random.default_rng(1), reference.effective_sample_size
+    assert size(np.full((1, 20), 7.0, np.float32)) == pytest.approx(20 * PATH_BLOCK)
+    assert size(np.zeros((1, 20), np.float32)) == 20 * PATH_BLOCK
+    # exponential weights: E[w]^2 / E[w^2] = 1 / 2; 4000 blocks tell their variance to 1 / sqrt(2000)
+    blocks = draw.exponential(1.0, (1, 4000, PATH_BLOCK)).sum(2).astype(np.float32)
+    assert size(blocks)[0] / (4000 * PATH_BLOCK) == pytest.approx(0.5, abs=0.5 * 4 / np.sqrt(2000))
+
+
+@pytest.fixture(scope="module")
+def bent():
+    """A kernel that writes what `bend_of` says of a line of sight, its value and derivatives by x and y."""
+    import taichi as ti
+
+    from gridslam.kernels.primitives.gaussian import bend_of, path_of
+
+    @ti.kernel
+    def bent(
+        mean: ti.types.ndarray(dtype=ti.f64, ndim=1),
+        covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),
+        place: ti.types.ndarray(dtype=ti.f64, ndim=1),
+        out: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    ):
+        for _ in range(1):
+            own = ti.Vector([place[0], place[1], place[2], 0.0, place[3]], dt=ti.f64)
+            value, slope = path_of(mean, 5, own, 0, 0, 0)
+            more, spread = bend_of(slope, value[0], covariance)
+            for i in ti.static(range(3)):
+                out[0, i], out[4, i] = more[i], value[i]
+                for j in ti.static(range(3)):
+                    out[1 + i, j] = spread[i, j]
+                for j in ti.static(range(2)):
+                    out[5 + i, j] = slope[i, j]
+
+    return bent
+
+
+@given(seeds, st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_what_derivatives_leave_out_equals_its_twin_and_is_what_samples_show(bent, seed, high):
+    draw = np.random.default_rng(seed)
+    level, toward = draw.uniform(0.03, 0.45), draw.uniform(-np.pi, np.pi)
+    place = np.array([*draw.normal(size=2), draw.uniform(-3, 3), 0.2 * high])
+    mean = np.zeros(5)
+    mean[:2] = place[:2] + level * np.array([np.cos(toward), np.sin(toward)])
+    root = 0.03 * level * (np.eye(2) + 0.2 * draw.normal(size=(2, 2)))
+    covariance = np.zeros((5, 5))
+    covariance[:2, :2] = root @ root.T
+    found = np.zeros((8, 5))
+    bent(mean, covariance, place, found)
+    more, spread = reference.bend(mean, covariance, place, place[3])
+    np.testing.assert_allclose(found[0, :3], more, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(found[1:4, :3], spread, rtol=1e-4, atol=1e-12)
+
+    moved = (root @ draw.standard_normal((2, 20_000))).T
+    away = mean[:2] + moved - place[:2]
+    turn = np.angle(np.exp(1j * (np.arctan2(away[:, 1], away[:, 0]) - toward)))
+    exact = np.stack([np.hypot(np.hypot(*away.T), place[3]), turn, turn], -1)
+    exact[:, 0] -= np.hypot(level, place[3])
+    rest = exact - moved @ found[5:8, :2].T
+    scale = np.sqrt(np.diag(spread)) + 1e-12
+    np.testing.assert_allclose(rest.mean(0) / scale, more / scale, atol=0.15)
+    assert rest.std(0) / scale == pytest.approx(np.ones(3), abs=0.1)
+
+
+def test_nothing_is_bent_further_off():
+    more, spread = reference.bend(np.zeros(5), np.eye(5), np.array([0.6, 0.0, 0.0]), 0.0)
+    assert not more.any()
+    assert not spread.any()
