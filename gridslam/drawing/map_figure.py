@@ -18,6 +18,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Ellipse, Patch
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
@@ -144,7 +145,12 @@ def encoded(figure: Figure, form: str = "png") -> bytes:
     content = io.BytesIO()
     with rc_context({"pdf.fonttype": 42, "svg.hashsalt": "gridslam"}):
         fit_legends(figure)
-        drawn = figure.get_tightbbox()
+        drawn, engine = figure.get_tightbbox(), figure.get_layout_engine()
+        out = max(-drawn.x0, drawn.x1 - figure.get_figwidth())
+        if out > 0 and isinstance(engine, ConstrainedLayoutEngine):  # it was laid out for other ticks
+            engine.set(w_pad=PAD_IN + out)
+            figure.draw_without_rendering()
+            drawn = figure.get_tightbbox()
         cut = Bbox([[0, drawn.y0 - PAD_IN], [figure.get_figwidth(), drawn.y1 + PAD_IN]])
         figure.savefig(content, format=form, bbox_inches=cut, metadata=STILL[form])
     return content.getvalue()
