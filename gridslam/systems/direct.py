@@ -23,8 +23,8 @@ from gridslam.inference.management.samples.image_readout import (
     moving_moments,
     note_hits,
 )
-from gridslam.inference.management.samples.image_starts import advance, begun
 from gridslam.inference.management.samples.image_ties import share_walls
+from gridslam.inference.management.samples.second_look import LAST, advance, begun
 from gridslam.inference.messages.samples.image_births import (
     FIRST_STEPS,
     Found,
@@ -193,7 +193,7 @@ class DirectSlam(SignalFilter[Population[DirectState]]):
         return population
 
     def _begun(self, state: DirectState) -> Population[DirectState]:
-        return begun(state, band_of(self.waveform))
+        return begun(state, self.model)
 
     def _advanced(self, scan: SignalScan) -> tuple[Population[DirectState], DirectInfo]:
         population, info, amiss = advance(self.population, scan, self.model, self.advance)
@@ -211,10 +211,17 @@ class DirectSlam(SignalFilter[Population[DirectState]]):
     def require_sound(population: Population[DirectState], model: SignalModel, where: str) -> None:
         """Refuse hypotheses from a file whose numbers can't be."""
         require_sound_weights(population, where)
-        for number, state in enumerate(population.states):
+        states = {f"states/{number}": state for number, state in enumerate(population.states)}
+        if population.past is not None:
+            states["past/start"] = population.past.start
+            if len(population.past.scans) > LAST:
+                raise InputError(f"{where}/past/scans", f"{len(population.past.scans)}", f"{LAST} at most")
+            for scan in population.past.scans:
+                scan.checked(len(model.anchors), shape=model.waveform.shape)
+        for name, state in states.items():
             for part, holds, allowed in state.claims(len(model.anchors)):
                 if not holds:
-                    raise InputError(f"{where}/states/{number}/{part}", "numbers that can't be", allowed)
+                    raise InputError(f"{where}/{name}/{part}", "numbers that can't be", allowed)
 
     def estimate(
         self, population: Population[DirectState], scan: SignalScan, info: DirectInfo, began: float

@@ -136,7 +136,7 @@ def _dataclass(
             if callable(later):
                 values[field.name] = later(values)
             continue
-        hint = hints[field.name]
+        hint = parts.get(hints[field.name], hints[field.name])
         open_ = getattr(hint, "__parameters__", ())
         hint = hint[tuple(parts[one] for one in open_)] if open_ else hint
         values[field.name] = get_value(group, field.name, hint, bool(field.metadata.get("blank", False)))

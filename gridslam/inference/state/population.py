@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.health.doubt import Doubt
 from gridslam.inference.health.range_watch import RangeWatch
+from gridslam.inference.state.past import Past
 
 S = TypeVar("S")
 """The kind of state."""
@@ -48,6 +49,8 @@ class Population(Generic[S]):
         Whether all hypotheses are wrong.
     ranges : RangeWatch or None
         What lines of sight that cross say of the distances; None before the first step.
+    past : Past or None
+        What was received so far, where it may be looked at again; None where it won't be.
 
     Raises
     ------
@@ -63,6 +66,7 @@ class Population(Generic[S]):
     since: int = field(default=1_000_000, metadata=LATER)
     watch: Doubt = field(default_factory=Doubt, metadata=LATER)
     ranges: RangeWatch | None = None
+    past: Past[S] | None = field(default=None, metadata=LATER)
 
     FORMER_NAMES: ClassVar = ("ImagePopulation", "NetworkPopulation")
     """By which files of earlier versions call it."""
