@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.errors import InputError
+from gridslam.errors import InputError, located
 from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
 from gridslam.inference.messages.surface_walk import LEAST, WIDEST
@@ -77,8 +77,9 @@ def require_sound_networks(believed: Population[NetworkState], model: NetworkMod
             within = f"{where}/states/{number}/search"
             _require_sound_network(state.search.before, f"{within}/before/belief")
             _require([("before", state.search.before.search is None, "of no search")], within)
-            for scan in state.search.scans:
-                scan.checked(len(model.anchor_names), None, len(model.agents), pseudo=True)
+            for step, scan in enumerate(state.search.scans):
+                with located(f"{within}/scans/{step}"):
+                    scan.checked(len(model.anchor_names), None, len(model.agents), pseudo=True)
 
 
 def _require_sound_network(state: NetworkState, where: str) -> None:

@@ -152,6 +152,40 @@ def test_a_world_that_explains_less_is_not_taken(scene, scans):
     assert again.log_evidence > 0
 
 
+def test_walls_are_told_only_if_that_explains_no_less(scene, scans, monkeypatch):
+    slam = NetworkSlam(scene, agents=AGENTS, seed=5)
+    _, before, number = until_set(slam, scans)
+    alone, once, twice = told_by_hand(slam, before, number, scans)
+    steps = replace(before.search, scans=tuple(scans[: number + 1]), log_evidence=0.0)
+    for second, expected in ((0.0, once), (2.0, twice)):
+        each = iter([1.0] * (number + 1) + [second] * (number + 1))
+        monkeypatch.setattr(clock_replay, "evidence", lambda *_, each=each: next(each))
+        state, _, again = taken_again(steps, alone, slam.model, slam.work, network.step)
+        np.testing.assert_array_equal(state.belief.covariance, expected.belief.covariance)
+        assert again.log_evidence == number + 1
+
+
+def test_a_world_in_which_a_clock_is_doubted_again_is_not_taken(scene, scans):
+    slam = NetworkSlam(scene, agents=AGENTS, seed=5)
+    _, before, number = until_set(slam, scans)
+    alone, _ = network.step(before, scans[number], slam.model, slam.work)
+
+    def doubting(state, *args):
+        state, info = network.step(state, *args)
+        return replace(state, clocks=state.clocks.opened(HIDDEN, slam.model.clocks)), info
+
+    steps = replace(before.search, log_evidence=-1e9)
+    assert taken_again(steps, alone, slam.model, slam.work, doubting) is None
+
+
+def test_evidence_of_all_steps_of_a_search_is_kept(scene, scans, monkeypatch):
+    monkeypatch.setattr(clock_replay, "evidence", lambda *_: 3.0)
+    slam = NetworkSlam(scene, agents=AGENTS, seed=5)
+    for scan in scans[:3]:
+        slam.step(scan)
+    assert slam.state.search.log_evidence == 9.0
+
+
 def test_a_checkpoint_keeps_the_steps_of_a_search(scene, scans, tmp_path):
     slam = NetworkSlam(scene, agents=AGENTS, seed=5)
     for scan in scans[:2]:
@@ -175,7 +209,7 @@ def test_a_checkpoint_keeps_the_steps_of_a_search(scene, scans, tmp_path):
         replace(search, scans=(replace(search.scans[0], scans=(stray, None)),)),
     ):
         state = replace(slam.state, search=wrong)
-        with pytest.raises(gs.InputError, match=r"mean|before|anchor"):
+        with pytest.raises(gs.InputError, match=r"here\.h5/states/0/search.*(mean|before|anchor)"):
             slam.require_sound(replace(slam.now.believed, states=(state,)), slam.model, "here.h5")
 
 

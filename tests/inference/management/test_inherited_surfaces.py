@@ -131,6 +131,30 @@ def test_a_mirror_that_the_agent_found_afresh_is_another_estimate_of_a_surface(t
     assert np.linalg.eigvalsh(found.covariance).min() > 0
 
 
+def test_normals_are_turned_with_extents_and_covariances():
+    start = known()
+    lines = LINES.copy()
+    lines[0] = [lines[0, 0] + np.pi, -lines[0, 1]]
+    extent = np.array([[1.0, 4.0], [-2.0, 3.0]])
+    start = replace(start, table=replace(start.table, line=lines, extent_m=extent))
+    table = learned([mirror(LINES[1], ANCHOR) + 5.0], identity=np.array([40]))
+    found = surfaces_after(start, None, told(table, slice(0)), table, joint_of(table), UNHEARD)
+    np.testing.assert_allclose(found.table.line, LINES)
+    np.testing.assert_array_equal(found.table.extent_m, [[-4.0, -1.0], [-2.0, 3.0]])
+    sign = np.array([1.0, -1.0, 1.0, 1.0])
+    np.testing.assert_allclose(found.covariance, start.covariance * sign * sign[:, None])
+    np.testing.assert_allclose(found.table.line_cov[0], found.covariance[:2, :2])
+
+
+def test_lines_on_both_sides_of_half_a_turn_are_near_each_other():
+    start, west = known(np.array([[np.pi - 0.01, 6.0], LINES[1]])), np.array([-np.pi + 0.01, 6.0])
+    table = learned([mirror(west, ANCHOR)], identity=np.array([40]))
+    found = surfaces_after(start, None, told(table), table, joint_of(table), UNHEARD)
+    assert len(found.table) == 2
+    assert np.pi - 0.011 <= abs(found.table.line[0, 0]) <= np.pi
+    assert found.table.line[0, 1] == pytest.approx(6.0, abs=0.1)
+
+
 def test_a_mirror_that_was_known_stands_for_its_surface_and_another_is_new():
     start = known()
     images = [mirror(LINES[0], ANCHOR) + 0.04, mirror(np.array([-1.0, 9.0]), ANCHOR)]

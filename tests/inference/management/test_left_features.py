@@ -1,6 +1,6 @@
 """What is handed on beside surfaces: places that paths came from again and again, and earlier features."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -87,6 +87,20 @@ def test_what_was_heard_along_the_way_is_a_feature_of_its_kind(tied, kind):
     )
     assert off @ np.linalg.solve(joint + 1e-9 * np.eye(3), off) < 16
     np.testing.assert_array_equal(joint, table.covariance[0, :3, :3])
+
+
+@pytest.mark.parametrize("tied", [True, False])
+def test_errors_of_the_pose_last_and_nothing_tells_how_far_a_free_feature_is(tied):
+    known = gathered(POINT, tied)
+    sure, _ = features(known)
+    vague, _ = features(replace(known, covariance=known.covariance + 0.04 * np.diag([1.0, 1.0, 0.0])))
+    more = np.linalg.eigvalsh(vague.covariance[0, :2, :2] - sure.covariance[0, :2, :2])
+    assert more.max() > 0.03, "not averaged over thirty steps"
+    if not tied:
+        way = sure.position_m[0] - [1.45, -1.0]
+        along = np.append(way, -np.hypot(*way))
+        deviation = np.sqrt(along @ sure.covariance[0, :3, :3] @ along) / (along @ along)
+        assert deviation == pytest.approx(0.3, rel=0.05), "of its length, traded for extra length"
 
 
 def test_few_looks_looks_from_one_place_and_clutter_are_no_features():
