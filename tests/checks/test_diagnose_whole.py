@@ -14,35 +14,10 @@ from gridslam.checks.range_fit import RangeFit
 from gridslam.checks.rivals import _named_beside
 from gridslam.checks.time_units import intervals
 from gridslam.measurements.table import Measurements
-from gridslam.world.geometry import wrap
 from gridslam.world.radio import SPEED_OF_LIGHT
+from tests.helpers.check_tables import BRIEF, NAMES, SCENES, heard, named
 
-SCENES = {name: gs.Scene.load(name) for name in ("room", "alcove", "canyon", "hall", "seminar")}
 OFFSET_M = 5e-9 * SPEED_OF_LIGHT
-NAMES = ("step", "time_s", "anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
-
-
-BRIEF = 60
-"""Steps of most tables with errors: fewer tell less, and take less time. Clean tables are whole."""
-
-
-@cache
-def simulated(name, seed, agent):
-    """As far as `check` looks for lines of sight, and some steps more."""
-    data = SCENES[name].model_dump(exclude_none=True)
-    steps = min(STEPS + 20, len(SCENES[name].track(agent)))
-    agents = [{**body, "steps": steps} if body["name"] == agent else body for body in data["agents"]]
-    return gs.simulate(gs.Scene.checked({**data, "agents": agents}, name), agent, seed)
-
-
-def heard(name, seed, agent="agent1", steps=None):
-    table = simulated(name, seed, agent)
-    rows = slice(None) if steps is None else table.step < steps
-    return {key: np.array(getattr(table, key)[rows]) for key in NAMES}
-
-
-def named(columns, name):
-    return suspicions(columns, SCENES[name].anchor_names, SCENES[name], "agent1")
 
 
 def size(text, unit="m"):
@@ -108,51 +83,6 @@ def test_exchanged_anchors_are_named(name):
         "ABC"[:count]
     ):  # what is called by another's name is that other's back again
         assert f"{letter} is the scene's {'ABC'[order.tolist().index(index)]}" in found.text
-
-
-def turned(columns, anchor, degrees=0.0, sign=1.0):
-    """What is measured if an anchor stands that much clockwise of what the scene says, or is mirrored."""
-    own = columns["anchor"] == anchor
-    return columns | {
-        "aod_rad": np.where(own, wrap(sign * columns["aod_rad"] + np.radians(degrees)), columns["aod_rad"])
-    }
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "anchor", "degrees"), [("room", 0, 90), ("alcove", 1, -20), ("room", 1, 135)]
-)
-def test_one_anchor_that_is_turned_is_named_and_by_how_much(name, anchor, degrees):
-    scene = SCENES[name]
-    (found,) = named(turned(heard(name, 1, steps=BRIEF), anchor, degrees), name)
-    assert (found.column, found.kind, found.certain) == ("aod_rad", "turned", True)
-    words = re.match(r"anchor (\w) is turned by (-?\d+) degrees: .* should be about (-?\d+)$", found.text)
-    assert words[1] == scene.anchor_names[anchor]
-    assert abs(wrap(np.radians(float(words[2]) + degrees))) < np.radians(8)
-    right = scene.anchor_orientations[anchor] - np.radians(degrees)
-    assert abs(wrap(np.radians(float(words[3])) - right)) < np.radians(8)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "anchor"), [("room", 1), ("alcove", 0)])
-def test_one_anchor_whose_angles_are_mirrored_is_named(name, anchor):
-    (found,) = named(turned(heard(name, 1, steps=BRIEF), anchor, sign=-1.0), name)
-    assert (found.column, found.kind) == ("aod_rad", "turned")
-    assert found.text.startswith(f"angles of anchor {'AB'[anchor]} are counted clockwise")
-
-
-@pytest.mark.slow
-def test_a_table_of_one_anchor_and_two_that_are_turned_each_by_its_own():
-    both = turned(turned(heard("room", 2, steps=BRIEF), 0, 90), 1, -60)
-    (found,) = named(both, "room")
-    assert found.kind == "turned"
-    assert re.match(
-        r"anchor A is turned by -[89]\d degrees.*; anchor B is turned by [56]\d degrees", found.text
-    )
-    columns = heard("room", 1, steps=BRIEF)
-    alone = {key: values[columns["anchor"] == 0] for key, values in columns.items()}
-    (found,) = named(turned(alone, 0, 90), "room")
-    assert re.match(r"anchor A is turned by -[89]\d degrees", found.text)
 
 
 @pytest.mark.slow
