@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from check_tables import BRIEF, NAMES, SCENES, heard, named
 
 import gridslam as gs
 from gridslam.checks.diagnose import describe, suspicions
@@ -15,13 +16,26 @@ from gridslam.checks.rivals import _named_beside
 from gridslam.checks.time_units import intervals
 from gridslam.measurements.table import Measurements
 from gridslam.world.radio import SPEED_OF_LIGHT
-from tests.helpers.check_tables import BRIEF, NAMES, SCENES, heard, named
 
 OFFSET_M = 5e-9 * SPEED_OF_LIGHT
 
 
 def size(text, unit="m"):
     return float(re.search(rf"([\d.]+) {unit}\b", text)[1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["room", "alcove"])
+def test_clock_offset_that_the_scene_allows_for_is_none(name):
+    columns = heard(name, 1, steps=BRIEF)
+    late = columns | {"distance_m": columns["distance_m"] + OFFSET_M}
+    text = SCENES[name].to_toml()
+    for prior, kinds in ((10.0, []), (1.0, ["offset"])):
+        scene = gs.Scene.from_toml(f"{text}\n[clocks]\nanchor_prior_ns = {prior}\n", name)
+        found = suspicions(late, scene.anchor_names, scene, "agent1")
+        assert [item.kind for item in found] == kinds
+    nobody = scene.model_copy(update={"agents": ()})
+    assert [item.kind for item in suspicions(late, scene.anchor_names, nobody)] == ["offset"]
 
 
 @pytest.mark.slow
@@ -35,17 +49,6 @@ class TestErrorsOfDistancesAreNamed:
         assert "of all anchors" in found.text
         assert size(found.text) == pytest.approx(OFFSET_M, abs=0.1)
         assert size(found.text, "ns") == pytest.approx(5, abs=0.4)
-
-    def test_clock_offset_that_the_scene_allows_for_is_none(self, name, seed):
-        columns = heard(name, seed, steps=BRIEF)
-        late = columns | {"distance_m": columns["distance_m"] + OFFSET_M}
-        text = SCENES[name].to_toml()
-        for prior, kinds in ((10.0, []), (1.0, ["offset"])):
-            scene = gs.Scene.from_toml(f"{text}\n[clocks]\nanchor_prior_ns = {prior}\n", name)
-            found = suspicions(late, scene.anchor_names, scene, "agent1")
-            assert [item.kind for item in found] == kinds
-        nobody = scene.model_copy(update={"agents": ()})
-        assert [item.kind for item in suspicions(late, scene.anchor_names, nobody)] == ["offset"]
 
     def test_clock_offset_of_one_anchor(self, name, seed):
         columns = heard(name, seed, steps=BRIEF)

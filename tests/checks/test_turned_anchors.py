@@ -4,9 +4,9 @@ import re
 
 import numpy as np
 import pytest
+from check_tables import BRIEF, SCENES, heard, named
 
 from gridslam.world.geometry import wrap
-from tests.helpers.check_tables import BRIEF, SCENES, heard, named
 
 
 def turned(columns, anchor, degrees=0.0, sign=1.0):
