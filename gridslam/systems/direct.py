@@ -110,7 +110,7 @@ def step(
         paths = predict_paths(state, anchor, model)
         noise = float(state.links.noise[anchor])
         found = find_births(band, samples, paths.prior, noise, rate, state.step < FIRST_STEPS)
-        state = update_state(state, paths, found.mode)
+        state = update_state(state, paths, found)
         state = learn_rings(state, paths, found)
         state = watch_fit(state, paths, found)
         state = update_levels(state, paths, found)

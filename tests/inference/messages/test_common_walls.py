@@ -155,7 +155,7 @@ def test_a_proposed_image_is_judged_without_what_stands_in_for_it(model):
     state = ring_at(state, model, 1, away)
     state, paths, found = heard(state, model, 1, [place], 2)
     plain = found.inverse.without(found.mode.distance)
-    matched, own = judge_proposals(state, paths, found, *plain)
+    matched, own = judge_proposals(state, paths, found)
     assert matched[1] / own[1] > 5 * plain[0][1] / plain[1][1]
     assert matched[0] == plain[0][0]
     assert own[0] == plain[1][0]

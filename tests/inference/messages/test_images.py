@@ -15,7 +15,12 @@ from gridslam.inference.messages.samples.image_births import (
     find_births,
     with_sight,
 )
-from gridslam.inference.messages.samples.image_prediction import image_distances, predict_paths
+from gridslam.inference.messages.samples.image_prediction import (
+    image_distances,
+    predict_paths,
+    update_state,
+    weighed_by_presence,
+)
 from gridslam.inference.messages.samples.image_rings import forbid_own_place, join_straight_rings
 from gridslam.inference.messages.samples.path_levels import reclaim_line_of_sight, update_levels
 from gridslam.inference.messages.samples.ring_births import add_tentative
@@ -206,6 +211,36 @@ def test_noise_brings_nothing_back(model):
     samples = (snapshot(seed, (paths.prior.mean[0], 17)) for seed in range(40))
     mine = [find_births(BAND, one, paths.prior, 1.0, RATE).prior.weight[1] for one in samples]
     assert max(mine) < 200.0
+
+
+def test_a_path_tells_as_much_as_it_is_there(model):
+    """All there: the mode; all away: the prediction; half there: something between."""
+    _, paths = away(model, 0.5, existence=1.0)
+    mode = joint_mode(BAND, snapshot(3, (paths.prior.mean[1] + 0.05, 30.0)), paths.prior, 1.0)
+    for there, mean, covariance in (
+        (np.ones(2), mode.distance, mode.covariance),
+        (np.zeros(2), paths.prior.mean, paths.covariance),
+    ):
+        reached, spread = weighed_by_presence(paths, mode, there)
+        np.testing.assert_allclose(reached, mean, rtol=1e-9)
+        np.testing.assert_allclose(spread, covariance, rtol=1e-6, atol=1e-12)
+    sure, half, none = (
+        weighed_by_presence(paths, mode, np.array([1.0, share]))[1][1, 1] for share in (1.0, 0.5, 0.0)
+    )
+    assert sure < half < none
+
+
+def test_noise_tells_nothing_of_paths_that_are_away(model):
+    """A strong line of sight that went is expected on average still; noise at its place isn't it."""
+    state, _ = away(model, 0.0)
+    state = replace(state, links=replace(state.links, visible=np.zeros(2)))
+    for seed in range(20):
+        paths = predict_paths(state, 0, model)
+        found = find_births(BAND, snapshot(seed), paths.prior, 1.0, RATE)
+        state = update_state(state, paths, found)
+    start = model.start_variance[:2].sum()
+    assert np.trace(state.belief.covariance[:2, :2]) > 0.9 * start
+    np.testing.assert_allclose(state.belief.mean[:2], model.start_mean[:2], atol=0.03)
 
 
 def test_images_that_are_seen_are_not_away(model):

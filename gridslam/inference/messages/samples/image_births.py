@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +89,11 @@ class Found:
     inverse: Inverse
     table: Sweep
     known: int
+
+    @cached_property
+    def apart(self) -> tuple[Array, Array]:
+        """|y|^2 and g (N,) of every path at the mode, on top of all others."""
+        return self.inverse.without(self.mode.distance)
 
 
 def birth_rate(step: int, bounces: int) -> float:

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
 from gridslam.inference.messages.samples.distance_mode import Mode, PathPrior
+from gridslam.inference.messages.samples.image_births import Found
+from gridslam.inference.messages.samples.signal_likelihood import log_ratio
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rings import MOVING, Rings, follow, move, symmetric
 from gridslam.inference.state.samples.images import DirectState, predict
@@ -170,14 +172,46 @@ def ring_distances(rings: Rings) -> tuple[Array, Array]:
     return mean, (rings.weight * (np.maximum(spread, 1e-12) + off * off)).sum(-1)
 
 
-def update_state(state: DirectState, paths: AnchorPaths, mode: Mode) -> DirectState:
+def update_state(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
     """Update agent and settled images by the mode of their distances; rings follow (M80)."""
-    joint = paths.joint
-    before = state.belief
-    reached, narrowed = mode.distance[:joint], mode.covariance[:joint, :joint]
+    before, mode = state.belief, found.mode
+    reached, narrowed = weighed_by_presence(paths, mode, presence(state, paths, found))
     gain = np.linalg.solve(paths.covariance, paths.slope @ before.covariance).T
-    mean = before.mean + gain @ (reached - paths.prior.mean[:joint])
+    mean = before.mean + gain @ (reached - paths.prior.mean[: paths.joint])
     covariance = before.covariance - gain @ (paths.covariance - narrowed) @ gain.T
     after = Belief(mean, symmetric(covariance))
     rings = follow(state.tentative.rings, before, after)
     return replace(state, belief=after, tentative=replace(state.tentative, rings=rings))
+
+
+def presence(state: DirectState, paths: AnchorPaths, found: Found) -> Array:
+    """Probability (1 + S,) that each path of the joint belief is there, the snapshot being known."""
+    anchor, joint = paths.anchor, paths.joint
+    intensity = np.append(state.links.intensity[anchor], state.images.intensity[paths.images])
+    matched, own = found.apart
+    ratio = np.exp(np.clip(log_ratio(matched[:joint], own[:joint], intensity), -50.0, 50.0))
+    there = paths.prior.chances[:joint] * ratio
+    return np.asarray(there / (there + 1 - paths.prior.chances[:joint]))
+
+
+def weighed_by_presence(paths: AnchorPaths, mode: Mode, there: Array) -> tuple[Array, Array]:
+    """Distances (1 + S,) m and covariance of the joint belief, each path telling as much as it is there.
+
+    A path that is away has a power that is expected on average, and its mode settles on noise (M443).
+
+    Parameters
+    ----------
+    there : (1 + S,)
+        Probability that each path is there.
+    """
+    joint = paths.joint
+    shift = mode.distance[:joint] - paths.prior.mean[:joint]
+    precision, root = _inverse(paths.covariance), np.sqrt(there)
+    told = root[:, None] * (_inverse(mode.covariance[:joint, :joint]) - precision) * root
+    covariance = _inverse(precision + told)
+    reached = paths.prior.mean[:joint] + covariance @ (there * (precision @ shift) + told @ shift)
+    return reached, covariance
+
+
+def _inverse(matrix: Array) -> Array:
+    return symmetric(np.asarray(np.linalg.inv(matrix), np.float64))

@@ -71,14 +71,13 @@ def confirm_proposals(state: DirectState) -> DirectState:
     return replace(state, images=replace(images, bounces=np.where(done, -images.bounces, images.bounces)))
 
 
-def judge_proposals(
-    state: DirectState, paths: AnchorPaths, found: Found, matched: Array, own: Array
-) -> tuple[Array, Array]:
+def judge_proposals(state: DirectState, paths: AnchorPaths, found: Found) -> tuple[Array, Array]:
     """|y|^2 and g (1 + S,) of each path, those of proposed images as if nothing stood in for them.
 
     A ring whose bearing is wrong follows any path, and would explain that of a proposed image for ever.
     """
     images, rows, mode = state.images, paths.images, found.mode
+    matched, own = found.apart
     open_ones = np.flatnonzero((images.bounces[rows] != 0) & (images.existence[rows] < CONFIRMED))
     if not len(open_ones):
         return matched, own

@@ -68,7 +68,7 @@ def update_levels(state: DirectState, paths: AnchorPaths, found: Found) -> Direc
     anchor, images, links, tentative = paths.anchor, state.images, state.links, state.tentative
     joint, rows = paths.joint, paths.images
     intensity = np.append(links.intensity[anchor], images.intensity[rows])
-    matched, own = judge_proposals(state, paths, found, *found.inverse.without(mode.distance))
+    matched, own = judge_proposals(state, paths, found)
     ratio = np.exp(np.clip(log_ratio(matched[:joint], own[:joint], intensity), -50.0, 50.0))
     there = paths.visible * ratio
     whole = there + 1 - paths.visible
