@@ -37,6 +37,9 @@ HEARD_ELSEWHERE = 0.3
 USUAL_REFLECTION = 0.7
 """Coefficient of a known surface, where no better one is at hand."""
 
+OPEN = 0.5
+"""Chance that a line which one anchor hears is heard by another one, too."""
+
 SUMS = 9
 """What `fitting` sums up of an anchor: misfit, degrees of freedom; gain times its precision, and
 that; explained, loud; turn times its precision, and that; and the least effective number of particles."""

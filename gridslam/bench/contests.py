@@ -145,6 +145,7 @@ CONTESTS = {
         changes=("message", "news", "observed"),
     ),
     "associate": Contest("pair", reference.associate, _messages, ("message", "odds", "measured")),
+    "bear_out": Contest("line", reference.bear_out, lambda case: len(case["line"]), ("scan", "line")),
     "initialise_surface": Contest("path", reference.initialise_surface, lambda case: 1, ("scan",)),
     "cast": Contest(
         "cell visit",

@@ -6,6 +6,7 @@ Each takes what its kernel takes and returns what that writes, worked out anothe
 from gridslam.reference.births import initialise_surface, likely, propose, weigh_by_visibility
 from gridslam.reference.cells import cast, cells_of, dense, fold_messages, learn, learn_ratios, mark, recall
 from gridslam.reference.distances import climb_distances
+from gridslam.reference.faint_births import bear_out
 from gridslam.reference.feature_likelihood import (
     back_project,
     climb_features,
@@ -30,6 +31,7 @@ from gridslam.world.geometry import trace
 __all__ = [
     "associate",
     "back_project",
+    "bear_out",
     "bend",
     "cast",
     "cells_of",

@@ -316,6 +316,28 @@ class Newborn(NamedTuple):
     missed: Doubles
 
 
+class Left(NamedTuple):
+    """What earlier steps left unexplained: poses after the latest steps, the latest first [W, 3], and their
+    covariances [W, 3, 3]; where each step's measurements begin [W + 1]; of each its anchor, distance, AoD and
+    AoA (3), their deviations (3), amplitude [H, 8]."""
+
+    pose: Square
+    spread: Cube
+    begin: Whole
+    rows: Square
+
+
+class Borne(NamedTuple):
+    """Lines [B, 2] and which measurement bears each [B]; out: by how much likelier what was left over is, by
+    coefficient [B, BINS], and how often each was heard [B]; scratch [J + 2, 2, BINS]."""
+
+    line: Square
+    measurement: Whole
+    gain: Square
+    seen: Long
+    product: Cube
+
+
 class Ascent(NamedTuple):
     """Adam's steps [7], see `kernels.messages.feature_ascent`; in and out: its means, and room for slopes
     [3, n, 4]; the best features so far [D, 4], and A there [1]. Out: A where each step begins [steps]."""

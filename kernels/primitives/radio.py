@@ -95,3 +95,12 @@ def clutter_of(radio: ti.template(), anchor, amplitude):
         excess = amplitude * amplitude - radio[anchor, THRESHOLD] * radio[anchor, THRESHOLD]
         tail = ti.max(logarithm_of(2 * ti.max(amplitude, 1e-30)) - excess, FLOOR)
     return decay_of(tail) / (radio[anchor, SPAN] * TURN_SQUARED)
+
+
+@ti.func
+def detected(chance: ti.template(), step, amplitude):
+    """p_d(u) by interpolation in a table from u = 0 on; beyond its end it is that of the end."""
+    last = chance.shape[0] - 1
+    place = ti.min(amplitude / step, ti.cast(last, ti.f64))
+    row = ti.min(ti.cast(place, ti.i32), last - 1)
+    return chance[row] + (place - row) * (chance[row + 1] - chance[row])

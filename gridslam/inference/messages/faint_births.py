@@ -1,4 +1,5 @@
-"""Births that earlier measurements bear out: walls that are heard too seldom to be told from clutter at once.
+"""Births that earlier measurements bear out: walls that are heard too seldom to be told from clutter at once;
+owner of the kernel that says how much they do.
 
 docs/model.md, (M251), (M252). Ours.
 """
@@ -10,35 +11,28 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam import runtime
 from gridslam.arrays import Array, replace
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.anchor_measurements import AnchorScan, deviations, own_deviations, whole_of
+from gridslam.inference.state.anchor_measurements import AnchorScan, own_deviations, whole_of
 from gridslam.inference.state.leftovers import Leftovers
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
-from gridslam.kernels.primitives import tables
+from gridslam.kernels.primitives import blocks, tables
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.geometry import mirror, slant, wrap
-from gridslam.world.radio import REFLECTION_BINS, RadioModel
-from gridslam.world.single_bounces import single_bounces
+from gridslam.world.radio import BINS, REFLECTION_BINS, RadioModel
 
 POSE = np.array([0, 1, 4])
 OF_POSE = np.ix_(POSE, POSE)
-NEAR_M, NEAR_RAD = 0.6, 0.6
-"""By how much distance and angles of an earlier measurement may miss what a new line predicts, roughly."""
-OPEN = 0.5
-"""Chance that a line which one anchor hears is heard by another one, too."""
 CERTAIN = 5.0
 """Ratio to clutter from which on a birth needs no help, and known causes from which on it gets none."""
 KNOWN = 0.5
 """Probability from which on a measurement counts as a known path's, or as what bore a surface."""
 WIDEST = 1e3
 """Deviation that stands for "tells nothing"."""
-MOST_LOG, LEAST_DOUBT = 25.0, 1e-9
-"""Largest log ratio of one measurement; least probability of a miss."""
 
 
 def recall_leftovers(
@@ -57,15 +51,15 @@ def recall_leftovers(
         return births, ratios
     unsure = (births.ratio < CERTAIN) & (ratios.explained[births.measurement] < CERTAIN)
     (rows,) = (unsure & scan.whole[births.measurement] & (births.hit < 0).all(1)).nonzero()
-    if len(rows):
-        rows = rows[_has_company(births.line[rows], left, model.places)]
     if not len(rows):
         return births, ratios
-    support = np.ones((len(births), len(REFLECTION_BINS)))
-    seen = np.zeros(len(births), np.int64)
-    m = births.measurement[rows].astype(np.intp)
-    gain, seen[rows] = borne_out(births.line[rows], scan, m, state, left, radio, model)
+    m, line = births.measurement.take(rows), births.line.take(rows, 0)
+    gain, often = borne_out(line, scan, m, state, left, radio, model)
+    if not gain.any():
+        return births, ratios
+    support, seen = np.ones((len(births), BINS)), np.zeros(len(births), np.int64)
     support[rows] += gain
+    seen[rows] = often
     level = REFLECTION_BINS * radio.amplitude(scan.value[m, 0])[:, None]
     prior = np.exp(radio.log_rician(scan.amplitude[m, None], level))
     prior /= prior.sum(1, keepdims=True)
@@ -76,35 +70,8 @@ def recall_leftovers(
     return replace(births, ratio=ratio, support=support, seen=seen), replace(ratios, measured=measured)
 
 
-def _has_company(line: Array, left: Leftovers, places: Array) -> NDArray[np.bool_]:
-    """Whether any leftover lies roughly where a single bounce over each line (B, 2) is predicted, (B,)."""
-    b, h, image = _about(line, left, places)
-    found = np.zeros(len(line), np.bool_)
-    if not len(b):
-        return found
-    path = single_bounces(line[b], places[left.anchor[h]], left.taken_at[h], image)
-    found[b[_near(left.value[h], path.value)[0]]] = True
-    return found
-
-
-def _about(line: Array, left: Leftovers, places: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Lines and leftovers (N,) whose distances are about the same, and the anchors' images there, (N, 2)."""
-    image = mirror(line[:, None], places[:, :2])
-    away = image.take(left.anchor, 1) - left.taken_at[:, :2]
-    far = slant(np.hypot(away[..., 0], away[..., 1]), places[:, 3].take(left.anchor))
-    b, h = (np.abs(left.value[:, 0] - far) < NEAR_M).nonzero()
-    return b, h, image[b, left.anchor[h]]
-
-
-def _near(value: Array, predicted: Array) -> tuple[NDArray[np.bool_], Array]:
-    """Which measurements (..., 3) lie roughly where they are predicted, and by how much they miss it."""
-    gap = value - predicted
-    gap[..., 1:] = wrap(gap[..., 1:])
-    return np.asarray((np.abs(gap) < (NEAR_M, NEAR_RAD, NEAR_RAD)).all(-1)), gap
-
-
 def borne_out(
-    line: Array, scan: AnchorScan, m: NDArray[np.intp], state: State, left: Leftovers, radio: RadioModel,
+    line: Array, scan: AnchorScan, m: NDArray[np.int32], state: State, left: Leftovers, radio: RadioModel,
     model: FilterModel,
 ) -> tuple[Array, NDArray[np.int64]]:  # fmt: skip
     """Likelihood of what was left over if a line has been there for some steps, over that if it hasn't.
@@ -115,85 +82,37 @@ def borne_out(
     ----------
     line : (B, 2)
         Lines of single bounces.
-    m : (B,)
+    m : (B,) int32
         Which measurement each is born of.
 
     Returns
     -------
     (gain, seen)
         gain (B, BINS): by the line's coefficient; seen (B,): how often it was heard before.
+
+    Raises
+    ------
+    ValueError
+        A birth's measurement, or an anchor, doesn't exist.
     """
-    gain, seen = np.zeros((len(line), len(REFLECTION_BINS))), np.zeros(len(line), np.int64)
-    line, covariance = _corrected(line, scan, m, state, radio, model)
-    places = model.places
-    b, h, image = _about(line, left, places)
-    one = single_bounces(line[b], places[left.anchor[h]], left.taken_at[h], image)
-    near, gap = _near(left.value[h], one.value)
-    (fits,) = (near & one.possible).nonzero()
-    if not len(fits):
-        return gain, seen
-    b, h, gap, image = b[fits], h[fits], gap[fits], image[fits]
-    log = _log_density(line[b], covariance[b], gap, h, left, places, image)
-    log -= radio.log_clutter(left.amplitude[h]) + np.log(radio.false_alarms)
-    # of the lines that have any: paths of all anchors, at all steps
-    rows, b = np.unique(b, return_inverse=True)
-    path = single_bounces(line[rows, None, None], places[:, None], left.pose)
-    level, possible = REFLECTION_BINS * radio.amplitude(path.value[..., :1]), path.possible
-    missed = np.ones(level.shape)
-    missed[possible] = np.maximum(1 - detection_table(model.radio)(level[possible]), LEAST_DOUBT)
-    at = b, left.anchor[h], left.back[h]
-    loud = radio.log_rician(left.amplitude[h, None], level[at])
-    ratio, either = np.exp(np.minimum(log[:, None] + loud, MOST_LOG)), missed.copy()
-    np.add.at(either, at, ratio)
-    seen[rows] = np.rint(np.bincount(b, (ratio / either[at]).max(1), len(rows)))
-    # of the latest 1, 2 ... steps: if nothing was the line's, and if anything may have been
-    logs = np.empty((2, *missed.shape))
-    logs[:] = np.log(missed)
-    logs[1][at] = np.log(either[at])
-    logs = logs.cumsum(3)
-    others = np.arange(len(places)) != scan.anchor
-    logs[:, :, others] = np.log(1 - OPEN + OPEN * np.exp(np.minimum(logs[:, :, others], 500.0)))
-    silent, borne = np.exp(np.minimum(logs.sum(2), 50.0)).mean(2)
-    gain[rows] = borne - silent
+    if not (
+        0 <= scan.anchor < len(model.places)
+        and left.anchor.max(initial=-1) < len(model.places)
+        and m.max(initial=-1) < len(scan)
+    ):
+        raise ValueError("births or leftovers name an anchor or measurement that doesn't exist")
+    runtime.start()
+    from gridslam.kernels.management.faint_births import bear_out
+
+    table, belief = detection_table(model.radio), state.belief
+    gain, seen = np.empty((len(line), BINS)), np.empty(len(line), np.int64)
+    bear_out(
+        scan.anchor, table.step, table.chance, blocks.Belief(belief.mean, belief.covariance),
+        blocks.Anchors(model.places, radio.numbers), scan.table,
+        blocks.Left(left.pose, left.covariance, left.begin, left.rows),
+        blocks.Borne(line, m, gain, seen, np.empty((len(model.places) + 2, 2, BINS))),
+    )  # fmt: skip
     return gain, seen
-
-
-def _corrected(
-    line: Array, scan: AnchorScan, m: NDArray[np.intp], state: State, radio: RadioModel,
-    model: FilterModel,
-) -> tuple[Array, Array]:  # fmt: skip
-    """Lines (B, 2) and their covariances (B, 2, 2) by one measurement each, at the pose that is believed."""
-    value = scan.value[m]
-    std = np.minimum(deviations(scan, m, scan.amplitude[m], value[:, 1:], radio), WIDEST)
-    here = single_bounces(line, model.places[scan.anchor], state.belief.mean[POSE])
-    by_line, by_pose = here.slopes()
-    spread = _spread(by_pose, state.belief.covariance[OF_POSE], std)
-    weighed = np.linalg.solve(spread, by_line)
-    covariance = np.linalg.inv(by_line.transpose(0, 2, 1) @ weighed + 1e-9 * np.eye(2))
-    gap = value - here.value
-    gap[:, 1:] = wrap(gap[:, 1:])
-    moved = covariance @ (weighed.transpose(0, 2, 1) @ gap[..., None])
-    return line + moved[..., 0], np.asarray(covariance, np.float64)
-
-
-def _log_density(
-    line: Array, covariance: Array, gap: Array, h: NDArray[np.intp], left: Leftovers, places: Array,
-    image: Array,
-) -> Array:  # fmt: skip
-    """Log densities (N,) of leftovers `h` that miss what lines with covariances predict by `gap` (N, 3)."""
-    back = left.back[h]
-    by_line, by_pose = single_bounces(line, places[left.anchor[h]], left.pose[back], image).slopes()
-    spread = by_line @ covariance @ by_line.transpose(0, 2, 1)
-    spread += _spread(by_pose, left.covariance[back], left.std[h])
-    far = np.einsum("ni,ni->n", gap, np.linalg.solve(spread, gap[..., None])[..., 0])
-    return np.asarray(-0.5 * far - 0.5 * np.linalg.slogdet(2 * np.pi * spread)[1])
-
-
-def _spread(slope: Array, covariance: Array, std: Array) -> Array:
-    """Covariances (N, 3, 3) of measurements with deviations (N, 3) that depend on what is known so well."""
-    spread = slope @ covariance @ slope.transpose(0, 2, 1)
-    spread[:, range(3), range(3)] += std**2
-    return np.asarray(spread)
 
 
 def remember_leftovers(

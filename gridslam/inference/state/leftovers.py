@@ -52,9 +52,14 @@ class Leftovers:
         return len(self.back)
 
     @cached_property
-    def taken_at(self) -> Array:
-        """Pose at which each measurement was taken, (H, 3)."""
-        return self.pose.take(self.back, 0)
+    def begin(self) -> NDArray[np.int32]:
+        """Where the measurements of each step begin, (W + 1,)."""
+        return self.back.searchsorted(np.arange(len(self.pose) + 1)).astype(np.int32)
+
+    @cached_property
+    def rows(self) -> Array:
+        """The measurements as kernels take them: anchor, value, deviations, amplitude, (H, 8)."""
+        return np.column_stack([self.anchor, self.value, self.std, self.amplitude])
 
     @classmethod
     def none(cls) -> Self:

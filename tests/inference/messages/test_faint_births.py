@@ -8,6 +8,7 @@ from filter_states import model_of, state_of
 from scipy.stats import multivariate_normal
 
 import gridslam as gs
+from gridslam import reference
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.faint_births import borne_out, recall_leftovers
 from gridslam.inference.messages.likelihood import detection_table
@@ -16,15 +17,14 @@ from gridslam.inference.messages.motion import predict
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.leftovers import MEMORY, MOST, Leftovers
-from gridslam.kernels.primitives import tables
-from gridslam.world.geometry import trace, unit, wrap
+from gridslam.kernels.primitives import blocks, tables
+from gridslam.world.geometry import wrap
 from gridslam.world.radio import BINS, REFLECTION_BINS
 from gridslam.world.single_bounces import single_bounces
 
 PLACE, POSE = np.array([1.0, 4.0, 0.3, 0.0]), np.array([-2.0, -1.0, 0.8])
 LINE = np.array([0.5 * np.pi, 6.0])
 ANGLE = np.radians(4.0)
-AGENT = np.array([0, 1, 4])
 
 
 def at(line, pose, place=PLACE):
@@ -32,7 +32,7 @@ def at(line, pose, place=PLACE):
 
 
 def borne(line, heard, left, state, model, m=0):
-    gain, seen = borne_out(np.array([line]), heard, np.array([m]), state, left, model.radio, model)
+    gain, seen = borne_out(np.array([line]), heard, np.array([m], np.int32), state, left, model.radio, model)
     return gain[0], int(seen[0])
 
 
@@ -76,49 +76,7 @@ def test_one_earlier_measurement_counts_as_worked_out_by_hand():
     np.testing.assert_allclose(gain, 0.5 * missed * ratio * silent, rtol=2e-3, atol=1e-4)
 
 
-def likelihoods(line, heard, m, state, left, radio, model):
-    """Twin of `borne_out` for one line, measurement by measurement: (gain, seen)."""
-    now, noise = state.belief.covariance[np.ix_(AGENT, AGENT)], np.square(heard.own_std[m])
-    value, by_line, by_pose = traced(line, model.places[heard.anchor], state.belief.mean[AGENT])
-    inverse = np.linalg.inv(by_pose @ now @ by_pose.T + np.diag(noise))
-    covariance = np.linalg.inv(by_line.T @ inverse @ by_line + 1e-9 * np.eye(2))
-    gap = heard.value[m] - value
-    gap[1:] = wrap(gap[1:])
-    line = line + covariance @ by_line.T @ inverse @ gap
-    worlds, seen = np.zeros((2, len(left.pose), BINS)), 0.0
-    for anchor, place in enumerate(model.places):
-        silent, either = np.zeros((len(left.pose), BINS)), np.zeros((len(left.pose), BINS))
-        for back, pose in enumerate(left.pose):
-            value, by_line, by_pose = traced(line, place, pose)
-            level = radio.amplitude(value[0], REFLECTION_BINS)
-            possible = np.prod([unit(line[0]) @ p[:2] - line[1] for p in (place, pose)]) > 0
-            missed = np.maximum(1 - possible * detection_table(radio)(level), 1e-9)
-            ratios = []
-            for h in np.flatnonzero((left.anchor == anchor) & (left.back == back)):
-                gap = left.value[h] - value
-                gap[1:] = wrap(gap[1:])
-                if not possible or (np.abs(gap) >= 0.6).any():
-                    continue
-                spread = by_line @ covariance @ by_line.T + by_pose @ left.covariance[back] @ by_pose.T
-                log = multivariate_normal(np.zeros(3), spread + np.diag(left.std[h] ** 2)).logpdf(gap)
-                log -= radio.log_clutter(left.amplitude[h]) + np.log(radio.false_alarms)
-                ratios.append(np.exp(np.minimum(log + radio.log_rician(left.amplitude[h], level), 25.0)))
-            silent[back], either[back] = missed, missed + sum(ratios)
-            seen += sum((ratio / either[back]).max() for ratio in ratios)
-        each = np.cumprod([silent, either], 1)
-        worlds += np.log(each if anchor == heard.anchor else 0.5 + 0.5 * each)
-    gain = np.exp(np.minimum(worlds, 50.0)).mean(1)
-    return gain[1] - gain[0], round(seen)
-
-
-def traced(line, place, pose):
-    """Value (3,) of a single bounce, and slopes by the line (3, 2) and the pose (3, 3)."""
-    path = trace(pose[None, :2], place[None, :2], line[None], line[None], np.array([1]), place[3])
-    value = np.array([path.distance[0], path.departure[0] - place[2], path.arrival[0] - pose[2]])
-    return value, path.jacobian[0, :, 3:5], path.jacobian[0, :, :3]
-
-
-def test_many_births_at_once_are_borne_out_as_each_is_by_itself():
+def test_lines_are_borne_out_as_by_the_plain_twin():
     draw, steps, rows = np.random.default_rng(5), 12, 40
     model, state, _ = scene_of(None, 1e-4)
     pose = POSE + draw.normal(0, [0.4, 0.4, 0.2], (steps, 3))
@@ -137,13 +95,20 @@ def test_many_births_at_once_are_borne_out_as_each_is_by_itself():
         1, model.places[1, :2], model.places[1, 2], single_bounces(lines, model.places[1], POSE).value,
         np.tile([0.05, ANGLE, ANGLE], (len(lines), 1)), np.full(len(lines), 2.4),
     )  # fmt: skip
-    order = draw.permutation(len(lines))
-    found = borne_out(lines[order], heard, order, state, left, model.radio, model)
-    for line, m, gain, seen in zip(lines[order], order, *found, strict=True):
-        expected = likelihoods(line, heard, m, state, left, model.radio, model)
-        np.testing.assert_allclose(gain, expected[0], rtol=1e-6, atol=1e-12)
-        assert seen == expected[1]
-    assert found[1].max() > 1
+    order = draw.permutation(len(lines)).astype(np.int32)
+    gain, seen = borne_out(lines[order], heard, order, state, left, model.radio, model)
+    table, belief = detection_table(model.radio), state.belief
+    expected = reference.bear_out(
+        1, table.step, table.chance, blocks.Belief(belief.mean, belief.covariance),
+        blocks.Anchors(model.places, model.radio.numbers), heard.table,
+        blocks.Left(pose, left.covariance, left.begin, left.rows),
+        blocks.Borne(lines[order], order, gain, seen, np.zeros((4, 2, BINS))),
+    )  # fmt: skip
+    np.testing.assert_allclose(gain, expected[0], rtol=1e-5, atol=1e-12)
+    np.testing.assert_array_equal(seen, expected[1])
+    assert gain.max() > 1
+    with pytest.raises(ValueError, match="doesn't exist"):
+        borne_out(lines, heard, order + 1, state, left, model.radio, model)
 
 
 def test_what_leftovers_bear_out_is_in_new_ratios_and_the_old_ones_are_left_alone():

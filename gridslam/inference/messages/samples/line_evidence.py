@@ -12,13 +12,14 @@ import numpy as np
 from gridslam import runtime
 from gridslam.arrays import Array, replace
 from gridslam.inference.messages.births import Births, add_chosen
-from gridslam.inference.messages.faint_births import OPEN, POSE
+from gridslam.inference.messages.faint_births import POSE
 from gridslam.inference.messages.samples.array_paths import Snapshot, SnapshotLikelihood
 from gridslam.inference.messages.samples.matched_power import BESIDE, widths_apart
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.leftovers import REFLECTIONS, LineEvidence
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
+from gridslam.kernels import OPEN
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import REFLECTION_BINS
 from gridslam.world.signal_model import SignalModel
