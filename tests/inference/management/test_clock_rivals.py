@@ -19,10 +19,11 @@ from gridslam.inference.management.network.clock_rivals import (
 )
 from gridslam.inference.messages.network.clock_setting import tells_no_departure
 from gridslam.inference.state.network.clock_search import CELL_M, NEVER
-from gridslam.inference.state.network.state import NetworkState
+from gridslam.inference.state.network.state import ClockSteps, NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.runs.network_run import map_network
 from gridslam.simulation.network import simulate_network
+from gridslam.world.network_scan import NetworkScan
 from gridslam.world.network_scene import network_model
 from gridslam.world.start import assumed_start
 
@@ -110,10 +111,10 @@ def test_branches_share_out_the_mass_that_there_was(fresh):
     everything = np.isfinite(fresh.clocks.log[0]) & (fresh.clocks.log[0] > NEVER)
     whole = {anchor: [*own, everything & ~np.any(own, axis=0)] for anchor, own in modes.items()}
     cells = range(fresh.clocks.log.shape[1])
-    made = branches(fresh, heard(fresh, *[(a, c, 0.0) for a in (0, 1) for c in cells]), whole, 9)
+    made = branches(fresh, heard(fresh, *[(a, c, 0.0) for a in (0, 1) for c in cells]), whole, 9, 0.0)
     assert len(made) == 9
     assert np.exp([share for _, share in made]).sum() == pytest.approx(1)
-    likeliest = branches(fresh, after, modes, 1)
+    likeliest = branches(fresh, after, modes, 1, 0.0)
     assert len(likeliest) == 1
     state, share = likeliest[0]
     left = [np.flatnonzero(own > NEVER) for own in state.clocks.log]
@@ -123,6 +124,27 @@ def test_branches_share_out_the_mass_that_there_was(fresh):
     cells = everything.sum()
     assert share == pytest.approx(np.log(len(left[0]) / cells) + np.log(len(left[1]) / cells))
     assert likeliest[0][0].belief is fresh.belief
+
+
+def test_a_branch_keeps_to_its_modes_in_the_steps_that_it_may_take_again(fresh):
+    """One clock of two was set when the search began; by then both had walked by 0.4 m."""
+    before = replace(fresh, time_s=7.0, clocks=fresh.clocks.closed(1))
+    search = ClockSteps(before, (NetworkScan(0, 8.0, (None, None)),), 0.0)
+    now = replace(fresh, time_s=11.0, search=search)
+    modes = {
+        anchor: [np.arange(fresh.clocks.log.shape[1]) // 10 == row for row in (40, 41)] for anchor in (0, 1)
+    }
+    (state, _), *_ = branches(now, heard(now, (0, 405, 0.0), (1, 405, 0.0)), modes, 9, 0.2)
+    first = state.search.before.clocks
+    np.testing.assert_allclose(first.log[0], fresh.clocks.within(0, modes[0][0], 0.16).log[0])
+    assert (np.flatnonzero(first.log[0] > NEVER)[[0, -1]] < [400, 430]).all()
+    np.testing.assert_array_equal(first.log[1:], before.clocks.log[1:])
+    assert (state.clocks.log[1] > NEVER).sum() == 10
+    begun = replace(now, search=replace(search, before=replace(before, time_s=None)))
+    (state, _), *_ = branches(begun, heard(now, (0, 405, 0.0), (1, 405, 0.0)), modes, 9, 0.2)
+    np.testing.assert_allclose(
+        state.search.before.clocks.log[0], fresh.clocks.within(0, modes[0][0], 0.12).log[0]
+    )
 
 
 def test_the_likeliest_combinations_of_many_clocks_are_those_of_a_full_list():

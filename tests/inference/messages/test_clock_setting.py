@@ -15,7 +15,7 @@ from gridslam.inference.messages.network.clock_evidence import (
     joint_density,
 )
 from gridslam.inference.messages.network.clock_setting import evidence_of, witnessed_surfaces
-from gridslam.inference.state.network.clock_search import ClockSearch
+from gridslam.inference.state.network.clock_search import CELL_M, NEVER, ClockSearch
 from gridslam.systems.network import NetworkSlam
 from gridslam.world.clocks import ClockModel
 from gridslam.world.radio import BINS
@@ -200,6 +200,20 @@ def test_walks_blur_and_nothing_leaves_the_prior():
     assert after.moments(0)[1] - before == pytest.approx(0.25, rel=0.02)
     assert after.mass[0].sum() == pytest.approx(1)
     assert after.mass[1].max() == 1  # the other anchor's prior is a point
+
+
+def test_where_a_clock_walked_to_says_where_it_was():
+    search = ClockSearch.start(CLOCKS)
+    cells, last = np.zeros(len(CENTRE), bool), len(CENTRE) - 1
+    cells[[5, last]] = True
+    log = search.within(0, cells, 0.2 * CELL_M**2).log[0]  # a tenth of the mass goes to each neighbour
+    np.testing.assert_allclose(np.exp(log[3:8]) * 0.9, [0, 0.1, 0.8, 0.1, 0], atol=1e-12)
+    np.testing.assert_allclose(np.exp(log[-3:]) * 0.9, [0, 0.1, 0.9], atol=1e-12)
+    assert (log[8:-2] == NEVER).all()
+    cells[:] = np.abs(CENTRE) < 5.0
+    wide = search.within(0, cells, 1.0)
+    assert wide.mass[0][np.abs(CENTRE - 5.0) < 0.1].max() == pytest.approx(0.5 * wide.mass[0].max(), rel=0.05)
+    np.testing.assert_array_equal(wide.log[1], search.log[1])
 
 
 def test_an_opened_clock_knows_nothing():

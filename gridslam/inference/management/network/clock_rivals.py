@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,6 @@ from gridslam.inference.state.network.clock_search import (
     LOBE_M,
     LOBE_VARIANCE,
     MODE_COUNTS,
-    NEVER,
     ClockSearch,
 )
 from gridslam.inference.state.network.state import NetworkState
@@ -70,7 +69,7 @@ def advance(
         parts = [(before, 0.0)]
         if room > 0:
             modes = rival_modes if tells_no_departure(scan.scans) else early_modes
-            parts = branches(before, after, modes(after.clocks), room + 1)
+            parts = branches(before, after, modes(after.clocks), room + 1, model.clocks.walk_m)
         if len(population) == len(parts) == 1:
             return replace(population, states=(after,)), info
         _limit(works, True)
@@ -133,7 +132,7 @@ def _modes(search: ClockSearch, sought: NDArray[np.bool_], rule: tuple[float, in
 
 
 def branches(
-    before: NetworkState, after: NetworkState, modes: Modes, most: int
+    before: NetworkState, after: NetworkState, modes: Modes, most: int, walk_m: float
 ) -> list[tuple[NetworkState, float]]:
     """The state before a step with each likely combination of modes, and the log of its prior mass.
 
@@ -143,6 +142,8 @@ def branches(
         After the step: its histograms say what is likely.
     most : int
         Combinations at most.
+    walk_m : float
+        By which clocks walk in a root second.
     """
     mass = after.clocks.mass
     likely = [[np.log(mass[anchor, own].sum()) for own in cells] for anchor, cells in modes.items()]
@@ -152,12 +153,29 @@ def branches(
     for sum_of_logs, pick in ranked:
         if sum_of_logs < ranked[0][0] - HOPELESS:
             break
-        log, share = earlier.copy(), 0.0
-        for (anchor, cells), k in zip(modes.items(), pick, strict=True):
-            share += float(np.logaddexp.reduce(earlier[anchor, cells[k]]) - whole[anchor])
-            log[anchor] = np.where(cells[k], log[anchor] - log[anchor, cells[k]].max(), NEVER)
-        made.append((replace(before, clocks=replace(before.clocks, log=log)), share))
+        chosen = {anchor: cells[k] for (anchor, cells), k in zip(modes.items(), pick, strict=True)}
+        share = sum(
+            float(np.logaddexp.reduce(earlier[anchor, cells]) - whole[anchor])
+            for anchor, cells in chosen.items()
+        )
+        made.append((having_modes(before, chosen, walk_m), share))
     return made
+
+
+def having_modes(before: NetworkState, chosen: dict[int, NDArray[np.bool_]], walk_m: float) -> NetworkState:
+    """The state with open clocks in some cells (C,), now and, but for their walk, as their search began."""
+    clocks, search = before.clocks, before.search
+    for anchor, cells in chosen.items():
+        clocks = clocks.within(anchor, cells)
+    if search is not None:
+        began, first = search.before, search.before.clocks
+        since = search.scans[0].time_s if began.time_s is None else began.time_s
+        walked = walk_m**2 * (cast(float, before.time_s) - since)
+        for anchor, cells in chosen.items():
+            if first.unset[anchor]:
+                first = first.within(anchor, cells, walked)
+        search = replace(search, before=replace(began, clocks=first))
+    return replace(before, clocks=clocks, search=search)
 
 
 def likeliest_choices(likely: list[list[float]], most: int) -> list[tuple[float, tuple[int, ...]]]:

@@ -69,20 +69,20 @@ class ClockSearch:
 
     def walked(self, variance: float) -> ClockSearch:
         """A step later: every offset has walked by this variance, m^2."""
-        share = 0.5 * variance / CELL_M**2
-        if not self.unset.any() or not share:
+        if not self.unset.any() or not variance:
             return self
-        mass = self.mass
-        if share < 0.5:  # less than a cell: a step of diffusion
-            ends = np.pad(mass, ((0, 0), (1, 1)), mode="edge")
-            mass = mass + share * (ends[:, 2:] - 2 * mass + ends[:, :-2])
-        else:
-            from scipy.ndimage import gaussian_filter1d
-
-            mass = gaussian_filter1d(mass, np.sqrt(variance) / CELL_M, axis=1, mode="nearest")
         with np.errstate(divide="ignore"):
-            log = np.maximum(np.log(mass), NEVER)
+            log = np.maximum(np.log(diffused(self.mass, variance)), NEVER)
         return replace(self, log=np.where(self.log > NEVER, log - log.max(1, keepdims=True), NEVER))
+
+    def within(self, anchor: int, cells: NDArray[np.bool_], variance: float = 0.0) -> ClockSearch:
+        """With a clock's offset known to be in some cells (C,), once it has walked by a variance, m^2."""
+        reach = diffused(cells[None].astype(np.float64), variance)[0]
+        log, likely = self.log.copy(), reach > 0
+        own = log[anchor, likely] + np.log(reach[likely])
+        log[anchor] = NEVER
+        log[anchor, likely] = np.maximum(own - own.max(), NEVER)
+        return replace(self, log=log)
 
     def updated(self, evidence: Array) -> ClockSearch:
         """With the log evidence (J, C) of a step taken in."""
@@ -157,3 +157,14 @@ class ClockSearch:
         unset, log, since, doubt = self.unset.copy(), self.log.copy(), self.since.copy(), self.doubt.copy()
         unset[anchor], log[anchor], since[anchor], doubt[anchor] = True, fresh.log[anchor], 0, 0.0
         return replace(self, unset=unset, log=log, since=since, doubt=doubt)
+
+
+def diffused(mass: Array, variance: float) -> Array:
+    """Mass of cells (J, C) after a walk of this variance, m^2; nothing leaves at the ends."""
+    share = 0.5 * variance / CELL_M**2
+    if share < 0.5:  # less than a cell: a step of diffusion
+        ends = np.pad(mass, ((0, 0), (1, 1)), mode="edge")
+        return np.asarray(mass + share * (ends[:, 2:] - 2 * mass + ends[:, :-2]))
+    from scipy.ndimage import gaussian_filter1d
+
+    return np.asarray(gaussian_filter1d(mass, np.sqrt(variance) / CELL_M, axis=1, mode="nearest"))
