@@ -21,7 +21,7 @@ from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.map import Map
 from gridslam.systems.filter_front import FilterFront
 from gridslam.systems.front import bare_map
-from gridslam.systems.soundness import require_sound_networks
+from gridslam.systems.network_soundness import require_sound_networks
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.network_model import NetworkModel
 from gridslam.world.network_scan import NetworkScan

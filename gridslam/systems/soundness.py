@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.errors import InputError, located
+from gridslam.errors import InputError
 from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
 from gridslam.inference.messages.surface_walk import LEAST, WIDEST
@@ -18,15 +18,12 @@ from gridslam.inference.state.anchor_measurements import LEAST_STD
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.layout import AGENT, StateLayout
 from gridslam.inference.state.leftovers import LEAST_EVIDENCE, MOST_EVIDENCE, REFLECTIONS
-from gridslam.inference.state.network.clock_walk import SHARES, WAYS, ClockWalk
-from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.published.state_samples import StateSamples
 from gridslam.inference.state.rings import BEARINGS, MOVING
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.network_model import NetworkModel
 from gridslam.world.radio import BINS
 
 Shape = tuple[int, ...]
@@ -52,62 +49,22 @@ def _require_sound_ranges(ranges: RangeWatch, errors: int, where: str) -> None:
         ("information", bool(np.isfinite(ranges.information).all()), "finite"),
         ("vector", bool(np.isfinite(ranges.vector).all()), "finite"),
     ]
-    _require(claims, where)
+    require_claims(claims, where)
 
 
 def require_sound_weights(population: Population[Any], where: str) -> None:
     """Refuse hypotheses whose weights can't be."""
     count = len(population.states)
     claims = [
-        *_weights(population.log_weight, count),
+        *claims_of_weights(population.log_weight, count),
         ("guard", -1 <= population.guard < count, "one of the hypotheses, or -1"),
         ("searching", not population.searching or count == 1, "true of one state alone"),
     ]
-    _require(claims, where)
+    require_claims(claims, where)
 
 
-def require_sound_networks(believed: Population[NetworkState], model: NetworkModel, where: str) -> None:
-    """Refuse hypotheses about a network whose weights or beliefs can't be, or scans that no filter takes."""
-    log = np.array(believed.log_weight)
-    ordered = bool((np.diff(log) <= 0).all())
-    _require([*_weights(log, len(believed)), ("log_weight", ordered, "the likeliest first")], where)
-    for number, state in enumerate(believed.states):
-        _require_sound_network(state, f"{where}/states/{number}/belief")
-        if state.search is not None:
-            within = f"{where}/states/{number}/search"
-            _require_sound_network(state.search.before, f"{within}/before/belief")
-            _require([("before", state.search.before.search is None, "of no search")], within)
-            for step, scan in enumerate(state.search.scans):
-                with located(f"{within}/scans/{step}"):
-                    scan.checked(len(model.anchor_names), None, len(model.agents), pseudo=True)
-
-
-def _require_sound_network(state: NetworkState, where: str) -> None:
-    """Refuse a state of a network whose belief can't be."""
-    mean, covariance = state.belief.mean, state.belief.covariance
-    symmetric = bool(np.isfinite(covariance).all() and np.allclose(covariance, covariance.T))
-    sound = symmetric and bool((np.diagonal(covariance) >= 0).all())
-    claims = [
-        ("mean", bool(np.isfinite(mean).all()), "finite"),
-        ("covariance", sound, "symmetric, with variances that aren't negative"),
-        ("walks", state.walks is None or _sound_walks(state.walks, state), "as many as ways and clocks"),
-    ]
-    _require(claims, where)
-
-
-def _sound_walks(walks: ClockWalk, state: NetworkState) -> bool:
-    """Whether filters of clocks could have become so."""
-    clocks = len(state.belief.layout.devices)
-    shape = (WAYS, len(SHARES))
-    return (
-        walks.log.shape == walks.variance.shape == shape
-        and walks.mean.shape == (*shape, clocks)
-        and walks.free.shape == (clocks,)
-        and bool((walks.log <= 0).all() and (walks.log.max(1) == 0).all() and (walks.variance >= 0).all())
-    )
-
-
-def _weights(log_weight: Sequence[float] | Array, count: int) -> list[tuple[str, bool, str]]:
+def claims_of_weights(log_weight: Sequence[float] | Array, count: int) -> list[tuple[str, bool, str]]:
+    """What must hold of the weights of so many hypotheses."""
     log = np.array(log_weight)
     return [
         ("log_weight", 0 < count == len(log) <= MOST_HYPOTHESES, "one for each state"),
@@ -115,7 +72,14 @@ def _weights(log_weight: Sequence[float] | Array, count: int) -> list[tuple[str,
     ]
 
 
-def _require(claims: list[tuple[str, bool, str]], where: str) -> None:
+def require_shapes(shapes: Iterable[tuple[str, Shape, Shape]], where: str) -> None:
+    """Refuse the first part (name, shape, what that has to be) of another shape than it has to be."""
+    for name, shape, wanted in shapes:
+        if shape != wanted:
+            raise InputError(f"{where}/{name}", f"shape {shape}", f"shape {wanted}")
+
+
+def require_claims(claims: list[tuple[str, bool, str]], where: str) -> None:
     """Refuse the first part of which a claim (part, whether it holds, what is allowed) doesn't hold."""
     for part, holds, allowed in claims:
         if not holds:
@@ -135,15 +99,13 @@ def require_sound(state: State, model: FilterModel, where: str) -> None:
     InputError
         With the part, and what is allowed.
     """
-    for name, shape, wanted in _shapes(state, model):
-        if shape != wanted:
-            raise InputError(f"{where}/{name}", f"shape {shape}", f"shape {wanted}")
+    require_shapes(_shapes(state, model), where)
     anchors, bank, calibration = len(model.anchors), state.surfaces, state.calibration
     claims = [
         ("step", state.step >= 0, "0 or more"),
         ("surfaces/identity", len(set(bank.identity.tolist())) == len(bank), "a number for each surface"),
         ("next_identity", state.next_identity > bank.identity.max(initial=-1), "above all identities"),
-        *_claims_of_bank(bank, "surfaces", anchors),
+        *claims_of_bank(bank, "surfaces", anchors),
         ("calibration/weight", calibration.weight > 0, "a positive number"),
         ("calibration/turn_weight", bool((calibration.turn_weight > 0).all()), "positive numbers"),
         ("calibration/clutter", _within(calibration.clutter, 0, np.inf), "0 or more"),
@@ -151,9 +113,7 @@ def require_sound(state: State, model: FilterModel, where: str) -> None:
         ("los", _within(state.los, 0, 1), "probabilities"),
         *_claims_of_parts(state, model),
     ]  # fmt: skip
-    for part, holds, allowed in claims:
-        if not holds:
-            raise InputError(f"{where}/{part}", "numbers that can't be", allowed)
+    require_claims(claims, where)
 
 
 def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shape]]:
@@ -168,10 +128,10 @@ def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shap
     yield "los", state.los.shape, (anchors,)
     for name in ("clutter", "listened", "turn", "turn_weight"):
         yield f"calibration/{name}", getattr(state.calibration, name).shape, (model.senders,)
-    yield from _shapes_of_bank(state.surfaces, "surfaces", anchors)
+    yield from shapes_of_bank(state.surfaces, "surfaces", anchors)
     if state.parked is not None:
         yield "parked/cross", state.parked.cross.shape, (len(state.parked.mean), size)
-        yield from _shapes_of_bank(state.parked.surfaces, "parked/surfaces", anchors)
+        yield from shapes_of_bank(state.parked.surfaces, "parked/surfaces", anchors)
     if state.grid is not None:
         for name in ("evidence", "observed", "row"):
             yield f"grid/{name}", getattr(state.grid, name).shape, model.grid.shape
@@ -222,7 +182,7 @@ def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shap
             )
 
 
-def _shapes_of_bank(bank: SurfaceBank, name: str, anchors: int) -> Iterator[tuple[str, Shape, Shape]]:
+def shapes_of_bank(bank: SurfaceBank, name: str, anchors: int) -> Iterator[tuple[str, Shape, Shape]]:
     """Parts of a bank of surfaces, their shapes, and what these have to be."""
     surfaces = len(bank)
     whole: dict[str, Shape] = {
@@ -234,7 +194,7 @@ def _shapes_of_bank(bank: SurfaceBank, name: str, anchors: int) -> Iterator[tupl
         yield f"{name}/{field.name}", found, whole.get(field.name, (surfaces,))
 
 
-def _claims_of_bank(bank: SurfaceBank, name: str, anchors: int) -> list[tuple[str, bool, str]]:
+def claims_of_bank(bank: SurfaceBank, name: str, anchors: int) -> list[tuple[str, bool, str]]:
     """What must hold of surfaces."""
     return [
         (f"{name}/owner", _within(bank.owner, -1, anchors - 1), "an anchor's number, or -1"),
@@ -262,7 +222,7 @@ def _claims_of_parked(state: State, anchors: int) -> list[tuple[str, bool, str]]
         ("parked/surfaces/identity", len(set(every)) == len(every), "a number for each surface"),
         ("next_identity", state.next_identity > max(every), "above all identities"),
         ("parked/cross", bool(least > -SLACK), "covariances with the belief that are possible"),
-        *_claims_of_bank(parked.surfaces, "parked/surfaces", anchors),
+        *claims_of_bank(parked.surfaces, "parked/surfaces", anchors),
     ]
 
 

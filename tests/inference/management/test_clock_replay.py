@@ -16,6 +16,7 @@ from gridslam.inference.management.network.clock_replay import (
     with_walls_of,
 )
 from gridslam.inference.state.network.clock_search import SET_VARIANCE
+from gridslam.inference.state.network.state import ClockSteps
 from gridslam.inference.state.surface_bank import FRESH_SINGLE
 from gridslam.simulation.network import simulate_network
 from gridslam.systems import network
@@ -165,6 +166,22 @@ def test_walls_are_told_only_if_that_explains_no_less(scene, scans, monkeypatch)
         assert again.log_evidence == number + 1
 
 
+def test_walls_that_are_told_say_nothing_of_a_clock_that_is_searched_for(scene, scans):
+    slam = NetworkSlam(scene, agents=AGENTS, seed=5)
+    first, before, number = until_set(slam, scans)
+    peak = np.abs(before.clocks.centre - 9.0) < 0.25
+    opened = slam.state.clocks.opened(HIDDEN, slam.model.clocks).within(HIDDEN, peak)
+    _, info = network.step(before, scans[number], slam.model, slam.work)
+    state = replace(slam.state, clocks=opened)  # as every step leaves it
+    steps = ClockSteps(first, tuple(scans[:1]), -1e9)
+    told, _, _ = taken_again(steps, state, slam.model, slam.work, lambda *_: (state, info))
+    entry = told.belief.layout.devices[HIDDEN]
+    assert told.belief.mean[entry] == pytest.approx(9.0, abs=0.05)
+    assert told.belief.covariance[entry, entry] < 0.1
+    assert np.count_nonzero(told.belief.covariance[entry]) == 1
+    assert np.count_nonzero(slam.state.belief.covariance[entry]) > 1
+
+
 def test_a_world_in_which_a_clock_is_doubted_again_is_not_taken(scene, scans):
     slam = NetworkSlam(scene, agents=AGENTS, seed=5)
     _, before, number = until_set(slam, scans)
@@ -202,14 +219,18 @@ def test_a_checkpoint_keeps_the_steps_of_a_search(scene, scans, tmp_path):
     search = NetworkSlam.resume(tmp_path / "search.h5").state.search
     nowhere = replace(search.before.belief, mean=search.before.belief.mean * np.nan)
     spoilt = replace(search.before, belief=nowhere)
+    others = NetworkSlam(scene, agents=AGENTS[:1], seed=5).state
     stray = replace(search.scans[0].scans[0], anchor=np.full(len(search.scans[0].scans[0]), 9))
     for wrong in (
         replace(search, before=spoilt),
+        replace(search, before=others),
+        replace(search, before=replace(search.before, los=others.los)),
+        replace(search, before=replace(search.before, clocks=only(search.before.clocks, slice(3)))),
         replace(search, before=replace(search.before, search=search)),
         replace(search, scans=(replace(search.scans[0], scans=(stray, None)),)),
     ):
         state = replace(slam.state, search=wrong)
-        with pytest.raises(gs.InputError, match=r"here\.h5/states/0/search.*(mean|before|anchor)"):
+        with pytest.raises(gs.InputError, match=r"here\.h5/states/0/search/(before|scans/0.*anchor)"):
             slam.require_sound(replace(slam.now.believed, states=(state,)), slam.model, "here.h5")
 
 
