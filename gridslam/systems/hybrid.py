@@ -61,11 +61,12 @@ def step(
     got = snapshot(scan, model)
     state = predict_agent(state, scan.time_s, model, work.seed)  # eqs. (19)-(23)
     if state.step < SETTLED:
-        state, moments = follow_by_particles(state, got, work.front, model, work.seed)  # eqs. (24)-(32)
+        # eqs. (24)-(32), and what tells a line of sight from other paths
+        state, moments = follow_by_particles(state, got, work.front, model, work.seed, bounded=True)
     else:
         state, moments = follow_jointly(state, got, model)
     followed = time.perf_counter()
-    state = counted(remember(state, got, moments), got)
+    state = counted(remember(state, got, moments), got, moments, work.front, model)
     state, learned = take_up(state, work.beside, work.front, model)  # eq. (43)
     state = put_aside(state, work.beside, work.front, model)
     seconds = {"follow": followed - began, "learn": time.perf_counter() - followed}
@@ -80,7 +81,7 @@ def step_by_sight(
     got = snapshot(scan, model)
     state = predict_agent(state, scan.time_s, model, work.seed)
     state, moments = follow_by_particles(state, got, work.front, model, work.seed)
-    state = counted(state, got)
+    state = counted(state, got, moments, work.front, model)
     seconds = {"follow": time.perf_counter() - began}
     return state, conclude(state, moments, Learned(), got.heading_rad, seconds, model)
 

@@ -35,6 +35,7 @@ def require_sound(state: HybridState, model: SignalModel, where: str, always_par
         ("step", state.step >= 0 and state.silent >= 0, "0 or more"),
         ("particles", (state.particles is not None) == particles, f"none from step {SETTLED} on"),
         ("lesson", due(state), "the state at the end of the latest segment"),
+        ("early", 0 <= state.early <= 1, "a share"),
         ("time_s", (state.time_s is None) == (state.step == 0), "a time once a step was taken"),
         *((f"joint/{part}", *claim) for part, *claim in _joint(state.joint, anchors)),
         *((f"before/{part}", *claim) for part, *claim in _joint(state.before, anchors)),

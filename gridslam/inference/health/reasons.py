@@ -41,6 +41,11 @@ def little_power(share: float) -> str:
     return f"{share:.0%} of the received power explained by known paths"
 
 
+def early(share: float) -> str:
+    """Share of the latest steps at which a path was heard that is shorter than the straight line."""
+    return f"paths arrive before the line of sight at {share:.0%} of the latest steps"
+
+
 def misfit(ratio: float) -> str:
     """Normalised innovations squared, per degree of freedom."""
     return f"innovations {ratio:.1f} times as large as they should be"

@@ -16,6 +16,8 @@ from gridslam.inference.state.calibration import KEEP
 
 LEAST_EXPLAINED = 0.2
 """Share of the received power that paths of the joint belief explain as long as the agent is followed."""
+EARLY = 0.5
+"""Share of the latest steps at which something may arrive before a line of sight, as nothing can."""
 FEW = 30.0
 """Effective number of particles of hybrid SLAM below which too few carry the weight."""
 
@@ -96,7 +98,7 @@ class SignalWatch:
 
 
 def assess_particles(
-    spread_m: float, effective: float, silent: int, anchors: int, by_particles: bool
+    spread_m: float, effective: float, silent: int, early: float, anchors: int, by_particles: bool
 ) -> Health:
     """Whether hybrid SLAM still knows its agent.
 
@@ -108,6 +110,8 @@ def assess_particles(
         Effective number of particles, if the belief is `by_particles`.
     silent : int
         Steps for which nothing has been heard.
+    early : float
+        Share of the latest steps at which something arrived before a line of sight.
     """
     found = []
     if silent >= SILENT:
@@ -116,6 +120,8 @@ def assess_particles(
         found.append(reasons.vague(spread_m))
     if by_particles and effective < FEW:
         found.append(reasons.few_particles(effective))
+    if early > EARLY:
+        found.append(reasons.early(early))
     return Health(
         not found, "; ".join(found), effective, clutter=np.zeros(anchors), turned_rad=np.zeros(anchors),
         silent_steps=silent,

@@ -49,12 +49,12 @@ def step(
     state = predict_agent(state, scan.time_s, model, work.seed)
     if state.step < SETTLED:
         state, moments = follow_by_particles(state, got, work.front, model, work.seed)
-        state = counted(remember(state, got, moments), got)
+        state = counted(remember(state, got, moments), got, moments, work.front, model)
         state, _ = take_up(state, work.beside, work.front, model)
         state = put_aside(state, work.beside, work.front, model)
     else:
         state, moments = follow_jointly(state, got, model)
-        state = counted(state, got)
+        state = counted(state, got, moments, work.front, model)
     seconds = {"follow": time.perf_counter() - began}
     return state, conclude(state, moments, Learned(), got.heading_rad, seconds, model)
 

@@ -39,7 +39,7 @@ def step(
     state = predict_agent(state, scan.time_s, model, work.seed)  # eqs. (19)-(23)
     state, moments = follow_by_particles(state, got, work.front, model, work.seed)  # eqs. (24)-(32)
     followed = time.perf_counter()
-    state = counted(remember(state, got, moments), got)
+    state = counted(remember(state, got, moments), got, moments, work.front, model)
     state = learn_by_networks(state, work.front, model, work.seed)  # eqs. (42), (43)
     seconds = {"follow": followed - began, "learn": time.perf_counter() - followed}
     return state, conclude(state, moments, Learned(), got.heading_rad, seconds, model)

@@ -7,7 +7,7 @@ from pathlib import Path
 import gridslam
 from gridslam.inference import health
 from gridslam.inference.health import reasons
-from gridslam.inference.health.signal_watch import FEW, assess_particles
+from gridslam.inference.health.signal_watch import EARLY, FEW, assess_particles
 
 PACKAGE = Path(gridslam.__file__).parent
 SENTENCES = {name for name, value in vars(reasons).items() if inspect.isfunction(value)}
@@ -41,11 +41,12 @@ def test_reasons_read_as_sentences_with_their_numbers():
 
 
 def test_hybrid_slam_says_what_is_amiss_with_its_particles():
-    well = assess_particles(0.1, FEW - 1, 0, 2, by_particles=False)
+    well = assess_particles(0.1, FEW - 1, 0, EARLY, 2, by_particles=False)
     assert well.ok
     assert not well.why
-    amiss = assess_particles(1.26, FEW - 1, 5, 2, by_particles=True)
+    amiss = assess_particles(1.26, FEW - 1, 5, 0.62, 2, by_particles=True)
     said = ["nothing heard for 5 steps", "position known to 1.3 m alone", "29 particles carry the weight"]
+    said.append("paths arrive before the line of sight at 62% of the latest steps")
     assert amiss.why.split("; ") == said
     assert not amiss.ok
     assert len(amiss.turned_rad) == 2

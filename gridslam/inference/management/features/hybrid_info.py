@@ -61,7 +61,9 @@ def conclude(
     if cloud is not None:
         existence, power, noise = cloud.existence, los_power(cloud), cloud.noise.mean(1)
     spread_m = float(np.sqrt(np.trace(moments.covariance[:2, :2])))
-    health = assess_particles(spread_m, moments.effective, state.silent, len(existence), cloud is not None)
+    health = assess_particles(
+        spread_m, moments.effective, state.silent, state.early, len(existence), cloud is not None
+    )
     return HybridInfo(
         moments.mean, moments.covariance, heading_rad, model.waveform.heading_std_rad**2, existence, power,
         noise, moments.log_evidence, learned, health, seconds,

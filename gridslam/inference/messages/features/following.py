@@ -9,14 +9,19 @@ from numpy.typing import NDArray
 
 from gridslam.errors import InputError
 from gridslam.inference.messages.features import sight
+from gridslam.inference.messages.features.arrivals import Arrivals
 from gridslam.inference.messages.features.feature_likelihood import Front
-from gridslam.inference.messages.features.joint_update import predict, update
+from gridslam.inference.messages.features.joint_update import SIGHTED, predict, update
+from gridslam.inference.messages.features.path_products import LEAST_M
 from gridslam.inference.messages.features.sight import Moments
+from gridslam.inference.state.calibration import KEEP
 from gridslam.inference.state.features.features import MOVING
 from gridslam.inference.state.features.hybrid_state import HybridState
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
+DEVIATIONS = 3.0
+"""Of a line of sight's length, that it may be shorter than believed."""
 START_STEPS = 10
 """For which particles look for the agent; then the joint belief goes through them again."""
 
@@ -65,9 +70,9 @@ def predict_agent(state: HybridState, time_s: float, model: SignalModel, seed: i
 
 
 def follow_by_particles(
-    state: HybridState, got: Snapshot, front: Front, model: SignalModel, seed: int
+    state: HybridState, got: Snapshot, front: Front, model: SignalModel, seed: int, bounded: bool = False
 ) -> tuple[HybridState, Moments]:
-    """Particles of agent and noise after the samples, (M134)-(M136)."""
+    """Particles of agent and noise after the samples, (M134)-(M136), see `sight.update_particles`."""
     tables = [front.tables(z[None]) for z in got.samples]
     cloud = state.particles
     if cloud is None:
@@ -75,8 +80,9 @@ def follow_by_particles(
         state = replace(state, joint=state.before)
         cloud = sight.start_particles(state.joint, tables, got.heard, model, seed)
     cloud, moments = sight.update_particles(
-        cloud, state.joint, got.samples, tables, got.heard, got.heading_rad, front, model, seed, state.step
-    )
+        cloud, state.joint, got.samples, tables, got.heard, got.heading_rad, front, model, seed, state.step,
+        bounded,
+    )  # fmt: skip
     return replace(state, particles=cloud), moments
 
 
@@ -96,7 +102,21 @@ def remember(state: HybridState, got: Snapshot, moments: Moments) -> HybridState
     return replace(state, segment=segment)
 
 
-def counted(state: HybridState, got: Snapshot) -> HybridState:
-    """The state with one more step taken."""
+def counted(
+    state: HybridState, got: Snapshot, moments: Moments, front: Front, model: SignalModel
+) -> HybridState:
+    """The state with one more step taken, and whether it contradicts where the agent is believed to be.
+
+    It does if anything arrives before a line of sight that is as short as the agent's deviations allow. Where
+    no line of sight is seen, it tells nothing else.
+    """
     silent = 0 if got.heard.any() else state.silent + 1
-    return replace(state, step=state.step + 1, silent=silent)
+    belief = state.joint if state.particles is None else state.particles
+    seen, early = bool((got.heard & (belief.existence > SIGHTED)).any()), False
+    for j in np.flatnonzero(got.heard):
+        way = moments.mean[:2] - model.anchors[j, :2]
+        far = float(np.hypot(*way))
+        spread = float(np.sqrt(way @ moments.covariance[:2, :2] @ way)) / max(far, LEAST_M)
+        early |= Arrivals.of(got.samples[j], front).before(far - DEVIATIONS * spread)
+    share = state.early + (1 - KEEP) * (early - state.early) * (early or seen)
+    return replace(state, step=state.step + 1, silent=silent, early=share)

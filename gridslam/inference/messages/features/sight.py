@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from gridslam.arrays import Array
+from gridslam.inference.messages.features.arrivals import Arrivals
 from gridslam.inference.messages.features.feature_likelihood import Front, Tables
 from gridslam.inference.messages.features.presence import APPEARS, STAYS
 from gridslam.inference.state.features.features import MOVING, places
@@ -111,23 +112,35 @@ def feature_table(belief: JointBelief, anchor: int) -> Array:
 def update_particles(
     particles: ParticleBelief, belief: JointBelief, samples: Complex, tables: list[Tables],
     audible: NDArray[np.bool_], heading_rad: float, front: Front, model: SignalModel, seed: int, step: int,
+    bounded: bool = False,
 ) -> tuple[ParticleBelief, Moments]:  # fmt: skip
-    """Particles after the samples (J, N, M) of a step, with the features as they stand, (M134)-(M136)."""
+    """Particles after the samples (J, N, M) of a step, with the features as they stand, (M134)-(M136).
+
+    Parameters
+    ----------
+    bounded : bool
+        Whether lines of sight of anchors without features are told from other paths, see `arrivals`.
+    """
     count, anchors = len(particles.agent), len(audible)
     existence, weight = particles.existence.copy(), particles.weight.copy()
     log_own = np.zeros((anchors, count))
     for j in np.flatnonzero(audible):
         noise = particles.noise[j]
         points = np.column_stack([particles.agent[:, :2], np.full(count, heading_rad), noise])
-        ratio, square, energy = front.ratios(
-            points, feature_table(belief, int(j)), model.anchors[j, :2], tables[j]
-        ).T
+        known = feature_table(belief, int(j))
+        ratio, square, energy = front.ratios(points, known, model.anchors[j, :2], tables[j]).T
         absent = (
             ratio - np.vdot(samples[j], samples[j]).real / noise - samples[j].size * np.log(np.pi * noise)
         )
-        with_noise = noise[:, None] + particles.node[j] * energy[:, None]
-        gain = square[:, None] * particles.node[j] / (noise[:, None] * with_noise)
-        gain -= np.log(with_noise / noise[:, None])  # (P, G)
+        if bounded and not len(known):
+            came = Arrivals.of(samples[j], front)
+            way = np.hypot(*(model.anchors[j, :2] - particles.agent[:, :2]).T)
+            absent -= came.against(way)
+            gain = came.seen(way, square / energy, particles.node[j] * energy[:, None])
+        else:
+            with_noise = noise[:, None] + particles.node[j] * energy[:, None]
+            gain = square[:, None] * particles.node[j] / (noise[:, None] * with_noise)
+            gain -= np.log(with_noise / noise[:, None])  # (P, G)
         gain += np.log(np.maximum(weight[j], 1e-300))
         seen = logsumexp(gain, axis=1)
         p = existence[j]

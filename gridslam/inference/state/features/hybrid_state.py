@@ -183,6 +183,8 @@ class HybridState:
         The state at the end of the segment that is being learned from, see `messages.lessons`.
     networks : FeatureNetworks or None
         Where features are, of the published way to learn.
+    early : float
+        Share of the latest steps with a sight at which something arrived before it, see `following.counted`.
     """
 
     joint: JointBelief
@@ -196,3 +198,4 @@ class HybridState:
     before_s: float | None = None
     lesson: HybridState | None = None
     networks: FeatureNetworks | None = field(default=None, metadata={"later": True})
+    early: float = field(default=0.0, metadata={"later": True})

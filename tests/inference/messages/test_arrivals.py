@@ -1,0 +1,100 @@
+"""Lines of sight among louder paths: nothing arrives before them, and they are one wave."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from signal_worlds import received, signal_model
+
+from gridslam import runtime
+from gridslam.inference.messages.features.arrivals import COST, Arrivals
+from gridslam.inference.messages.features.feature_likelihood import Front
+from gridslam.inference.messages.features.following import Snapshot, counted
+from gridslam.inference.messages.features.sight import Moments, start_particles, update_particles
+from gridslam.inference.state.calibration import KEEP
+from gridslam.inference.state.features.features import FeatureBank
+from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
+
+runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
+LOS, BEHIND = np.array([3.0, 4.0, 0.0]), np.array([3.0, 4.0, 1.5])
+HEARD = np.array([True])
+
+
+def came(points, powers, seed=1, **more):
+    model = signal_model(**more)
+    z = received(model, (0, 0), 0.4, points, powers, np.random.default_rng(seed))
+    return Arrivals.of(z[0], Front(model.waveform))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_arrives_first_contradicts_longer_lines_of_sight_alone(seed):
+    both = came([LOS, BEHIND], [3000.0, 9000.0], seed)  # 5.0 and 6.5 m
+    short, right, *long = both.against(np.array([3.0, 5.0, 5.5, 6.5, 9.0]))
+    assert max(short, right) < COST  # a shorter one may be hidden
+    assert min(long) > right + 50
+    assert [both.before(far) for far in (3.0, 5.0, 5.3, 6.5, 9.0)] == [False, False, False, True, True]
+
+
+def test_side_lobes_of_a_loud_path_arrive_no_earlier():
+    loud = came([BEHIND], [1e8])
+    assert not loud.before(6.5)
+    assert loud.before(8.0)
+
+
+def test_a_line_of_sight_is_told_from_other_paths_by_its_direction():
+    one = came([LOS], [3000.0])
+    total = (np.abs(one.output) ** 2).sum(1)
+    peak = np.array([int(np.argmax(total))])
+    at, total, expected = one.step_m * peak, total[peak], np.array([[one.noise * 480.0]])
+    right, wrong = (float(one.seen(at, share * total, expected)[0, 0]) for share in (0.99, 0.25))
+    assert right > COST > 0 > wrong
+    # by hand: any path of four antennas against one wave and what three others have in noise
+    level = float(total[0] / (4 * one.noise))
+    alone = -4 * np.log(one.noise) - 4 - 4 * np.log(level) - COST
+    rest = 0.01 * float(total[0])
+    wave = -3 * np.log(one.noise) - rest / one.noise - np.log(one.noise * 481)
+    wave -= 0.99 * float(total[0]) / (one.noise * 481)
+    assert right == pytest.approx(wave - alone, abs=0.7)  # a path among the others isn't excluded
+
+
+def test_particles_stay_with_the_first_arrival_where_a_louder_one_follows():
+    model, draw = signal_model(spread=(0.5, 0.5, 0.1, 0.1)), np.random.default_rng(3)
+    front = Front(model.waveform)
+    prior = JointBelief(
+        model.start_mean[:4], np.diag(model.start_variance[:4]), FeatureBank.empty(), np.array([0.5]),
+        np.ones(1), np.ones(1),
+    )  # fmt: skip
+    z = received(model, (0, 0), 0.4, [LOS, BEHIND], [3000.0, 9000.0], draw)
+    tables = [front.tables(z)]
+    cloud = start_particles(prior, tables, HEARD, model, 1)
+    given = cloud, prior, z, tables, HEARD, 0.4, front, model, 1, 0
+    far = [
+        np.hypot(*(model.anchors[0, :2] - update_particles(*given, bounded)[1].mean[:2]))
+        for bounded in (True, False)
+    ]
+    assert far[0] == pytest.approx(5.0, abs=0.3)
+    assert far[1] > 5.4
+
+
+def test_a_belief_that_is_contradicted_stays_so_while_no_line_of_sight_is_seen():
+    model, draw = signal_model(), np.random.default_rng(4)
+    front = Front(model.waveform)
+    joint = JointBelief(
+        np.zeros(4), 1e-4 * np.eye(4), FeatureBank.empty(), np.array([0.99]), np.ones(1), np.ones(1)
+    )
+    state = HybridState(joint, joint, Segment.empty(1, 4, 41))
+    seen, hidden = (
+        Snapshot(received(model, (0, 0), 0.4, points, [3000.0], draw), HEARD, 0.4)
+        for points in ([LOS], [BEHIND])
+    )
+    right, wrong = (
+        Moments(np.array([*place, 0.0, 0.0]), 1e-4 * np.eye(4), 0.0, np.inf)
+        for place in ([0.0, 0.0], [-0.6, -0.8])
+    )
+    state = counted(state, seen, right, front, model)
+    assert state.early == 0.0
+    state = counted(state, seen, wrong, front, model)
+    assert state.early == pytest.approx(1 - KEEP)
+    unseen = replace(state, joint=replace(joint, existence=np.array([0.01])))
+    assert counted(unseen, hidden, right, front, model).early == state.early
+    assert counted(state, seen, right, front, model).early == pytest.approx(KEEP * state.early)
