@@ -17,7 +17,7 @@ from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
 from gridslam.inference.messages.elevations import weigh_births, weigh_elevations
-from gridslam.inference.messages.faint_births import recall_leftovers, remember_leftovers
+from gridslam.inference.messages.faint_births import recall_leftovers, remember_leftovers, unclaimed
 from gridslam.inference.messages.level_coefficients import learn_levels, with_levels
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.ray_amplitudes import (
@@ -84,8 +84,9 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         exchanges.append(exchange)
     state = learn_surface_walks(recalled, state)  # (M361)
     state = form.park(recalled, merge_and_prune(state, model, None), model, work=work)
-    state = remember_leftovers(state, scans, exchanges, model, work=work)
-    state = gather_unexplained(state, scans, exchanges, model, work=work)  # (M432)
+    free = unclaimed(exchanges)
+    state = remember_leftovers(state, scans, free, model, work=work)
+    state = gather_unexplained(state, scans, free, model, work=work)  # (M432)
     return conclude(state, exchanges, reckoned, model, work)
 
 

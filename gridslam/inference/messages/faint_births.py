@@ -116,18 +116,22 @@ def borne_out(
 
 
 def remember_leftovers(
-    state: State, scans: Sequence[AnchorScan], exchanges: Sequence[Exchange], model: FilterModel, *,
-    work: Workspace,
-) -> State:  # fmt: skip
+    state: State, scans: Sequence[AnchorScan], free: NDArray[np.bool_], model: FilterModel, *, work: Workspace
+) -> State:
     """Keep what was probably no known path's, nor bore a surface, for later steps.
 
     Measurements that lack distance, an angle or the amplitude aren't kept.
+
+    Parameters
+    ----------
+    free : (M,) bool
+        What is `unclaimed`.
     """
     if state.leftovers is None:
         return state
     own = work.once(own_deviations, scans, model.radio)
     whole, anchor, value, std, amplitude = work.once(_stated, scans, own)
-    (rows,), belief = (whole & unclaimed(exchanges)).nonzero(), state.belief
+    (rows,), belief = (whole & free).nonzero(), state.belief
     leftovers = state.leftovers.joined(
         belief.mean[POSE], belief.covariance[OF_POSE], anchor[rows], value[rows], std[rows], amplitude[rows]
     )

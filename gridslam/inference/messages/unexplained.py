@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam.arrays import replace
-from gridslam.inference.messages.faint_births import OF_POSE, POSE, unclaimed
-from gridslam.inference.messages.updates import Exchange
+from gridslam.inference.messages.faint_births import OF_POSE, POSE
 from gridslam.inference.state.anchor_measurements import AnchorScan, own_deviations, whole_of
 from gridslam.inference.state.state import State
 from gridslam.inference.state.unexplained import Unexplained
@@ -25,25 +25,27 @@ def none_yet(model: FilterModel) -> Unexplained | None:
 
 
 def gather_unexplained(
-    state: State, scans: Sequence[AnchorScan], exchanges: Sequence[Exchange], model: FilterModel, *,
-    work: Workspace,
-) -> State:  # fmt: skip
+    state: State, scans: Sequence[AnchorScan], free: NDArray[np.bool_], model: FilterModel, *, work: Workspace
+) -> State:
     """The state with the step's measurements that were probably no known path's, nor bore a surface.
 
     Kept are those of distance, angle of arrival and amplitude.
+
+    Parameters
+    ----------
+    free : (M,) bool
+        What is `unclaimed`.
     """
     known, scan = state.unexplained, whole_of(scans)
     if known is None or not len(scan):
         return state
-    heard = (scan.table[:, [3, 5]] >= 0).all(1) & (scan.amplitude > 0)
-    (rows,) = (heard & unclaimed(exchanges)).nonzero()
+    (rows,) = (scan.arriving & free).nonzero()
     if not len(rows):
         return state
-    own, belief = work.once(own_deviations, scans, model.radio), state.belief
-    several, columns = (len(rows), 1), np.array([0, 2])
+    own, belief, several = work.once(own_deviations, scans, model.radio), state.belief, len(rows)
     found = Unexplained(
-        scan.label[rows].astype(np.int64), np.full(len(rows), state.step), scan.value[rows][:, columns],
-        own[rows][:, columns], scan.amplitude[rows], np.tile(belief.mean[POSE], several),
-        np.tile(belief.covariance[OF_POSE], (*several, 1)),
+        scan.label[rows].astype(np.int64), np.full(several, state.step), scan.value[rows, ::2],
+        own[rows, ::2], scan.amplitude[rows], np.repeat(belief.mean[None, POSE], several, 0),
+        np.repeat(belief.covariance[OF_POSE][None], several, 0),
     )  # fmt: skip
     return replace(state, unexplained=known.joined(found))

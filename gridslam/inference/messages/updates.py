@@ -126,9 +126,8 @@ def update_surfaces_and_agent(
     _require_listed_of_this_state(paths.rays, scan, state, turned, model)
     given = _associated_elsewhere(ratios) if given is None else given  # (M26), on a GPU
     ratios = _crowds_as_one(scan, paths.rays, ratios, len(turned), work)  # (M231)
-    state, sent = _copied(state), _handed_over(ratios, given)
-    rounds = ROUNDS if given is None else 0
-    fits = _correct(state, sent, scan, paths, ratios, turned, rounds, model, work)  # (M26) to (M31)
+    sent, rounds = _handed_over(ratios, given), ROUNDS if given is None else 0
+    state, fits = _correct(state, sent, scan, paths, ratios, turned, rounds, model, work)  # (M26) to (M31)
     own = slice(scan.anchor, scan.anchor + 1) if scan.anchor >= 0 else slice(None)
     exchange = Exchange(
         scan.anchor, _copied_rays(paths.rays), sent.odds, sent.message, sent.measured,
@@ -165,15 +164,6 @@ def _crowds_as_one(
     return replace(ratios, pairs=crowded_as_one(ratios.pairs, scan, near))
 
 
-def _copied(state: State) -> State:
-    """The state, with arrays of its own for all that the correction writes."""
-    bank = state.surfaces
-    surfaces = replace(
-        bank, existence=bank.existence.copy(), single=bank.single.copy(), double=bank.double.copy()
-    )
-    return replace(state, belief=state.belief.copy(), los=state.los.copy(), surfaces=surfaces)
-
-
 def _copied_rays(rays: Rays) -> Rays:
     """Paths that stay as they are when the workspace lists others."""
     return Rays(rays.table.copy(), rays.existence.copy(), rays.surfaces.copy(), rays.among)
@@ -191,26 +181,43 @@ def _handed_over(ratios: LikelihoodRatios, given: Association | None) -> blocks.
 def _correct(
     state: State, sent: blocks.Ratios, scan: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios,
     turned: Array, rounds: int, model: FilterModel, work: Workspace,
-) -> Array:  # fmt: skip
-    """Complete messages sent, correct copies of what is believed; how each anchor's paths fitted, (J, 9)."""
+) -> tuple[State, Array]:  # fmt: skip
+    """Complete messages sent; the state as corrected, and how each anchor's paths fitted, (J, 9).
+
+    The kernel corrects copies in the workspace, which last: to hand over new arrays takes longer.
+    """
     from gridslam.kernels.messages.updates import update, update_with_clocks, update_with_rises
 
     belief, bank, rays, pairs = state.belief, state.surfaces, paths.rays, ratios.pairs
-    anchors = len(model.anchors)
+    anchors, size = len(model.anchors), len(belief.mean)
     launch = update_with_rises() if belief.rises else update_with_clocks() if belief.clocks else update
-    share, scratch = work.buffers(_account, scan.anchor, len(pairs.index), len(belief.mean))
+    share, scratch = work.buffers(_account, scan.anchor, len(pairs.index), size)
     turns = turned if len(turned) == anchors else np.resize(turned, anchors)  # images turn with their anchors
-    fits = np.empty((anchors, len(NO_FIT)))
+    joint, existence, fits = work.buffers(_copies, 0, size, state.los.shape, bank.single.shape, anchors)
     fits[:] = NO_FIT
+    given = belief.mean, belief.covariance, bank.existence, state.los, bank.single, bank.double
+    for copy, known in zip((*joint, *existence), given, strict=True):
+        copy[...] = known
     work.messages.reserve(len(rays), len(pairs), (len(bank), anchors))
     launch(
-        belief.layout.head, rounds, blocks.Belief(belief.mean, belief.covariance),
-        blocks.PathRows(rays.table, paths.prediction.whole), pairs.block(ratios.blocks), sent, scan.table,
-        blocks.Anchors(model.places, model.radio.numbers),
-        blocks.Existence(bank.existence, state.los, bank.single, bank.double),
-        blocks.Account(scratch, share, turns, fits), work.messages.block(),
+        belief.layout.head, rounds, joint, blocks.PathRows(rays.table, paths.prediction.whole),
+        pairs.block(ratios.blocks), sent, scan.table, blocks.Anchors(model.places, model.radio.numbers),
+        existence, blocks.Account(scratch, share, turns, fits), work.messages.block(),
     )  # fmt: skip
-    return fits
+    surface, sight, single, double = (copy.copy() for copy in existence)
+    belief = replace(belief, mean=joint.mean.copy(), covariance=joint.covariance.copy())
+    bank = replace(bank, existence=surface, single=single, double=double)
+    return replace(state, belief=belief, los=sight, surfaces=bank), fits.copy()
+
+
+def _copies(
+    size: int, sights: tuple[int, ...], rays: tuple[int, int], anchors: int
+) -> tuple[blocks.Belief, blocks.Existence, Array]:
+    """Room for a belief of this size, for what exists, with so many rays over one surface, and for fits."""
+    existence = blocks.Existence(
+        np.empty(rays[1]), np.empty(sights), np.empty(rays), np.empty((*rays, rays[1]))
+    )
+    return blocks.Belief(np.empty(size), np.empty((size, size))), existence, np.empty((anchors, len(NO_FIT)))
 
 
 def _with_images(fits: Array, senders: int, known: bool = True) -> Array:

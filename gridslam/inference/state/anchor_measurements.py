@@ -84,6 +84,11 @@ class AnchorScan:
         """Measurements (M,) that lack nothing."""
         return np.asarray((self.table[:, 3:6] >= 0).all(1) & (self.table[:, 6] > 0))
 
+    @cached_property
+    def arriving(self) -> NDArray[np.bool_]:
+        """Measurements (M,) of distance, AoA and amplitude, at least."""
+        return np.asarray((self.table[:, 3:6:2] >= 0).all(1) & (self.table[:, 6] > 0))
+
     @classmethod
     def of(
         cls, anchor: int, position: Array, orientation: float, value: Array, own_std: Array, amplitude: Array,
