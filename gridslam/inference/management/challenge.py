@@ -15,10 +15,18 @@ from gridslam.arrays import Array
 from gridslam.inference.health.monitor import SILENT
 from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.mixture import poses, together
-from gridslam.inference.management.poses.pose_fix import Sources
+from gridslam.inference.management.poses.pose_fix import Sources, known_sources
 from gridslam.inference.management.poses.pose_score import Snapshot
-from gridslam.inference.management.poses.pose_search import POSE, find_modes, line_of_sight_poses, near
+from gridslam.inference.management.poses.pose_search import (
+    POSE,
+    POSES_BY_MAP,
+    Modes,
+    find_modes,
+    line_of_sight_poses,
+    near,
+)
 from gridslam.inference.state.anchor_measurements import AnchorScan, SplitScan, split_by_anchor
+from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -122,10 +130,10 @@ def loud_of(scans: SplitScan, model: FilterModel) -> float:
 def challenged(
     population: Population[State], scan: Scan, fresh: State, model: FilterModel, work: Workspace
 ) -> Population[State]:
-    """While anything is doubtful, the population with poses that one scan alone lists elsewhere.
+    """While anything is doubtful, the population with poses elsewhere that explain one scan better.
 
-    They are looked for every so often, and at the first scan after a silence. Each comes twice: as a restart,
-    with nothing mapped, and as a relocation, with the best one's map.
+    They are looked for every so often, and at the first scan after a silence: by the scan alone as restarts,
+    with nothing mapped, and by scan and map as relocations, with the best one's map.
 
     Parameters
     ----------
@@ -136,32 +144,41 @@ def challenged(
     due = state.step % EVERY == 0 or state.monitor.silent >= SILENT
     if not population.watch.doubtful or not due or not len(scan):
         return population
-    scans = work.once(split_by_anchor, scan, model)
-    snapshot = snapshot_of(scans, state, model)
-    side = np.array(model.grid.shape[::-1]) * model.grid.cell_m
-    mean, spread = state.belief.mean.copy(), np.diag(np.full(len(state.belief.mean), 10.0))
-    mean[:2], spread[[0, 1], [0, 1]] = model.middle, (0.5 * side) ** 2
-    stream = [work.seed, state.step, PURPOSE]
+    scans, stream = work.once(split_by_anchor, scan, model), [work.seed, state.step, PURPOSE]
+    alone = snapshot_of(scans, state, model)
     with runtime.one_blas_thread():
-        modes = find_modes(
-            snapshot, replace(state.belief, mean=mean, covariance=spread), model.grid, LISTED, stream, POSES
-        )
-        present = float(snapshot.score(poses(population)).max())
+        modes = find_modes(alone, anywhere(state, model), model.grid, LISTED, stream, POSES)
     if population.watch.unproven and modes.complete and near(modes.pose, state.belief.mean[POSE]).all():
         population = replace(population, watch=population.watch.proven())  # nothing fits elsewhere
-    leading = np.flatnonzero(modes.score > present)[:CHALLENGERS]
-    if not modes.complete or not len(leading):
-        return population
     velocity = float(model.start_variance[2])
     blank = replace(
         fresh, calibration=state.calibration, monitor=state.monitor, step=state.step,
         next_identity=state.next_identity,
     )  # fmt: skip
-    restarts, moved = (branches_of(one, modes, velocity) for one in (blank, state))
-    states = list(population.states)
-    for mode in leading.tolist():
-        if not together([*population.states, moved[mode]])[-1, :-1].any():
-            states += [restarts[mode], moved[mode]] if len(state.surfaces) else [restarts[mode]]
-    added = len(states) - len(population)
-    log = [*population.log_weight, *[population.log_weight[0] - HANDICAP] * added]
-    return population.having(states, log, population.guard)
+    rivals = branches_of(blank, leading(modes, alone, population), velocity)
+    if len(state.surfaces):
+        mapped = snapshot_of(scans, state, model, known_sources(state, model, work=work))
+        with runtime.one_blas_thread():
+            modes = find_modes(mapped, anywhere(state, model), model.grid, LISTED, stream, POSES_BY_MAP)
+        rivals += branches_of(state, leading(modes, mapped, population), velocity)
+    states = [*population.states, *rivals]
+    here = together(states)[len(population) :, : len(population)].any(1)
+    rivals = [rivals[k] for k in np.flatnonzero(~here)]
+    if not rivals:
+        return population
+    log = [*population.log_weight, *[population.log_weight[0] - HANDICAP] * len(rivals)]
+    return population.having([*population.states, *rivals], log, population.guard)
+
+
+def anywhere(state: State, model: FilterModel) -> Belief:
+    """The state's belief with nothing known of the pose but the region."""
+    side = np.array(model.grid.shape[::-1]) * model.grid.cell_m
+    mean, spread = state.belief.mean.copy(), np.diag(np.full(len(state.belief.mean), 10.0))
+    mean[:2], spread[[0, 1], [0, 1]] = model.middle, (0.5 * side) ** 2
+    return replace(state.belief, mean=mean, covariance=spread)
+
+
+def leading(modes: Modes, snapshot: Snapshot, population: Population[State]) -> Modes:
+    """The few modes of a complete list that explain the scan better than all present hypotheses do."""
+    better = modes.score > float(snapshot.score(poses(population)).max())
+    return modes.take(np.flatnonzero(better & modes.complete)[:CHALLENGERS])

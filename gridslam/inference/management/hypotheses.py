@@ -20,7 +20,7 @@ from gridslam.inference.management.challenge import HANDICAP, challenged, snapsh
 from gridslam.inference.management.mixture import CAP, reduce, together
 from gridslam.inference.management.poses.pose_fix import known_sources
 from gridslam.inference.management.poses.pose_recovery import crowd, is_vague
-from gridslam.inference.management.poses.pose_search import Modes, find_modes
+from gridslam.inference.management.poses.pose_search import POSES_BY_MAP, Modes, find_modes
 from gridslam.inference.management.start_search import PATIENCE, still_searching
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.motion import predict
@@ -38,8 +38,6 @@ PURPOSE = 3
 """Names the stream of random numbers that a search takes."""
 PARTICLES = 512
 """Drawn for each of several hypotheses, at most: particles hardly matter, and one by one they cost time."""
-POSES_BY_MAP = 8_000
-"""Uniform poses scored where a map helps: measurements over its surfaces propose others."""
 LOOK_EVERY = 3
 """Steps from one look at whether lines of sight cross to the next: what they tell is the same at all."""
 

@@ -32,7 +32,10 @@ from gridslam.inference.management.mixture import poses
 from gridslam.inference.management.poses.pose_search import POSE
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.population import Population
+from gridslam.simulation.image_source import simulate_labelled, true_paths
 from gridslam.systems.grid import GridSlam, start
+
+NAMES = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
 
 
 @pytest.fixture(scope="module")
@@ -176,6 +179,22 @@ def test_an_agent_that_is_surely_elsewhere_is_challenged_and_found(mapped, scene
     off = np.linalg.norm(slam.state.belief.mean[:2] - track.position_m[30])
     assert off < 0.15
     assert len(slam.state.surfaces) >= 4
+
+
+def test_an_agent_out_of_sight_is_found_by_the_map_where_a_scan_alone_fits_too_many_places(mapped, scene):
+    """Single bounces alone, two metres off: a start anew may be anywhere, known walls tell where it is."""
+    slam, _ = mapped
+    step, model, track = 20, slam.model, scene.track("agent1")
+    heard, label = simulate_labelled(scene, "agent1", seed=2)
+    scan, label = heard.scan(step), label[heard.step == step]
+    once = (label >= 0) & (true_paths(scene, "agent1").bounces[label] == 1)
+    scan = replace(scan, **{name: getattr(scan, name)[once] for name in NAMES})
+    wrong = replace(moved(slam.state, (2.0, 1.0), 1.0), step=step)
+    lost = Population((wrong,), watch=Doubt(doubtful=DOUBT_STEPS))
+    first, there = challenged(lost, scan, start(model), model, slam.work).states
+    assert first is wrong
+    assert np.linalg.norm(there.belief.mean[:2] - track.position_m[step]) < 0.1
+    assert len(there.surfaces) == len(slam.state.surfaces), "its map is the one that there was"
 
 
 def test_places_are_hypotheses_that_count_and_stand_apart():

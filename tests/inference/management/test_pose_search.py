@@ -159,6 +159,37 @@ def test_a_scan_that_tells_nothing_has_no_complete_list(scene, heard):
     assert len(modes) <= 10
 
 
+class MadeUp:
+    """Scores of a place that fits, the slope about it, and islands: with doubled deviations, and true."""
+
+    terms = ()
+
+    def __init__(self, place, islands):
+        self.place, self.islands = place, islands
+
+    def score(self, poses, widen=1.0):
+        def apart(centre):
+            return np.hypot(poses[:, 0] - centre[0], poses[:, 1] - centre[1])
+
+        off = apart(self.place)
+        score = np.where(off < 0.2, 50.0, np.where(off < 1.2, 30.0 - off, 0.0))
+        for centre, blurred, true in self.islands:
+            score = np.where(apart(centre) < 0.15, blurred if widen > 1 else true, score)
+        return score
+
+
+@pytest.mark.parametrize("last_fits", [False, True])
+def test_a_list_is_complete_once_its_last_candidates_lead_to_no_new_place(scene, last_fits):
+    """More candidates than are looked at; the last of them ends where the first did, or at its own place."""
+    model, islands = scene.filter_model("agent1"), [((x, -2), 45, 0) for x in range(-3, 3)]
+    snapshot = MadeUp((1, 1), [*islands, ((3, -2), 40, 44)] if last_fits else islands)
+    belief = replace(whole_room(model), covariance=np.diag([21.0, 21.0, 1e-3, 1e-3, 1e-6]))
+    modes = find_modes(snapshot, belief, model.grid, 4, [1], poses=20_000)
+    assert modes.complete is not last_fits
+    np.testing.assert_array_equal(modes.score, [50, 44] if last_fits else [50])
+    np.testing.assert_allclose(modes.pose[0, :2], 1, atol=0.1)
+
+
 def test_the_order_of_measurements_and_what_is_not_heard_change_no_score(scene, heard):
     model = scene.filter_model("agent1")
     scan, draw = heard[1], np.random.default_rng(3)

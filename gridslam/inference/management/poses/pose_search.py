@@ -7,7 +7,8 @@ scored; the best of each neighbourhood are refined by importance sampling.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,8 @@ POSE = np.array([0, 1, 4])
 """Entries of the agent's pose in the state."""
 POSES, COPIES, BEARINGS = 200_000, 20, 720
 """Uniform poses; draws per measurement that may be a line of sight, and bearings where it tells none."""
+POSES_BY_MAP = 8_000
+"""Uniform poses scored where a map helps: measurements over its surfaces propose others."""
 REACH = 2.2
 """Standard deviations to which a prior is searched: a uniform one's half width is 1.7 of them."""
 WIDEN = 2.0
@@ -65,6 +68,13 @@ class Modes:
     def __len__(self) -> int:
         return len(self.score)
 
+    def take(self, rows: NDArray[np.intp]) -> Self:
+        """Some of them."""
+        return replace(
+            self, pose=self.pose[rows], covariance=self.covariance[rows], log_prior=self.log_prior[rows],
+            score=self.score[rows],
+        )  # fmt: skip
+
 
 def find_modes(
     snapshot: Snapshot, prior: Belief, region: GridSpec, cap: int, stream: Sequence[int], poses: int = POSES
@@ -91,8 +101,7 @@ def find_modes(
     chosen, more = best_apart(every, log, SHORTLIST, 2 * cap)
     pose, spread, score = _refined(snapshot, within, every[chosen], draw)
     distinct, _ = best_apart(pose, score, BEHIND, len(score), 0.5)
-    unlikely = score[-(len(score) // 10 + 1) :].max() < score.max() - BEHIND  # and so are those left out
-    complete = len(distinct) <= cap and (unlikely or not more)
+    complete = len(distinct) <= cap and not (more and _still_finds(pose, score))
     distinct = distinct[:cap]
     pose, spread = pose[distinct], spread[distinct]
     gap = pose - mean
@@ -216,6 +225,17 @@ def best_apart(
             chosen.append(int(left[0]))
             left = left[~near(poses[left], poses[left[0]], scale)]
     return chosen, False
+
+
+def _still_finds(pose: Array, score: Array) -> bool:
+    """Whether the last tenth of candidates (K, 3), the best first, led to likely places that no other led to.
+
+    If it didn't, nor would those left out.
+    """
+    likely = score > score.max() - BEHIND
+    last = np.arange(len(score)) >= len(score) - (len(score) // 10 + 1)
+    known = pose[likely & ~last]
+    return any(not near(known, one, 0.5).any() for one in pose[likely & last])
 
 
 def _refined(
