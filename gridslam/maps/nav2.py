@@ -27,13 +27,21 @@ def trinary(grid: MapCells, walls: WallSegments | None) -> NDArray[np.uint8]:
     grid : MapCells
     walls : WallSegments or None
         Occupied, too, whatever the cells say; free cells that no path reached but through a wall are unknown
-        then. None: the cells alone.
+        then, and so are those between two stretches of one surface unless rays surely crossed them. None: the
+        cells alone.
     """
     occupied, free = grid.occupied.copy(), grid.free
     if walls is not None:
         occupied |= burnt(grid, walls.ends_m)
-        free = _seen(grid, free & ~occupied, occupied, walls.ends_m)
+        unproven = burnt(grid, _gaps(walls)) & (grid.evidence > SURELY_CROSSED_NAT)
+        free = _seen(grid, free & ~occupied & ~unproven, occupied, walls.ends_m)
     return np.where(occupied, OCCUPIED, np.where(free, FREE, UNKNOWN)).astype(np.uint8)
+
+
+def _gaps(walls: WallSegments) -> NDArray[np.float64]:
+    """What lies between neighbouring stretches of one surface, (G, 2, 2), m."""
+    same = walls.surface[1:] == walls.surface[:-1]
+    return np.stack([walls.ends_m[:-1, 1], walls.ends_m[1:, 0]], axis=1)[same]
 
 
 def burnt(grid: MapCells, ends_m: NDArray[np.float64]) -> NDArray[np.bool_]:

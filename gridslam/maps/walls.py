@@ -4,6 +4,10 @@ A surface is an endless line, and the extent that goes with it runs from its fir
 doors, streets and whatever lies between two walls in one line. The cells know better. Along the line, a place
 is open where rays went through all cells next to it, as sure as a cell can be; it is wall where reflections
 were told to a cell next to it or one of them is more likely occupied than before; and it is unknown else.
+
+What is wall comes in pieces. Two of them are one wall if the gap between them is short, both in all and where
+it is open, and neither piece is much shorter than the gap: one measurement that is off by metres puts a hit
+far beyond a wall's end, and mustn't draw the wall as far.
 """
 
 from __future__ import annotations
@@ -25,14 +29,14 @@ WALL_NAT = 1.0
 HIT_NAT = 0.3
 """What hits must have told of a cell's reflection coefficient, best to worst, to count as hits."""
 SURE_HIT_NAT = 1.0
-"""A stretch needs a cell that was told so much, or one that speaks for a wall: faint hits alone are doubt
-about where a wall ends."""
-STRONG_HIT_NAT = 50.0
-"""From here on hits outweigh rays that seem to have crossed: the line was elsewhere when they were cast."""
-SHORTEST_OPENING_M = 0.5
-"""Openings between two stretches are longer than this; shorter ones are gaps of the evidence."""
-LONGEST_UNKNOWN_M = 1.0
-"""Between two stretches of one line, so much of which nothing is known counts as wall."""
+"""A stretch needs a cell that was told so much, where rays don't speak against it, or one that speaks for a
+wall: faint hits alone are doubt about where a wall ends."""
+LONGEST_OPEN_M = 0.3
+"""Between two pieces of a wall, so much may be open at a stretch: gaps of the evidence."""
+LONGEST_GAP_M = 0.7
+"""So much may lie between them in all, open or unknown: less than any door is wide."""
+LEAST_SHARE = 0.4
+"""Of a gap's length, how long the pieces beside it must be."""
 REACH_CELLS, MOST_REACH_CELLS = 1.0, 3.0
 """How far beside the line cells are asked: two standard deviations of the line, between these."""
 OPEN, UNKNOWN, WALL = -1, 0, 1
@@ -111,16 +115,35 @@ def _stretches(
     state, sure = _states(grid, hits, line, cov, 0.5 * (edge[1:] + edge[:-1]))
     if not (state == WALL).any():  # nothing to go by but what is open
         state, sure = np.where(state == UNKNOWN, WALL, state), state == UNKNOWN
-    first, last = _runs(state)
-    length = edge[last] - edge[first]
-    kind = state[first]
-    inner = (first > 0) & (last < len(state))
-    longest = np.where(kind == OPEN, SHORTEST_OPENING_M, LONGEST_UNKNOWN_M)
-    wall = (kind == WALL) | (inner & (length <= longest))
-    first, last = _runs(np.repeat(wall, last - first))  # neighbours that are both wall now are one
-    wall = np.logical_xor(wall[0], np.arange(len(first)) % 2)
-    pieces = zip(first[wall], last[wall], strict=True)
+    first, last = _joined(state, edge)
+    pieces = zip(first, last, strict=True)
     return [(float(edge[a]), float(edge[b])) for a, b in pieces if sure[a:b].any()]
+
+
+def _joined(state: NDArray[np.int64], edge: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Beginnings and ends of pieces of wall, after those that belong together are one: shortest gaps first.
+
+    Parameters
+    ----------
+    state : (N,)
+        `OPEN`, `UNKNOWN` or `WALL`.
+    edge : (N + 1,) m
+        Where each place ends, along the surface.
+    """
+    begin, end = _runs(state)
+    first, last = begin[state[begin] == WALL], end[state[begin] == WALL]
+    wide = (state[begin] == OPEN) & (edge[end] - edge[begin] > LONGEST_OPEN_M)
+    opened, until = begin[wide], end[wide]
+    while len(first) > 1:
+        gap, length = edge[first[1:]] - edge[last[:-1]], edge[last] - edge[first]
+        closed = np.searchsorted(opened, last[:-1]) == np.searchsorted(until, first[1:], side="right")
+        beside = np.minimum(length[1:], length[:-1])
+        fits = closed & (gap <= LONGEST_GAP_M) & (beside >= LEAST_SHARE * gap)
+        if not fits.any():
+            break
+        shortest = np.argmin(np.where(fits, gap, np.inf))
+        first, last = np.delete(first, shortest + 1), np.delete(last, shortest)
+    return first, last
 
 
 def _states(
@@ -139,10 +162,11 @@ def _states(
     seen = inside & grid.observed[at]
     evidence = np.where(seen, grid.evidence[at], 0.0)
     hit = np.where(inside, hits[at], 0.0).max(axis=1)
-    is_open = (evidence < OPEN_NAT).all(axis=1) & (hit < STRONG_HIT_NAT)
-    solid = (evidence > WALL_NAT).any(axis=1)
+    most = evidence.max(axis=1)
+    solid = most > WALL_NAT
     is_wall = (hit > HIT_NAT) | solid
-    return np.where(is_open, OPEN, np.where(is_wall, WALL, UNKNOWN)), (hit > SURE_HIT_NAT) | solid
+    state = np.where(most < OPEN_NAT, OPEN, np.where(is_wall, WALL, UNKNOWN))
+    return state, ((hit > SURE_HIT_NAT) & (most >= 0)) | solid
 
 
 def _runs(values: NDArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -72,8 +72,16 @@ class Run:
         who = f"{self.agent} in {self.scene.name} by {self.method}, seed {self.seed}"
         return f"<Run of {who}: {len(self.estimates)} steps, {len(self.surfaces)} surfaces{whole}>"
 
-    def plot(self, truth: Truth | Trajectory | None = None) -> Figure:
+    def plot(self, truth: Truth | Trajectory | None = None, earlier: Sequence[Truth] = ()) -> Figure:
         """A figure of the map and the track, with the true track if there is one.
+
+        Parameters
+        ----------
+        truth : Truth, Trajectory or None
+            A Truth tells which surfaces lie where no wall is, too.
+        earlier : sequence of Truth
+            As in `score`: of the agents whose map the run began with. Without them it isn't said which
+            surfaces of such a map are false: the walls that they heard aren't known.
 
         Returns
         -------
@@ -90,8 +98,9 @@ class Run:
         from gridslam.simulation.image_source import Truth
 
         track, false = self._own_track(truth), None
-        if isinstance(truth, Truth) and self.map.provenance.get("agents") == [self.agent]:
-            false = false_surfaces(self.map.surfaces, truth)  # of earlier agents' maps too little is known
+        agents = self.map.provenance.get("agents")
+        if isinstance(truth, Truth) and isinstance(agents, list) and len(agents) == 1 + len(earlier):
+            false = false_surfaces(self.map.surfaces, truth, earlier)
         return draw_map(self.map, self.scene, self.trajectory, track, self.estimates, false=false)
 
     def _repr_html_(self) -> str:

@@ -99,6 +99,21 @@ def test_false_surfaces_are_drawn_each_and_told_from_others(run):
     assert not any("none is" in item.get_label() for item in run.plot().axes[0].collections)
 
 
+def test_false_surfaces_of_a_map_that_went_on_are_known_with_the_truth_of_those_before(run):
+    """Else every wall that only the first agent heard would seem false."""
+    truth = gs.ground_truth(run.scene, "agent1")
+    silent = truth.first(0)
+    went_on = replace(run, map=replace(run.map, provenance=run.map.provenance | {"agents": ["a", run.agent]}))
+
+    def false(one, truth, *earlier):
+        drawn = one.plot(truth, earlier).axes[0].collections
+        return sum(len(item.get_segments()) for item in drawn if "none is" in item.get_label())
+
+    assert false(run, silent) > false(run, truth)
+    assert false(went_on, silent) == 0
+    assert false(went_on, silent, truth) == false(run, truth)
+
+
 @pytest.mark.parametrize("width", [COLUMN_IN, 7.2])
 def test_figures_have_the_width_that_was_asked_for_and_nothing_sticks_out(run, width):
     false = np.ones(len(run.map.surfaces), bool)

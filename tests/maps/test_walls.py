@@ -107,11 +107,13 @@ def test_opening_that_rays_crossed_splits_a_surface():
 @pytest.mark.parametrize(
     ("x", "y", "evidence", "hits", "observed", "open_m"),
     [
-        ((4, 4.4), (1.8, 2.4), CLEAR, 0.0, True, 0.0),  # too short for a door
-        ((4, 7), (1.8, 2.4), CLEAR, 90.0, True, 0.0),  # strong reflections were heard from there
+        ((4, 4.2), (1.8, 2.4), CLEAR, 0.0, True, 0.0),  # too short for a door
+        ((4, 4.5), (1.8, 2.4), CLEAR, 0.0, True, 0.5),
+        ((4, 7), (1.8, 2.4), CLEAR, 90.0, True, 3.0),  # rays that crossed outweigh reflections
         ((4, 7), (1.8, 2.1), CLEAR, 0.0, True, 3.0),  # those behind it are unknown, which holds nothing
         ((4, 7), (2.0, 2.1), -1.0, 0.0, True, 3.0),  # nothing was ever hit over 3 m
-        ((4, 4.9), (1.9, 2.4), -1.0, 0.0, False, 0.0),  # nothing was hit over a bit less than 1 m
+        ((4, 4.6), (1.9, 2.4), -1.0, 0.0, False, 0.0),  # nothing was hit over less than a door is wide
+        ((4, 4.9), (1.9, 2.4), -1.0, 0.0, False, 0.9),
         ((4, 7), (1.8, 2.4), HELD, 0.0, True, 0.0),
         ((11.6, 12), (1.8, 2.4), CLEAR, 0.0, True, 0.4),  # at an end there is no least length
     ],
@@ -123,11 +125,36 @@ def test_what_counts_as_an_opening(x, y, evidence, hits, observed, open_m):
     assert 12 - grid.wall_segments().length_m.sum() == pytest.approx(open_m, abs=0.25)
 
 
+def test_door_of_which_half_is_open_and_half_unknown_is_no_wall():
+    grid = changed(street(), (4, 4.2), (1.8, 2.4), CLEAR, 0.0, True)
+    grid = changed(grid, (4.2, 5.5), (1.8, 2.4), 0.0, 0.0, False)
+    np.testing.assert_allclose(stretches(grid), [[0, 4], [5.5, 12]], atol=0.11)
+
+
+def test_wall_ends_before_a_stray_hit_beyond_an_opening():
+    """One angle that is far off hits a cell beside a pillar, where rays went by."""
+    grid = changed(street(extent=(0.0, 9.25)), (9, 9.2), (1.8, 2.4), CLEAR, 0.0, True)
+    stray = changed(grid, (9.2, 9.3), (1.8, 2.4), -0.7, 12.0, True)
+    np.testing.assert_allclose(stretches(stray), [[0, 9]], atol=0.06)
+    goes_on = changed(street(extent=(0.0, 10.0)), (9, 9.2), (1.8, 2.4), CLEAR, 0.0, True)
+    np.testing.assert_allclose(stretches(goes_on), [[0, 10]], atol=0.06)
+
+
+def test_stretches_that_belong_together_do_so_whatever_lies_between_them():
+    """The shortest gaps are closed first: two pieces are long enough together for what each alone is not."""
+    grid = changed(street(), (4, 6), (1.8, 2.4), 0.0, 0.0, False)
+    for x in ((4.6, 4.8), (5.0, 5.4)):
+        grid = changed(grid, x, (2.0, 2.1), DOUBT, 5.0, True)
+    np.testing.assert_allclose(stretches(grid), [[0, 12]], atol=0.06)
+    single = changed(grid, (5.0, 5.4), (1.8, 2.4), 0.0, 0.0, False)
+    np.testing.assert_allclose(stretches(single), [[0, 4], [4.6, 4.8], [6, 12]], atol=0.06)
+
+
 def test_faint_hits_in_open_air_are_no_wall():
     grid = changed(street(), (4, 9), (1.8, 2.4), CLEAR, 0.0, True)
     grid = changed(grid, (6, 6.6), (2.0, 2.1), -2.0, 0.4)
     np.testing.assert_allclose(stretches(grid), [[0, 4], [9, 12]], atol=0.11)
-    grid = changed(grid, (6, 6.6), (2.0, 2.1), -2.0, 4.0)  # a pillar between two gates
+    grid = changed(grid, (6, 6.6), (2.0, 2.1), DOUBT, 4.0)  # a pillar between two gates
     np.testing.assert_allclose(stretches(grid), [[0, 4], [6, 6.6], [9, 12]], atol=0.11)
 
 
@@ -149,6 +176,16 @@ def test_nothing_is_free_behind_a_wall_but_what_an_opening_shows(tmp_path):
     assert (values[32:48, 42:68] == FREE).all()
     assert (values[:29] == FREE).all()
     assert grid.free[31, 5]  # in the map they stay what they are
+
+
+def test_planner_is_told_where_a_wall_is_not_proven(tmp_path):
+    grid = changed(street(y=3.05), (2, 3), (3, 3.1), -1.0, 0.0, True)  # neither hit nor surely crossed
+    grid = changed(grid, (6, 7), (2.9, 3.4), CLEAR, 0.0, True)
+    grid.to_nav2(tmp_path)
+    _, values = nav2_load(tmp_path, "map")
+    assert (values[30, 21:29] == UNKNOWN).all()
+    assert (values[30, 61:69] == FREE).all()
+    assert (values[30, 32:58] == OCCUPIED).all()
 
 
 def test_room_on_the_other_side_of_a_wall_stays_free(tmp_path):
@@ -212,7 +249,7 @@ def test_no_ray_gets_through_any_wall_of_the_exported_map(tmp_path_factory, ends
     blank = Map.blank((off, -off), SIDE, (60, 60), 0.01)
     if not len(points):
         return
-    free = np.full(blank.shape, CLEAR, np.float32)
+    free = np.full(blank.shape, DOUBT, np.float32)
     hits = np.zeros_like(blank.coefficient)
     hits[..., 3] = 90.0
     found = replace(surfaces(np.column_stack([angle, offset])), extent_m=reach)
