@@ -22,6 +22,7 @@ from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.network.clock_setting import doubt_clocks, loosened, set_clocks
+from gridslam.inference.messages.network.departures import without_doubtful_departures
 from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.network.walk import learn_walk
 from gridslam.inference.messages.prediction import predict_paths
@@ -122,6 +123,7 @@ def turn(
         cloud, ratios = evaluate(anchor_scan, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)
         births, ratios = propose_births(state, anchor_scan, cloud, ratios, radio, model, senders, work=work)
+        ratios = without_doubtful_departures(ratios, paths.rays, state, model)  # (M461)
         state, exchange = update_surfaces_and_agent(
             state, anchor_scan, paths, ratios, reckoned.turned, model, work=work
         )

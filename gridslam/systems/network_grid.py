@@ -20,6 +20,7 @@ from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.network.cells import update_shared_cells
 from gridslam.inference.messages.network.clock_setting import set_clocks
+from gridslam.inference.messages.network.departures import without_doubtful_departures
 from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.network.walk import learn_walk
 from gridslam.inference.messages.reflection import Reflected
@@ -85,6 +86,7 @@ def turn(
         births, ratios = propose_births(  # eq. (11)
             state, anchor_scan, cloud, ratios, radio, model, senders, work=work
         )
+        ratios = without_doubtful_departures(ratios, paths.rays, state, model)  # (M461)
         state, exchange = update_surfaces_and_agent(
             state, anchor_scan, paths, ratios, reckoned.turned, model, work=work
         )
