@@ -28,6 +28,8 @@ from gridslam.world.network_scene import network_model
 from gridslam.world.start import assumed_start
 
 AGENTS = ["agent1", "agent2", "agent3"]
+OUTSIDE = -20.0
+"""Log mass below which a cell is none of a mode's."""
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +119,7 @@ def test_branches_share_out_the_mass_that_there_was(fresh):
     likeliest = branches(fresh, after, modes, 1, 0.0)
     assert len(likeliest) == 1
     state, share = likeliest[0]
-    left = [np.flatnonzero(own > NEVER) for own in state.clocks.log]
+    left = [np.flatnonzero(own > OUTSIDE) for own in state.clocks.log]
     for anchor, cell in ((0, 400), (1, 300)):
         assert np.abs(left[anchor] - cell).max() * CELL_M <= 1.26
     np.testing.assert_array_equal(state.clocks.log[2:], fresh.clocks.log[2:])
@@ -137,9 +139,9 @@ def test_a_branch_keeps_to_its_modes_in_the_steps_that_it_may_take_again(fresh):
     (state, _), *_ = branches(now, heard(now, (0, 405, 0.0), (1, 405, 0.0)), modes, 9, 0.2)
     first = state.search.before.clocks
     np.testing.assert_allclose(first.log[0], fresh.clocks.within(0, modes[0][0], 0.16).log[0])
-    assert (np.flatnonzero(first.log[0] > NEVER)[[0, -1]] < [400, 430]).all()
+    assert (np.flatnonzero(first.log[0] > OUTSIDE)[[0, -1]] < [400, 430]).all()
     np.testing.assert_array_equal(first.log[1:], before.clocks.log[1:])
-    assert (state.clocks.log[1] > NEVER).sum() == 10
+    assert (state.clocks.log[1] > OUTSIDE).sum() == 10
     begun = replace(now, search=replace(search, before=replace(before, time_s=None)))
     (state, _), *_ = branches(begun, heard(now, (0, 405, 0.0), (1, 405, 0.0)), modes, 9, 0.2)
     np.testing.assert_allclose(

@@ -27,6 +27,8 @@ SET_VARIANCE = 1.0
 """Variance (m^2) of an offset that a histogram has set: it has chosen the mode, no more."""
 NEVER = -1e9
 """Log of no mass."""
+ELSEWHERE = 1e-13
+"""Share of the mass outside of a mode that a hypothesis of it keeps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,12 +78,14 @@ class ClockSearch:
         return replace(self, log=np.where(self.log > NEVER, log - log.max(1, keepdims=True), NEVER))
 
     def within(self, anchor: int, cells: NDArray[np.bool_], variance: float = 0.0) -> ClockSearch:
-        """With a clock's offset known to be in some cells (C,), once it has walked by a variance, m^2."""
-        reach = diffused(cells[None].astype(np.float64), variance)[0]
-        log, likely = self.log.copy(), reach > 0
-        own = log[anchor, likely] + np.log(reach[likely])
-        log[anchor] = NEVER
-        log[anchor, likely] = np.maximum(own - own.max(), NEVER)
+        """With a clock's offset taken to be in some cells (C,), once it has walked by a variance, m^2.
+
+        A share of `ELSEWHERE` stays in all others: what makes a mode seem right or wrong may be clutter.
+        """
+        reach = np.maximum(diffused(cells[None].astype(np.float64), variance)[0], ELSEWHERE)
+        log, allowed = self.log.copy(), self.log[anchor] > NEVER
+        own = log[anchor] + np.log(reach)
+        log[anchor] = np.where(allowed, own - own.max(), NEVER)
         return replace(self, log=log)
 
     def updated(self, evidence: Array) -> ClockSearch:
