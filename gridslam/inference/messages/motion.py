@@ -37,10 +37,11 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
             joint, time_s - state.time_s, settings.acceleration_mps2, np.radians(settings.heading_deg),
             JITTER * settings.surface_m, surfaces.foot, np.exp(np.maximum(surfaces.walk, 0.0)),
         )  # fmt: skip
-        surfaces = surface_bank.evolve(
-            surfaces, settings.survival, settings.reflection,
-            chances(surfaces, state.belief.lines, state.belief.mean[:2], model),
+        # amplitudes that are states of their own sink with every miss: they would excuse any false surface
+        chance = 1.0 if state.amplitudes is not None else chances(
+            surfaces, state.belief.lines, state.belief.mean[:2], model
         )  # fmt: skip
+        surfaces = surface_bank.evolve(surfaces, settings.survival, settings.reflection, chance)
     return replace(
         state,
         belief=joint,
@@ -55,7 +56,7 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
 def chances(bank: SurfaceBank, lines: Array, position: Array, model: FilterModel) -> Array:
     """Probability (S,) that a single bounce over each surface is detected, of the anchor that hears it best.
 
-    Surfaces that were seen often need none: theirs is 1.
+    By its coefficient, as it was learned so far. Surfaces that were seen often need none: theirs is 1.
     """
     chance = np.ones(len(bank))
     (few,) = (bank.seen < OFTEN).nonzero()
