@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scene_samples import short
 from scipy.io import savemat
 
 import gridslam as gs
@@ -11,10 +12,7 @@ from gridslam.errors import InputError
 
 @pytest.fixture(scope="module")
 def scene():
-    whole = gs.Scene.load("exchange").model_dump(exclude_none=True)
-    for agent in whole["agents"]:
-        agent["steps"] = 4
-    return gs.Scene.checked(whole, "short")
+    return short("exchange", 4)
 
 
 def test_files_of_several_agents_are_described(scene, tmp_path):

@@ -7,25 +7,13 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from cli_samples import HEADER, ROWS, listing
 from scene_samples import shortened
 
 import gridslam as gs
 from gridslam.systems.grid import GridSlam
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
-
-HEADER = "step,time_s,anchor,distance_m,aod_rad,aoa_rad,amplitude\n"
-ROWS = HEADER + "0,0.0,A,3.1,0.1,0.2,9.0\n1,1.0,B,3.2,0.1,0.2,9.0\n"
-
-
-@pytest.fixture(scope="module")
-def mapped():
-    scene = shortened(gs.Scene.load("room"), 4)
-    return scene, gs.map_scene(scene, gs.simulate(scene, "agent1", 1), seed=1)
-
-
-def listing(folder):
-    return sorted(str(path.relative_to(folder)) for path in Path(folder).rglob("*"))
 
 
 def refused(said, tmp_path, before, *words):

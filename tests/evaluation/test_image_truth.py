@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scene_samples import short
 
 import gridslam as gs
 from gridslam.estimate_tables import PathEstimate, SurfaceEstimate
@@ -16,9 +17,7 @@ STEPS = 6
 
 @pytest.fixture(scope="module")
 def world():
-    data = gs.Scene.load("overlap").model_dump(exclude_none=True)
-    data["agents"][0]["steps"] = STEPS
-    scene = gs.Scene.checked(data, "overlap")
+    scene = short("overlap", STEPS)
     return scene, gs.ground_truth(scene, "agent1")
 
 

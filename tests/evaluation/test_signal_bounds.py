@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scene_samples import short
 
 import gridslam as gs
 from gridslam.evaluation.bounds import known_map_bound
@@ -19,9 +20,7 @@ STEPS = 12
 @pytest.fixture(scope="module")
 def room():
     """A few steps through a room with two anchors."""
-    data = gs.Scene.load("seminar").model_dump(exclude_none=True)
-    data["agents"][0]["steps"] = STEPS
-    scene = gs.Scene.checked(data, "seminar")
+    scene = short("seminar", STEPS)
     return scene, true_paths(scene, "agent1")
 
 

@@ -5,6 +5,12 @@ import itertools
 import numpy as np
 
 
+def random_association(draw, paths, heard, density):
+    """Likelihood ratios (L, K), some of them 0, weights of misses (L,) and of new causes (K,)."""
+    beta = draw.exponential(2.0, (paths, heard)) * (draw.random((paths, heard)) < density)
+    return beta, draw.uniform(0.1, 1, paths), draw.uniform(1, 3, heard)
+
+
 def every_matching(paths, heard):
     """All ways to give every path a measurement of its own, or None."""
     for choice in itertools.product([None, *range(heard)], repeat=paths):

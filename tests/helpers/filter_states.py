@@ -6,6 +6,7 @@ import numpy as np
 
 import gridslam as gs
 from gridslam.inference.messages.cells import cast_at, casting_of, update_cells
+from gridslam.inference.state.anchor_measurements import anchor_scans
 from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.particles import Cloud, Sampling
 from gridslam.inference.state.rays import Rays
@@ -38,6 +39,13 @@ def state_of(belief, anchors=1, existence=0.5):
     for number in range(len(belief.lines)):
         bank = bank.add(number, existence, np.full(BINS, 1 / BINS), 0.0, (0, -1, -1))
     return replace(State.start(model_of(anchors=np.zeros((anchors, 3)))), belief=belief, surfaces=bank)
+
+
+def anchor_scans_of(case, step):
+    """Measurements of a disturbed case at a step, split by the anchors that its filter believes in."""
+    scan, world = case.heard.scan(step), case.believed
+    threshold = world.signal_model(case.agent).threshold
+    return anchor_scans(scan, world.filter_model(case.agent).places, threshold)
 
 
 def flat_walls(predicted, state):

@@ -8,6 +8,7 @@ from gridslam.kernels.primitives.blocks import Hits
 from gridslam.world.filter_model import FIXED
 
 BINS = 20
+SEEDS = st.integers(0, 2**32 - 1)
 
 
 def random_world(draw, particles, kind, spread=0.05, surfaces=4):

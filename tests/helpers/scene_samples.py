@@ -13,6 +13,16 @@ def shortened(scene, steps, agents=1):
     return gs.Scene.checked(data, data["name"])
 
 
+def short(name, steps, particles=None):
+    """A bundled scene, with so many steps of each of its agents, and so many particles."""
+    data = gs.Scene.load(name).model_dump(exclude_none=True)
+    for agent in data["agents"]:
+        agent["steps"] = steps
+    if particles is not None:
+        data["filter"]["particles"] = particles
+    return gs.Scene.checked(data, name)
+
+
 def with_levels(scene, floor=(0.0, 0.5), ceiling=(3.0, 0.4)):
     """The scene with floor and ceiling, (height, coefficient) each."""
     levels = {

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scene_samples import short
 from tables import same
 
 import gridslam as gs
@@ -20,10 +21,7 @@ STEPS, NAMES = 4, ("agent1", "agent3")
 
 @pytest.fixture(scope="module")
 def scene():
-    whole = gs.Scene.load("exchange").model_dump(exclude_none=True)
-    for agent in whole["agents"]:
-        agent["steps"] = STEPS
-    return gs.Scene.checked(whole, "short")
+    return short("exchange", STEPS)
 
 
 @pytest.fixture(scope="module")

@@ -1,11 +1,11 @@
 """Kernels that teach cells, against their twins."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_worlds import (
     BINS,
+    SEEDS,
     detection_table,
     random_hits,
     random_radio,
@@ -13,7 +13,7 @@ from kernel_worlds import (
     some_rows,
 )
 
-from gridslam import reference, runtime
+from gridslam import reference
 from gridslam.kernels.primitives.blocks import (
     Coefficients,
     Drawn,
@@ -21,25 +21,28 @@ from gridslam.kernels.primitives.blocks import (
 )
 from gridslam.world.radio import REFLECTION_BINS
 
-runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
-seeds = st.integers(0, 2**32 - 1)
+
+def cast_paths(draw, rays):
+    """Paths with room for two more than are listed, where they start, and polylines and visibility."""
+    from gridslam.kernels.propagation.paths import polylines
+
+    state, path, place = random_world(draw, rays, np.float64, surfaces=3)
+    path = np.pad(path, ((0, 2), (0, 1)))
+    drawn = np.zeros((len(path) * rays, 13))
+    polylines(state, path, place[None], drawn)
+    return path, place[None], Drawn(np.pad(drawn, ((0, 0), (0, 1))), draw.uniform(0.5, 1.0, (len(path), 6)))
 
 
-@given(seeds, st.sampled_from([1, 5, 48]))
+@given(SEEDS, st.sampled_from([1, 5, 48]))
 @settings(max_examples=30, deadline=None)
 def test_learned_coefficients_equal_their_twin(seed, rays):
     from gridslam.kernels.propagation.coefficients import BINS as OWN
     from gridslam.kernels.propagation.coefficients import learn
-    from gridslam.kernels.propagation.paths import polylines
 
     assert len(REFLECTION_BINS) == OWN == BINS, "kernels can't import it, and hold so many on the stack"
     draw = np.random.default_rng(seed)
-    state, path, place = random_world(draw, rays, np.float64, surfaces=3)
-    places = place[None]
-    path, room = np.pad(path, ((0, 2), (0, 1))), len(path) + 2  # more than are noted
-    drawn = np.zeros((room * rays, 13))
-    polylines(state, path, places, drawn)
-    drawn, seen = np.pad(drawn, ((0, 0), (0, 1))), draw.uniform(0.5, 1.0, (room, 6))
+    path, places, cast = cast_paths(draw, rays)
+    room = len(path)
     spread = draw.choice([0.1, 30.0])  # some so sure that all else is impossible
     where, rows = some_rows(draw, (9, 11), spread)
     held, used = np.full((99, BINS), np.nan, np.float32), np.array([len(rows)], np.int32)
@@ -53,7 +56,7 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
     said = np.stack([draw.choice([-1.0, 2.5, 9.0, 40.0], 9), draw.choice([1e-5, 0.3, 1.0], 9)])
     (table, step), radio, count = detection_table(), random_radio(draw), np.array([room - 2, 9], np.int32)
     messages = Messages(count, path, factor, told, begin, said)
-    into = 7, step, draw.normal(size=13), table, radio, frame, places, Drawn(drawn, seen), messages
+    into = 7, step, draw.normal(size=13), table, radio, frame, places, cast, messages
     sights = random_hits(np.random.default_rng([seed, 1]), 3)
     own = Coefficients(surface, where, held, used, np.empty(3), np.full(3, 9, np.int32))
     expected = reference.learn(*into, own._replace(surface=surface.copy()), sights)
@@ -69,19 +72,14 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
         np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
 
 
-@given(seeds, st.sampled_from([1, 5, 48]))
+@given(SEEDS, st.sampled_from([1, 5, 48]))
 @settings(max_examples=20, deadline=None)
 def test_coefficients_learned_by_given_ratios_equal_their_twin(seed, rays):
     from gridslam.kernels.propagation.coefficients import learn_ratios
-    from gridslam.kernels.propagation.paths import polylines
 
     draw = np.random.default_rng(seed)
-    state, path, place = random_world(draw, rays, np.float64, surfaces=3)
-    places = place[None]
-    path, room = np.pad(path, ((0, 2), (0, 1))), len(path) + 2  # more than are noted
-    drawn = np.zeros((room * rays, 13))
-    polylines(state, path, places, drawn)
-    drawn, seen = np.pad(drawn, ((0, 0), (0, 1))), draw.uniform(0.5, 1.0, (room, 6))
+    path, places, cast = cast_paths(draw, rays)
+    room = len(path)
     where, rows = some_rows(draw, (9, 11), 3.0)
     held, used = np.full((99, BINS), np.nan, np.float32), np.array([len(rows)], np.int32)
     held[: len(rows)] = rows
@@ -91,7 +89,7 @@ def test_coefficients_learned_by_given_ratios_equal_their_twin(seed, rays):
     count, pairs = np.array([room - 2, 0], np.int32), (np.zeros(room + 1, np.int32), np.zeros((2, 0)))
     messages = Messages(count, path, factor, told, *pairs)
     ratio = np.log(draw.uniform(0, 3, (room, 2, BINS)) * draw.choice([1e-3, 1.0, 1e9], (room, 2, 1)))
-    into = 7, draw.normal(size=13), ratio, frame, places, Drawn(drawn, seen), messages
+    into = 7, draw.normal(size=13), ratio, frame, places, cast, messages
     sights = random_hits(np.random.default_rng([seed, 1]), 3)
     surface = draw.dirichlet(np.full(BINS, 0.2), 3)
     own = Coefficients(surface, where, held, used, np.empty(3), np.full(3, 9, np.int32))
@@ -103,7 +101,7 @@ def test_coefficients_learned_by_given_ratios_equal_their_twin(seed, rays):
         np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
 
 
-@given(seeds, st.integers(1, 300), st.integers(0, 3))
+@given(SEEDS, st.integers(1, 300), st.integers(0, 3))
 @settings(max_examples=30, deadline=None)
 def test_absorbed_messages_equal_their_twin(seed, count, slabs):
     from gridslam.kernels.propagation.occupancy import CELLS, fold_messages

@@ -5,11 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gridslam import reference, runtime
+from gridslam import reference
 from gridslam.inference.messages.samples.distance_mode import BEHIND_M, PathPrior, joint_mode, log_behind
 from gridslam.inference.messages.samples.signal_likelihood import Band, superpose
-
-runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 
 
 def some_band(draw, size):

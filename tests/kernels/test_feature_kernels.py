@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kernel_worlds import SEEDS
 
-from gridslam import reference, runtime
-
-runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
-seeds = st.integers(0, 2**32 - 1)
+from gridslam import reference
 
 
 def world(seed, **shape):
@@ -18,7 +16,7 @@ def world(seed, **shape):
 
 
 @pytest.mark.slow
-@given(seeds, st.integers(1, 5), st.sampled_from([1, 4]))
+@given(SEEDS, st.integers(1, 5), st.sampled_from([1, 4]))
 @settings(max_examples=25, deadline=None)
 def test_ratios_are_those_of_the_covariance_of_all_samples(seed, features, antennas):
     one = world(seed, features=features, antennas=antennas)
@@ -29,7 +27,7 @@ def test_ratios_are_those_of_the_covariance_of_all_samples(seed, features, anten
 
 
 @pytest.mark.slow
-@given(seeds, st.integers(1, 4))
+@given(SEEDS, st.integers(1, 4))
 @settings(max_examples=15, deadline=None)
 def test_slopes_are_those_of_the_covariance_of_all_samples(seed, features):
     one = world(seed, features=features)
@@ -74,7 +72,7 @@ PLAN = np.array([0.0, 0.5, 1e-4, 0.03, 0.03, 0.01, 5e-3])
 
 
 @pytest.mark.slow
-@given(seeds, st.integers(0, 2))
+@given(SEEDS, st.integers(0, 2))
 @settings(max_examples=5, deadline=None)
 def test_steps_of_adam_are_those_of_the_covariance_of_all_samples(seed, known):
     # steps begin by the sign of the slope alone: where it is next to nothing, tables may have the other
@@ -168,7 +166,7 @@ def test_the_best_power_of_a_feature_is_what_its_output_has_beyond_the_noise():
 
 
 @pytest.mark.slow
-@given(seeds)
+@given(SEEDS)
 @settings(max_examples=10, deadline=None)
 def test_turned_shifted_permuted_and_rescaled_worlds_give_the_same_numbers(seed):
     one, draw = world(seed), np.random.default_rng(seed)

@@ -8,7 +8,7 @@ from filter_states import model_of, state_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_stages import stages
-from kernel_worlds import random_world
+from kernel_worlds import SEEDS, random_world
 
 from gridslam import reference, runtime
 from gridslam.inference.messages.prediction import PathQuery
@@ -18,9 +18,6 @@ from gridslam.inference.workspace.workspace import SHAPES, Workspace
 from gridslam.kernels import PATH_BLOCK
 from gridslam.kernels.primitives.blocks import OFFSET, SHARE
 from gridslam.kernels.primitives.tables import ODDS, OPEN
-
-runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
-seeds = st.integers(0, 2**32 - 1)
 
 
 def launch_densities(state, path, start, pair, place, is_open=1.0):
@@ -44,7 +41,7 @@ def expected_densities(state, path, start, pair, place):
 
 
 @pytest.mark.slow
-@given(seeds)
+@given(SEEDS)
 @settings(max_examples=25, deadline=None)
 def test_path_evaluation_equals_its_twin(seed):
     draw = np.random.default_rng(seed)
@@ -99,7 +96,7 @@ def test_a_wall_that_the_path_runs_along_or_stands_on_gives_no_reflection():
     assert (valid == 0).all()
 
 
-@given(seeds)
+@given(SEEDS)
 @settings(max_examples=25, deadline=None)
 def test_drawn_polylines_equal_their_twin(seed):
     from gridslam.kernels.propagation.paths import polylines
@@ -259,7 +256,7 @@ def drawn_by(belief, points, first, samples):
     return few.draft
 
 
-@given(seeds, st.integers(0, 6), st.sampled_from([0, 1, 48]))
+@given(SEEDS, st.integers(0, 6), st.sampled_from([0, 1, 48]))
 @settings(max_examples=30, deadline=None)
 def test_a_root_and_its_samples_equal_their_twin(seed, surfaces, count):
     draw, size = np.random.default_rng(seed), 5 + 2 * surfaces

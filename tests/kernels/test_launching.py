@@ -10,10 +10,6 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from gridslam import runtime
-
-runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
-
 
 @pytest.fixture
 def launching(monkeypatch):

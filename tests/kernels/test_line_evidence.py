@@ -5,9 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gridslam import reference, runtime
-
-runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
+from gridslam import reference
 
 
 def weighed(*arguments):

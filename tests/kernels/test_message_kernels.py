@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_stages import stages
 from kernel_worlds import (
+    SEEDS,
     UNKNOWN,
     detection_table,
     predicted_of,
@@ -16,12 +17,9 @@ from kernel_worlds import (
 )
 from scipy.special import i0e
 
-from gridslam import reference, runtime
+from gridslam import reference
 from gridslam.kernels import PATH_BLOCK
 from gridslam.kernels.primitives.blocks import Amplitudes, Anchors, Drawing, Gating, Pairs, PathRows, Ratios
-
-runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
-seeds = st.integers(0, 2**32 - 1)
 
 
 def predictions(draw, paths):
@@ -33,7 +31,7 @@ def predictions(draw, paths):
 
 
 @pytest.mark.slow
-@given(seeds, st.booleans(), st.booleans(), st.booleans())
+@given(SEEDS, st.booleans(), st.booleans(), st.booleans())
 @settings(max_examples=60, deadline=None)
 def test_gated_pairs_equal_their_twin(seed, given_std, flat_array, spreading):
     gate, _, _ = stages()
@@ -93,7 +91,7 @@ def test_the_scaled_bessel_function_is_as_precise_as_it_says():
 
 
 @pytest.mark.slow
-@given(seeds)
+@given(SEEDS)
 @settings(max_examples=40, deadline=None)
 def test_messages_into_the_association_equal_their_twin(seed):
     _, _, enter = stages()
@@ -115,7 +113,7 @@ def test_messages_into_the_association_equal_their_twin(seed):
         np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-12)
 
 
-@given(seeds, st.booleans(), UNKNOWN)
+@given(SEEDS, st.booleans(), UNKNOWN)
 @settings(max_examples=25, deadline=None)
 def test_evaluation_equals_its_twin(seed, spreading, unknown):
     from gridslam.kernels.messages.evaluation import evaluate
@@ -179,7 +177,7 @@ def test_evaluation_equals_its_twin(seed, spreading, unknown):
     np.testing.assert_allclose(measured, explained, rtol=1e-5, atol=1e-12)
 
 
-@given(seeds, st.integers(0, 6), st.integers(0, 6))
+@given(SEEDS, st.integers(0, 6), st.integers(0, 6))
 @settings(max_examples=40, deadline=None)
 def test_association_messages_equal_their_twin(seed, paths, count):
     from gridslam.kernels.messages.association import associate

@@ -7,12 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gridslam import reference, runtime
+from gridslam import reference
 from gridslam.inference.messages.samples import response_series
 from gridslam.inference.messages.samples.response_series import NEGLIGIBLE, ResponseSeries
 from gridslam.inference.messages.samples.signal_likelihood import Band, log_densities
-
-runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 
 
 def some_case(draw, size, count, others, particles, flat):

@@ -5,15 +5,12 @@ import pytest
 from filter_states import Plot
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernel_worlds import BINS, some_rows
+from kernel_worlds import BINS, SEEDS, some_rows
 
-from gridslam import reference, runtime
+from gridslam import reference
 from gridslam.kernels import ALREADY_LISTED, CELL_SLABS, STATE_GIVEN
 from gridslam.kernels.primitives.blocks import Belief, Casting, Cells, Draft, Links, Listed, Query, Slabs
 from gridslam.systems.direct_grid import DirectGridSlam
-
-runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
-seeds = st.integers(0, 2**32 - 1)
 
 
 def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0, spared=0.0):
@@ -70,7 +67,7 @@ def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0, spared
 
 @pytest.mark.slow
 @given(
-    seeds, st.sampled_from([1, 3, 50]), st.sampled_from([0.0, 0.005, 0.1, 1.0]),
+    SEEDS, st.sampled_from([1, 3, 50]), st.sampled_from([0.0, 0.005, 0.1, 1.0]),
     st.sampled_from([0.0, 0.15, 0.3, 1.0]),
 )  # fmt: skip
 @settings(max_examples=60, deadline=None)
@@ -100,7 +97,7 @@ def test_ray_casting_and_cell_messages_equal_their_twin(seed, rays, spread, spar
 
 
 @pytest.mark.slow
-@given(seeds, st.booleans())
+@given(SEEDS, st.booleans())
 @settings(max_examples=8, deadline=None)
 def test_rays_cross_the_right_cells_a_thousand_columns_on(seed, tall):
     draw, rays = np.random.default_rng(seed), 50

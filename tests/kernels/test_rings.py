@@ -5,11 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gridslam import reference, runtime
+from gridslam import reference
 from gridslam.inference.messages.samples.image_rings import NODES, nodes
 from gridslam.inference.messages.samples.signal_likelihood import Band, Inverse, pairs
 
-runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 SEEDS = st.integers(0, 2**32 - 1)
 
 

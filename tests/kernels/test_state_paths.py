@@ -1,14 +1,11 @@
 """Paths as functions of the whole state, against their plain counterpart."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_worlds import random_belief
 
-from gridslam import reference, runtime
-
-runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
+from gridslam import reference
 
 
 def traced(mean, root, spot, path):

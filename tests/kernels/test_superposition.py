@@ -6,7 +6,7 @@ from array_snapshots import band_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gridslam import reference, runtime
+from gridslam import reference
 from gridslam.inference.messages.samples.array_likelihood import (
     ArrayBand,
     climbed,
@@ -14,8 +14,6 @@ from gridslam.inference.messages.samples.array_likelihood import (
     one_more,
     superpose_arrays,
 )
-
-runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 
 
 def some_band(draw, rows, columns, frequencies):

@@ -1,11 +1,11 @@
 """Kernels that list rays, propose births and tidy surfaces, against their twins."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_worlds import (
     BINS,
+    SEEDS,
     UNKNOWN,
     random_bank,
     random_belief,
@@ -16,7 +16,7 @@ from kernel_worlds import (
     random_world,
 )
 
-from gridslam import reference, runtime
+from gridslam import reference
 from gridslam.inference.messages.birth_proposals import SAMPLES
 from gridslam.kernels import TAKE_ROOT
 from gridslam.kernels.primitives.blocks import (
@@ -32,12 +32,10 @@ from gridslam.kernels.primitives.blocks import (
 )
 from gridslam.world.geometry import line_between, mirror, wrap
 
-runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
-seeds = st.integers(0, 2**32 - 1)
 clocks = st.sampled_from([0, 2])
 
 
-@given(seeds, st.integers(0, 4), st.integers(0, 2), st.sampled_from([-1, 0, 1]), UNKNOWN)
+@given(SEEDS, st.integers(0, 4), st.integers(0, 2), st.sampled_from([-1, 0, 1]), UNKNOWN)
 @settings(max_examples=60, deadline=None)
 def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, only, unknown):
     from gridslam.kernels.propagation.rays import list_paths
@@ -79,7 +77,7 @@ def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, onl
     np.testing.assert_allclose(predicted[:, 3:], whole[far, 3:], rtol=1e-6, atol=1e-9)
 
 
-@given(seeds, st.integers(0, 3), st.booleans(), UNKNOWN)
+@given(SEEDS, st.integers(0, 3), st.booleans(), UNKNOWN)
 @settings(max_examples=60, deadline=None)
 def test_loud_measurements_near_a_path_equal_their_twin(seed, surfaces, given_std, unknown):
     from gridslam.kernels.propagation.rays import near
@@ -99,7 +97,7 @@ def test_loud_measurements_near_a_path_equal_their_twin(seed, surfaces, given_st
     np.testing.assert_array_equal(claimed, reference.near(*into))
 
 
-@given(seeds, st.booleans(), st.sampled_from([SAMPLES // 2, SAMPLES, 2 * SAMPLES]), UNKNOWN)
+@given(SEEDS, st.booleans(), st.sampled_from([SAMPLES // 2, SAMPLES, 2 * SAMPLES]), UNKNOWN)
 @settings(max_examples=25, deadline=None)
 def test_birth_proposals_equal_their_twin(seed, with_departure, particles, unknown):
     from gridslam.kernels.management.births import propose
@@ -141,7 +139,7 @@ def test_birth_proposals_equal_their_twin(seed, with_departure, particles, unkno
     np.testing.assert_allclose(np.sign(turned) * line[both][:, 1], lines[both][:, 1], atol=1e-5)
 
 
-@given(seeds, st.integers(0, 3), clocks)
+@given(SEEDS, st.integers(0, 3), clocks)
 @settings(max_examples=40, deadline=None)
 def test_a_glance_at_births_equals_its_twin(seed, surfaces, clocks):
     from gridslam.kernels.management.births import weigh_by_visibility
@@ -178,7 +176,7 @@ def test_a_glance_at_births_equals_its_twin(seed, surfaces, clocks):
     np.testing.assert_array_equal(measured[[0, 1, 3]], 7.0)
 
 
-@given(seeds, st.integers(0, 5), clocks)
+@given(SEEDS, st.integers(0, 5), clocks)
 @settings(max_examples=80, deadline=None)
 def test_duplicates_equal_their_twin(seed, surfaces, clocks):
     from gridslam.kernels.management.merging import find_duplicates
@@ -205,7 +203,7 @@ def test_duplicates_equal_their_twin(seed, surfaces, clocks):
     np.testing.assert_allclose(tie[:, 4], residual, atol=1e-6)
 
 
-@given(seeds, st.integers(2, 6), clocks)
+@given(SEEDS, st.integers(2, 6), clocks)
 @settings(max_examples=80, deadline=None)
 def test_ghosts_equal_their_twin(seed, surfaces, clocks):
     from gridslam.kernels.management.merging import find_ghosts
@@ -229,7 +227,7 @@ def test_ghosts_equal_their_twin(seed, surfaces, clocks):
     np.testing.assert_array_equal(ghosts, reference.find_ghosts(*into))
 
 
-@given(seeds, st.integers(0, 4), st.integers(0, 12), clocks)
+@given(SEEDS, st.integers(0, 4), st.integers(0, 12), clocks)
 @settings(max_examples=60, deadline=None)
 def test_sightings_of_surfaces_equal_their_twin(seed, surfaces, paths, clocks):
     from gridslam.kernels.propagation.detections import mark
@@ -252,7 +250,7 @@ def test_sightings_of_surfaces_equal_their_twin(seed, surfaces, paths, clocks):
         np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
 
 
-@given(seeds, st.integers(0, 5), UNKNOWN)
+@given(SEEDS, st.integers(0, 5), UNKNOWN)
 @settings(max_examples=60, deadline=None)
 def test_what_users_are_told_equals_its_twin(seed, surfaces, unknown):
     from gridslam.kernels.management.readout import describe

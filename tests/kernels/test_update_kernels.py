@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_worlds import (
+    SEEDS,
     UNKNOWN,
     predicted_of,
     random_bank,
@@ -14,15 +15,12 @@ from kernel_worlds import (
     random_table,
 )
 
-from gridslam import reference, runtime
+from gridslam import reference
 from gridslam.bench.kernels import twin_arguments
 from gridslam.kernels import PATH_BLOCK, SUMS
 
-runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
-seeds = st.integers(0, 2**32 - 1)
 
-
-@given(seeds, st.integers(0, 3), st.sampled_from([0, 100]), st.booleans(), UNKNOWN)
+@given(SEEDS, st.integers(0, 3), st.sampled_from([0, 100]), st.booleans(), UNKNOWN)
 @settings(max_examples=60, deadline=None)
 def test_updates_equal_their_twin(seed, surfaces, rounds, noted, unknown):
     from gridslam.kernels.messages.updates import update, update_with_clocks, update_with_rises
@@ -138,7 +136,7 @@ def bent():
     return bent
 
 
-@given(seeds, st.booleans())
+@given(SEEDS, st.booleans())
 @settings(max_examples=40, deadline=None)
 def test_what_derivatives_leave_out_equals_its_twin_and_is_what_samples_show(bent, seed, high):
     draw = np.random.default_rng(seed)

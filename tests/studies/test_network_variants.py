@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scene_samples import short
 
 import gridslam as gs
 from gridslam.errors import InputError
@@ -12,11 +13,7 @@ AGENTS = ["agent1", "agent2"]
 
 @pytest.fixture(scope="module")
 def scene():
-    whole = gs.Scene.load("exchange").model_dump(exclude_none=True)
-    whole["filter"]["particles"] = 500
-    for agent in whole["agents"]:
-        agent["steps"] = 10
-    return gs.Scene.checked(whole, "short")
+    return short("exchange", 10, particles=500)
 
 
 def test_variants_differ_in_clocks_and_labels_alone(scene):

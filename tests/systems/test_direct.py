@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from image_states import with_images
+from scene_samples import short
 
 import gridslam as gs
 from gridslam.inference.messages.samples.distance_mode import PathPrior
@@ -21,9 +22,7 @@ STEPS = 60
 @pytest.fixture(scope="module")
 def overlap():
     """The scene made short, what its agent received, and all that a filter may know."""
-    data = gs.Scene.load("overlap").model_dump(exclude_none=True)
-    data["agents"][0]["steps"] = STEPS
-    scene = gs.Scene.checked(data, "overlap")
+    scene = short("overlap", STEPS)
     recording = gs.simulate(scene, "agent1", seed=3, what="signal")
     return recording, SignalModel.of(scene.filter_model("agent1"), recording.waveform)
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scene_samples import short
 
 import gridslam as gs
 from gridslam.errors import InputError
@@ -14,9 +15,7 @@ STEPS = 60
 
 @pytest.fixture(scope="module")
 def scene():
-    data = gs.Scene.load("overlap").model_dump(exclude_none=True)
-    data["agents"][0]["steps"] = STEPS
-    return gs.Scene.checked(data, "overlap")
+    return short("overlap", STEPS)
 
 
 @pytest.fixture(scope="module")

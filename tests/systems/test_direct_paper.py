@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scene_samples import short
 
 import gridslam as gs
 from gridslam.systems.published.direct_paper import PublishedDirectSlam
@@ -11,10 +12,7 @@ STEPS = 16
 
 @pytest.fixture(scope="module")
 def world():
-    data = gs.Scene.load("overlap").model_dump(exclude_none=True)
-    data["agents"][0]["steps"] = STEPS
-    data["filter"]["particles"] = 400
-    scene = gs.Scene.checked(data, "overlap")
+    scene = short("overlap", STEPS, particles=400)
     return scene, gs.simulate(scene, "agent1", 2, what="signal")
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scene_samples import short
 
 import gridslam as gs
 from gridslam.errors import InputError
@@ -18,11 +19,7 @@ AGENTS, STEPS = ["agent1", "agent2"], 4
 
 @pytest.fixture(scope="module")
 def world():
-    data = gs.Scene.load("exchange").model_dump(exclude_none=True)
-    for agent in data["agents"]:
-        agent["steps"] = STEPS
-    data["filter"]["particles"] = 1500
-    scene = gs.Scene.checked(data, "exchange")
+    scene = short("exchange", STEPS, particles=1500)
     return scene, *simulate_network(scene, AGENTS, 4, unlabelled=True)
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scene_samples import short
 
 import gridslam as gs
 from gridslam.errors import InputError
@@ -13,10 +14,7 @@ STEPS = 25
 
 @pytest.fixture(scope="module")
 def world():
-    data = gs.Scene.load("room").model_dump(exclude_none=True)
-    data["agents"][0]["steps"] = STEPS
-    data["filter"]["particles"] = 1500
-    scene = gs.Scene.checked(data, "room")
+    scene = short("room", STEPS, particles=1500)
     return scene, gs.simulate(scene, "agent1", 4)
 
 

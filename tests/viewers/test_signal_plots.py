@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scene_samples import short
 
 import gridslam as gs
 from gridslam.estimate_tables import RingEstimate, SurfaceEstimate
@@ -24,9 +25,7 @@ STEPS = 30
 
 @pytest.fixture(scope="module")
 def ran():
-    data = gs.Scene.load("overlap").model_dump(exclude_none=True)
-    data["agents"][0]["steps"] = STEPS
-    scene = gs.Scene.checked(data, "overlap")
+    scene = short("overlap", STEPS)
     recording = gs.simulate(scene, "agent1", 1, what="signal")
     slam = gs.DirectSlam(scene, waveform=recording.waveform)
     return scene, recording, slam, [slam.step(scan) for scan in recording]

@@ -18,7 +18,6 @@ from gridslam.evaluation.consistency import complaints
 from gridslam.inference.health.monitor import HealthMonitor, innovation_band
 from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios, Pairs
-from gridslam.inference.state.anchor_measurements import anchor_scans
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.calibration import LEAST_CLUTTER, MOST_CLUTTER, Calibration
 from gridslam.kernels.primitives import tables
@@ -26,22 +25,6 @@ from gridslam.simulation import disturbances
 from gridslam.studies import robustness
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
-
-
-def scan_of(case, step):
-    scan, world = case.heard.scan(step), case.believed
-    threshold = world.signal_model(case.agent).threshold
-    return anchor_scans(scan, world.filter_model(case.agent).places, threshold)
-
-
-@pytest.fixture(scope="module")
-def room():
-    return disturbances.undisturbed(gs.Scene.load("room"), seed=1)
-
-
-@pytest.fixture(scope="module")
-def signal(room):
-    return room.scene.signal_model(room.agent)
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scene_samples import short
 
 import gridslam as gs
 from gridslam.inference.management.network import clock_replay
@@ -29,11 +30,7 @@ HIDDEN, UNHEARD = 3, 4
 
 @pytest.fixture(scope="module")
 def scene():
-    whole = gs.Scene.load("exchange").model_dump(exclude_none=True)
-    whole["filter"]["particles"] = 500
-    for agent in whole["agents"]:
-        agent["steps"] = 12
-    return gs.Scene.checked(whole, "test")
+    return short("exchange", 12, particles=500)
 
 
 @pytest.fixture(scope="module")

@@ -2,33 +2,15 @@
 
 import numpy as np
 import pytest
+from filter_states import anchor_scans_of
 
-import gridslam as gs
 from gridslam.inference.management.poses import pose_fix, pose_recovery
 from gridslam.inference.messages.likelihood import DetectionTable
-from gridslam.inference.state.anchor_measurements import anchor_scans
 from gridslam.inference.state.belief import Belief, append
-from gridslam.simulation import disturbances
 from gridslam.world import geometry
 from gridslam.world.geometry import wrap
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
-
-
-def scan_of(case, step):
-    scan, world = case.heard.scan(step), case.believed
-    threshold = world.signal_model(case.agent).threshold
-    return anchor_scans(scan, world.filter_model(case.agent).places, threshold)
-
-
-@pytest.fixture(scope="module")
-def room():
-    return disturbances.undisturbed(gs.Scene.load("room"), seed=1)
-
-
-@pytest.fixture(scope="module")
-def signal(room):
-    return room.scene.signal_model(room.agent)
 
 
 def mapped(room, pose, std):
@@ -51,10 +33,10 @@ def test_the_agent_is_found_wherever_it_was_believed(room, signal, off):
             np.concatenate([heard.position[None], geometry.mirror(lines, heard.position)]),
             np.concatenate([np.zeros((1, 2)), lines]), np.array([1, 0.7, 0.7, 0.7, 0.7]), np.full(5, 0.9),
         )
-        for heard in scan_of(room, step)
+        for heard in anchor_scans_of(room, step)
     ]  # fmt: skip
     fix = pose_fix.find_pose(
-        belief, belief, sources, scan_of(room, step), DetectionTable(signal), signal, [1, 2]
+        belief, belief, sources, anchor_scans_of(room, step), DetectionTable(signal), signal, [1, 2]
     )
     assert np.linalg.norm(fix.pose[:2] - truth[:2]) < 0.15
     assert abs(wrap(fix.pose[2] - truth[2])) < 0.1

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scene_samples import short
 
 import gridslam as gs
 from gridslam.inference.management.network.recovery import Beacons, log_likelihood, placed_at, proposed_poses
@@ -19,10 +20,7 @@ AGENTS = ["agent1", "agent2"]
 @pytest.fixture(scope="module")
 def room():
     """A network that has mapped the room for some steps, and the next scan, with labels."""
-    whole = gs.Scene.load("room").model_dump(exclude_none=True)
-    whole["filter"]["particles"] = 500
-    whole["agents"][0]["steps"] = 9
-    scene = gs.Scene.checked(whole, "test")
+    scene = short("room", 9, particles=500)
     slam = NetworkSlam(scene, agents=["agent1"], seed=1)
     scans = [scan.scans[0] for scan in simulate_network(scene, ["agent1"], 1)[0]]
     for scan in scans[:-1]:

@@ -6,7 +6,7 @@ from math import factorial
 
 import numpy as np
 import pytest
-from enumeration import every_matching
+from enumeration import every_matching, random_association
 from filter_states import model_of, state_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -47,8 +47,7 @@ def sums(beta, missed, new):
 @settings(max_examples=60, deadline=None)
 def test_the_evidence_is_that_of_enumeration_on_a_tree_and_close_to_it_otherwise(seed, paths, count):
     draw = np.random.default_rng(seed)
-    beta = draw.exponential(2.0, (paths, count)) * (draw.random((paths, count)) < 0.6)
-    missed, new = draw.uniform(0.1, 1, paths), draw.uniform(1, 3, count)
+    beta, missed, new = random_association(draw, paths, count, 0.6)
     nu, _ = associate(beta, missed, new)
     found = log_normaliser(beta, missed, new, nu, missed + (beta * nu).sum(1))
     wanted = sums(beta, missed, new)

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from enumeration import enumerate_marginals
+from enumeration import enumerate_marginals, random_association
 from filter_states import Plot, sighting, small
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -40,8 +40,7 @@ places = st.tuples(st.floats(-20, 20), st.floats(-20, 20)).map(np.array)
 def test_association_is_exact_on_a_tree_and_close_to_enumeration_otherwise(seed):
     draw = np.random.default_rng(seed)
     paths, heard = draw.integers(1, 4, 2)
-    beta = draw.exponential(2.0, (paths, heard)) * (draw.random((paths, heard)) < 0.6)
-    missed, new = draw.uniform(0.1, 1, paths), draw.uniform(1, 3, heard)
+    beta, missed, new = random_association(draw, paths, heard, 0.6)
     nu, _ = associate(beta, missed, new)
     weight = beta * nu
     found = weight / (missed[:, None] + weight.sum(1, keepdims=True))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from enumeration import enumerate_marginals
+from enumeration import enumerate_marginals, random_association
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scene_samples import shortened
@@ -34,8 +34,7 @@ def scene():
 def test_exact_association_equals_enumeration(seed):
     draw = np.random.default_rng(seed)
     paths, heard = draw.integers(0, 5, 2)
-    beta = draw.exponential(2.0, (paths, heard)) * (draw.random((paths, heard)) < 0.7)
-    missed, new = draw.uniform(0.1, 1, paths), draw.uniform(1, 3, heard)
+    beta, missed, new = random_association(draw, paths, heard, 0.7)
     nu, claimed = associate_exactly(beta, missed, new)
     expected = enumerate_marginals(beta, missed, new)
     weight = beta * nu
