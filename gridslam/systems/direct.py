@@ -24,6 +24,7 @@ from gridslam.inference.management.samples.image_readout import (
     note_hits,
 )
 from gridslam.inference.management.samples.image_ties import share_walls
+from gridslam.inference.management.samples.mirrored_places import watch_mirrors
 from gridslam.inference.management.samples.second_look import LAST, advance, begun
 from gridslam.inference.messages.samples.image_births import (
     FIRST_STEPS,
@@ -123,8 +124,8 @@ def step(
     state = forbid_own_place(state, model)
     state = confirm_proposals(merge_images(join_straight_rings(state)))
     state = share_walls(state, model)
-    state = note_hits(prune(state), model)
-    health = state.watch.assess(state.spread_m, len(model.anchors))
+    state = watch_mirrors(note_hits(prune(state), model), band, model)
+    health = state.watch.assess(state.spread_m, len(model.anchors), bool(state.one_sided.any()))
     return replace(state.packed(), step=state.step + 1), DirectInfo(every, findings, health)
 
 

@@ -17,6 +17,9 @@ reason              said when                                   by              
                     are explained
 `little_power`      known paths have less than a fifth of the   `signal_watch.SignalWatch`       section 9
                     power (direct SLAM)
+`MIRRORED`          the position was too wide to tell the   `signal_watch.SignalWatch`       (M444)
+                    sides of the anchors in sight, and no
+                    other has been since (direct SLAM)
 `misfit`            innovations leave their chi-square band     `monitor`, `signal_watch`        section 9
 `clutter`           an anchor's clutter is 3 times the scene's  `monitor.HealthMonitor.assess`   (M46)
 `turned`            an anchor's turn is beyond doubt            `monitor.HealthMonitor.assess`   section 9

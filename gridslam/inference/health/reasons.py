@@ -7,6 +7,7 @@ from gridslam.world.radio import SPEED_OF_LIGHT
 NOT_FOUND = "start not found yet"
 UNPROVEN = "start not sure yet: there were more places than could be followed"
 TURNABLE = "nothing tells by how much all is turned about the one anchor"
+MIRRORED = "a mirrored place may fit as well: no other anchor has been in sight since both did"
 OFF_GRID = "the agent has left the grid"
 ASTRAY = "what it hears isn't used for what all agents share"
 

@@ -70,7 +70,7 @@ class SignalWatch:
             explained=self.explained + explained, power=self.power + power,
         )  # fmt: skip
 
-    def assess(self, spread_m: float, anchors: int) -> Health:
+    def assess(self, spread_m: float, anchors: int, mirrored: bool = False) -> Health:
         """Say how things are.
 
         Parameters
@@ -78,6 +78,8 @@ class SignalWatch:
         spread_m : float
             Standard deviation of the position.
         anchors : int
+        mirrored : bool
+            Whether a mirrored place fits as well, (M444).
         """
         ratio = self.misfit / self.freedom if self.freedom > 0 else 1.0
         low, high = innovation_band(self.freedom)
@@ -87,6 +89,8 @@ class SignalWatch:
             found.append(reasons.silent(self.silent))
         if spread_m > VAGUE_M:
             found.append(reasons.vague(spread_m))
+        if mirrored:
+            found.append(reasons.MIRRORED)
         if share < LEAST_EXPLAINED:
             found.append(reasons.little_power(share))
         if ratio > max(high, MISFIT):

@@ -167,6 +167,8 @@ class DirectState:
         How well samples fitted.
     step, next_identity : int
     time_s : float or None
+    one_sided : (J,) int64
+        1 where an anchor was in sight while both sides of it fitted, and no other has told since.
     """
 
     belief: Belief
@@ -177,13 +179,15 @@ class DirectState:
     step: int = 0
     next_identity: int = 0
     time_s: float | None = None
+    one_sided: Whole = field(default_factory=lambda: np.zeros(0, np.int64), metadata={"later": True})
 
     @classmethod
     def start(cls, mean: Array, variance: Array, anchors: int, noise: Array | None = None) -> Self:
         """Before the first step, from priors of [x, y, vx, vy] (4,) and, if there is one, of noise (J,)."""
         links = Links.start(anchors)
         links = links if noise is None else replace(links, noise=np.array(noise, np.float64))
-        return cls(Belief(mean.copy(), np.diag(variance)), links=links)
+        whole = Belief(mean.copy(), np.diag(variance))
+        return cls(whole, links=links, one_sided=np.zeros(anchors, np.int64))
 
     @property
     def spread_m(self) -> float:
@@ -248,6 +252,7 @@ class DirectState:
             ("existence", all(((c >= 0) & (c <= 1)).all() for c in chances), "probabilities"),
             ("intensity", all((c >= 0).all() for c in counts), "0 or more"),
             ("links", all(len(getattr(links, f.name)) == anchors for f in fields(links)), "anchors' rows"),
+            ("one_sided", len(self.one_sided) in (0, anchors), "anchors' rows"),
             ("tentative", {len(getattr(rings, f.name)) for f in fields(rings)}
              == {len(tentative.intensity)} == {len(tentative.heard)}, "rows of one number"),
             ("tentative/rings", mixture[1:] == (BEARINGS,)
