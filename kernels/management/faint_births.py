@@ -182,7 +182,7 @@ def hear(
                 product[row, EITHER, n] = either
 
 
-@copying("belief")
+@copying("belief", "pose", "spread", "begin", "line", "measurement")
 @ti.kernel
 def bear_out(
     anchor: ti.i32,  # that the births are of
