@@ -1,5 +1,7 @@
 """`check` on measurements: the usual errors are named, and clean tables raise no alarm."""
 
+from itertools import cycle
+
 import numpy as np
 import pytest
 
@@ -58,11 +60,14 @@ SPOILT = {
 }
 
 
-@pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize(
-    "case", [case if case in CHEAP else pytest.param(case, marks=pytest.mark.slow) for case in SPOILT]
+    ("case", "name"),
+    [
+        pytest.param(case, name, marks=[] if case in CHEAP else pytest.mark.slow)
+        for case, name in zip(SPOILT, cycle(SCENES), strict=False)  # each in one of two rooms
+    ],
 )
-def test_each_usual_error_is_named_and_nothing_else(heard, name, case):
+def test_each_usual_error_is_named_and_nothing_else(heard, case, name):
     column, kind, spoil = SPOILT[case]
     table, scene = heard[name, 1], SCENES[name]
     good = columns(table, None if case in LONGER else BRIEF)
@@ -92,8 +97,7 @@ def test_two_errors_at_once_are_both_named(heard):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("name", "seed"), [("room", 1), ("alcove", 2)])
 @pytest.mark.parametrize("missing", [(), ("amplitude",), ("aod_rad",), ("aoa_rad", "aod_rad")])
 def test_clean_tables_raise_no_alarm(heard, name, seed, missing):
     table = heard[name, seed]
@@ -122,7 +126,7 @@ def test_clutter_alone_raises_no_alarm():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("value", [-1.0, -999.0, 0.0])
+@pytest.mark.parametrize("value", [-999.0, 0.0])
 def test_padding_is_named_and_the_rest_still_judged(heard, value):
     table = heard["room", 1]
     good = columns(table, BRIEF)

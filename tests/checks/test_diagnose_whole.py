@@ -39,8 +39,7 @@ def test_clock_offset_that_the_scene_allows_for_is_none():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("name", ["room", "alcove"])
+@pytest.mark.parametrize(("name", "seed"), [("room", 1), ("alcove", 2)])
 class TestErrorsOfDistancesAreNamed:
     def test_clock_offset_of_all_anchors(self, name, seed):
         columns = heard(name, seed, steps=BRIEF)
@@ -233,14 +232,14 @@ def test_exit_code_tells_scripts_of_suspects(say, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("times", [np.inf, np.nan, [0.0, np.inf, 1.0], [-1e308, 1e308, -1e308]])
 def test_times_that_are_no_numbers_are_looked_at_without_a_warning(times):
-    columns = heard("room", 1)
+    columns = heard("room", 1, steps=BRIEF)
     columns["time_s"] = np.resize(np.array(times), len(columns["step"]))[columns["step"]]
     assert intervals(columns) == [] or intervals(columns)[0].startswith("  time_s: median")
     assert named(columns, "room") is not None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("metres", "seed"), [(1.0, 1), (1.0, 3), (1.5, 2), (2.0, 2)])
+@pytest.mark.parametrize(("metres", "seed"), [(1.0, 3), (2.0, 2)])
 def test_where_one_anchor_is_in_sight_an_offset_stands_beside_other_cures_and_none_is_certain(metres, seed):
     """Hall: such distances are also those of twice the way, or of angles in the world."""
     scene = SCENES["hall"]

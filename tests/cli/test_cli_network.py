@@ -55,6 +55,7 @@ def test_a_run_of_all_agents_writes_tracks_clocks_and_figures(say, short_exchang
     assert again == {path.removesuffix(".png") for path in drawn}
 
 
+@pytest.mark.slow
 def test_a_run_of_a_file_has_the_agents_of_the_file(say, short_exchange, tmp_path, monkeypatch):
     monkeypatch.setattr("gridslam.viewers.plots.draw_all", lambda part: [])
     both = "--agent", "agent2", "--agent", "agent1"
@@ -137,9 +138,9 @@ def test_interrupted_run_shows_its_table_and_keeps_what_is_done(say, monkeypatch
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_figures", "ctrl_c", "short_exchange")
-@pytest.mark.parametrize("grid", [False, True])
-def test_interrupted_run_that_is_resumed_is_as_if_it_never_was(say, monkeypatch, grid):
-    words = (*NETWORK, "--method", "network_grid") if grid else NETWORK
+def test_interrupted_run_that_is_resumed_is_as_if_it_never_was(say, monkeypatch):
+    """With a grid beside what all agents share; of network SLAM alone, a run that is killed below."""
+    words = (*NETWORK, "--method", "network_grid")
     assert say(*words, "-o", "whole").code == 0
     for step, more in ((0, (*words, "--checkpoint", "2", "-o", "out")), (2, ("run", "--resume", "out"))):
         with monkeypatch.context() as patch:

@@ -114,6 +114,7 @@ def test_false_surfaces_of_a_map_that_went_on_are_known_with_the_truth_of_those_
     assert false(went_on, silent, truth) == false(run, truth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [COLUMN_IN, 7.2])
 def test_figures_have_the_width_that_was_asked_for_and_nothing_sticks_out(run, width):
     false = np.ones(len(run.map.surfaces), bool)

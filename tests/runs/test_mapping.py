@@ -5,7 +5,7 @@ import io
 import numpy as np
 import pytest
 from rich.console import Console
-from scene_samples import shortened
+from scene_samples import short, shortened
 
 import gridslam as gs
 from gridslam.evaluation.ground_truth import inherited_truth, known_bound, truth_of, with_truth
@@ -202,7 +202,7 @@ def test_bound_is_of_the_scenes_own_way_alone(scene, heard):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["screen", "overlap"])
 def test_samples_have_a_bound_of_their_own_with_and_without_the_map(name):
-    scene = gs.Scene.load(name)
+    scene = short(name, 15)
     truth = gs.ground_truth(scene, "agent1")
     own, paths = (known_bound(scene, "agent1", truth, takes) for takes in ("signal", "paths"))
     assert not np.allclose(own.position_m, paths.position_m, rtol=0.01)

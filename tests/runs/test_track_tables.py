@@ -19,6 +19,7 @@ def rows_of(path):
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_export_of_a_folder_writes_tracks_beside_the_map(say, tmp_path):
     write(tmp_path / "out", hall())
     said = say("export", "out", "-o", "robot")

@@ -139,6 +139,7 @@ def test_a_checkpoint_goes_on_bit_for_bit(exchange, heard, tmp_path):
             slam.require_sound(spoilt, slam.model, "here.h5")
 
 
+@pytest.mark.slow
 def test_an_agent_that_isn_t_there_has_no_misses_and_joins_later():
     scene = gs.Scene.checked(small("exchange", 9, agent2={"present_s": (4.0, 7.0)}), "test")
     data, _ = simulate_network(scene, AGENTS, 1, unlabelled=True)

@@ -65,6 +65,7 @@ def test_a_clock_ahead_makes_distances_longer_and_nothing_else(room):
     assert log_likelihood(poses, doubtful, heard, table, model.radio)[0] < one[0]
 
 
+@pytest.mark.slow
 def test_an_agent_that_is_placed_anew_teaches_the_others_nothing():
     scene = gs.Scene.load("exchange")
     slam = NetworkSlam(scene, agents=AGENTS, seed=1)
