@@ -37,10 +37,12 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
             joint, time_s - state.time_s, settings.acceleration_mps2, np.radians(settings.heading_deg),
             JITTER * settings.surface_m, surfaces.foot, np.exp(np.maximum(surfaces.walk, 0.0)),
         )  # fmt: skip
-        # amplitudes that are states of their own sink with every miss: they would excuse any false surface
-        chance = 1.0 if state.amplitudes is not None else chances(
-            surfaces, state.belief.lines, state.belief.mean[:2], model
-        )  # fmt: skip
+        # rings stand beside virtual anchors, of which no coefficient is learned
+        chance = (
+            1.0
+            if state.rings is not None
+            else chances(surfaces, state.belief.lines, state.belief.mean[:2], model)
+        )
         surfaces = surface_bank.evolve(surfaces, settings.survival, settings.reflection, chance)
     return replace(
         state,

@@ -17,7 +17,7 @@ from gridslam.inference.messages.motion import predict
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.leftovers import MEMORY, MOST, Leftovers
-from gridslam.inference.state.ray_amplitudes import RayAmplitudes
+from gridslam.inference.state.rings import Rings
 from gridslam.kernels.primitives import blocks, tables
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import BINS, REFLECTION_BINS
@@ -172,8 +172,8 @@ def test_a_faint_surface_has_as_many_chances_to_be_confirmed_as_a_loud_one():
         chance = model.radio.detection_probability(np.asarray(level)).max()
         assert moved.surfaces.age[0] == pytest.approx(chance, abs=2e-3)
         assert chance > 0.95 or (coefficient == 1 and chance < 0.1)
-        own = predict(replace(state, surfaces=bank, amplitudes=RayAmplitudes()), 1.0, 0, model)
-        assert own.surfaces.age[0] == 1.0, "no coefficient is learned beside rays' own amplitudes"
+        own = predict(replace(state, surfaces=bank, rings=Rings.empty()), 1.0, 0, model)
+        assert own.surfaces.age[0] == 1.0, "virtual anchors learn no coefficient"
     often = replace(state.surfaces, seen=np.array([8]), reflection=np.eye(BINS)[[0]])
     assert predict(replace(state, surfaces=often), 1.0, 0, model).surfaces.age[0] == 1.0
 
