@@ -14,7 +14,8 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.bench.contests import CONTESTS, PARTS, Array, Case
-from gridslam.bench.stages import Function, Kernel, kernels, modules, replaced
+from gridslam.bench.stages import Function, Kernel, kernels
+from gridslam.kernels.primitives.watching import watched
 from gridslam.measurements.table import Scan
 from gridslam.simulation.image_source import simulate
 from gridslam.systems.adaptive import AdaptiveSlam
@@ -99,29 +100,25 @@ def _launches(
     before: defaultdict[tuple[str, str], list[Any]] = defaultdict(list)
     number: Counter[str] = Counter()
     moved: Counter[tuple[str, str]] = Counter()
+    names = {name: kernel.names for name, kernel in kernels().items()}
 
-    def recorder(name: str, kernel: Kernel) -> Function:
-        names = kernel.names
+    def record(name: str, launch: Function, arguments: tuple[Any, ...]) -> Any:
+        case = Case(zip(names[name], flattened(arguments), strict=True))
+        contest = CONTESTS[name]
+        size = (contest.size or contest.units)(case)
+        fresh = {k for k, v in case.items() if not any(v is one for one in before[name, k])}
+        number[name] += 1
+        for key in fresh:
+            before[name, key].append(case[key])
+            moved[name, key] += 1
+        if name not in best or size > best[name][0]:
+            best[name] = size, Case({k: _copy(v) for k, v in case.items()})
+        return launch(*arguments)
 
-        def record(*arguments: Any) -> Any:
-            case = Case(zip(names, flattened(arguments), strict=True))
-            contest = CONTESTS[name]
-            size = (contest.size or contest.units)(case)
-            fresh = {k for k, v in case.items() if not any(v is one for one in before[name, k])}
-            number[name] += 1
-            for key in fresh:
-                before[name, key].append(case[key])
-                moved[name, key] += 1
-            if name not in best or size > best[name][0]:
-                best[name] = size, Case({k: _copy(v) for k, v in case.items()})
-            return kernel(*arguments)
-
-        return record
-
-    with replaced({id(k): (k, recorder(name, k)) for name, k in kernels().items()}, modules("gridslam.")):
-        for watched, scan in enumerate(scans[steps:]):
+    with watched(record):
+        for done, scan in enumerate(scans[steps:]):
             slam.step(scan)
-            if watched < 2:  # what lasts was handed over once by then
+            if done < 2:  # what lasts was handed over once by then
                 number.clear()
                 moved.clear()
     for name, (_, case) in best.items():  # of a kernel that wasn't launched since, nothing is known to last

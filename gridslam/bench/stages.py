@@ -1,22 +1,17 @@
-"""Where a step's time goes: by stage, as its `StepInfo` tells, and in which kernels.
-
-While a filter is watched, its kernels are replaced by timed ones wherever a module holds them; afterwards
-everything is as it was.
-"""
+"""Where a step's time goes: by stage, as its `StepInfo` tells, and in kernels, whose launches are watched."""
 
 from __future__ import annotations
 
 import importlib
 import pkgutil
-import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from types import ModuleType
 from typing import Any, Protocol
 
 from gridslam.inference.workspace.workspace import OTHER, Workspace
+from gridslam.kernels.primitives.watching import watched
 
 LAUNCHES = "launches"
 KERNEL = "kernel "
@@ -54,30 +49,6 @@ def kernels() -> dict[str, Kernel]:
     return found
 
 
-@contextmanager
-def replaced(others: Mapping[int, tuple[Function, Function]], homes: Sequence[Any]) -> Iterator[None]:
-    """Put other functions in the place of some.
-
-    Parameters
-    ----------
-    others : mapping
-        Identity of a function -> (the function itself, what stands for it meanwhile).
-    homes : sequence
-        Modules and classes that have them.
-    """
-    undo: list[tuple[Any, str, Any]] = []
-    try:
-        for home in homes:
-            for name, value in list(vars(home).items()):
-                if id(value) in others:
-                    undo.append((home, name, value))
-                    setattr(home, name, others[id(value)][1])
-        yield
-    finally:
-        for home, name, value in undo:
-            setattr(home, name, value)
-
-
 class Stopwatch:
     """Seconds by stage and kernel, and how often each kernel was launched.
 
@@ -102,8 +73,7 @@ class Stopwatch:
     @contextmanager
     def watching(self) -> Iterator[Stopwatch]:
         """Time the kernels of whatever runs meanwhile."""
-        launches = {id(kernel): (kernel, self._kernel(name, kernel)) for name, kernel in kernels().items()}
-        with replaced(launches, modules("gridslam.")):
+        with watched(self._time):
             yield self
 
     def count(self, seconds: Mapping[str, float]) -> None:
@@ -130,26 +100,18 @@ class Stopwatch:
         stages[OTHER] += max(whole / steps - sum(stages.values()), 0.0)
         return stages
 
-    def _kernel(self, name: str, kernel: Function) -> Function:
+    def _time(self, name: str, launch: Function, arguments: tuple[Any, ...]) -> Any:
         import taichi as ti
 
         from gridslam.kernels.primitives.device import ON_CPU
 
-        def timed(*arguments: Any) -> Any:
-            began, stage = time.perf_counter(), self._work.stage
-            try:
-                result = kernel(*arguments)
-                if not ON_CPU:
-                    ti.sync()
-                return result
-            finally:
-                took = time.perf_counter() - began
-                self.launches[name] += 1
-                self.count({KERNEL + name: took, stage: -took})
-
-        return timed
-
-
-def modules(prefix: str) -> list[ModuleType]:
-    """Modules that are loaded, by the beginning of their names."""
-    return [module for name, module in sorted(sys.modules.items()) if name.startswith(prefix)]
+        began, stage = time.perf_counter(), self._work.stage
+        try:
+            result = launch(*arguments)
+            if not ON_CPU:
+                ti.sync()
+            return result
+        finally:
+            took = time.perf_counter() - began
+            self.launches[name] += 1
+            self.count({KERNEL + name: took, stage: -took})

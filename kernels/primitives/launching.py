@@ -31,10 +31,10 @@ from gridslam.kernels.primitives.launch_trial import attempts as _attempts
 from gridslam.kernels.primitives.launch_trial import sample as _sample
 from gridslam.kernels.primitives.packing import as_packs, flat_names, grouped, members_of
 from gridslam.kernels.primitives.taichi_inside import numpy_type, read_quickly
+from gridslam.kernels.primitives.watching import WATCHERS, Launch
 
 _one_at_a_time = threading.RLock()
 _verdict: list[bool] = []
-Launch = Callable[..., Any]
 Place = tuple[int]
 ndarray, NOTHING = np.ndarray, object()
 MOST_LAUNCHES, KEYS = 16, ("only", "start", "whose", "anchor", "path", "radio")
@@ -76,11 +76,12 @@ def quick(kernel: Any, copied: Sequence[str] = ()) -> Any:
     primal: Any = getattr(kernel, "_primal", None)
     if not all(hasattr(primal, name) for name in PRIVATE):
         return kernel  # a Taichi that keeps these elsewhere
-    hurried, plain = _hurrying(kernel, copied), _plain(kernel)
+    hurried, plain, name = _hurrying(kernel, copied), _plain(kernel), kernel.__name__
 
     @wraps(kernel)
     def launch(*arguments: Any) -> Any:
-        return (hurried if _verdict == GOOD or agrees() else plain)(*arguments)
+        chosen = hurried if _verdict == GOOD or agrees() else plain
+        return WATCHERS[-1](name, chosen, arguments) if WATCHERS else chosen(*arguments)
 
     known: Any = launch
     known.names = flat_names(primal.arguments)
