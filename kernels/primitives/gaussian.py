@@ -10,9 +10,6 @@ from gridslam.kernels.primitives.functions import PI, bearing_of, cos_of, dot, s
 from gridslam.kernels.primitives.layout import anchor_of, line_entry, steepness_of, unknown_entry
 from gridslam.kernels.primitives.tables import LENGTH
 
-NEAR_M = 0.5
-"""Lines of sight shorter than this, seen from above, are curved over what the position's deviation spans."""
-
 
 @ti.func
 def mirror_of(x, y, angle, offset):
@@ -142,34 +139,33 @@ def spread_by_unknown(slope, entry, unknown, place, length, covariance: ti.templ
 
 @ti.func
 def bend_of(slope, length, covariance: ti.template()):
-    """What a short line of sight's derivatives leave out: mean and covariance, docs/model.md, (M291).
+    """What a line of sight's derivatives leave out: mean and covariance, docs/model.md, (M291).
 
-    They follow from its derivatives by x and y, its length and the covariance of x and y; 0 where it is long.
+    They follow from its derivatives by x and y, its length and the covariance of x and y.
     """
     mean, spread = ti.Vector.zero(ti.f64, 3), ti.Matrix.zero(ti.f64, 3, 3)
     across = ti.Vector([slope[2, 0], slope[2, 1]], dt=ti.f64)
     near = ti.sqrt(dot(across, across))  # one over the length seen from above
-    if near * NEAR_M > 1:
-        across /= near
-        along = ti.Vector([across[1], -across[0]], dt=ti.f64)
-        lean = slope[0, 0] * along[0] + slope[0, 1] * along[1]
-        xx, xy, yy = covariance[0, 0], covariance[0, 1], covariance[1, 1]
-        rr = along[0] ** 2 * xx + 2 * along[0] * along[1] * xy + along[1] ** 2 * yy
-        tt = across[0] ** 2 * xx + 2 * across[0] * across[1] * xy + across[1] ** 2 * yy
-        rt = along[0] * across[0] * xx + along[1] * across[1] * yy
-        rt += (along[0] * across[1] + along[1] * across[0]) * xy
-        width = ti.sqrt(xx + yy)  # nearer than that, the series says nothing
-        length, near = ti.max(length, width), ti.min(near, 1 / width)
-        by_r, by_t = (1 - lean * lean) / length, 1 / length  # second derivatives of the length
-        mean[0] = 0.5 * (by_r * rr + by_t * tt)
-        mean[1] = mean[2] = -rt * near * near
-        spread[0, 0] = 0.5 * (by_r * by_r * rr * rr + by_t * by_t * tt * tt) + by_r * by_t * rt * rt
-        both = -(by_r * rr + by_t * tt) * rt * near * near
-        turned = (rt * rt + rr * tt) * near**4
-        for i in ti.static(range(1, 3)):
-            spread[0, i] = spread[i, 0] = both
-            for j in ti.static(range(1, 3)):
-                spread[i, j] = turned
+    across /= near
+    along = ti.Vector([across[1], -across[0]], dt=ti.f64)
+    lean = slope[0, 0] * along[0] + slope[0, 1] * along[1]
+    xx, xy, yy = covariance[0, 0], covariance[0, 1], covariance[1, 1]
+    rr = along[0] ** 2 * xx + 2 * along[0] * along[1] * xy + along[1] ** 2 * yy
+    tt = across[0] ** 2 * xx + 2 * across[0] * across[1] * xy + across[1] ** 2 * yy
+    rt = along[0] * across[0] * xx + along[1] * across[1] * yy
+    rt += (along[0] * across[1] + along[1] * across[0]) * xy
+    width = ti.sqrt(xx + yy)  # nearer than that, the series says nothing
+    length, near = ti.max(length, width), ti.min(near, 1 / width)
+    by_r, by_t = (1 - lean * lean) / length, 1 / length  # second derivatives of the length
+    mean[0] = 0.5 * (by_r * rr + by_t * tt)
+    mean[1] = mean[2] = -rt * near * near
+    spread[0, 0] = 0.5 * (by_r * by_r * rr * rr + by_t * by_t * tt * tt) + by_r * by_t * rt * rt
+    both = -(by_r * rr + by_t * tt) * rt * near * near
+    turned = (rt * rt + rr * tt) * near**4
+    for i in ti.static(range(1, 3)):
+        spread[0, i] = spread[i, 0] = both
+        for j in ti.static(range(1, 3)):
+            spread[i, j] = turned
     return mean, spread
 
 

@@ -140,7 +140,7 @@ def bent():
 @settings(max_examples=40, deadline=None)
 def test_what_derivatives_leave_out_equals_its_twin_and_is_what_samples_show(bent, seed, high):
     draw = np.random.default_rng(seed)
-    level, toward = draw.uniform(0.03, 0.45), draw.uniform(-np.pi, np.pi)
+    level, toward = draw.uniform(0.03, 6), draw.uniform(-np.pi, np.pi)
     place = np.array([*draw.normal(size=2), draw.uniform(-3, 3), 0.2 * high])
     mean = np.zeros(5)
     mean[:2] = place[:2] + level * np.array([np.cos(toward), np.sin(toward)])
@@ -162,9 +162,3 @@ def test_what_derivatives_leave_out_equals_its_twin_and_is_what_samples_show(ben
     scale = np.sqrt(np.diag(spread)) + 1e-12
     np.testing.assert_allclose(rest.mean(0) / scale, more / scale, atol=0.15)
     assert rest.std(0) / scale == pytest.approx(np.ones(3), abs=0.1)
-
-
-def test_nothing_is_bent_further_off():
-    more, spread = reference.bend(np.zeros(5), np.eye(5), np.array([0.6, 0.0, 0.0]), 0.0)
-    assert not more.any()
-    assert not spread.any()

@@ -24,7 +24,7 @@ reason              said when                                   by              
 `clutter`           an anchor's clutter is 3 times the scene's  `monitor.HealthMonitor.assess`   (M46)
 `turned`            an anchor's turn is beyond doubt            `monitor.HealthMonitor.assess`   section 9
 `few_particles`     fewer than 3 (hybrid SLAM: 30) carry an     `monitor`,                       section 9, 15
-                    association                                 `signal_watch.assess_particles`
+                    association, where the belief is particles  `signal_watch.assess_particles`
 `early`             at half of the latest steps something       `signal_watch.assess_particles`  (M451)
                     arrives before the line of sight (hybrid
                     SLAM)

@@ -166,7 +166,8 @@ class HealthMonitor:
         if turned.any():
             worst = int(np.abs(turned).argmax())
             found.append(reasons.turned(model.anchor_names[worst], float(np.degrees(turned[worst]))))
-        if effective < FEW:
+        # a Gaussian asks them for likelihoods alone
+        if effective < FEW and model.settings.representation == "particles":
             found.append(reasons.few_particles(effective))
         if self.crowd:
             found.append(reasons.crowded(self.crowd, MOST_LOUD))

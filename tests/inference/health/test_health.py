@@ -112,11 +112,16 @@ def test_the_band_of_innovations_is_that_of_chi_square(freedom):
     np.testing.assert_allclose(innovation_band(freedom), expected, rtol=0.05, atol=0.01)
 
 
-def said_by(room, spread_m, **heard):
-    model = room.believed.filter_model("agent1")
-    monitor = HealthMonitor(**heard)
-    health, _ = monitor.assess(Calibration.start(model.senders), np.zeros(model.senders), model, spread_m, 99)
+def said_by(room, spread_m, effective=99, representation="gaussian", **heard):
+    model = room.believed.with_filter(representation=representation).filter_model("agent1")
+    calibration, turned = Calibration.start(model.senders), np.zeros(model.senders)
+    health, _ = HealthMonitor(**heard).assess(calibration, turned, model, spread_m, effective)
     return health.why
+
+
+def test_few_particles_are_called_where_they_are_the_belief(room):
+    assert said_by(room, 0.1, effective=2) == ""
+    assert said_by(room, 0.1, effective=2, representation="particles") == "2 particles carry the weight"
 
 
 @pytest.mark.parametrize("freedom", [12, 40])
