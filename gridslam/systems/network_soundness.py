@@ -9,7 +9,7 @@ import numpy as np
 
 from gridslam.errors import located
 from gridslam.inference.state.network.clock_walk import SHARES, WAYS, ClockWalk
-from gridslam.inference.state.network.state import NetworkState
+from gridslam.inference.state.network.state import ClockSteps, NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.systems.soundness import (
     Shape,
@@ -43,10 +43,27 @@ def require_sound_networks(believed: Population[NetworkState], model: NetworkMod
         if state.search is not None:
             within = f"{where}/states/{number}/search"
             _require_sound(state.search.before, model, f"{within}/before")
-            require_claims([("before", state.search.before.search is None, "of no search")], within)
-            for step, scan in enumerate(state.search.scans):
+            scans = state.search.scans
+            claims = [
+                ("before", state.search.before.search is None, "of no search"),
+                ("scans", len(scans) > 0, "one step or more"),
+            ]
+            require_claims(claims, within)
+            for step, scan in enumerate(scans):
                 with located(f"{within}/scans/{step}"):
                     scan.checked(len(model.anchor_names), None, len(model.agents), pseudo=True)
+            _require_times(state, state.search, f"{where}/states/{number}")
+
+
+def _require_times(state: NetworkState, search: ClockSteps, where: str) -> None:
+    """Refuse times of a search's steps that go back, or don't lead to the state's."""
+    began = [] if search.before.time_s is None else [search.before.time_s]
+    times = np.array([*began, *(scan.time_s for scan in search.scans)])
+    claims = [
+        ("time_s", state.time_s == times[-1], "that of the last step of the search"),
+        ("search/scans", bool((np.diff(times) >= 0).all()), "times that don't go back"),
+    ]
+    require_claims(claims, where)
 
 
 def _require_sound(state: NetworkState, model: NetworkModel, where: str) -> None:

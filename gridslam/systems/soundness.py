@@ -253,6 +253,7 @@ def _claims_of_parts(state: State, model: FilterModel) -> list[tuple[str, bool, 
         claims += [
             ("leftovers/anchor", _within(left.anchor, 0, anchors - 1), "anchors' numbers"),
             ("leftovers/back", _within(left.back, 0, len(left.pose) - 1), "a row of pose"),
+            ("leftovers/back", bool((np.diff(left.back) >= 0).all()), "the latest step first"),
             ("leftovers/std", _within(left.std, LEAST_STD, np.inf), "above 0"),
             ("leftovers/amplitude", _within(left.amplitude, LEAST_STD, np.inf), "above 0"),
         ]

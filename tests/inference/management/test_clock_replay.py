@@ -229,6 +229,16 @@ def test_a_checkpoint_keeps_the_steps_of_a_search(scene, scans, tmp_path):
         state = replace(slam.state, search=wrong)
         with pytest.raises(gs.InputError, match=r"here\.h5/states/0/search/(before|scans/0.*anchor)"):
             slam.require_sound(replace(slam.now.believed, states=(state,)), slam.model, "here.h5")
+    state = NetworkSlam.resume(tmp_path / "search.h5").state
+    slam.require_sound(replace(slam.now.believed, states=(state,)), slam.model, "here.h5")
+    for wrong, says in (
+        ({"search": replace(search, scans=())}, "search/scans: .*one step or more"),
+        ({"time_s": None}, "time_s: .*last step of the search"),
+        ({"search": replace(search, scans=search.scans[1::-1] + search.scans[2:])}, "scans: .*go back"),
+        ({"search": replace(search, before=replace(search.before, time_s=1.5))}, "scans: .*go back"),
+    ):
+        with pytest.raises(gs.InputError, match=says):
+            slam.require_sound(replace(slam.now.believed, states=(replace(state, **wrong),)), slam.model, "")
 
 
 def test_a_long_search_remembers_its_latest_steps(scene, scans, monkeypatch):

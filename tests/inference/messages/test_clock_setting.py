@@ -217,6 +217,17 @@ def test_where_a_clock_walked_to_says_where_it_was():
     np.testing.assert_array_equal(wide.log[1], search.log[1])
 
 
+def test_a_mode_that_was_followed_is_sure_and_yet_can_be_left_for_another():
+    search = ClockSearch.start(CLOCKS)
+    near, there = np.abs(CENTRE - 7.3) < 1, np.abs(CENTRE + 12) < 0.5
+    followed = replace(search.within(0, near), since=np.array([1, 0]))
+    assert [anchor for anchor, _ in followed.decided(rivals=True)] == [0]
+    against = np.where(there, 20.0, 0.0)  # nats of one step: what bore the mode was clutter
+    once = followed.updated(np.stack([against, against]))
+    assert once.mass[0, near].sum() > 0.99
+    assert once.updated(np.stack([against, against])).mass[0, there].sum() > 0.99
+
+
 def test_an_opened_clock_knows_nothing():
     search = ClockSearch.start(CLOCKS).updated(np.tile(-(CENTRE**2), (2, 1))).closed(0).opened(0, CLOCKS)
     assert search.unset[0]

@@ -7,6 +7,7 @@ import pytest
 
 import gridslam as gs
 from gridslam.inference.messages.likelihood_ratios import evaluate
+from gridslam.inference.messages.network import departures
 from gridslam.inference.messages.network.departures import (
     PROVEN,
     unproven,
@@ -18,16 +19,23 @@ from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.kernels import UNMEASURED
 from gridslam.simulation.network import simulate_network
 from gridslam.systems.network import NetworkSlam
+from gridslam.systems.network_grid import NetworkGridSlam
 
 
 @pytest.fixture(scope="module")
-def evaluated():
-    """State, paths of anchor 0, ratios and model, after three steps in an alcove whose clocks are off."""
+def alcove():
+    """A scene whose clocks are off, and what is measured there."""
     whole = gs.Scene.load("alcove").model_dump(exclude_none=True)
     whole["agents"][0]["steps"], whole["filter"]["particles"] = 4, 200
     whole["clocks"] = {"anchor_prior_ns": 20.0, "agent_prior_ns": 1.0}
     scene = gs.Scene.checked(whole, "test")
-    data, _ = simulate_network(scene, ["agent1"], 3)
+    return scene, simulate_network(scene, ["agent1"], 3)[0]
+
+
+@pytest.fixture(scope="module")
+def evaluated(alcove):
+    """State, paths of anchor 0, ratios and model, after three steps."""
+    scene, data = alcove
     slam = NetworkSlam(scene, agents=["agent1"], seed=3)
     for step in range(3):
         slam.step(data.scan(step))
@@ -75,3 +83,21 @@ def test_where_no_clock_can_yield_or_nothing_bounces_twice_departures_count(eval
     assert without_doubtful_departures(ratios, rays, proven, model) is ratios
     known = replace(state, belief=replace(state.belief, clocks=0))
     assert without_doubtful_departures(ratios, rays, known, model) is ratios
+
+
+@pytest.mark.parametrize("system", [NetworkSlam, NetworkGridSlam])
+def test_steps_leave_doubtful_departures_out(system, alcove, monkeypatch):
+    """With every surface taken for proven they'd end elsewhere."""
+    scene, data = alcove
+
+    def after(steps):
+        slam = system(scene, agents=["agent1"], seed=3)
+        for step in range(steps):
+            slam.step(data.scan(step))
+        return slam.state.belief.mean
+
+    doubted = after(2)
+    monkeypatch.setattr(departures, "PROVEN", 0)
+    proven = after(2)
+    assert len(proven) == len(doubted)
+    assert (proven != doubted).any()

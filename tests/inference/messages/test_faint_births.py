@@ -9,6 +9,7 @@ from scipy.stats import multivariate_normal
 
 import gridslam as gs
 from gridslam import reference
+from gridslam.errors import InputError
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.faint_births import borne_out, recall_leftovers
 from gridslam.inference.messages.likelihood import detection_table
@@ -19,6 +20,7 @@ from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.leftovers import MEMORY, MOST, Leftovers
 from gridslam.inference.state.rings import Rings
 from gridslam.kernels.primitives import blocks, tables
+from gridslam.systems.soundness import require_sound
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import BINS, REFLECTION_BINS
 from gridslam.world.single_bounces import single_bounces
@@ -156,6 +158,15 @@ def test_leftovers_are_forgotten_by_age_and_by_number():
         assert len(left) <= MOST
         np.testing.assert_array_equal(left.pose[left.back, 0], left.value[:, 0])
     assert left.back.max() < MEMORY
+
+
+def test_leftovers_of_a_checkpoint_stand_in_the_order_of_their_steps():
+    """Kernels find a step's rows by where they begin."""
+    model, state, _ = scene_of(left_over([0, 1, 3], np.ones((3, 3)), 20))
+    require_sound(state, model, "here.h5")
+    turned = replace(state, leftovers=replace(state.leftovers, back=state.leftovers.back[::-1]))
+    with pytest.raises(InputError, match=r"here\.h5/leftovers/back: .*latest step first"):
+        require_sound(turned, model, "here.h5")
 
 
 def test_a_faint_surface_has_as_many_chances_to_be_confirmed_as_a_loud_one():
