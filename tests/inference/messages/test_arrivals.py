@@ -48,13 +48,19 @@ def test_a_line_of_sight_is_told_from_other_paths_by_its_direction():
     at, total, expected = one.step_m * peak, total[peak], np.array([[one.noise * 480.0]])
     right, wrong = (float(one.seen(at, share * total, expected)[0, 0]) for share in (0.99, 0.25))
     assert right > COST > 0 > wrong
-    # by hand: any path of four antennas against one wave and what three others have in noise
-    level = float(total[0] / (4 * one.noise))
-    alone = -4 * np.log(one.noise) - 4 - 4 * np.log(level) - COST
-    rest = 0.01 * float(total[0])
-    wave = -3 * np.log(one.noise) - rest / one.noise - np.log(one.noise * 481)
-    wave -= 0.99 * float(total[0]) / (one.noise * 481)
-    assert right == pytest.approx(wave - alone, abs=0.7)  # a path among the others isn't excluded
+
+
+def test_a_line_of_sight_counts_as_one_wave_of_as_many_as_there_are_antennas_by_hand():
+    output = np.sqrt(np.repeat([[0.0], [40.0], [0.0]], 4, 1)) + 0j
+    got = Arrivals(output, 2.0, np.array([1.0, 0.0, 0.0]), 0.5, np.array([1]), np.zeros(3))
+    found = got.seen(np.array([0.5]), np.array([100.0]), np.array([[90.0]]))[0, 0]
+
+    def density(power, count):  # of outputs in noise of 2, or with a path besides
+        level = max(power / (2 * count), 1.0)
+        return np.logaddexp(0, count * (level - 1 - np.log(level)) - COST) - power / 2 - count * np.log(2)
+
+    wave = -np.log(20 + 90) - 100 / 110  # three others leave 60 of 160
+    assert found == pytest.approx(wave + density(60, 3) - density(160, 4))
 
 
 def test_particles_stay_with_the_first_arrival_where_a_louder_one_follows():
@@ -87,13 +93,22 @@ def test_a_belief_that_is_contradicted_stays_so_while_no_line_of_sight_is_seen()
         Snapshot(received(model, (0, 0), 0.4, points, [3000.0], draw), HEARD, 0.4)
         for points in ([LOS], [BEHIND])
     )
-    right, wrong = (
-        Moments(np.array([*place, 0.0, 0.0]), 1e-4 * np.eye(4), 0.0, np.inf)
-        for place in ([0.0, 0.0], [-0.6, -0.8])
+    along, across = np.zeros((2, 4, 4))
+    along[:2, :2], across[:2, :2] = np.outer([0.3, 0.4], [0.3, 0.4]), np.outer([0.4, -0.3], [0.4, -0.3])
+    right, wrong, unsure, aside = (
+        Moments(np.array([*place, 0.0, 0.0]), 1e-4 * np.eye(4) + spread, 0.0, np.inf)
+        for place, spread in (
+            ([0, 0], 0.0),
+            ([-0.6, -0.8], 0.0),
+            ([-0.6, -0.8], along),
+            ([-0.6, -0.8], across),
+        )
     )
     state = counted(state, seen, right, front, model)
     assert state.early == 0.0
-    state = counted(state, seen, wrong, front, model)
+    assert counted(state, seen, unsure, front, model).early == 0.0, "it may be as near as that"
+    state = counted(state, seen, aside, front, model)
+    assert counted(replace(state, early=0.0), seen, wrong, front, model).early == state.early
     assert state.early == pytest.approx(1 - KEEP)
     unseen = replace(state, joint=replace(joint, existence=np.array([0.01])))
     assert counted(unseen, hidden, right, front, model).early == state.early

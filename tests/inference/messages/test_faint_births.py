@@ -11,14 +11,17 @@ import gridslam as gs
 from gridslam import reference
 from gridslam.errors import InputError
 from gridslam.inference.messages.births import Births
-from gridslam.inference.messages.faint_births import borne_out, recall_leftovers
+from gridslam.inference.messages.faint_births import borne_out, recall_leftovers, remember_leftovers
 from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.motion import predict
+from gridslam.inference.messages.unexplained import gather_unexplained
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.leftovers import MEMORY, MOST, Leftovers
 from gridslam.inference.state.rings import Rings
+from gridslam.inference.state.unexplained import Unexplained
+from gridslam.inference.workspace.workspace import Workspace
 from gridslam.kernels.primitives import blocks, tables
 from gridslam.systems.soundness import require_sound
 from gridslam.world.geometry import wrap
@@ -131,6 +134,20 @@ def test_what_leftovers_bear_out_is_in_new_ratios_and_the_old_ones_are_left_alon
     assert ratios.new[0] == pytest.approx(1.5 + found.ratio[0] - 0.5)
     same = recall_leftovers(births, replace(state, leftovers=None), heard, old, model.radio, model)
     assert same == (births, old)
+    over = replace(births, hit=np.array([[3, -1]], np.int32))  # a double bounce, by a known surface
+    assert recall_leftovers(over, state, heard, old, model.radio, model) == (over, old)
+
+
+def test_what_a_path_or_a_birth_explains_is_neither_left_over_nor_unexplained():
+    model, state, heard = scene_of(Leftovers.none())
+    state, work = replace(state, unexplained=Unexplained.none()), Workspace(model, 1, grid=False)
+    value = at(LINE, POSE) + np.array([[0.0, 0, 0], [0.1, 0, 0], [0.2, 0, 0]])
+    scans = [AnchorScan.of(0, PLACE[:2], PLACE[2], value, np.tile(heard.own_std, (3, 1)), np.full(3, 2.4))]
+    free = np.array([True, False, True])
+    left = remember_leftovers(state, scans, free, model, work=work).leftovers
+    np.testing.assert_array_equal(left.value, value[free])
+    unexplained = gather_unexplained(state, scans, free, model, work=work).unexplained
+    np.testing.assert_array_equal(unexplained.value, value[free][:, ::2])
 
 
 def test_silence_and_strangers_tell_nothing_for_a_line():
@@ -144,6 +161,11 @@ def test_silence_and_strangers_tell_nothing_for_a_line():
     again = left_over([3, 4], np.tile(at(LINE, POSE), (2, 1)), 20)
     many = borne(LINE, heard, again, state, model)[0]
     assert few.max() < 1e-3 * many.max()
+    value = at(LINE, POSE) + np.array([[0, 0, 0], [0, 0.7, -0.7]])
+    mixed, alone = left_over([3, 3], value, 20), left_over([3], value[:1], 20)
+    mixed, alone = (borne(LINE, heard, some, state, model)[0] for some in (mixed, alone))
+    assert alone.max() > 0
+    np.testing.assert_array_equal(mixed, alone, "one of the step that fits counts, whatever else was heard")
 
 
 def test_leftovers_are_forgotten_by_age_and_by_number():
