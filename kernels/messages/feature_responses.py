@@ -17,9 +17,9 @@ LANES, SIDE = 16, 8
 """Stretches into which points are cut, each with a scratch of its own; points side by side."""
 Side, Outputs = ti.types.vector(SIDE, ti.f64), ti.types.vector(4, ti.f32)
 LENGTH, GAIN, Y, SIGHT, Y_LENGTH, Y_ANGLE, SIGHT_LENGTH, SIGHT_ANGLE = 0, 1, 2, 4, 5, 7, 9, 10
-"""What scratch holds of each feature: length, root of the power, matched output y (re, im), product k with
-the line of sight, and slopes of both by length and angle. The line of sight (row D) has the noise's power in
-place of a gain, and its energy in place of k."""
+"""What scratch holds of each feature: length, folded as tables are, root of the power, matched output y
+(re, im), product k with the line of sight, and slopes of both by length and angle. The line of sight (row D)
+has the noise's power in place of a gain, and its energy in place of k."""
 AHEAD, PLAIN, SOLVED, ROOT, SLOPE, OVER, ARRAY = 11, 13, 14, 16, 17, 21, 22
 """Then its direction (x, y), the length without extra, L^-1 t or w (re, im), 1 / L_nn, slopes of A by x, y,
 extra length and power, 1 / length, and of every antenna the response over the length (re, im) and the slope
@@ -72,6 +72,7 @@ def place_features(
 ):  # fmt: skip
     """Lengths, responses and matched outputs of the line of sight (row D) and of all features."""
     count, root = features.shape[0], ti.sqrt(ti.f64(element.shape[0]) / pairs)
+    per_fold = reach[0] / (table.shape[2] - 1)
     heading = column(points, p, 2)
     turn_x, turn_y = ti.cos(heading), ti.sin(heading)
     for n in range(count + 1):
@@ -82,8 +83,10 @@ def place_features(
         plain = ti.max(ti.sqrt(x * x + y * y), LEAST_M)
         x, y, length = x / plain, y / plain, plain + extra
         along, across = x * turn_x + y * turn_y, y * turn_x - x * turn_y
-        place, over = length * reach[0], 1 / length
-        row = ti.cast(ti.min(ti.max(place, 0.0), table.shape[2] - 2), ti.i32)
+        over, folds = 1 / length, ti.floor(length * per_fold)
+        folded = length - folds / per_fold
+        place = folded * reach[0]
+        row = ti.cast(ti.min(place, table.shape[2] - 2), ti.i32)
         re, im, by_re, by_im, bend_re, bend_im = none(), none(), none(), none(), none(), none()
         for m in range(pairs):
             c, s = turn_of(wrapped(along * element[m, 0] + across * element[m, 1]))
@@ -105,7 +108,7 @@ def place_features(
             share = over * root
             scratch[lane, n, ARRAY + 3 * m], scratch[lane, n, ARRAY + 3 * m + 1] = c * share, s * share
             scratch[lane, n, ARRAY + 3 * m + 2] = slope
-        scratch[lane, n, LENGTH], scratch[lane, n, OVER] = length, over
+        scratch[lane, n, LENGTH], scratch[lane, n, OVER] = folded, over
         scratch[lane, n, GAIN] = ti.sqrt(power) * ti.select(length < reach[1], ti.f64(1.0), ti.f64(0.0))
         scratch[lane, n, AHEAD], scratch[lane, n, AHEAD + 1], scratch[lane, n, PLAIN] = x, y, plain
         scratch[lane, n, Y], scratch[lane, n, Y + 1] = re * over, im * over
@@ -113,7 +116,7 @@ def place_features(
             scratch[lane, n, Y_LENGTH] = (by_re - re * over) * over
             scratch[lane, n, Y_LENGTH + 1] = (by_im - im * over) * over
             scratch[lane, n, Y_ANGLE], scratch[lane, n, Y_ANGLE + 1] = bend_re * over, bend_im * over
-    far = scratch[lane, count, LENGTH]
+    far = scratch[lane, count, PLAIN]
     scratch[lane, count, GAIN], scratch[lane, count, SIGHT] = (
         column(points, p, 3),
         element.shape[0] / (far * far),

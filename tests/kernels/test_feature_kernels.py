@@ -147,6 +147,17 @@ def test_a_feature_farther_off_than_paths_are_heard_says_nothing():
     np.testing.assert_array_equal(one._replace(features=far).slopes()[0], 0.0)
 
 
+@pytest.mark.parametrize("frequencies", [40, 41])  # responses a fold farther are the same, or their negative
+def test_a_line_of_sight_from_farther_off_than_lengths_fold_is_that_of_the_samples(frequencies):
+    one = world(3, features=3, frequencies=frequencies)
+    one = one._replace(anchor=one.anchor + np.array([50.0, 20.0]))
+    expected = reference.evaluate_features(*one.known)
+    np.testing.assert_allclose(one.value()[:, 1:], expected[:, 1:], rtol=0.01, atol=1e-9)
+    np.testing.assert_allclose(one.value()[:, 0], expected[:, 0], rtol=2e-4, atol=2e-3)
+    slopes, twins = one.slopes()[0], reference.differentiate_features(*one.known)
+    np.testing.assert_allclose(slopes, twins, atol=2e-4 * np.abs(twins).max() + 1e-3)
+
+
 def test_the_best_power_of_a_feature_is_what_its_output_has_beyond_the_noise():
     # the maximum over g of A for one feature and one step: (|y|^2 / K - eta) / K
     one = world(3, features=1, noise=1e-2)

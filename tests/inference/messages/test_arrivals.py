@@ -7,13 +7,19 @@ import pytest
 from signal_worlds import received, signal_model
 
 from gridslam import runtime
+from gridslam.inference.health.signal_watch import EARLY
+from gridslam.inference.management.features.hybrid_info import conclude
 from gridslam.inference.messages.features.arrivals import COST, Arrivals
 from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.following import Snapshot, counted
-from gridslam.inference.messages.features.sight import Moments, start_particles, update_particles
+from gridslam.inference.messages.features.learning import Learned
+from gridslam.inference.messages.features.sight import Moments
 from gridslam.inference.state.calibration import KEEP
 from gridslam.inference.state.features.features import FeatureBank
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
+from gridslam.systems.hybrid import start, step, step_by_sight
+from gridslam.systems.hybrid_front import HybridWork
+from gridslam.world.signal_scan import SignalScan
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 LOS, BEHIND = np.array([3.0, 4.0, 0.0]), np.array([3.0, 4.0, 1.5])
@@ -63,23 +69,17 @@ def test_a_line_of_sight_counts_as_one_wave_of_as_many_as_there_are_antennas_by_
     assert found == pytest.approx(wave + density(60, 3) - density(160, 4))
 
 
-def test_particles_stay_with_the_first_arrival_where_a_louder_one_follows():
+def test_hybrid_slam_stays_with_the_first_arrival_where_a_louder_one_follows_and_its_reference_does_not():
     model, draw = signal_model(spread=(0.5, 0.5, 0.1, 0.1)), np.random.default_rng(3)
-    front = Front(model.waveform)
-    prior = JointBelief(
-        model.start_mean[:4], np.diag(model.start_variance[:4]), FeatureBank.empty(), np.array([0.5]),
-        np.ones(1), np.ones(1),
-    )  # fmt: skip
     z = received(model, (0, 0), 0.4, [LOS, BEHIND], [3000.0, 9000.0], draw)
-    tables = [front.tables(z)]
-    cloud = start_particles(prior, tables, HEARD, model, 1)
-    given = cloud, prior, z, tables, HEARD, 0.4, front, model, 1, 0
-    far = [
-        np.hypot(*(model.anchors[0, :2] - update_particles(*given, bounded)[1].mean[:2]))
-        for bounded in (True, False)
-    ]
-    assert far[0] == pytest.approx(5.0, abs=0.3)
-    assert far[1] > 5.4
+    scan = SignalScan(0, 0.0, z[:, None], HEARD, 0.4)
+    work = HybridWork(Front(model.waveform), 1)
+    hybrid, reference = (
+        np.hypot(*(model.anchors[0, :2] - advance(start(model), scan, model, work)[1].agent[:2]))
+        for advance in (step, step_by_sight)
+    )
+    assert hybrid == pytest.approx(5.0, abs=0.3)
+    assert reference > 5.4
 
 
 def test_a_belief_that_is_contradicted_stays_so_while_no_line_of_sight_is_seen():
@@ -113,3 +113,6 @@ def test_a_belief_that_is_contradicted_stays_so_while_no_line_of_sight_is_seen()
     unseen = replace(state, joint=replace(joint, existence=np.array([0.01])))
     assert counted(unseen, hidden, right, front, model).early == state.early
     assert counted(state, seen, right, front, model).early == pytest.approx(KEEP * state.early)
+    for share, well in ((EARLY, True), (EARLY + 0.01, False)):
+        info = conclude(replace(state, early=share), right, Learned(), 0.4, {}, model)
+        assert info.health.ok == well
