@@ -71,6 +71,8 @@ def bend(mean: Array, covariance: Array, place: Array, height: float) -> tuple[A
     """Twin of `gaussian.bend_of`: by the second derivatives of length and angles by x and y, (2, 2) each."""
     away = mean[:2] - place[:2]
     level = np.linalg.norm(away)
+    if level == 0:
+        return np.zeros(3), np.zeros((3, 3))
     length, (x, y), width = np.hypot(level, height), away / level, np.sqrt(covariance[:2, :2].trace())
     by_length = (np.eye(2) - np.outer(away, away) / length**2) / max(length, width)
     by_angle = np.array([[2 * x * y, y * y - x * x], [y * y - x * x, -2 * x * y]]) / max(level, width) ** 2

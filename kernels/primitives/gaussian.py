@@ -10,6 +10,9 @@ from gridslam.kernels.primitives.functions import PI, bearing_of, cos_of, dot, s
 from gridslam.kernels.primitives.layout import anchor_of, line_entry, steepness_of, unknown_entry
 from gridslam.kernels.primitives.tables import LENGTH
 
+UNDIRECTED = 1e-9
+"""1/m: less than one over any length."""
+
 
 @ti.func
 def mirror_of(x, y, angle, offset):
@@ -145,7 +148,8 @@ def bend_of(slope, length, covariance: ti.template()):
     """
     mean, spread = ti.Vector.zero(ti.f64, 3), ti.Matrix.zero(ti.f64, 3, 3)
     across = ti.Vector([slope[2, 0], slope[2, 1]], dt=ti.f64)
-    near = ti.sqrt(dot(across, across))  # one over the length seen from above
+    # one over the length seen from above; at the anchor's very place no derivative has a direction
+    near = ti.max(ti.sqrt(dot(across, across)), UNDIRECTED)
     across /= near
     along = ti.Vector([across[1], -across[0]], dt=ti.f64)
     lean = slope[0, 0] * along[0] + slope[0, 1] * along[1]

@@ -162,3 +162,13 @@ def test_what_derivatives_leave_out_equals_its_twin_and_is_what_samples_show(ben
     scale = np.sqrt(np.diag(spread)) + 1e-12
     np.testing.assert_allclose(rest.mean(0) / scale, more / scale, atol=0.15)
     assert rest.std(0) / scale == pytest.approx(np.ones(3), abs=0.1)
+
+
+def test_an_agent_at_its_anchors_very_place_has_no_direction_to_bend(bent):
+    place, found = np.array([0.4, -0.3, 0.2, 0.0]), np.full((8, 5), np.nan)
+    mean = np.array([0.4, -0.3, 0.0, 0.0, 0.0])
+    bent(mean, 0.01 * np.eye(5), place, found)
+    more, spread = reference.bend(mean, 0.01 * np.eye(5), place, place[3])
+    assert not found[:4, :3].any()
+    assert not more.any()
+    assert not spread.any()

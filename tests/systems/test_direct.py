@@ -8,10 +8,12 @@ from image_states import with_images
 from scene_samples import short
 
 import gridslam as gs
+from gridslam.inference.health import reasons
 from gridslam.inference.messages.samples.distance_mode import PathPrior
 from gridslam.inference.messages.samples.image_births import birth_rate, find_births
 from gridslam.inference.messages.samples.path_levels import first_noise
 from gridslam.inference.messages.samples.signal_likelihood import Band
+from gridslam.inference.state.samples.images import DirectState
 from gridslam.systems.direct import start, step
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
@@ -130,6 +132,19 @@ def test_a_step_goes_on_where_an_image_was_the_line_of_sight_itself(overlap):
     after, _ = step(state, SignalScan(0, 0.0, samples, np.ones(2, bool)), model)
     assert 1 not in after.images.identity
     assert after.links.visible[1] > 0.8
+
+
+def test_a_step_whose_anchors_fit_both_sides_says_so(overlap):
+    """An agent known to 1 cm along its one line of sight and to 0.5 m across it."""
+    model = overlap[1]
+    place = model.anchor_positions[0] - [0.0, 3.0]
+    variance = np.array([0.25, 1e-4, 1e-4, 1e-4])
+    state = DirectState.start(np.array([*place, 0.0, 0.0]), variance, 2, np.ones(2))
+    band = Band.of(model.waveform.offset_hz, model.waveform.pulse)
+    samples = 20 * band.response(np.full(2, 3.0))[:, None, None]
+    after, info = step(state, SignalScan(0, 0.0, samples, np.array([True, False])), model)
+    assert after.one_sided[0]
+    assert info.health.why == reasons.MIRRORED
 
 
 def test_a_first_snapshot_of_many_paths_is_taken_apart_at_once():

@@ -1,6 +1,7 @@
 """Images of direct SLAM: joining, merging, coming back; the line of sight reclaimed; the mode by sampling."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 import gridslam as gs
 from gridslam.inference.management.samples.image_merging import merge_images
 from gridslam.inference.messages.samples import image_births
-from gridslam.inference.messages.samples.distance_mode import PathPrior, joint_mode
+from gridslam.inference.messages.samples.distance_mode import Mode, PathPrior, joint_mode
 from gridslam.inference.messages.samples.image_births import (
     NewDistance,
     birth_rate,
@@ -16,8 +17,10 @@ from gridslam.inference.messages.samples.image_births import (
     with_sight,
 )
 from gridslam.inference.messages.samples.image_prediction import (
+    AnchorPaths,
     image_distances,
     predict_paths,
+    presence,
     update_state,
     weighed_by_presence,
 )
@@ -224,10 +227,26 @@ def test_a_path_tells_as_much_as_it_is_there(model):
         reached, spread = weighed_by_presence(paths, mode, there)
         np.testing.assert_allclose(reached, mean, rtol=1e-9)
         np.testing.assert_allclose(spread, covariance, rtol=1e-6, atol=1e-12)
-    sure, half, none = (
-        weighed_by_presence(paths, mode, np.array([1.0, share]))[1][1, 1] for share in (1.0, 0.5, 0.0)
-    )
-    assert sure < half < none
+
+
+def test_a_line_of_sight_that_is_there_by_a_quarter_tells_a_quarter():
+    """By hand: deviation 2 m before and 1 m at the mode, so that 3/4 per m^2 is told; of it 3/16 enters."""
+    one, four = np.ones((1, 1)), np.full((1, 1), 4.0)
+    prior = PathPrior(np.zeros(1), one / 4, np.ones(1))
+    paths = AnchorPaths(0, np.zeros(0, np.intp), np.zeros(0, np.intp), one, four, np.ones(1), prior)
+    mode = Mode(np.ones(1), one, 0.0, BAND, np.zeros(41, complex), np.ones(1), 1.0)
+    reached, spread = weighed_by_presence(paths, mode, np.array([0.25]))
+    assert spread[0, 0] == pytest.approx(16 / 7)
+    assert reached[0] == pytest.approx(4 / 7)
+
+
+def test_the_line_of_sight_is_there_by_bayes_rule_and_images_tell_all_that_their_mode_does(model):
+    """By hand: intensity 3 and g = 1 make the ratio exp(3/4 |y|^2) / 4, here 4; odds 1 : 4 become 1 : 1."""
+    state, paths = away(model, 0.5)
+    state = replace(state, links=replace(state.links, intensity=np.full(2, 3.0)))
+    paths = replace(paths, prior=replace(paths.prior, chance=np.array([0.2, 0.2])))
+    found = SimpleNamespace(apart=(np.full(2, 4 / 3 * np.log(16)), np.ones(2)))
+    np.testing.assert_allclose(presence(state, paths, found), [0.5, 1.0])
 
 
 def test_noise_tells_nothing_of_paths_that_are_away(model):

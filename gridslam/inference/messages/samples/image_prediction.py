@@ -185,24 +185,30 @@ def update_state(state: DirectState, paths: AnchorPaths, found: Found) -> Direct
 
 
 def presence(state: DirectState, paths: AnchorPaths, found: Found) -> Array:
-    """Probability (1 + S,) that each path of the joint belief is there, the snapshot being known."""
-    anchor, joint = paths.anchor, paths.joint
-    intensity = np.append(state.links.intensity[anchor], state.images.intensity[paths.images])
+    """How much (1 + S,) each path of the joint belief tells: the line of sight as much as it is there (M443).
+
+    Its place is known, so that all that its mode says is of the agent. An image's path that is away mostly
+    moves its own image. And two that cross stand in for each other: on top of the other neither is needed,
+    though together they tell well.
+    """
     matched, own = found.apart
-    ratio = np.exp(np.clip(log_ratio(matched[:joint], own[:joint], intensity), -50.0, 50.0))
-    there = paths.prior.chances[:joint] * ratio
-    return np.asarray(there / (there + 1 - paths.prior.chances[:joint]))
+    ratio = log_ratio(matched[:1], own[:1], state.links.intensity[[paths.anchor]])[0]
+    chance = paths.prior.chances[0]
+    odds = chance * float(np.exp(np.clip(ratio, -50.0, 50.0)))
+    there = np.ones(paths.joint)
+    there[0] = odds / (odds + 1 - chance)
+    return there
 
 
 def weighed_by_presence(paths: AnchorPaths, mode: Mode, there: Array) -> tuple[Array, Array]:
-    """Distances (1 + S,) m and covariance of the joint belief, each path telling as much as it is there.
+    """Distances (1 + S,) m and covariance of the joint belief, of paths that tell in part.
 
     A path that is away has a power that is expected on average, and its mode settles on noise (M443).
 
     Parameters
     ----------
     there : (1 + S,)
-        Probability that each path is there.
+        How much each tells, see `presence`.
     """
     joint = paths.joint
     shift = mode.distance[:joint] - paths.prior.mean[:joint]
