@@ -31,7 +31,7 @@ OFTENER = 2
 """How many times as often as a ghost each of the two was seen that take its place: it goes silent when they
 are found."""
 
-HEARD_ELSEWHERE = 0.3
+SEEN_ELSEWHERE = 0.3
 """Existence of another anchor's ray at which a surface isn't a ghost; below it for all, it is silent."""
 
 USUAL_REFLECTION = 0.7

@@ -30,7 +30,7 @@ ENOUGH, CERTAIN = 10.0, 30.0
 """Log likelihood ratios in nats above which a reading is told, and told as certain."""
 LEVEL_DB = 2.5
 """Amplitudes whose level is nearer to the expected one aren't questioned."""
-MOST_OFF_DB, ENOUGH_HEARD = 6.0, 30
+MOST_OFF_DB, ENOUGH_SIGHTS = 6.0, 30
 """A level so far off is told, if so many lines of sight have it."""
 ENOUGH_ROWS, FAINTEST = 200, 0.02
 """Measurements, and the share of them that must be nearly as faint as can be, for a threshold to be seen."""
@@ -111,11 +111,11 @@ def summary(columns: Columns, names: tuple[str, ...]) -> list[str]:
     if not count:
         return [f"measurements: no paths, anchors {', '.join(names)}"]
     steps, time = int(step.max()) - int(step.min()) + 1, columns["time_s"]
-    heard = np.unique(np.stack([step, columns["anchor"]]), axis=1).shape[1]
+    pairs = np.unique(np.stack([step, columns["anchor"]]), axis=1).shape[1]
     lines = [
         f"measurements: {steps} steps ({step.min()} to {step.max()}, {time.min():g} to {time.max():g} s), "
         f"{count} paths, anchors {', '.join(names)}",
-        f"  {count / heard:.1f} paths in a scan (an anchor at a step), {heard} of {steps * len(names)} "
+        f"  {count / pairs:.1f} paths in a scan (an anchor at a step), {pairs} of {steps * len(names)} "
         "scans hold any",
     ]
     lines += time_units.intervals(columns)
@@ -249,9 +249,9 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
                 sight = cure.sight
         found = offset_beside(found, asis, trusted, scene, agent, sight)
         found += time_units.slow_times(asis, sight) + time_units.fast_times(asis, sight)
-    heard = len(finite(table, "distance_m")) and len(finite(table, "amplitude"))
+    measured = len(finite(table, "distance_m")) and len(finite(table, "amplitude"))
     found += elevations.suspicions(trusted | table, sight, scene, agent) if sight is not None else []
-    if sight is not None and "amplitude" not in known and heard:
+    if sight is not None and "amplitude" not in known and measured:
         found += _loudness(table["amplitude"], sight, scene)
     return found
 
@@ -295,11 +295,11 @@ def _loudness(amplitude: Array, sight: Sight, scene: Scene) -> list[Suspicion]:
     near = sight.distance_m[sight.probability > 0.7]
     with np.errstate(invalid="ignore"):
         good = (amplitude[rows] > 0) & (near > 0)
-    heard, near = amplitude[rows][good], near[good]
-    if len(heard) < 10:
+    loud, near = amplitude[rows][good], near[good]
+    if len(loud) < 10:
         return []
     expected = np.log(scene.signal_model().amplitude(near))
-    readings = {"": np.log(heard), "dB": heard * np.log(10) / 20, "power": 0.5 * np.log(heard)}
+    readings = {"": np.log(loud), "dB": loud * np.log(10) / 20, "power": 0.5 * np.log(loud)}
     scores = {kind: _level(values - expected) for kind, values in readings.items()}
     kind = max(scores, key=lambda name: scores[name])
     gain = scores[kind] - scores[""]
@@ -309,7 +309,7 @@ def _loudness(amplitude: Array, sight: Sight, scene: Scene) -> list[Suspicion]:
         gain = scores[kind] - max([scores[""], *bent])
     off = readings[""] - expected
     level = 20 / np.log(10) * float(np.median(off))
-    shown = f"{len(heard)} lines of sight are {level:+.0f} dB off as it stands"
+    shown = f"{len(loud)} lines of sight are {level:+.0f} dB off as it stands"
     stated, way = scene.radio.snr_at_1m_db, "low" if level > 0 else "high"
     louder = f"the scene's radio.snr_at_1m_db of {stated:g} dB is too {way}: {stated + level:.0f} fits"
     # decibels may be as large as what they stand for; their course with the distance isn't
@@ -318,8 +318,8 @@ def _loudness(amplitude: Array, sight: Sight, scene: Scene) -> list[Suspicion]:
     begins = gain > 0 and _at_threshold(amplitude, kind, scene) and not _at_threshold(amplitude, "", scene)
     misread |= bool(kind) and begins
     # logarithms spread more or less than what they are read as does, so densities of either aren't alike
-    stretch = {"": 0.0, "power": -np.log(2) * len(heard), "dB": np.log(readings["dB"]).sum()}
-    if abs(level) >= MOST_OFF_DB and len(heard) >= ENOUGH_HEARD:
+    stretch = {"": 0.0, "power": -np.log(2) * len(loud), "dB": np.log(readings["dB"]).sum()}
+    if abs(level) >= MOST_OFF_DB and len(loud) >= ENOUGH_SIGHTS:
         if not misread or (not begins and _level(off - np.median(off)) > scores[kind] + stretch[kind]):
             reason = f"{shown}; or it is {ADVICE[kind]}" if kind else shown
             return [Suspicion("amplitude", "level", louder, False, reason)]
@@ -332,11 +332,11 @@ def _loudness(amplitude: Array, sight: Sight, scene: Scene) -> list[Suspicion]:
 
 def _at_threshold(amplitude: Array, kind: str, scene: Scene) -> bool:
     """Whether a reading of the amplitudes begins where the scene's radio begins to detect paths."""
-    decibels, heard = scene.radio.detection_threshold_db, amplitude[np.isfinite(amplitude)]
+    decibels, measured = scene.radio.detection_threshold_db, amplitude[np.isfinite(amplitude)]
     first = {"": 10 ** (decibels / 20), "dB": decibels, "power": 10 ** (decibels / 10)}[kind]
-    if len(heard) < ENOUGH_ROWS or first <= 0:
+    if len(measured) < ENOUGH_ROWS or first <= 0:
         return False
-    return bool(heard.min() > 0.98 * first and np.quantile(heard, FAINTEST) < 1.1 * first)
+    return bool(measured.min() > 0.98 * first and np.quantile(measured, FAINTEST) < 1.1 * first)
 
 
 def _level(gap: Array, spread: float = 0.2, stray: float = 0.2) -> float:

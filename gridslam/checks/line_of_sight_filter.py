@@ -21,9 +21,9 @@ from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 
 PARTICLES, STEPS = 300, 100
-HEARD = 0.9
+DETECTED = 0.9
 """Share of the scans in which a line of sight is expected."""
-HEARD_BEHIND = 0.3
+DETECTED_BEHIND = 0.3
 """The same where the scene's walls hide the anchor from the middle of the particles, bluntly."""
 ANGLE_STD = np.radians(5.0)
 LEAST_DISTANCE_STD_M = 0.1
@@ -113,7 +113,7 @@ def explain(
         scans, there = [], np.unique(anchor[group])
         middle = np.broadcast_to(position.mean(0), (len(there), 2))
         clear = visible(scene.anchor_positions[there], middle, walls)
-        for number, expectation in zip(there, np.where(clear, HEARD, HEARD_BEHIND), strict=True):
+        for number, expectation in zip(there, np.where(clear, DETECTED, DETECTED_BEHIND), strict=True):
             own = group[anchor[group] == number]
             away = position - scene.anchor_positions[number]
             direction = np.arctan2(away[:, 1], away[:, 0])

@@ -61,10 +61,14 @@ class Links:
     late_m: Array
 
 
-def label_and_clock_lines(heard: NetworkMeasurements, scene: Scene) -> list[str]:
+def label_and_clock_lines(measurements: NetworkMeasurements, scene: Scene) -> list[str]:
     """Suspicions about labels and clocks, for a person; or that there is too little to tell."""
-    links = [link for name in heard.agents if (link := lines_of_sight(heard, scene, name)) is not None]
-    missing = [name for name in heard.agents if name not in [link.agent for link in links]]
+    links = [
+        link
+        for name in measurements.agents
+        if (link := lines_of_sight(measurements, scene, name)) is not None
+    ]
+    missing = [name for name in measurements.agents if name not in [link.agent for link in links]]
     lines = []
     if missing:
         lines.append(f"  {', '.join(missing)}: too few lines of sight to judge labels and clocks by")
@@ -73,9 +77,9 @@ def label_and_clock_lines(heard: NetworkMeasurements, scene: Scene) -> list[str]
     return lines
 
 
-def lines_of_sight(heard: NetworkMeasurements, scene: Scene, name: str) -> Links | None:
+def lines_of_sight(measurements: NetworkMeasurements, scene: Scene, name: str) -> Links | None:
     """An agent's lines of sight whatever the labels and clocks; None if its angles don't show them."""
-    part = heard[name]
+    part = measurements[name]
     if not all(len(finite(part.columns, column)) for column in ANGLES):
         return None
     count = len(scene.anchors)

@@ -57,20 +57,20 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
     InputError
         Any fault of the file, or agents and anchors that aren't the scene's.
     """
-    heard = _read(path, scene)
-    table, named = heard.table, heard.table.anchor >= 0
+    measurements = _read(path, scene)
+    table, named = measurements.table, measurements.table.anchor >= 0
     low, high = np.nanmin(table.distance_m), np.nanmax(table.distance_m)
     negative = int((table.distance_m < 0).sum())
     lines = [
-        f"measurements: {len(heard)} steps, {len(table.step)} paths of {len(heard.agents)} agents, "
-        f"anchors {', '.join(table.anchors)}",
+        f"measurements: {len(measurements)} steps, {len(table.step)} paths of "
+        f"{len(measurements.agents)} agents, anchors {', '.join(table.anchors)}",
         f"  labels: {named.mean():.0%} of the rows say which anchor they are of",
         f"  distance_m: {low:.3g} to {high:.3g}, {negative} negative",
     ]
-    for index, name in enumerate(heard.agents):
-        first, last = np.asarray(heard.present)[index]
-        count = int((heard.agent == index).sum())
-        silent = last - first + 1 - len(np.unique(table.step[heard.agent == index]))
+    for index, name in enumerate(measurements.agents):
+        first, last = np.asarray(measurements.present)[index]
+        count = int((measurements.agent == index).sum())
+        silent = last - first + 1 - len(np.unique(table.step[measurements.agent == index]))
         mean = count / (last - first + 1)
         lines.append(f"  {name}: steps {first} to {last}, {mean:.1f} paths a step, {silent} steps of silence")
     if negative and scene is not None and scene.clocks is None:
@@ -81,10 +81,12 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
             f"suspect: labels are missing on {share} of the rows: clutter of all anchors counts once"
         )
     if scene is not None:
-        absent = [body.name for body in scene.agents if body.present_s and body.name not in heard.agents]
+        absent = [
+            body.name for body in scene.agents if body.present_s and body.name not in measurements.agents
+        ]
         lines += [f"suspect: agent {name} should be there and has no row" for name in absent]
-        lines += label_and_clock_lines(heard, scene)
-    if not named.all() or len(heard.agents) > 1:
+        lines += label_and_clock_lines(measurements, scene)
+    if not named.all() or len(measurements.agents) > 1:
         lines.append("  for --method network or network_grid")
     return lines
 
@@ -92,10 +94,10 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
 def _read(path: str | os.PathLike[str], scene: Scene | None) -> NetworkMeasurements:
     if scene is not None:
         agents = [agent.name for agent in scene.agents]
-        heard = NetworkMeasurements.load(path, scene.anchor_names, agents, pseudo=True)
+        measurements = NetworkMeasurements.load(path, scene.anchor_names, agents, pseudo=True)
         with located(path):
-            check_names(scene, heard)
-        return heard
+            check_names(scene, measurements)
+        return measurements
     kind = Path(path).suffix.lower()
     if kind not in (".csv", ".mat"):
         return NetworkMeasurements.from_h5(path)

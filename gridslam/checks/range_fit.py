@@ -78,17 +78,17 @@ def fits(
     list of RangeFit
         The first without an error; empty if the anchors don't say more than the poses take.
     """
-    heard = _sight_measurements(columns, sight, scene)
-    if heard is None:
+    sights = _sight_measurements(columns, sight, scene)
+    if sights is None:
         return []
     places = np.column_stack([scene.anchor_positions, scene.heights(agent)])
-    count = int(np.isfinite(heard).sum() - 3 * len(heard))
-    found = [RangeFit(None, 0.0, float(_misfit(heard, places, None, np.zeros(1))[0]), count)]
+    count = int(np.isfinite(sights).sum() - 3 * len(sights))
+    found = [RangeFit(None, 0.0, float(_misfit(sights, places, None, np.zeros(1))[0]), count)]
     for error in errors:
         least, most = (0.0, MOST_HEIGHT_M) if error.kind == "slant" else (-MOST_OFFSET_M, MOST_OFFSET_M)
         sizes = np.arange(least, most + COARSE_M, COARSE_M)
         for spread in (COARSE_M, 0.2 * COARSE_M, 0.04 * COARSE_M):  # finer and finer about the best so far
-            costs = _misfit(heard, places, error, sizes)
+            costs = _misfit(sights, places, error, sizes)
             size, cost = float(sizes[np.argmin(costs)]), float(costs.min())
             sizes = np.clip(size + spread * np.linspace(-1, 1, 11), least, most)
         found.append(RangeFit(error, size, cost, count))
@@ -97,8 +97,8 @@ def fits(
 
 def steps_to_judge_by(columns: Mapping[str, NDArray], sight: Sight, scene: Scene) -> int:
     """At how many steps several anchors tell of the agent's pose."""
-    heard = _sight_measurements(columns, sight, scene)
-    return 0 if heard is None else len(heard)
+    sights = _sight_measurements(columns, sight, scene)
+    return 0 if sights is None else len(sights)
 
 
 def _sight_measurements(columns: Mapping[str, NDArray], sight: Sight, scene: Scene) -> Array | None:
@@ -108,27 +108,27 @@ def _sight_measurements(columns: Mapping[str, NDArray], sight: Sight, scene: Sce
         return None
     step, anchor = columns["step"][rows], columns["anchor"][rows]
     place = np.unique(step, return_inverse=True)[1]
-    heard = np.full((place.max() + 1, len(scene.anchors), 3), np.nan)
-    heard[place, anchor, 0] = columns["distance_m"][rows]
+    value = np.full((place.max() + 1, len(scene.anchors), 3), np.nan)
+    value[place, anchor, 0] = columns["distance_m"][rows]
     if "aod_rad" in columns:
-        heard[place, anchor, 1] = columns["aod_rad"][rows] + scene.anchor_orientations[anchor]
+        value[place, anchor, 1] = columns["aod_rad"][rows] + scene.anchor_orientations[anchor]
     if "aoa_rad" in columns:
-        heard[place, anchor, 2] = columns["aoa_rad"][rows]
-    measured = np.isfinite(heard)
+        value[place, anchor, 2] = columns["aoa_rad"][rows]
+    measured = np.isfinite(value)
     enough = (measured.sum((1, 2)) > 3) & (measured[:, :, 0].sum(1) > 1) & measured[:, :, 1:].any((1, 2))
-    return heard[enough] if enough.sum() >= 5 else None
+    return value[enough] if enough.sum() >= 5 else None
 
 
-def _misfit(heard: Array, places: Array, error: RangeError | None, sizes: Array) -> Array:
+def _misfit(sights: Array, places: Array, error: RangeError | None, sizes: Array) -> Array:
     """Sums of squared residuals (S,), one for each size of the error; `places` (J, 3) with heights.
 
     The poses (S, N, 3) are those that make them least, by Gauss-Newton with weights.
     """
     places, heights = places[:, :2], places[:, 2]
-    first = _first(heard, places, heights)
+    first = _first(sights, places, heights)
     pose = np.tile(first, (len(sizes), 1, 1))
-    measured = np.isfinite(heard)
-    values = np.nan_to_num(heard)
+    measured = np.isfinite(sights)
+    values = np.nan_to_num(sights)
     precision = measured / np.array([DISTANCE_STD_M, ANGLE_STD_RAD, ANGLE_STD_RAD])
     for last in range(ROUNDS + 1):
         away = pose[..., None, :2] - places
@@ -163,15 +163,15 @@ def _misfit(heard: Array, places: Array, error: RangeError | None, sizes: Array)
     return np.asarray(np.minimum(gap**2, OUTLIER**2).sum((1, 2, 3)))
 
 
-def _first(heard: Array, places: Array, heights: Array) -> Array:
+def _first(sights: Array, places: Array, heights: Array) -> Array:
     """Poses (N, 3) to begin with: the middle of where each anchor alone would put the agent."""
-    toward = heard[..., 1]
-    spots = places + level_of(heard[..., 0], heights)[..., None] * np.stack(
+    toward = sights[..., 1]
+    spots = places + level_of(sights[..., 0], heights)[..., None] * np.stack(
         [np.cos(toward), np.sin(toward)], -1
     )
     spot = np.where(np.isfinite(spots).all(-1).any(1)[:, None], _mean(spots), places.mean(0))
     away = spot[:, None] - places
-    facing = np.arctan2(away[..., 1], away[..., 0]) + np.pi - heard[..., 2]
+    facing = np.arctan2(away[..., 1], away[..., 0]) + np.pi - sights[..., 2]
     turned = _mean(np.stack([np.cos(facing), np.sin(facing)], -1))
     return np.column_stack([spot, np.arctan2(turned[:, 1], turned[:, 0])])
 

@@ -11,7 +11,7 @@ from gridslam.measurements.table import Measurements
 from gridslam.world.scene import Scene
 
 
-def range_note(scene: Scene, agent: str, heard: Observations) -> str | None:
+def range_note(scene: Scene, agent: str, observations: Observations) -> str | None:
     """One line on an error that all distances of an anchor have, or of all anchors; None if there is none.
 
     A filter can't tell: it puts agent and walls where such distances fit. So lines of sight are followed on
@@ -23,12 +23,12 @@ def range_note(scene: Scene, agent: str, heard: Observations) -> str | None:
     agent : str
         Who heard it.
     """
-    if not isinstance(heard, Measurements) or scene.clocks is not None:
+    if not isinstance(observations, Measurements) or scene.clocks is not None:
         return None
-    if not set(heard.anchors) <= set(scene.anchor_names):
+    if not set(observations.anchors) <= set(scene.anchor_names):
         return None
-    place = np.array([scene.anchor_names.index(name) for name in heard.anchors], np.intp)
-    table = {name: np.asarray(values) for name, values in heard.columns.items()}
+    place = np.array([scene.anchor_names.index(name) for name in observations.anchors], np.intp)
+    table = {name: np.asarray(values) for name, values in observations.columns.items()}
     if not len(table["step"]) or not both_measured(table):
         return None
     order = np.argsort(table["step"], kind="stable")

@@ -99,13 +99,13 @@ def describe_signal(
         return lines  # whoever reads the file is told
     lines += _band(waveform, scene)
     lines += _units(raw, waveform)
-    heard = _usable_snapshots(raw, samples)
-    if not heard.any():
+    usable = _usable_snapshots(raw, samples)
+    if not usable.any():
         return lines
-    lines += _levels(raw, samples, heard, waveform)
+    lines += _levels(raw, samples, usable, waveform)
     if scene is not None and tuple(raw["anchors"]) != scene.anchor_names:
         lines.append(f"suspect: anchors: names that aren't the scene's ({', '.join(scene.anchor_names)})")
-    places = _places(raw, heard, scene, agent)
+    places = _places(raw, usable, scene, agent)
     if places is None:
         more = "a scene (--scene) or a true track in the file would let the line of sight be looked for"
         return [*lines, f"signs, units of elements and offsets not checked: {more}"]
@@ -153,11 +153,11 @@ def _usable_snapshots(raw: dict[str, Any], samples: Array) -> NDArray[np.bool_]:
     return np.asarray(good if received is None else good & np.asarray(received, bool))
 
 
-def _levels(raw: dict[str, Any], samples: Array, heard: NDArray[np.bool_], waveform: Waveform) -> list[str]:
+def _levels(raw: dict[str, Any], samples: Array, usable: NDArray[np.bool_], waveform: Waveform) -> list[str]:
     """Strongest peak and its SNR, by anchor."""
     lines = []
     for anchor, name in enumerate(raw["anchors"]):
-        own = np.flatnonzero(heard[:, anchor])[:MOST_PLACES]
+        own = np.flatnonzero(usable[:, anchor])[:MOST_PLACES]
         if not len(own):
             lines.append(f"{name}: never heard")
             continue
@@ -165,7 +165,7 @@ def _levels(raw: dict[str, Any], samples: Array, heard: NDArray[np.bool_], wavef
         peak, place = profile.max(-1), profile.argmax(-1) * waveform.folding_m / profile.shape[-1]
         noise = np.median(profile, -1) / np.log(2)
         snr = 10 * np.log10(np.median(peak / np.maximum(noise, 1e-300)))
-        share = heard[:, anchor].mean()
+        share = usable[:, anchor].mean()
         spread = f"{place.min():.3g} to {place.max():.3g} m"
         lines.append(f"{name}: heard at {share:.0%} of the steps, strongest peak {snr:.0f} dB, at {spread}")
     return lines
@@ -179,13 +179,13 @@ def delay_profile(samples: Complex, waveform: Waveform) -> Array:
 
 
 def _places(
-    raw: dict[str, Any], heard: NDArray[np.bool_], scene: Scene | None, agent: str | None
+    raw: dict[str, Any], usable: NDArray[np.bool_], scene: Scene | None, agent: str | None
 ) -> Places | None:
     """Snapshots at which the line of sight is known."""
     anchors, facing = raw.get("anchor_position_m"), raw.get("anchor_orientation_rad")
     if scene is not None and tuple(raw["anchors"]) == scene.anchor_names:
         anchors, facing = scene.anchor_positions, scene.anchor_orientations
-    truth, steps = raw.get("truth"), len(heard)
+    truth, steps = raw.get("truth"), len(usable)
     if anchors is None:
         return None
     facing = np.zeros(len(anchors)) if facing is None else facing
@@ -202,7 +202,7 @@ def _places(
         slack = body.prior.position_m + START_STEPS * body.step_m
     else:
         return None
-    row, anchor = np.nonzero(heard[chosen])
+    row, anchor = np.nonzero(usable[chosen])
     if not len(row):
         return None
     way = position[row] - np.asarray(anchors)[anchor]

@@ -65,9 +65,9 @@ def simulate(
         samples.to_h5(output)
         counts = f"{len(samples)} steps, samples {' x '.join(map(str, samples.waveform.shape))}"
     elif len(names) == 1 and not unlabelled:
-        heard = hear(world, names[0], seed)
-        (heard.to_csv if output.suffix == ".csv" else heard.to_h5)(output)
-        counts = f"{len(heard)} steps, {len(heard.step)} measurements"
+        measurements = hear(world, names[0], seed)
+        (measurements.to_csv if output.suffix == ".csv" else measurements.to_h5)(output)
+        counts = f"{len(measurements)} steps, {len(measurements.step)} measurements"
     else:
         several = hear(world, names, seed, unlabelled)
         (several.to_csv if output.suffix == ".csv" else several.to_h5)(output)

@@ -50,29 +50,33 @@ def run_network(asked: Asked) -> None:
         interruptible() as termination,
         reserved(asked.output, world.name, asked.overwrite, asked.resume is not None) as (folder, place),
     ):
-        heard, truth = _network_observations(asked)
+        measurements, truth = _network_observations(asked)
         prior = Map.load(asked.map_file) if asked.map_file else None
         note = None
         if prior is not None:
             prior, note = fitted(prior, world, str(asked.map_file), asked.same_frame)
-        with view_of(asked, heard.agents) as view:
+        with view_of(asked, measurements.agents) as view:
             runtime.start(asked.device, asked.threads)
-            given_rows = heard.table if file is not None else None
+            given_rows = measurements.table if file is not None else None
             for line in (*place.notes, note, *hints(world, asked.method, given_rows)):
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
-            resolved = {"agent": list(heard.agents), "particles": world.filter.particles, "start": how}
+            resolved = {"agent": list(measurements.agents), "particles": world.filter.particles, "start": how}
             earlier = unfinished(asked.context, place, world, method_class(asked.method), resolved)
             before = earlier.network_measurements() if earlier is not None else None
-            heard = heard if before is None else before
-            own = earlier.agent(0, ", ".join(heard.agents), heard) if earlier is not None else None
+            measurements = measurements if before is None else before
+            own = (
+                earlier.agent(0, ", ".join(measurements.agents), measurements)
+                if earlier is not None
+                else None
+            )
             starts = None
             if how != "exact":
-                starts = {name: assumed_start(world, name, asked.seed) for name in heard.agents}
-            with network_progress_bar(heard.tracks, err) as tell:
+                starts = {name: assumed_start(world, name, asked.seed) for name in measurements.agents}
+            with network_progress_bar(measurements.tracks, err) as tell:
                 done = map_network(
-                    world, heard, asked.seed, prior, starts=starts, progress=tell, method=asked.method,
-                    watch=None if view is None else view.follow_all(heard.tracks), checkpoint=own,
+                    world, measurements, asked.seed, prior, starts=starts, progress=tell, method=asked.method,
+                    watch=None if view is None else view.follow_all(measurements.tracks), checkpoint=own,
                 )  # fmt: skip
             if view is not None:
                 view.show_map(done.map)
@@ -81,7 +85,7 @@ def run_network(asked: Asked) -> None:
             stopped = done.interrupted
             try:
                 with busy("scoring"):
-                    scores, whole = network_scores(done, heard, truth)
+                    scores, whole = network_scores(done, measurements, truth)
             except KeyboardInterrupt:
                 if earlier is not None:
                     go_on_later(folder, earlier, termination)
@@ -89,9 +93,9 @@ def run_network(asked: Asked) -> None:
             runs = list(done.runs.values())
             given = source([] if file is None else [file])
             end = Done(
-                runs, [heard[run.agent] for run in runs], scores, given | {"network": whole},
-                f"{len(done.clocks.step)} of {len(heard)} steps", clock_files(done.clocks, heard.clocks),
-                _lines(whole),
+                runs, [measurements[run.agent] for run in runs], scores, given | {"network": whole},
+                f"{len(done.clocks.step)} of {len(measurements)} steps",
+                clock_files(done.clocks, measurements.clocks), _lines(whole),
             )  # fmt: skip
             finish(folder, place, world, end, stopped, termination)
 
@@ -107,7 +111,7 @@ def _network_observations(asked: Asked) -> tuple[NetworkMeasurements, NetworkTru
     return with_tracks(asked, recorded_network(world, asked.measurements, asked.agent)), None
 
 
-def with_tracks(asked: Asked, heard: NetworkMeasurements) -> NetworkMeasurements:
+def with_tracks(asked: Asked, measurements: NetworkMeasurements) -> NetworkMeasurements:
     """Measurements with the true tracks that are given.
 
     Raises
@@ -120,12 +124,12 @@ def with_tracks(asked: Asked, heard: NetworkMeasurements) -> NetworkMeasurements
     from gridslam.evaluation.ground_truth import with_truth
     from gridslam.world.trajectory import Trajectory
 
-    tracks = dict(heard.tracks)
-    for name, path in asked.tracks(heard.agents).items():
-        own = with_truth(heard[name], Trajectory.from_tum(path), str(path))
+    tracks = dict(measurements.tracks)
+    for name, path in asked.tracks(measurements.agents).items():
+        own = with_truth(measurements[name], Trajectory.from_tum(path), str(path))
         if own.truth is not None:
             tracks[name] = own.truth
-    return replace(heard, tracks=tracks)
+    return replace(measurements, tracks=tracks)
 
 
 def _lines(scores: dict[str, Any]) -> list[str]:
@@ -143,12 +147,12 @@ def _lines(scores: dict[str, Any]) -> list[str]:
 
 
 def network_scores(
-    done: NetworkRun, heard: NetworkMeasurements, truth: NetworkTruth | None
+    done: NetworkRun, measurements: NetworkMeasurements, truth: NetworkTruth | None
 ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Scores of every agent, and those of clocks and labels."""
-    whole = done.score(heard.clocks, truth)
+    whole = done.score(measurements.clocks, truth)
     if truth is None:
-        return [run.score(heard.tracks.get(name)) for name, run in done.runs.items()], whole
+        return [run.score(measurements.tracks.get(name)) for name, run in done.runs.items()], whole
     own = {name: truth.agents[name].first(len(run.estimates)) for name, run in done.runs.items()}
     scores = [  # the map is of all that any of them heard
         run.score(own[name], [other for one, other in own.items() if one != name])
@@ -175,22 +179,24 @@ def recorded_network(world: Scene, file: Path, agents: list[str] | None) -> Netw
     from gridslam.runs.network_run import check_network
 
     known = [agent.name for agent in world.agents]
-    heard = NetworkMeasurements.load(file, world.anchor_names, known, world.clocks is not None)
+    measurements = NetworkMeasurements.load(file, world.anchor_names, known, world.clocks is not None)
     with located(file):
-        check_network(world, heard)
-    times = np.array([heard.table.scan(step).time_s for step in range(len(heard))])
+        check_network(world, measurements)
+    times = np.array([measurements.table.scan(step).time_s for step in range(len(measurements))])
     within = [body.name for body in world.agents if body.present_s and body.present_s[0] <= times[-1]]
-    wanted = agents or [name for name in known if name in heard.agents or name in within]
+    wanted = agents or [name for name in known if name in measurements.agents or name in within]
     for name in wanted:
-        if name not in heard.agents:
+        if name not in measurements.agents:
             world.agent(name)
             found = f"{name!r}, who should be there and has no row"
-            raise InputError(f"{file}: agent", found, f"rows of it, or --agent {', '.join(heard.agents)}")
-    heard = heard.of(wanted)
-    present = np.array(heard.present)
+            raise InputError(
+                f"{file}: agent", found, f"rows of it, or --agent {', '.join(measurements.agents)}"
+            )
+    measurements = measurements.of(wanted)
+    present = np.array(measurements.present)
     for index, name in enumerate(wanted):
         span = world.agent(name).present_s
         if span is not None:
             first, last = np.searchsorted(times, [span[0] - 1e-9, span[1] + 1e-9])
             present[index] = min(first, present[index, 0]), max(last - 1, present[index, 1])
-    return replace(heard, present=present)
+    return replace(measurements, present=present)

@@ -84,10 +84,10 @@ def recorded(world: Scene, file: Path | None, truth: Path | None, takes: Kind) -
         with located(file):
             check_anchors(world, received)
         return with_truth(received, track, where)
-    heard = Measurements.load(file, world.anchor_names, world.clocks is not None)
+    measurements = Measurements.load(file, world.anchor_names, world.clocks is not None)
     with located(file):
-        check_anchors(world, heard)
-    return with_truth(heard, track, where)
+        check_anchors(world, measurements)
+    return with_truth(measurements, track, where)
 
 
 @contextmanager
@@ -114,15 +114,19 @@ def source(files: Sequence[Path]) -> dict[str, Any]:
     return {"source": known[0] if len(known) == 1 else known}
 
 
-def hints(world: Scene, method: str, heard: Observations | None) -> list[str]:
+def hints(world: Scene, method: str, observations: Observations | None) -> list[str]:
     """What to say before a run: what a method doesn't use of what it gets, and which one is made for it."""
-    found = angles_hint(world, method, heard), samples_hint(world, method, heard)
-    return [hint for hint in (*found, elevations_hint(world, method, heard)) if hint]
+    found = angles_hint(world, method, observations), samples_hint(world, method, observations)
+    return [hint for hint in (*found, elevations_hint(world, method, observations)) if hint]
 
 
-def samples_hint(world: Scene, method: str, heard: Observations | None) -> str | None:
+def samples_hint(world: Scene, method: str, observations: Observations | None) -> str | None:
     """What to say where the scene is one of sampled signals, and a method on paths simulates its own."""
-    if heard is not None or world.radio.frequencies is None or taken_by(method_class(method)) == "signal":
+    if (
+        observations is not None
+        or world.radio.frequencies is None
+        or taken_by(method_class(method)) == "signal"
+    ):
         return None
     return (
         f"{world.name} is a scene of sampled signals, made for --method direct or hybrid; {method} gets "
@@ -130,14 +134,14 @@ def samples_hint(world: Scene, method: str, heard: Observations | None) -> str |
     )
 
 
-def elevations_hint(world: Scene, method: str, heard: Observations | None) -> str | None:
+def elevations_hint(world: Scene, method: str, observations: Observations | None) -> str | None:
     """What to say where elevations are measured that a method doesn't use."""
     from gridslam.measurements.table import Measurements
 
     if taken_by(method_class(method)) == "signal":
         return None
-    measured = isinstance(heard, Measurements) and (
-        heard.aod_elevation_rad is not None or heard.aoa_elevation_rad is not None
+    measured = isinstance(observations, Measurements) and (
+        observations.aod_elevation_rad is not None or observations.aoa_elevation_rad is not None
     )
     used = getattr(method_class(method), "over_levels", False) and world.has_heights
     if used or not measured:
@@ -146,7 +150,7 @@ def elevations_hint(world: Scene, method: str, heard: Observations | None) -> st
     return f"the elevations that were measured aren't used by {method}: {why}"
 
 
-def angles_hint(world: Scene, method: str, heard: Observations | None) -> str | None:
+def angles_hint(world: Scene, method: str, observations: Observations | None) -> str | None:
     """What to say where a method that lives on angles gets none."""
     import numpy as np
 
@@ -154,8 +158,8 @@ def angles_hint(world: Scene, method: str, heard: Observations | None) -> str | 
 
     if method not in METHODS or not METHODS[method].on_angles:
         return None
-    if isinstance(heard, Measurements):
-        angles = any(bool(np.isfinite(angle).any()) for angle in (heard.aod_rad, heard.aoa_rad))
+    if isinstance(observations, Measurements):
+        angles = any(bool(np.isfinite(angle).any()) for angle in (observations.aod_rad, observations.aoa_rad))
     else:
         angles = bool({"aod", "aoa"} & set(world.radio.measures))
     return None if angles else f"distances alone, no angles: --method va is made for them, {method} is not"

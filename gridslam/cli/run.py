@@ -80,7 +80,7 @@ def _run_in_turn(asked: Asked) -> None:
     ):
         tracks = asked.tracks(names)
         every = {name: recorded(world, by_name.get(name), tracks.get(name), takes) for name in names}
-        known = {name: heard for name, heard in every.items() if heard is not None}
+        known = {name: own for name, own in every.items() if own is not None}
         prior = Map.load(asked.map_file) if asked.map_file else None
         given, note = (
             fitted(prior, world, str(asked.map_file), asked.same_frame) if prior is not None else (None, None)
@@ -161,18 +161,18 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observatio
     try:
         for number, name in enumerate(names):
             with busy(f"simulating {name}"):
-                heard = earlier.measurements(number) if earlier else None
-                heard = turns.recorded.get(name) if heard is None else heard
-                heard = observations_of(world, name, seed, takes) if heard is None else heard
-            own = earlier.agent(number, name, heard) if earlier else None
-            watch = view.follow(name, heard.truth) if view else None
-            with progress_bar(name, heard.truth, err) as tell:
+                observed = earlier.measurements(number) if earlier else None
+                observed = turns.recorded.get(name) if observed is None else observed
+                observed = observations_of(world, name, seed, takes) if observed is None else observed
+            own = earlier.agent(number, name, observed) if earlier else None
+            watch = view.follow(name, observed.truth) if view else None
+            with progress_bar(name, observed.truth, err) as tell:
                 prior = runs[-1].map if runs else turns.given
                 start = assumed_start(world, name, seed, turns.how)
                 done = map_scene(
-                    world, heard, method, name, seed, prior, tell, watch=watch, start=start, checkpoint=own
+                    world, observed, method, name, seed, prior, tell, watch=watch, start=start, checkpoint=own
                 )
-            observations.append(heard)
+            observations.append(observed)
             runs.append(done)
             if view:
                 view.show_map(done.map)
@@ -245,8 +245,8 @@ def _scores(
 
     earlier = inherited_truth(world, given) if given is not None else []
     scores = []
-    for done, heard in zip(runs, observations, strict=True):
-        truth = truth_of(world, done.agent, heard.truth)
+    for done, observed in zip(runs, observations, strict=True):
+        truth = truth_of(world, done.agent, observed.truth)
         scores.append(done.score(truth, earlier))
         if isinstance(truth, Truth):
             earlier = [*earlier, truth.first(len(done.estimates))]

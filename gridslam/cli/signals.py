@@ -46,11 +46,11 @@ def extract(
     refuse_taken([output], overwrite)
     world = Scene.load(scene) if scene is not None else None
     recording = Recording.load(file)
-    heard = found_in(recording, world, false_alarms=false_alarms)
-    (heard.to_csv if output.suffix == ".csv" else heard.to_h5)(output)
+    measurements = found_in(recording, world, false_alarms=false_alarms)
+    (measurements.to_csv if output.suffix == ".csv" else measurements.to_h5)(output)
     snapshots = max(int(recording.heard.sum()), 1)
-    each = f"{len(heard.step) / snapshots:.1f} per anchor and step"
-    line = f"wrote {output}: {len(heard)} steps, {len(heard.step)} paths, {each}"
+    each = f"{len(measurements.step) / snapshots:.1f} per anchor and step"
+    line = f"wrote {output}: {len(measurements)} steps, {len(measurements.step)} paths, {each}"
     out.print(line, highlight=False, markup=False, soft_wrap=True)
 
 

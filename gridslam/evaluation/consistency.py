@@ -145,10 +145,10 @@ def follow(estimates: Sequence[Estimate], scene: Scene, truth: Truth, earlier: S
     position = np.array([e.position_m for e in estimates]) - truth.trajectory.position_m[:count]
     heading = wrap(np.array([e.heading_rad for e in estimates]) - truth.trajectory.heading_rad[:count])
     covariance = np.array([e.covariance for e in estimates])
-    heard = AudibleSurfaces.of(truth, earlier)
+    audible = AudibleSurfaces.of(truth, earlier)
     found = [e.surfaces.take(e.detected) for e in estimates]
     rays = np.zeros((len(scene.anchors), count), np.intp)
-    belief, apart = np.zeros(rays.shape), np.full((len(heard.feature), count), np.nan)
+    belief, apart = np.zeros(rays.shape), np.full((len(audible.feature), count), np.nan)
     image, place = np.zeros(count), truth.trajectory
     for step, estimate in enumerate(estimates):
         chance = estimate.paths.existence
@@ -156,7 +156,7 @@ def follow(estimates: Sequence[Estimate], scene: Scene, truth: Truth, earlier: S
         owner = estimate.paths.anchor[believed]
         rays[:, step] = np.bincount(owner, minlength=len(rays))
         belief[:, step] = np.bincount(owner, chance[believed], len(rays))
-        apart[:, step] = assigned_error(found[step].sfv_m, heard.feature)
+        apart[:, step] = assigned_error(found[step].sfv_m, audible.feature)
         held = estimate.paths.take(believed)
         there = truth.paths.at(step)
         if scene.clocks is not None or scene.has_heights:  # distances hold offsets and heights, places don't
@@ -173,7 +173,7 @@ def follow(estimates: Sequence[Estimate], scene: Scene, truth: Truth, earlier: S
         nees(position, covariance[:, :2, :2]),
         nees(heading[:, None], covariance[:, 4:, 4:]),
         np.sqrt(np.trace(covariance[:, :2, :2], axis1=1, axis2=2)),
-        np.array([heard.ospa(f, step) for step, f in enumerate(found)]),
+        np.array([audible.ospa(f, step) for step, f in enumerate(found)]),
         image,
         np.array([np.where(f.owner < 0, 1.0, 1 / len(rays)).sum() for f in found]),
         apart,

@@ -27,12 +27,12 @@ SAME_WAY_M = 1e-6
 Known = TypeVar("Known", Measurements, Recording)
 
 
-def with_truth(heard: Known, track: Trajectory | None, where: str) -> Known:
+def with_truth(observations: Known, track: Trajectory | None, where: str) -> Known:
     """Return the measurements with a true track that has one pose per step.
 
     Parameters
     ----------
-    heard : Measurements or Recording
+    observations : Measurements or Recording
     track : Trajectory or None
         At any times, between which it is interpolated; None keeps the measurements' own, if any.
     where : str
@@ -43,21 +43,23 @@ def with_truth(heard: Known, track: Trajectory | None, where: str) -> Known:
     InputError
         The track doesn't cover the times of the steps.
     """
-    known = heard.truth if track is None else track
+    known = observations.truth if track is None else track
     if known is None:
-        return heard
+        return observations
     way: Trajectory = known
-    time = heard.times_s
-    slack = 1e-6 * max(heard.interval_s, 1e-3)
+    time = observations.times_s
+    slack = 1e-6 * max(observations.interval_s, 1e-3)
     if len(time) and (time[0] < way.time_s[0] - slack or time[-1] > way.time_s[-1] + slack):
         found = f"a track from {way.time_s[0]:g} to {way.time_s[-1]:g} s"
         raise InputError(where, found, f"one that covers the steps, {time[0]:g} to {time[-1]:g} s")
     if len(time) == len(way) and np.allclose(time, way.time_s, rtol=0, atol=slack):
-        return replace(heard, truth=replace(way, time_s=time))
+        return replace(observations, truth=replace(way, time_s=time))
     columns = [*way.position_m.T, *way.velocity_mps.T, np.unwrap(way.heading_rad)]
     x, y, vx, vy, heading = (np.interp(time, way.time_s, column) for column in columns)
     high = None if way.height_m is None else np.interp(time, way.time_s, way.height_m)
-    return replace(heard, truth=Trajectory(time, np.stack([x, y], -1), np.stack([vx, vy], -1), heading, high))
+    return replace(
+        observations, truth=Trajectory(time, np.stack([x, y], -1), np.stack([vx, vy], -1), heading, high)
+    )
 
 
 def truth_of(scene: Scene, agent: str, track: Trajectory | None) -> Truth | Trajectory | None:

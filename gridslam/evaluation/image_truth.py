@@ -42,7 +42,7 @@ def image_gospa(scene: Scene, estimates: Sequence[Estimate], truth: Truth, latel
     seen = np.full((len(anchors), count), -np.inf)
     line = np.zeros((count, 2))
     line[truth.segments.surface] = truth.segments.line
-    error, heard = np.zeros((len(anchors), len(estimates))), dict[tuple[int, int], int]()
+    error, last_seen = np.zeros((len(anchors), len(estimates))), dict[tuple[int, int], int]()
     order = np.argsort(paths.step, kind="stable")
     edges = np.searchsorted(paths.step[order], np.arange(len(estimates) + 1))
     for step, estimate in enumerate(estimates):
@@ -52,13 +52,13 @@ def image_gospa(scene: Scene, estimates: Sequence[Estimate], truth: Truth, latel
         own = estimate.paths
         believed = (own.existence > BELIEVED) & (own.surfaces[:, 0] >= 0)
         believed &= own.surfaces[:, 0] == own.surfaces[:, 1]
-        heard |= {
+        last_seen |= {
             (a, s): step
             for a, s in zip(own.anchor[believed].tolist(), own.surfaces[believed, 0].tolist(), strict=True)
         }
         for anchor, position in enumerate(anchors):
             there = seen[anchor] > step - lately
-            latest = [heard.get((anchor, s), -lately) for s in estimate.surfaces.identity.tolist()]
+            latest = [last_seen.get((anchor, s), -lately) for s in estimate.surfaces.identity.tolist()]
             mine = estimate.detected & (np.array(latest, int) > step - lately)
             found = mirror(estimate.surfaces.line[mine], position)
             error[anchor, step] = gospa(found, mirror(line[there], position), CUTOFF_M, ORDER)

@@ -57,10 +57,10 @@ class AudibleSurfaces:
             np.minimum.at(first, (surface, one.paths.anchor[path]), step)
         curve = np.full(len(first), NEVER, np.intp)
         np.minimum.at(curve, walls.surface, walls.curve)  # a facet in line with a straight wall is part of it
-        heard = np.flatnonzero((first < NEVER).any(1))
+        hit = np.flatnonzero((first < NEVER).any(1))
         number, piece = np.unique(walls.surface, return_index=True)
-        piece = piece[np.searchsorted(number, heard)]
-        return cls(sfv(line_through(walls.start[piece], walls.end[piece])), curve[heard], first[heard])
+        piece = piece[np.searchsorted(number, hit)]
+        return cls(sfv(line_through(walls.start[piece], walls.end[piece])), curve[hit], first[hit])
 
     @property
     def first(self) -> NDArray[np.intp]:
@@ -145,12 +145,12 @@ def surface_scores(found: SurfaceEstimate, truth: Truth) -> dict[str, float | in
 
     Several found at the facets of one curved wall count once as matched, and none of them as false.
     """
-    heard = AudibleSurfaces.of(truth)
+    audible = AudibleSurfaces.of(truth)
     return {
-        "surfaces_matched": heard.matched(found),
-        "surfaces_true": heard.count(),
-        "surfaces_false": int(heard.false(found).sum()),
-        "surface_ospa_m": heard.ospa(found),
+        "surfaces_matched": audible.matched(found),
+        "surfaces_true": audible.count(),
+        "surfaces_false": int(audible.false(found).sum()),
+        "surface_ospa_m": audible.ospa(found),
     }
 
 

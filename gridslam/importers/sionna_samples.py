@@ -158,7 +158,7 @@ def _sum(found: tuple[Complex, Array, Array, Array], anchor: int, waveform: Wave
         rows = slice(first, first + CHUNK)
         carried = gain[rows] * np.exp(-2j * np.pi / waveform.wavelength_m * length[rows])
         ends = [
-            _heard(elements, way[rows], waveform.wavelength_m)
+            _array_response(elements, way[rows], waveform.wavelength_m)
             for elements, way in (
                 (waveform.anchor_element_m[anchor], leaving), (waveform.agent_element_m, arriving)
             )
@@ -169,7 +169,7 @@ def _sum(found: tuple[Complex, Array, Array, Array], anchor: int, waveform: Wave
     return total
 
 
-def _heard(elements: Array, way: Array, wavelength_m: float) -> Complex:
+def _array_response(elements: Array, way: Array, wavelength_m: float) -> Complex:
     """Response of elements (A, 2) to directions [angle, cosine of the elevation] (L, 2): (L, A), norm 1."""
     along = np.stack([np.cos(way[:, 0]), np.sin(way[:, 0])], 1) * way[:, 1:]
     response: Complex = np.exp(2j * np.pi / wavelength_m * along @ elements.T) / np.sqrt(len(elements))

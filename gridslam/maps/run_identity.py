@@ -31,14 +31,14 @@ class Identity:
     ----------
     chain : str
         Checksum of all that was heard.
-    heard : int
+    scans : int
         Steps at which anything was.
     text : str
         What was noted.
     """
 
     chain: str
-    heard: int = 0
+    scans: int = 0
     text: str = ""
 
     @classmethod
@@ -56,18 +56,18 @@ class Identity:
             b"-" if column is None else np.asarray(column, "<f8").tobytes() for column in scan.content()
         )
         link.update(b"".join(columns))
-        chain, heard = link.hexdigest(), self.heard + 1
-        return Identity(chain, heard, self.text + (chain[:DIGITS] if heard & (heard - 1) == 0 else ""))
+        chain, scans = link.hexdigest(), self.scans + 1
+        return Identity(chain, scans, self.text + (chain[:DIGITS] if scans & (scans - 1) == 0 else ""))
 
     def __str__(self) -> str:
         """All of it as text, for checkpoints."""
-        return f"{self.chain} {self.heard} {self.text}"
+        return f"{self.chain} {self.scans} {self.text}"
 
     @classmethod
     def parse(cls, text: str) -> Identity:
         """From the text of a checkpoint."""
-        chain, heard, *rest = text.split()
-        return cls(chain, int(heard), "".join(rest))
+        chain, scans, *rest = text.split()
+        return cls(chain, int(scans), "".join(rest))
 
 
 def same_run(one: str, other: str) -> bool:

@@ -75,11 +75,11 @@ class NetworkMeasurements:
         for name in self.tracks:
             if name not in names:
                 raise InputError("measurements: truth", repr(name), ", ".join(names))
-        heard = [self.table.step[agent == index] for index in range(len(names))]
-        for name, steps in zip(names, heard, strict=True):
+        steps_of = [self.table.step[agent == index] for index in range(len(names))]
+        for name, steps in zip(names, steps_of, strict=True):
             if not len(steps):
                 raise InputError(where, f"{name!r}, who heard nothing at all", "agents with measurements")
-        spans = np.array([[steps[0], steps[-1]] for steps in heard])
+        spans = np.array([[steps[0], steps[-1]] for steps in steps_of])
         present = spans if self.present is None else np.array(self.present, np.intp)
         if present.shape != spans.shape:
             raise InputError("measurements: present", f"shape {present.shape}", f"shape {spans.shape}")
@@ -186,8 +186,8 @@ class NetworkMeasurements:
             first, **rows, steps=max(part.steps for part in each), truth=None,
             unlabelled=any(part.unlabelled for part in each), pseudo=any(part.pseudo for part in each),
         )  # fmt: skip
-        heard = [part.step[0] if len(part.step) else 0 for part in each]
-        present = [[start, part.steps - 1] for start, part in zip(heard, each, strict=True)]
+        first_steps = [part.step[0] if len(part.step) else 0 for part in each]
+        present = [[start, part.steps - 1] for start, part in zip(first_steps, each, strict=True)]
         tracks = {name: part.truth for name, part in parts.items() if part.truth is not None}
         return cls(tuple(parts), table, agent[order], np.array(present, np.intp), tracks, clocks)
 

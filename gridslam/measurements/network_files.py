@@ -93,10 +93,10 @@ def _collected(
     """Measurements of the agents of a file."""
     agent = columns.pop("agent")
     rows: dict[str, Any] = {**table, **fill_missing(columns)}
-    heard = sorted(set(agent.tolist())) if present is None else list(range(len(agents)))
+    listed = sorted(set(agent.tolist())) if present is None else list(range(len(agents)))
     place = np.full(max(len(agents), int(agent.max(initial=0)) + 1), -1)
-    place[heard] = np.arange(len(heard))
-    names = tuple(agents[i] for i in heard if i < len(agents))
+    place[listed] = np.arange(len(listed))
+    names = tuple(agents[i] for i in listed if i < len(agents))
     return {
         "agents": names, "table": Measurements(**rows), "agent": place[agent], "present": present,
         "tracks": tracks or {}, "clocks": clocks,

@@ -15,9 +15,9 @@ NAMES: dict[Kind, str] = {"paths": "measurements.h5", "signal": "signal.h5"}
 """Names of their files in folders of runs."""
 
 
-def kind_of(heard: Observations) -> Kind:
+def kind_of(observations: Observations) -> Kind:
     """Which of the two it is."""
-    return "signal" if isinstance(heard, Recording) else "paths"
+    return "signal" if isinstance(observations, Recording) else "paths"
 
 
 def read_observations(folder: Path, prefix: str = "") -> Observations:
@@ -36,7 +36,7 @@ def read_observations(folder: Path, prefix: str = "") -> Observations:
     )
 
 
-def require_kind(heard: object, takes: Kind, method: str) -> None:
+def require_kind(observations: object, takes: Kind, method: str) -> None:
     """Refuse what a method doesn't take.
 
     Raises
@@ -44,12 +44,12 @@ def require_kind(heard: object, takes: Kind, method: str) -> None:
     InputError
         Samples for a method on paths, or the other way round, or neither.
     """
-    if isinstance(heard, Recording) and takes != "signal":
+    if isinstance(observations, Recording) and takes != "signal":
         allowed = "path measurements: gridslam extract (gs.extract) makes them of signals"
         raise InputError(f"method {method!r}", "sampled signals", allowed)
-    if isinstance(heard, Measurements) and takes == "signal":
+    if isinstance(observations, Measurements) and takes == "signal":
         raise InputError(f"method {method!r}", "path measurements", "sampled signals, a Recording (--signal)")
-    if isinstance(heard, NetworkMeasurements):
+    if isinstance(observations, NetworkMeasurements):
         raise InputError("measurements", "those of several agents", "one agent's (several: gs.map_network)")
-    if not isinstance(heard, Measurements | Recording):
-        raise InputError("measurements", type(heard).__name__, "Measurements or a Recording")
+    if not isinstance(observations, Measurements | Recording):
+        raise InputError("measurements", type(observations).__name__, "Measurements or a Recording")

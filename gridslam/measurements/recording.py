@@ -307,14 +307,14 @@ def _samples(values: NDArray[Any]) -> NDArray[np.complex64]:
     return samples
 
 
-def _check_snapshots(samples: NDArray[np.complex64], heard: NDArray[np.bool_]) -> None:
+def _check_snapshots(samples: NDArray[np.complex64], received: NDArray[np.bool_]) -> None:
     """Whatever a heard snapshot can't be; the others become 0."""
-    if not heard.any():
+    if not received.any():
         raise InputError("signal: heard", "nothing", "at least one snapshot")
-    samples[~heard] = 0
-    flat = samples.reshape(*heard.shape, -1)
+    samples[~received] = 0
+    flat = samples.reshape(*received.shape, -1)
     for fault, bad in (
-        ("NaN or infinity", ~np.isfinite(flat).all(-1)), ("zeros alone", heard & ~flat.any(-1))
+        ("NaN or infinity", ~np.isfinite(flat).all(-1)), ("zeros alone", received & ~flat.any(-1))
     ):  # fmt: skip
         if bad.any():
             step, anchor = np.argwhere(bad)[0]

@@ -112,10 +112,10 @@ class Measurements:
             values.setflags(write=False)
             object.__setattr__(self, name, values)
 
-        heard = int(self.step[-1]) + 1 if count else 0
-        steps, interval = self.steps or heard, self.interval_s or self._median_interval()
-        if not heard <= steps <= MOST_STEPS:
-            raise InputError("measurements: steps", str(steps), f"{heard} to {MOST_STEPS}")
+        spanned = int(self.step[-1]) + 1 if count else 0
+        steps, interval = self.steps or spanned, self.interval_s or self._median_interval()
+        if not spanned <= steps <= MOST_STEPS:
+            raise InputError("measurements: steps", str(steps), f"{spanned} to {MOST_STEPS}")
         if not (np.isfinite(interval) and interval > 0):
             raise InputError("measurements: interval_s", str(interval), "a number above 0")
         for name, value in (("anchors", names), ("steps", int(steps)), ("interval_s", float(interval))):

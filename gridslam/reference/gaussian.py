@@ -12,7 +12,7 @@ from gridslam.world.geometry import trace, wrap
 
 Whole = NDArray[np.int32]
 RISE = 5
-UNHEARD, UNMOVED = 1e-3, 1e-6
+UNLIKELY, UNMOVED = 1e-3, 1e-6
 
 
 def late(mean: Array, head: int, anchors: Whole | int, places: Array) -> Array:
@@ -98,7 +98,7 @@ def correct(
     total = detected + odds[7]
     sure = detected / total
     order = np.argsort(-sure, kind="stable")
-    for row in order[sure[order] >= UNHEARD]:
+    for row in order[sure[order] >= UNLIKELY]:
         value, slope, core = (part[0] for part in predict(mean, covariance, head, path[row][None], places))
         bent = np.zeros((3, 3))
         if path[row, 0] == 0:

@@ -14,7 +14,7 @@ SURE, OFTEN, SHARP_M = 0.9, 10, 0.1
 """Existence, detections and deviation of the offset from which on a surface may take another's place."""
 OFTENER = 2
 """How many times as often as the ghost each of the two was seen: a ghost goes silent when they are found."""
-HEARD_ELSEWHERE = 0.3
+SEEN_ELSEWHERE = 0.3
 """Existence of another anchor's ray at which a surface isn't a ghost."""
 NEAR_M, SLACK_M, GATE = 0.5, 0.02, 9.0
 """Gap of the virtual anchors that is looked at; what is always allowed; squared in deviations."""
@@ -68,7 +68,7 @@ def find_ghosts(
         return np.zeros(len(surface), dtype=bool)
     lines, good = mean[head:].reshape(-1, 2), np.ones(len(surface), dtype=bool)
     surer = np.minimum(surface[last], surface[first]) > surface[:, None]
-    silent, own = single[: len(places)].max(0) < HEARD_ELSEWHERE, OFTENER * seen[:, None]
+    silent, own = single[: len(places)].max(0) < SEEN_ELSEWHERE, OFTENER * seen[:, None]
     younger = age[:, None] > np.minimum(age[last], age[first])
     for one in (last, first):
         younger &= seen[one] * age[:, None] > own * age[one]
@@ -82,7 +82,7 @@ def find_ghosts(
     # heard loosely, it lies between what AoA and AoD of the double bounce would have it
     good &= ~(surer & (far < AROUND_M) & through & silent[:, None]).any((0, 2))
     for anchor, ghost, pair in np.argwhere(surer & (far < NEAR_M)).tolist():
-        if np.delete(single[:, ghost], anchor).max(initial=0.0) >= HEARD_ELSEWHERE:
+        if np.delete(single[:, ghost], anchor).max(initial=0.0) >= SEEN_ELSEWHERE:
             continue
         spread = _spread(mean, covariance, head, places[anchor], ghost, int(last[pair]), int(first[pair]))
         sharp = np.trace(spread) < NEAR_M**2

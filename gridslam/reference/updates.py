@@ -62,7 +62,7 @@ def fit(
     np.add.at(sums[:, 4], sender[loud], np.minimum(responsible.sum(0), 1.0)[loud])
     np.add.at(sums[:, 5], sender[loud], 1.0)
     sure = np.flatnonzero(share > SURE)
-    rows, heard_rows = index[sure].T
+    rows, scan_rows = index[sure].T
     anchor = path[rows, 3]
     known = pair[sure, 3:6] < MEASURED
     gap = pair[sure, :3] - predicted[rows, :3]
@@ -76,7 +76,7 @@ def fit(
     left = direct & known[:, 1]
     np.add.at(sums, (anchor[left], 6), (turned[anchor[left]] - gap[left, 1]) / spread[left, 1, 1])
     np.add.at(sums, (anchor[left], 7), 1 / spread[left, 1, 1])
-    amplitude, own = scan[heard_rows, 6], radio[anchor]
+    amplitude, own = scan[scan_rows, 6], radio[anchor]
     strong = direct & known[:, 0] & (amplitude >= 0)
     length = pair[sure, 0] - predicted[rows, 0] + predicted[rows, 12]
     level = own[:, 7] / np.maximum(length, 1e-3)

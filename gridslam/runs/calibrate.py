@@ -68,9 +68,9 @@ def calibrate(
         if table is not None:
             own = np.hypot(*(table.anchor_m - anchor).T) < SAME_PLACE_M
             paths = np.concatenate([paths, np.column_stack([table.position_m, table.bias_m])[own]])
-        heard = recording.heard[:, j]
-        if heard.any():
-            samples = np.asarray(recording.samples[heard, j, 0], np.complex128)
-            known.append(Known(samples, pose[heard], paths))
+        received = recording.heard[:, j]
+        if received.any():
+            samples = np.asarray(recording.samples[received, j, 0], np.complex128)
+            known.append(Known(samples, pose[received], paths))
     with runtime.one_blas_thread():
         return radio_errors(known, wave)

@@ -221,17 +221,17 @@ def _fill(
         return True
 
     agents: dict[str, dict[str, Any]] = {}
-    for run, heard, score in zip(runs, measurements, scores, strict=True):
+    for run, observed, score in zip(runs, measurements, scores, strict=True):
         own = run.agent
         agents[own] = dict(score or {})
         if score is None:
             attempt("run.json", lambda _, run=run: agents[run.agent].update(run.score(None)))  # type: ignore[misc]
         if not attempt(own, Path.mkdir):
             continue
-        attempt(f"{own}/{NAMES[kind_of(heard)]}", heard.to_h5)
+        attempt(f"{own}/{NAMES[kind_of(observed)]}", observed.to_h5)
         attempt(f"{own}/trajectory.tum", run.trajectory.to_tum)
-        if heard.truth is not None:
-            attempt(f"{own}/truth.tum", heard.truth.to_tum)
+        if observed.truth is not None:
+            attempt(f"{own}/truth.tum", observed.truth.to_tum)
         attempt(f"{own}/steps.h5", lambda path, run=run: write_steps(path, run.estimates))  # type: ignore[misc]
         attempt(f"{own}/map.h5", run.map.save)
     for name, write in more.items():

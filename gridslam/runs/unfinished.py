@@ -175,7 +175,9 @@ class Unfinished:
         """What all agents of a run at once hear, if it has begun."""
         return NetworkMeasurements.from_h5(self.folder / f"0-{NAMES['paths']}") if self.agents else None
 
-    def agent(self, number: int, name: str, heard: Observations | NetworkMeasurements) -> AgentCheckpoint:
+    def agent(
+        self, number: int, name: str, observations: Observations | NetworkMeasurements
+    ) -> AgentCheckpoint:
         """Keep agent `number`, from its beginning or from where it has got to; several at once are one.
 
         Raises
@@ -184,11 +186,13 @@ class Unfinished:
             Nothing can be written.
         """
         if number == len(self.agents):
-            kind = "paths" if isinstance(heard, NetworkMeasurements) else kind_of(heard)
+            kind = "paths" if isinstance(observations, NetworkMeasurements) else kind_of(observations)
             own = f"{number}-{NAMES[kind]}"
-            heard.to_h5(self.folder / own)
-            self._commit([*self.agents, Progress(name, len(heard))], {own: _checksum(self.folder / own)})
-        several = OfSeveral(heard.agents) if isinstance(heard, NetworkMeasurements) else None
+            observations.to_h5(self.folder / own)
+            self._commit(
+                [*self.agents, Progress(name, len(observations))], {own: _checksum(self.folder / own)}
+            )
+        several = OfSeveral(observations.agents) if isinstance(observations, NetworkMeasurements) else None
         return AgentCheckpoint(self, number, OfOne() if several is None else several)
 
     def where(self) -> str:

@@ -43,7 +43,7 @@ class Case:
     paths : TruePaths
         What a filter could have used: visible paths of up to ``max_bounces``, as strong as they are, without
         those of silent steps.
-    heard : Measurements
+    measurements : Measurements
     first, last : int
         Steps ``first`` to ``last - 1`` are disturbed; both 0 if none is, ``last`` at the end if all are.
     """
@@ -54,7 +54,7 @@ class Case:
     seed: int
     track: Trajectory
     paths: TruePaths
-    heard: Measurements
+    measurements: Measurements
     first: int = 0
     last: int = 0
 
@@ -67,22 +67,24 @@ def undisturbed(scene: Scene, agent: str | None = None, seed: int = 0) -> Case:
     """The scene as simulated; the filter is told everything but the walls and the way."""
     agent = scene.agents[0].name if agent is None else agent
     track, paths = scene.track(agent), true_paths(scene, agent)
-    heard, _ = measured_along(scene, agent, track, paths, seed)
+    measurements, _ = measured_along(scene, agent, track, paths, seed)
     data = scene.model_dump(exclude_none=True)
     data["agents"] = [
         {k: v for k, v in a.items() if k not in ("waypoints_m", "steps")} for a in data["agents"]
     ]
     believed = Scene.checked({**data, "walls": []}, scene.name)
-    return Case(scene, believed, agent, seed, track, paths, heard)
+    return Case(scene, believed, agent, seed, track, paths, measurements)
 
 
 def silence(case: Case, first: int, steps: int) -> Case:
     """Nothing is heard for `steps` steps."""
     last = _last(case, first, steps)
-    quiet = (case.heard.step >= first) & (case.heard.step < last)
+    quiet = (case.measurements.step >= first) & (case.measurements.step < last)
     silent = (case.paths.step >= first) & (case.paths.step < last)
-    heard = _with_columns(case.heard, {n: v[~quiet] for n, v in _columns(case.heard).items()})
-    return replace(case, heard=heard, paths=case.paths.take(~silent), first=first, last=last)
+    measurements = _with_columns(
+        case.measurements, {n: v[~quiet] for n, v in _columns(case.measurements).items()}
+    )
+    return replace(case, measurements=measurements, paths=case.paths.take(~silent), first=first, last=last)
 
 
 def clutter_burst(case: Case, first: int, steps: int, times: float = 10.0) -> Case:
@@ -102,10 +104,10 @@ def clutter_burst(case: Case, first: int, steps: int, times: float = 10.0) -> Ca
         # Rayleigh with scale^2 = 1/2 above the threshold, by inversion
         "amplitude": np.sqrt(signal.threshold**2 + draw.exponential(1.0, total)),
     }
-    whole = {name: np.concatenate([v, more[name]]) for name, v in _columns(case.heard).items()}
+    whole = {name: np.concatenate([v, more[name]]) for name, v in _columns(case.measurements).items()}
     order = np.lexsort((whole["distance_m"], whole["anchor"], whole["step"]))
-    heard = _with_columns(case.heard, {name: v[order] for name, v in whole.items()})
-    return replace(case, heard=heard, first=first, last=last)
+    measurements = _with_columns(case.measurements, {name: v[order] for name, v in whole.items()})
+    return replace(case, measurements=measurements, first=first, last=last)
 
 
 def stated_clutter(case: Case, times: float) -> Case:
@@ -123,8 +125,8 @@ def stated_orientation(case: Case, turn_deg: float = 2.0, anchor: int = 0) -> Ca
     data = case.believed.model_dump(exclude_none=True)
     data["anchors"][anchor]["orientation_deg"] += turn_deg
     believed = Scene.checked(data, case.scene.name)
-    heard = replace(case.heard, anchor_orientation_rad=believed.anchor_orientations)
-    return _throughout(replace(case, believed=believed, heard=heard))
+    measurements = replace(case.measurements, anchor_orientation_rad=believed.anchor_orientations)
+    return _throughout(replace(case, believed=believed, measurements=measurements))
 
 
 def vague_start(case: Case, position_m: float = 2.0, heading_deg: float = 30.0) -> Case:
@@ -207,9 +209,9 @@ def strides(case: Case, times: int = 10, steps: int = 150, pause: bool = False) 
 def _again(case: Case, paths: TruePaths, more: TruePaths | None = None) -> Case:
     """The case with other paths heard throughout; `more` are heard without counting for the bound."""
     whole = paths if more is None else paths.joined(more)
-    heard, _ = measured_along(case.scene, case.agent, case.track, whole, case.seed)
+    measurements, _ = measured_along(case.scene, case.agent, case.track, whole, case.seed)
     interval = case.believed.agent(case.agent).interval_s
-    return _throughout(replace(case, paths=paths, heard=replace(heard, interval_s=interval)))
+    return _throughout(replace(case, paths=paths, measurements=replace(measurements, interval_s=interval)))
 
 
 def _with_radio(case: Case, radio: Mapping[str, Any]) -> Case:
@@ -230,11 +232,11 @@ def _last(case: Case, first: int, steps: int) -> int:
     return first + steps
 
 
-def _columns(heard: Measurements) -> dict[str, Array]:
-    names = (*KEYS, *VALUES, *(n for n in OPTIONAL if getattr(heard, n) is not None))
-    return {name: getattr(heard, name) for name in names}
+def _columns(measurements: Measurements) -> dict[str, Array]:
+    names = (*KEYS, *VALUES, *(n for n in OPTIONAL if getattr(measurements, n) is not None))
+    return {name: getattr(measurements, name) for name in names}
 
 
-def _with_columns(heard: Measurements, columns: dict[str, Array]) -> Measurements:
-    rest = {f.name: getattr(heard, f.name) for f in fields(Measurements) if f.name not in columns}
+def _with_columns(measurements: Measurements, columns: dict[str, Array]) -> Measurements:
+    rest = {f.name: getattr(measurements, f.name) for f in fields(Measurements) if f.name not in columns}
     return Measurements(**{**rest, **columns})

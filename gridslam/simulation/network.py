@@ -99,8 +99,8 @@ def simulate_network(
 
     Labels can be taken away from measurements that have some: `NetworkMeasurements.without_labels`.
     """
-    heard, truth = shared_air(scene, names, seed, len(scene.anchors) if unlabelled else 1)
-    return (heard.without_labels() if unlabelled else heard), truth
+    measurements, truth = shared_air(scene, names, seed, len(scene.anchors) if unlabelled else 1)
+    return (measurements.without_labels() if unlabelled else measurements), truth
 
 
 def shared_air(
@@ -147,9 +147,9 @@ def shared_air(
     truths = {name: Truth(track, paths[name], scene.segments()) for name, (_, track) in there.items()}
     tracks = {name: track for name, (_, track) in there.items()}
     known, spans = clocks if scene.clocks is not None else None, np.array(list(present.values()))
-    heard = NetworkMeasurements(tuple(names), table, agent, spans, tracks, known)
+    measurements = NetworkMeasurements(tuple(names), table, agent, spans, tracks, known)
     firsts = {name: first for name, (first, _) in there.items()}
-    return heard, NetworkTruth(truths, firsts, cause, source, clocks)
+    return measurements, NetworkTruth(truths, firsts, cause, source, clocks)
 
 
 def receive_network(
@@ -189,8 +189,8 @@ def receive_network(
     known = scene.clocks is not None
     changes = {**dict.fromkeys(OPTIONAL), **rows, "steps": len(clean), "pseudo": known}
     clocks = clock_truth(scene, clean.agents, times, seed) if known else None
-    heard = replace(clean, table=replace(clean.table, **changes), agent=agent, clocks=clocks)
-    return heard.without_labels() if unlabelled else heard
+    measurements = replace(clean, table=replace(clean.table, **changes), agent=agent, clocks=clocks)
+    return measurements.without_labels() if unlabelled else measurements
 
 
 def _received_rows(

@@ -46,27 +46,27 @@ def received(
     amplitude = np.hypot(paths.amplitude + scale * noise[:, 0], scale * noise[:, 1])
     # a path is missed with probability 1 - p_d(u)
     given = signal.given_detection
-    heard = np.flatnonzero(amplitude > signal.threshold if given is None else ndtr(noise[:, 0]) < given)
-    clean = paths.amplitude[heard]
+    detected = np.flatnonzero(amplitude > signal.threshold if given is None else ndtr(noise[:, 0]) < given)
+    clean = paths.amplitude[detected]
     heights = scene.heights(agent)
-    over = paths.over[heard] if isinstance(paths, TruePaths) else np.zeros(len(heard), np.intp)
-    tall = scene.verticals(agent).heights(over, paths.anchor[heard])
-    steep = lean(paths.distance_m[heard], tall)
-    apertures = signal.anchor_aperture[paths.anchor[heard]]
-    aod_std = signal.angle_std(clean, paths.aod_rad[heard], apertures, steep)
-    aoa_std = signal.angle_std(clean, paths.aoa_rad[heard], signal.agent_aperture, steep)
-    distance = paths.distance_m[heard] + signal.distance_std(clean) * noise[heard, 2]
+    over = paths.over[detected] if isinstance(paths, TruePaths) else np.zeros(len(detected), np.intp)
+    tall = scene.verticals(agent).heights(over, paths.anchor[detected])
+    steep = lean(paths.distance_m[detected], tall)
+    apertures = signal.anchor_aperture[paths.anchor[detected]]
+    aod_std = signal.angle_std(clean, paths.aod_rad[detected], apertures, steep)
+    aoa_std = signal.angle_std(clean, paths.aoa_rad[detected], signal.agent_aperture, steep)
+    distance = paths.distance_m[detected] + signal.distance_std(clean) * noise[detected, 2]
     if offset_m is None:
         distance = np.abs(distance)
     else:
-        distance += offset_m[paths.step[heard], paths.anchor[heard]]
+        distance += offset_m[paths.step[detected], paths.anchor[detected]]
     table = {
-        "step": paths.step[heard],
-        "anchor": paths.anchor[heard],
+        "step": paths.step[detected],
+        "anchor": paths.anchor[detected],
         "distance_m": distance,
-        "aod_rad": wrap(paths.aod_rad[heard] + np.nan_to_num(aod_std, posinf=0) * noise[heard, 3]),
-        "aoa_rad": wrap(paths.aoa_rad[heard] + np.nan_to_num(aoa_std, posinf=0) * noise[heard, 4]),
-        "amplitude": amplitude[heard],
+        "aod_rad": wrap(paths.aod_rad[detected] + np.nan_to_num(aod_std, posinf=0) * noise[detected, 3]),
+        "aoa_rad": wrap(paths.aoa_rad[detected] + np.nan_to_num(aoa_std, posinf=0) * noise[detected, 4]),
+        "amplitude": amplitude[detected],
     }
     rate = signal.false_alarms if false_alarms is None else false_alarms
     counts = draw.poisson(rate, (steps, len(scene.anchors)))
@@ -82,10 +82,10 @@ def received(
         # Rayleigh with scale^2 = 1/2 above the threshold, by inversion
         "amplitude": np.sqrt(signal.threshold**2 + draw.exponential(1.0, total)),
     }
-    label = np.concatenate([heard, np.full(total, -1)])
+    label = np.concatenate([detected, np.full(total, -1)])
     columns = {name: np.concatenate([table[name], false[name]]) for name in table}
     for angle, std in (("aod_rad", aod_std), ("aoa_rad", aoa_std)):  # a lone antenna measures no angle
-        columns[angle][: len(heard)][~np.isfinite(std)] = np.nan
+        columns[angle][: len(detected)][~np.isfinite(std)] = np.nan
     if scene.radio.reports_std:
         columns |= _own_deviations(columns, signal, heights)
     for quantity, name in (("aod", "aod_rad"), ("aoa", "aoa_rad"), ("amplitude", "amplitude")):

@@ -214,7 +214,7 @@ def _benchmarks(variant: Variant, takes: Kind, agents: Sequence[str]) -> dict[st
         truth = ground_truth(scene, name)
         known = known_map_bound(scene, name, truth.paths)
         before = unknown_map_bound(scene, name, truth.paths, before=before)
-        heard = AudibleSurfaces.of(truth, earlier)
+        audible = AudibleSurfaces.of(truth, earlier)
         rays, likely = true_rays(scene, name, truth), true_rays(scene, name, truth, 0.5)
         unknown = before
         if not walls_tell_all(scene, takes):
@@ -233,7 +233,7 @@ def _benchmarks(variant: Variant, takes: Kind, agents: Sequence[str]) -> dict[st
         direct = truth.paths.bounces == 0
         sight[truth.paths.anchor[direct], truth.paths.step[direct]] = True
         found[name] = Benchmark(
-            known, unknown, rays, likely, heard.first, heard.curve, anchors, sight, headed
+            known, unknown, rays, likely, audible.first, audible.curve, anchors, sight, headed
         )
         earlier.append(truth)
     return found

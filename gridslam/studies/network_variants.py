@@ -71,10 +71,14 @@ def variant_of(
     if synchronised:
         for anchor in whole["anchors"]:
             anchor["clock"] = {"prior_ns": 0.0}
-    heard, truth = shared_air(Scene.checked(whole, scene.name), names, seed, len(scene.anchors))
+    measurements, truth = shared_air(Scene.checked(whole, scene.name), names, seed, len(scene.anchors))
     if labelled:  # false alarms are of each anchor then
         whole["radio"]["false_alarms"] /= len(scene.anchors)
-    return Scene.checked(whole, scene.name), heard if labelled else heard.without_labels(), truth
+    return (
+        Scene.checked(whole, scene.name),
+        measurements if labelled else measurements.without_labels(),
+        truth,
+    )
 
 
 def run_variants(
@@ -91,11 +95,11 @@ def run_variants(
     runs = []
     for seed in seeds:
         for variant in variants:
-            variant_scene, heard, truth = variant_of(scene, names, seed, variant)
+            variant_scene, measurements, truth = variant_of(scene, names, seed, variant)
             starts = {name: assumed_start(variant_scene, name, seed) for name in names}
-            done = map_network(variant_scene, heard, seed, starts=starts, method=method)
+            done = map_network(variant_scene, measurements, seed, starts=starts, method=method)
             scores: dict[str, Any] = done.score(truth.clocks, truth)
-            first = min(SETTLED, len(heard) // 2)
+            first = min(SETTLED, len(measurements) // 2)
             errors = [
                 track_errors(run.trajectory, truth.agents[name].trajectory)[0][
                     np.array([e.step >= first for e in run.estimates])

@@ -290,9 +290,9 @@ def run_job(job: Job) -> dict[str, Any]:
         earlier: list[Truth] = []
         found = {}
         for name in job.agents:
-            heard = observations_of(scene, name, job.seed, takes)
+            observations = observations_of(scene, name, job.seed, takes)
             start = assumed_start(scene, name, job.seed, job.start)
-            done = map_scene(scene, heard, job.method, name, job.seed, carried, start=start)
+            done = map_scene(scene, observations, job.method, name, job.seed, carried, start=start)
             if done.interrupted:
                 raise KeyboardInterrupt
             truth = ground_truth(scene, name)

@@ -98,17 +98,17 @@ class HybridFilter(SignalFilter[HybridState]):
         """Features, what mirrors among them say of surfaces and cells, and those of the map before."""
         belief, earlier = self.state.joint, self.inherited
         table, joint = feature_estimate(belief, self.model.anchor_positions)
-        told = mirrors_of(table, belief, self.model)
+        mirrors = mirrors_of(table, belief, self.model)
         sheet = Map.of_scene(self.scene) if earlier is None else earlier
         known = KnownSurfaces.of(sheet.surfaces, sheet.surface_reflection, sheet.surface_covariance)
         start = None if earlier is None else given_features(earlier, self.model)
-        known = surfaces_after(known, start, told, table, joint, belief.sightings)
+        known = surfaces_after(known, start, mirrors, table, joint, belief.sightings)
         if earlier is not None:
             table, joint = with_others(table, joint, earlier.features, earlier.feature_covariance, self.model)
         sheet = replace(
             sheet, features=table, feature_covariance=joint, provenance=self.latest(),
-            evidence=sheet.evidence + told.grid.evidence, observed=sheet.observed | told.grid.observed,
-            coefficient=sheet.coefficient + told.grid.coefficient,
+            evidence=sheet.evidence + mirrors.grid.evidence, observed=sheet.observed | mirrors.grid.observed,
+            coefficient=sheet.coefficient + mirrors.grid.coefficient,
         )  # fmt: skip
         if len(known.table):
             sheet = replace(

@@ -42,7 +42,7 @@ CLOSE = 1e-4
 """Square of the distance (m^2) between a virtual and its anchor below which no line is made of them."""
 FAINT, SLIGHT = 1e-3, 1e-3
 """Ratios to clutter, and to the measurement's known causes, below which a birth isn't looked at."""
-UNTOLD = 0.3
+ELSEWHERE = 0.3
 """V of a birth whose path is impossible at the mean: elsewhere it isn't, or it wouldn't be one."""
 DOUBLE_SHARE = 0.5
 """Births by each kind of double bounce over births by single bounces."""
@@ -330,7 +330,7 @@ def weigh_by_visibility(
                 (surfaces if first < 0 else first),
             )
             draw_path(sketch.state, sketch.path, places, 0, 0, sketch.drawn)
-            births.proposal[b, 2] = UNTOLD * worth
+            births.proposal[b, 2] = ELSEWHERE * worth
             if sketch.drawn[0, 12] > 0.5:
                 births.proposal[b, 2] = worth * alone(
                     sketch.drawn, sketch.path[0, 0], wide, occupied, frame, sketch.line, sketch.place

@@ -35,7 +35,7 @@ REACH, TRIALS = 4.0, 41
 """Deviations and number of directions of arrival that are tried for a new line, coarse and then fine."""
 IMPOSSIBLE = 1e3
 """Misfit of a direction from which no path leads to the anchor."""
-UNTOLD = 1e6
+IGNORED = 1e6
 """Deviation from which on an AoD is ignored, as that of an array without extent."""
 VAGUE = 1e-6
 """Share of a density that every coefficient has at least."""
@@ -201,7 +201,7 @@ def initialise_surface(
         lean, level = lean_of(distance, place[4]), level_of(distance, place[4])
         std = known_std(anchors.radio, anchor, scan, m, strength, lean)
         # where to linearise
-        departs, arrival = scan[m, 4] >= 0 and std[1] < UNTOLD, scan[m, 2]
+        departs, arrival = scan[m, 4] >= 0 and std[1] < IGNORED, scan[m, 2]
         wide = ti.sqrt(std[2] * std[2] + belief.covariance[HEADING, HEADING])
         for stage in range(2 if departs else 0):
             reach = wide * (REACH if stage == 0 else 2 * REACH / TRIALS)

@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from gridslam.kernels import HEARD_ELSEWHERE, OFTEN, OFTENER
+from gridslam.kernels import OFTEN, OFTENER, SEEN_ELSEWHERE
 from gridslam.kernels.primitives.functions import PI, cos_of, dot, sin_of, wrapped
 from gridslam.kernels.primitives.gaussian import mirror_of
 from gridslam.kernels.primitives.launching import copying
@@ -123,7 +123,7 @@ def silenced(g, s, r, seen: ti.template(), age: ti.template(), single: ti.templa
     own = OFTENER * seen[g]
     return (
         older
-        and most < HEARD_ELSEWHERE
+        and most < SEEN_ELSEWHERE
         and seen[s] * age[g] > own * age[s]
         and seen[r] * age[g] > own * age[r]
     )
@@ -153,9 +153,9 @@ def explains(
             if other != anchor:
                 elsewhere = ti.max(elsewhere, single[other, g])
         # if measured vaguely, it lies between the lines that AoA and AoD of the double bounce give
-        if far < AROUND_M and corner and most < HEARD_ELSEWHERE:
+        if far < AROUND_M and corner and most < SEEN_ELSEWHERE:
             yes = True
-        elif far < NEAR_M and elsewhere < HEARD_ELSEWHERE:
+        elif far < NEAR_M and elsewhere < SEEN_ELSEWHERE:
             n = ti.Vector([cos_of(mean[by_last_line]), sin_of(mean[by_last_line])], dt=ti.f64)
             by_first -= 2 * dot(n, by_first) * n
             by_first_offset -= 2 * dot(n, by_first_offset) * n

@@ -18,8 +18,6 @@ from gridslam.kernels.primitives.clues import (
     COEFFICIENT,
     DISTANCE,
     FIT,
-    HEARD_FROM,
-    HEARD_TO,
     HEIGHT,
     IMAGE,
     KNOWN_FROM,
@@ -30,6 +28,8 @@ from gridslam.kernels.primitives.clues import (
     OVER,
     PEAK,
     SAMPLES,
+    SCAN_FROM,
+    SCAN_TO,
     SIDE,
     STRAIGHT,
     SURE,
@@ -156,7 +156,7 @@ def score_poses(
                     if over > 0:
                         level = at_1m * clues.known[k, COEFFICIENT] / ti.max(over, 1e-3)
                         total -= clues.known[k, CHANCE] * detected(clues.chance, step, level)
-                for m in range(clues.own[a, HEARD_FROM], clues.own[a, HEARD_TO]):
+                for m in range(clues.own[a, SCAN_FROM], clues.own[a, SCAN_TO]):
                     ratio = straight(clues, a, step, m, heading, leaving, back, length)
                     if length < clues.measured[m, DISTANCE]:  # or the point of reflection isn't between
                         ratio += born(clues, m, ax, ay, c, s, nearest)

@@ -13,7 +13,7 @@ from gridslam.kernels.primitives.launching import quick
 ROOT, PLAIN, STEEP, STIFF = 3, 4, 5, 6
 """Where `work` keeps, after S_0, S_1 and S_2: the root of A; its solutions for responses and, in the last
 row, for the samples; those for slopes of responses; curvature of the posterior, and its root."""
-HERE, GRADIENT, STEP, AMPLITUDE, HEARD, SLOPED = 0, 1, 2, 3, 5, 7
+HERE, GRADIENT, STEP, AMPLITUDE, RECEIVED, SLOPED = 0, 1, 2, 3, 5, 7
 """Columns of `vector`: distances that are tried, gradient, step, and by pairs amplitudes, products of
 responses with the samples, and of the same with wavenumbers between."""
 FAR, TERMS = 3.0, 60
@@ -96,7 +96,7 @@ def posterior(
     log_det = root_of(weight, noise, work)
     found = -log_det - wavenumber.shape[0] * logarithm_of(noise) - power / noise
     for k in range(count):
-        one = ti.sqrt(weight[k, 0]) * ti.Vector([vector[k, HEARD], vector[k, HEARD + 1]])
+        one = ti.sqrt(weight[k, 0]) * ti.Vector([vector[k, RECEIVED], vector[k, RECEIVED + 1]])
         one = solved(work, one, PLAIN, count, k)
         found += (one[0] * one[0] + one[1] * one[1]) / (noise * noise)
     for n in range(count):
@@ -131,7 +131,7 @@ def add_up(
             sloped += wavenumber[m] * one
             now = times(now, turn)
         for side in ti.static(range(2)):
-            vector[n, HEARD + side], vector[n, SLOPED + side] = received[side], sloped[side]
+            vector[n, RECEIVED + side], vector[n, SLOPED + side] = received[side], sloped[side]
         for other in range(n, count):
             away = vector[other, HERE] - here
             first, gap = -wavenumber[0] * away, -spacing * away
@@ -205,7 +205,7 @@ def slopes(
             solved(work, root * ti.Vector([work[0, k, n, 0], work[0, k, n, 1]]), PLAIN, n, k)
             solved(work, root * ti.Vector([work[1, k, n, 1], -work[1, k, n, 0]]), STEEP, n, k)
         own = (work[1, n, n, 1] - inner(work, PLAIN, n, STEEP, n)[0] / noise) / noise
-        received = ti.Vector([vector[n, HEARD], vector[n, HEARD + 1]])
+        received = ti.Vector([vector[n, RECEIVED], vector[n, RECEIVED + 1]])
         amplitude = weight[n, 0] * (received - inner(work, PLAIN, n, PLAIN, count) / noise) / noise
         sloped = ti.Vector([-vector[n, SLOPED + 1], vector[n, SLOPED]])
         steep = (sloped - inner(work, STEEP, n, PLAIN, count) / noise) / noise

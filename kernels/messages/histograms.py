@@ -12,7 +12,7 @@ stays, goes to the next node, or to the one before; that it isn't detected."""
 FINE, RATIO, AT_1M, P_STAY, P_APPEAR, SURPRISE = 0, 1, 2, 3, 4, 5
 """Places of numbers: nodes are ``FINE sinh(RATIO (n + 1))``; amplitude at 1 m; probabilities that a ray stays
 and that it appears; weight of any amplitude at all."""
-HEARD = 1e-3
+CLAIMED = 1e-3
 """Sum over the paths of their responsibility from which on a measurement is looked at."""
 
 
@@ -93,7 +93,7 @@ def listen(
             mass, most = ti.f64(0.0), ti.f64(-1e30)
             for row in range(paths):
                 mass += responsible[row, m]
-            if mass > HEARD:
+            if mass > CLAIMED:
                 audible = ti.min(scan[m, 6], table[NODES, last])
                 for n in range(last + 1):
                     density[m, n] = log_rician(audible, table[NODES, n], samples) if audible > 0 else 0.0

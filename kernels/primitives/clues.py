@@ -11,7 +11,7 @@ faces along x (m); cosine and sine of AoD + AoA; density of an AoD that fits, it
 cosine of the misfit up to which it is worked out; density of any AoD."""
 OVER = 18
 """Known single bounces: as for lines of sight, beside a map's errors."""
-HEARD = 22
+MEASURED = 22
 """Columns by measurement."""
 
 IMAGE, NORMAL, OFFSET, SIDE, TURN, CHANCE, COEFFICIENT = 0, 2, 4, 5, 6, 7, 8
@@ -21,5 +21,5 @@ KNOWN = 9
 """Columns by known single bounce."""
 X, Y, HEIGHT, AT_1M, SAMPLES = range(5)
 """By anchor: place (m) and height above the agent (m), u at 1 m, number of samples."""
-HEARD_FROM, HEARD_TO, KNOWN_FROM, KNOWN_TO = range(4)
+SCAN_FROM, SCAN_TO, KNOWN_FROM, KNOWN_TO = range(4)
 """By anchor: its measurements and known single bounces, from the first to before the last."""

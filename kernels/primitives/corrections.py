@@ -32,7 +32,7 @@ MEASURED = 0.1 * UNMEASURED
 """A variance from here on stands for "not measured"."""
 NONE_OPEN, CLOCKS_OPEN, RISES_OPEN = range(3)
 """What a state holds between pose and lines."""
-UNHEARD, UNMOVED = 1e-3, 1e-6
+UNLIKELY, UNMOVED = 1e-3, 1e-6
 """Probabilities below which a path is left out, and below which an association moves nothing."""
 
 
@@ -186,7 +186,7 @@ def correct(
             total += ratios.message[BETA, row, m] * ratios.message[NU, row, m]
         ratios.odds[TOTAL, row] = total + ratios.odds[MISSED, row]
         ratios.odds[SURE, row] = total / ratios.odds[TOTAL, row]
-    for turn in range(sorted_by(ratios.odds, UNHEARD, path.shape[0])):
+    for turn in range(sorted_by(ratios.odds, UNLIKELY, path.shape[0])):
         row = ti.cast(ratios.odds[ORDER, turn], ti.i32)
         correct_by(row, belief, head, path, pairs, ratios, places, account, open)
     for k in range(pairs.start[path.shape[0]]):

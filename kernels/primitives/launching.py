@@ -187,7 +187,7 @@ class _Launches(threading.local):
     """What a thread keeps of a kernel, the one launched last at the end."""
 
     def __init__(self) -> None:
-        self.kept: list[_ReusedLaunch] = []
+        self.launches: list[_ReusedLaunch] = []
 
 
 def _places_of(names: Sequence[str], known: Sequence[Any]) -> list[int]:
@@ -214,9 +214,9 @@ def _reused_launch(
     own: _Launches, code: Any, program: Any, values: Sequence[Any], key: int | None, spare: Mapping[int, Any]
 ) -> "_ReusedLaunch":
     """The launch that a thread keeps for such a key; else a new one, or the one not used for longest."""
-    launches = own.kept
+    launches = own.launches
     if not launches or launches[-1].code is not code or launches[-1].program is not program:
-        launches = own.kept = [_ReusedLaunch.first(code, program, spare, len(values))]
+        launches = own.launches = [_ReusedLaunch.first(code, program, spare, len(values))]
     latest = launches[-1]
     if key is None or latest.handed[key] is values[key]:
         return latest

@@ -13,7 +13,7 @@ import taichi as ti
 
 HEADING, CLOCKS = 4, 5
 """Entries of a view: the heading; the first difference of clocks, if there are any."""
-HEIGHT, TOLD_HEIGHT, RISE = 3, 4, 5
+HEIGHT, GIVEN_HEIGHT, RISE = 3, 4, 5
 """Columns of `Anchors.places` and of nothing else: height above the agent as believed, and as told; which
 rise makes it another."""
 KNOWN, FIXED = -1, -2
@@ -62,7 +62,7 @@ def anchor_of(places: ti.template(), mean: ti.template(), head, anchor):
     late, height, open = ti.f64(0.0), places[anchor, HEIGHT], ti.f64(0.0)
     if unknown >= 0:
         if rises:
-            height, open = places[anchor, TOLD_HEIGHT] + mean[unknown], 1.0
+            height, open = places[anchor, GIVEN_HEIGHT] + mean[unknown], 1.0
         else:
             late = mean[unknown]
     return ti.Vector([places[anchor, 0], places[anchor, 1], places[anchor, 2], late, height, open], dt=ti.f64)

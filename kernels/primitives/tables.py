@@ -10,10 +10,10 @@ PREDICTED = 13
 """Columns of `predicted`."""
 
 LABEL = 9
-"""By measurement, column of `heard`: the anchor that sent it, -1 if that isn't known; others: see
+"""By measurement, column of `scan`: the anchor that sent it, -1 if that isn't known; others: see
 `AnchorScan.table`."""
-HEARD = 10
-"""Columns of `heard`."""
+SCAN = 10
+"""Columns of `scan`."""
 
 EXISTENCE, SURFACES, OPEN, DETECTED, POSSIBLE, CHANCE, THERE, MISSED, WORTH = range(9)
 SURE, ORDER, TOTAL = range(9, 12)

@@ -20,9 +20,9 @@ from gridslam.kernels.primitives.functions import (
 )
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.layout import (
+    GIVEN_HEIGHT,
     HEADING,
     HEIGHT,
-    TOLD_HEIGHT,
     line_entry,
     lines_in,
     rise_of,
@@ -120,7 +120,7 @@ def weigh_pairs(
     unknown = unknown_row(places, head, anchor, state.shape[0])
     if unknown >= 0:
         if rise_of(places, anchor) >= 0:
-            anchor_height = ti.cast(places[anchor, TOLD_HEIGHT], ti.f32)
+            anchor_height = ti.cast(places[anchor, GIVEN_HEIGHT], ti.f32)
             for i in range(BLOCK):
                 far[i] = slant_of(tx[i] * tx[i] + ty[i] * ty[i], anchor_height + state[unknown, at + i])
         else:

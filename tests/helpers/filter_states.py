@@ -43,7 +43,7 @@ def state_of(belief, anchors=1, existence=0.5):
 
 def anchor_scans_of(case, step):
     """Measurements of a disturbed case at a step, split by the anchors that its filter believes in."""
-    scan, world = case.heard.scan(step), case.believed
+    scan, world = case.measurements.scan(step), case.believed
     threshold = world.signal_model(case.agent).threshold
     return anchor_scans(scan, world.filter_model(case.agent).places, threshold)
 

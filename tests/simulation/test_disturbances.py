@@ -33,9 +33,9 @@ def test_the_filter_is_told_neither_walls_nor_way(room):
 
 def test_silence_removes_its_steps_and_nothing_else(room):
     quiet = disturbances.silence(room, 60, 30)
-    gone = (room.heard.step >= 60) & (room.heard.step < 90)
-    assert len(quiet.heard) == len(room.heard)
-    for one, two in zip(rows(quiet.heard, slice(None)), rows(room.heard, ~gone), strict=True):
+    gone = (room.measurements.step >= 60) & (room.measurements.step < 90)
+    assert len(quiet.measurements) == len(room.measurements)
+    for one, two in zip(rows(quiet.measurements, slice(None)), rows(room.measurements, ~gone), strict=True):
         np.testing.assert_array_equal(one, two)
     assert not ((quiet.paths.step >= 60) & (quiet.paths.step < 90)).any()
 
@@ -48,15 +48,15 @@ def test_a_disturbance_beyond_the_way_is_refused(room, steps):
 
 def test_a_burst_adds_clutter_of_the_right_number_and_leaves_the_rest(room):
     burst = disturbances.clutter_burst(room, 60, 20, times=10)
-    before, inside = room.heard, (burst.heard.step >= 60) & (burst.heard.step < 80)
+    before, inside = room.measurements, (burst.measurements.step >= 60) & (burst.measurements.step < 80)
     for one, two in zip(
-        rows(burst.heard, ~inside), rows(before, (before.step < 60) | (before.step >= 80)), strict=True
+        rows(burst.measurements, ~inside), rows(before, (before.step < 60) | (before.step >= 80)), strict=True
     ):
         np.testing.assert_array_equal(one, two)
-    added = len(burst.heard.step) - len(before.step)
+    added = len(burst.measurements.step) - len(before.step)
     mean = 9 * 2.0 * 2 * 20  # nine times two more at two anchors for twenty steps
     assert abs(added - mean) < 5 * np.sqrt(mean)
-    assert (burst.heard.amplitude >= 10 ** (6 / 20)).all()
+    assert (burst.measurements.amplitude >= 10 ** (6 / 20)).all()
 
 
 def test_wrong_numbers_change_what_is_told_and_not_what_is_heard(room):
@@ -65,7 +65,7 @@ def test_wrong_numbers_change_what_is_told_and_not_what_is_heard(room):
     assert clutter.believed.radio.false_alarms == 2 * room.scene.radio.false_alarms
     assert snr.believed.radio.snr_at_1m_db == pytest.approx(room.scene.radio.snr_at_1m_db - 3.0103)
     for case in (clutter, snr):
-        assert case.heard is room.heard
+        assert case.measurements is room.measurements
         assert (case.first, case.last) == (0, len(room.track))
 
 
@@ -73,7 +73,7 @@ def test_a_turned_anchor_is_turned_in_what_is_told_alone(room):
     case = disturbances.stated_orientation(room, 2.0)
     turn = case.believed.anchor_orientations - room.scene.anchor_orientations
     np.testing.assert_allclose(np.degrees(turn), [2.0, 0.0], atol=1e-9)
-    np.testing.assert_array_equal(case.heard.aod_rad, room.heard.aod_rad)
+    np.testing.assert_array_equal(case.measurements.aod_rad, room.measurements.aod_rad)
 
 
 @settings(max_examples=20, deadline=None)
@@ -160,7 +160,7 @@ def test_strides_are_long_and_their_paths_belong_to_them(room):
     again = true_paths(case.scene, case.agent, case.track)
     np.testing.assert_array_equal(again.distance_m, case.paths.distance_m)
     slow = disturbances.strides(room, times=10, steps=40, pause=True)
-    assert slow.heard.interval_s == 10 * case.heard.interval_s
+    assert slow.measurements.interval_s == 10 * case.measurements.interval_s
     speed = np.linalg.norm(slow.track.velocity_mps, axis=1)
     np.testing.assert_allclose(speed, 0.05)
 
@@ -173,5 +173,5 @@ def test_a_way_that_can_not_be_gone_round_is_refused():
 def test_a_disturbance_repeats_with_its_seed_and_differs_with_another(room):
     one, same = (disturbances.clutter_burst(room, 60, 20) for _ in range(2))
     other = disturbances.clutter_burst(replace(room, seed=2), 60, 20)
-    np.testing.assert_array_equal(one.heard.distance_m, same.heard.distance_m)
-    assert len(one.heard.step) != len(other.heard.step) or (one.heard.aod_rad != other.heard.aod_rad).any()
+    np.testing.assert_array_equal(one.measurements.distance_m, same.measurements.distance_m)
+    assert len(one.measurements.step) != len(other.measurements.step) or (one.measurements.aod_rad != other.measurements.aod_rad).any()

@@ -28,7 +28,7 @@ LISTENED = 2.0
 """Steps of listening to an anchor, with forgetting, from which on its clutter is judged."""
 MOST_LOUD = 30
 """The loudest of an anchor, which propose poses where the agent is looked for."""
-AFRESH, ENOUGH, UNTOLD = 5, 4, 20
+AFRESH, ENOUGH, UNCERTAIN = 5, 4, 20
 """Steps for which a recovery is reported; loud measurements needed to call the agent lost, and, over some ten
 steps, to call it found; scans of fewer after which it no longer counts as lost."""
 NO_FIT = np.append(np.zeros(SUMS - 1), np.inf)
@@ -118,7 +118,7 @@ class HealthMonitor:
 
     def still_lost(self) -> Self:
         """The agent was lost at this step, and not found."""
-        return replace(self, lost=UNTOLD)
+        return replace(self, lost=UNCERTAIN)
 
     def assess(
         self, calibration: Calibration, turned: Array, model: FilterModel, spread_m: float, effective: float

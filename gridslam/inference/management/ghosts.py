@@ -17,7 +17,7 @@ from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief, keep
 from gridslam.inference.state.surface_bank import SurfaceBank
-from gridslam.kernels import HEARD_ELSEWHERE, OFTEN, OFTENER
+from gridslam.kernels import OFTEN, OFTENER, SEEN_ELSEWHERE
 
 
 def drop_ghosts(
@@ -41,7 +41,7 @@ def drop_ghosts(
     if len(often) < 3 or often[-2] < OFTEN:
         return bank, belief  # no two that were seen often
     head, single = belief.layout.head, bank.single[: len(places)]
-    by_ratio = by_ratio and bool(single.max(0).min() < HEARD_ELSEWHERE)
+    by_ratio = by_ratio and bool(single.max(0).min() < SEEN_ELSEWHERE)
     if often[-2] <= OFTENER * often[0] and not by_ratio:
         return bank, belief  # none that was seen much less often, and none that is silent
     ghost = np.empty(len(bank), np.int32)

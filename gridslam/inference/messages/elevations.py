@@ -26,7 +26,7 @@ from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import lean, slant, trace, wrap
 from gridslam.world.radio import RadioModel
 
-HEIGHT, TOLD_HEIGHT, RISE = 3, 4, 5
+HEIGHT, GIVEN_HEIGHT, RISE = 3, 4, 5
 """Columns of `FilterModel.places`."""
 LEAST_SHARE, LEAST_LEVEL_M = 1e-4, 1e-3
 """Probability below which a measurement corrects nothing; length seen from above that slopes are taken at."""
@@ -126,7 +126,9 @@ class Foreseen:
         entry = layout.heights.start + np.maximum(rise, 0)
         height = place[:, HEIGHT].copy()
         if layout.rises:
-            height = np.where(known, height, place[:, TOLD_HEIGHT] + mean[np.minimum(entry, layout.head - 1)])
+            height = np.where(
+                known, height, place[:, GIVEN_HEIGHT] + mean[np.minimum(entry, layout.head - 1)]
+            )
         lines = belief.lines if len(belief.lines) else np.zeros((1, 2))
         here = np.tile(mean[:2], (len(anchor), 1))
         path = trace(

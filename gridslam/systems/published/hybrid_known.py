@@ -36,7 +36,7 @@ from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 from gridslam.world.waveform import Waveform
 
-TOLD_M, TOLD_RAD = 1e-3, 1e-4
+KNOWN_M, KNOWN_RAD = 1e-3, 1e-4
 """Deviations of what is told."""
 
 
@@ -65,7 +65,7 @@ def true_features(scene: Scene, model: SignalModel) -> tuple[FeatureEstimate, Ar
     tables = [images, *(_scatterer(one.position_m, one.size_m, model) for one in scene.scatterers)]
     whole = FeatureEstimate.stack(tables)
     count = len(whole)
-    square = TOLD_M**2 * np.eye(3 * count)
+    square = KNOWN_M**2 * np.eye(3 * count)
     square[: len(joint), : len(joint)] = joint
     return replace(whole, identity=np.arange(count)), square
 
@@ -83,7 +83,7 @@ def _surfaces(scene: Scene) -> SurfaceEstimate:
     turned = np.where(offset < 0, np.pi, 0.0)
     line = np.stack([angle + turned, np.abs(offset)], 1)
     count = len(rows)
-    spread = np.tile(np.diag(np.square([TOLD_RAD, TOLD_M])), (count, 1, 1))
+    spread = np.tile(np.diag(np.square([KNOWN_RAD, KNOWN_M])), (count, 1, 1))
     ones = np.ones(count)
     return SurfaceEstimate(
         np.arange(count), np.zeros((count, 2)), np.zeros((count, 2, 2)), line, spread,
@@ -99,7 +99,7 @@ def _scatterer(place_m: Any, size_m: float, model: SignalModel) -> FeatureEstima
     fro = max(float(np.hypot(*(model.start_mean[:2] - place))), 1.0)
     level = model.radio.amplitude_at_1m**2 / len(model.waveform.agent_element_m)
     power = level * (size_m * (to + fro) / (to * fro)) ** 2
-    covariance = np.tile(np.diag([TOLD_M**2] * 3 + [0.0]), (count, 1, 1))
+    covariance = np.tile(np.diag([KNOWN_M**2] * 3 + [0.0]), (count, 1, 1))
     covariance[:, 3, 3] = power**2
     zeros = np.zeros(count, np.int64)
     return FeatureEstimate(

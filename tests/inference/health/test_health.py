@@ -30,7 +30,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.fixture(scope="module")
 def followed(room):
     """Estimates of forty steps, ten of them silent from step 20 on."""
-    slam, heard = gs.GridSlam(room.believed, seed=1), disturbances.silence(room, 20, 10).heard
+    slam, heard = gs.GridSlam(room.believed, seed=1), disturbances.silence(room, 20, 10).measurements
     return [slam.step(heard.scan(step)) for step in range(40)]
 
 
@@ -164,10 +164,10 @@ def test_the_clutter_level_follows_a_burst_within_three_steps_and_back(signal):
 def test_a_deep_copy_of_a_filter_goes_on_as_the_filter_does(room):
     slam = gs.GridSlam(room.believed, seed=1)
     for step in range(6):
-        slam.step(room.heard.scan(step))
+        slam.step(room.measurements.scan(step))
     other = copy.deepcopy(slam)
     for step in range(6, 9):
-        one, two = slam.step(room.heard.scan(step)), other.step(room.heard.scan(step))
+        one, two = slam.step(room.measurements.scan(step)), other.step(room.measurements.scan(step))
         np.testing.assert_array_equal(one.covariance, two.covariance)
     assert slam.state.monitor == other.state.monitor
 
@@ -205,7 +205,7 @@ def test_a_wrong_clutter_level_and_snr_are_learned(room, signal):
     told = disturbances.stated_snr(disturbances.stated_clutter(room, 0.5), 2.0)
     slam = gs.GridSlam(told.believed, seed=1)
     for step in range(40):
-        estimate = slam.step(told.heard.scan(step))
+        estimate = slam.step(told.measurements.scan(step))
     assert estimate.health.amplitude == pytest.approx(np.sqrt(0.5), abs=0.05)
     # Poisson of mean 2 over some ten steps, pulled by three steps at 1, and what no known path explains
     assert (estimate.health.clutter > 1.1).all()
@@ -216,7 +216,7 @@ def test_a_turned_anchor_is_noticed(room):
     case = disturbances.stated_orientation(room, 4.0)
     slam = gs.GridSlam(case.believed, seed=1)
     for step in range(40):
-        estimate = slam.step(case.heard.scan(step))
+        estimate = slam.step(case.measurements.scan(step))
     assert estimate.health.turned_rad[1] == 0
     assert -5.0 < np.degrees(estimate.health.turned_rad[0]) < -1.5
     assert "anchor A seems turned by -" in estimate.health.why
@@ -231,7 +231,7 @@ def test_what_used_to_diverge_recovers(room, kind):
     }[kind]()
     slam = gs.GridSlam(case.believed, seed=1)
     error = [
-        np.linalg.norm(slam.step(case.heard.scan(n)).position_m - case.track.position_m[n]) for n in range(40)
+        np.linalg.norm(slam.step(case.measurements.scan(n)).position_m - case.track.position_m[n]) for n in range(40)
     ]
     bound = known_map_bound(case.scene, case.agent, case.paths, case.track).position_m[10:40]
     assert np.sqrt(np.square(error[10:]).mean()) < 2 * np.sqrt((bound**2).mean())
@@ -242,7 +242,7 @@ def test_a_result_is_good_if_the_filter_recovers_or_says_that_it_has_not(room, f
     result = robustness.judged(
         disturbances.Case(
             case.scene, case.believed, case.agent, 1, short(case.track),
-            case.paths.take(case.paths.step < 40), case.heard, 20, 30,
+            case.paths.take(case.paths.step < 40), case.measurements, 20, 30,
         ),
         "silence", followed,
     )  # fmt: skip

@@ -9,10 +9,10 @@ from lesson_states import LOS, LOS_POWER, MIRROR, SCATTERER, STEPS, lesson_of, s
 from gridslam import runtime
 from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.following import START_STEPS
-from gridslam.inference.messages.features.learning import JUDGED, learn, was_heard
+from gridslam.inference.messages.features.learning import JUDGED, learn, was_detected
 from gridslam.inference.messages.features.proposals import (
+    AMBIGUOUS,
     CROWD_EXTENT_M,
-    UNTOLD,
 )
 from gridslam.inference.messages.features.rivals import (
     CLEAR,
@@ -78,8 +78,8 @@ def test_features_that_are_never_loud_are_kept_if_they_are_surely_there():
         joint = joint.with_feature(0, entries(MIRROR, np.zeros(2)), np.eye(3), np.zeros(2), 1.0, n, 0)
     bank = replace(joint.features, steps_seen=np.array([0, 0, 3]), presence=np.array([0.95, 0.5, 0.1]))
     joint = replace(joint, features=bank)
-    np.testing.assert_array_equal(was_heard(joint), [True, False, True])
-    np.testing.assert_array_equal(was_heard(replace(joint, extent=CROWD_EXTENT_M)), [False, False, True])
+    np.testing.assert_array_equal(was_detected(joint), [True, False, True])
+    np.testing.assert_array_equal(was_detected(replace(joint, extent=CROWD_EXTENT_M)), [False, False, True])
 
 
 @pytest.mark.slow
@@ -155,7 +155,7 @@ def test_a_short_track_does_not_tell_that_an_image_is_one(steps):
     (one, _) = lesson.rivals(state.segment, state.joint, PRICES, state.segment.first(steps))
     extra = one.start.covariance[MOVING + 2, MOVING + 2] ** 0.5
     length = one.start.mean[MOVING]
-    assert extra == pytest.approx(UNTOLD * length if steps <= START_STEPS else NONE_M)
+    assert extra == pytest.approx(AMBIGUOUS * length if steps <= START_STEPS else NONE_M)
 
 
 def test_a_segment_that_is_too_short_is_kept_for_later():

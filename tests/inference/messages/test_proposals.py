@@ -9,10 +9,10 @@ from gridslam.inference.messages.features import proposals
 from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.learning import JUDGED
 from gridslam.inference.messages.features.proposals import (
+    AMBIGUOUS,
     CROWD,
     CROWD_EXTENT_M,
     LOOSE,
-    UNTOLD,
     extra_slopes,
     with_proposals,
 )
@@ -47,7 +47,7 @@ def test_features_of_a_crowd_are_not_taken_at_their_word(many, monkeypatch):
     std = np.sqrt(np.diagonal(found.covariance)[MOVING:].reshape(-1, 3))
     crowded = many > CROWD
     assert found.extent == (CROWD_EXTENT_M if crowded else 0.0)
-    np.testing.assert_allclose(std[1:, 2], UNTOLD * length[1:] if crowded else NONE_M)
+    np.testing.assert_allclose(std[1:, 2], AMBIGUOUS * length[1:] if crowded else NONE_M)
     assert std[0, 2] > LOOSE * length[0] if crowded else std[0, 2] < LOOSE * length[0]
     assert (found.extent, len(found.features)) == (found.keep(extra >= 0).extent, many)
 

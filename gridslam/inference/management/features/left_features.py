@@ -23,7 +23,7 @@ LEAST_WAY_M = 1.0
 """Way along which a place was heard before it counts as one."""
 MOST_MISFIT = 4.0
 """Squared error per step, of two numbers, beyond which paths don't come from one place."""
-TIED_M, UNTOLD = 0.1, 0.3
+TIED_M, AMBIGUOUS = 0.1, 0.3
 """Deviation of a scatterer's extra length; of any other's, in its length: nothing tells it from an image."""
 NEAR_M, NEAR_RAD = 0.5, 0.3
 """Within which two places say the same of a path."""
@@ -143,7 +143,7 @@ def _feature(known: Places, n: int, anchor_m: Array, elements: int) -> FeatureEs
         square[2, 2] += TIED_M**2
     else:  # the longer it is beside its way, the nearer it is
         way = known.place_m[n] - known.agent_m[n]
-        moved = np.append(-way, np.hypot(*way)) * UNTOLD
+        moved = np.append(-way, np.hypot(*way)) * AMBIGUOUS
         square += np.outer(moved, moved)
     power = known.power[n] / elements
     covariance = np.zeros((1, 4, 4))

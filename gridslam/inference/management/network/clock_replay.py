@@ -92,12 +92,12 @@ def taken_again(
     state, info, total = _from(start, steps.scans, model, works, step)
     if (state.clocks.unset & ~clocks.unset).any() or total < steps.log_evidence:
         return None
-    told = with_walls_of(state, start)
-    if len(told.surfaces) > len(start.surfaces):
-        mapped, heard, explained = _from(told, steps.scans, model, works, step)
+    given = with_walls_of(state, start)
+    if len(given.surfaces) > len(start.surfaces):
+        mapped, mapped_info, explained = _from(given, steps.scans, model, works, step)
         if (mapped.clocks.unset == state.clocks.unset).all() and explained >= total:
             # walls that are told say nothing of clocks that are still searched for
-            state, info = loosened(replace(mapped, clocks=state.clocks)), heard
+            state, info = loosened(replace(mapped, clocks=state.clocks)), mapped_info
     return state, info, ClockSteps(start, steps.scans, total)
 
 

@@ -31,7 +31,7 @@ from gridslam.world.scene_parts import GridSpec
 
 POSE = np.array([0, 1, HEADING])
 """Entries of the agent's pose in the state."""
-COPIES, KEPT, REFINED = 10, 150, 400
+COPIES, DRAWN, REFINED = 10, 150, 400
 """Draws per hypothesis, of the belief, and about the best pose."""
 MODE_M, MODE_RAD = 0.6, 0.45
 """Poses closer than this are one mode."""
@@ -165,7 +165,7 @@ def best_pose(
         return None
     mean, wide = belief.mean[POSE], belief.covariance[np.ix_(POSE, POSE)]
     narrow = expected.covariance[np.ix_(POSE, POSE)]
-    known = draw.multivariate_normal(mean, narrow, KEPT, method="eigh")
+    known = draw.multivariate_normal(mean, narrow, DRAWN, method="eigh")
     bound = np.linalg.inv(wide + np.diag([0.1, 0.1, 0.1]))
     block = max(BLOCK // max(largest, 1), 1)
 

@@ -177,7 +177,11 @@ def measurement_rows(terms: Sequence[SnapshotTerms], widen: float) -> Array:
         for name in ("value", "variance", "amplitude", "log_clutter", "log_born")
     )
     height = np.repeat([own.height for own in terms], [len(own) for own in terms])
-    rows, measured, loud = np.zeros((len(value), column.HEARD)), np.isfinite(variance), np.isfinite(amplitude)
+    rows, measured, loud = (
+        np.zeros((len(value), column.MEASURED)),
+        np.isfinite(variance),
+        np.isfinite(amplitude),
+    )
     variance = np.where(measured, widen**2 * variance, 1.0)
     rows[:, :3], rows[:, column.AMPLITUDE] = value, np.where(loud, amplitude, -1.0)
     for first, noise, share in (

@@ -24,14 +24,14 @@ IN_SIGHT, SURE, LOUD = 0.5, 0.99, 10.0
 
 def watch_mirrors(state: DirectState, band: Band, model: FilterModel) -> DirectState:
     """Note which anchors alone told where the agent is while both sides fitted, until another one does."""
-    links, told, bent = state.links, state.one_sided, bends(state, band, model)
-    if not len(told):  # of an earlier version's checkpoint
-        told = np.zeros(len(bent), np.int64)
+    links, sided, bent = state.links, state.one_sided, bends(state, band, model)
+    if not len(sided):  # of an earlier version's checkpoint
+        sided = np.zeros(len(bent), np.int64)
     if (bent > BENT).any():
-        return replace(state, one_sided=np.maximum(told, (links.visible > IN_SIGHT).astype(np.int64)))
+        return replace(state, one_sided=np.maximum(sided, (links.visible > IN_SIGHT).astype(np.int64)))
     snr = links.intensity / np.maximum(links.noise, 1e-300)
-    others = (links.visible > SURE) & (snr > LOUD) & (told == 0)
-    return replace(state, one_sided=np.zeros_like(told)) if told.any() and others.any() else state
+    others = (links.visible > SURE) & (snr > LOUD) & (sided == 0)
+    return replace(state, one_sided=np.zeros_like(sided)) if sided.any() and others.any() else state
 
 
 def bends(state: DirectState, band: Band, model: FilterModel) -> Array:

@@ -34,8 +34,8 @@ EXISTS, KNOWN_M = 0.5, 0.6
 """Existence and deviation (root of the trace) of the place from which on an image is known."""
 LOOSE_M = 0.3
 """Deviation of a known image's place at the start of a look: its samples tell of it once more."""
-EXISTENCE, VISIBLE, HEARD = 0.9, 0.5, 5.0
-"""Of an image at the start of a look; `HEARD` as in `Images`."""
+EXISTENCE, VISIBLE, STEPS_HEARD = 0.9, 0.5, 5.0
+"""Of an image at the start of a look; `STEPS_HEARD` as in `Images`."""
 COST = 6.0
 """What an image that is known beforehand costs in log evidence: its place would have had to be guessed."""
 MOST, HOPELESS = 2, 15.0
@@ -109,7 +109,7 @@ def with_images_of(start: DirectState, later: DirectState) -> DirectState:
     count, known = len(rows), later.images.take(rows)
     images = Images(
         np.arange(count), known.anchor, np.repeat(origin[None], count, 0), np.full(count, EXISTENCE),
-        np.full(count, VISIBLE), known.intensity, np.full(count, HEARD), np.zeros(count, np.int64),
+        np.full(count, VISIBLE), known.intensity, np.full(count, STEPS_HEARD), np.zeros(count, np.int64),
         np.full((count, 2), np.nan), np.zeros(count, np.int64),
     )  # fmt: skip
     belief = Belief(np.concatenate([start.belief.mean, polar.ravel()]), covariance)

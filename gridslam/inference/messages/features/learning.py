@@ -51,18 +51,18 @@ def learn(state: HybridState, front: Front, model: SignalModel) -> tuple[HybridS
     passing = len(state.joint.features) > old
     if not proposed or gain <= -CLEAR * passing:
         return begun(state, state.joint), Learned(proposed, 0, gain if proposed else 0.0)
-    detected = was_heard(best.joint)
+    detected = was_detected(best.joint)
     detected[:old] = True
     identity = int(best.joint.features.identity.max()) + 1
     taught = begun(state, best.joint.keep(detected))
     return replace(taught, next_identity=identity), Learned(proposed, int(detected.sum()) - old, gain)
 
 
-def was_heard(joint: JointBelief) -> NDArray[np.bool_]:
+def was_detected(joint: JointBelief) -> NDArray[np.bool_]:
     """Features (F,) that were heard at some step, or are surely there though they are never loud."""
     bank = joint.features
-    heard: NDArray[np.bool_] = bank.steps_seen > 0
-    return heard if joint.extent > 0 else heard | (bank.presence > SIGHTED)
+    seen: NDArray[np.bool_] = bank.steps_seen > 0
+    return seen if joint.extent > 0 else seen | (bank.presence > SIGHTED)
 
 
 def begun(state: HybridState, joint: JointBelief) -> HybridState:

@@ -24,7 +24,7 @@ from gridslam.inference.state.features.features import CROWD, CROWD_EXTENT_M, en
 from gridslam.inference.state.features.hybrid_state import JointBelief, Segment
 from gridslam.world.signal_model import SignalModel
 
-UNTOLD = 0.3
+AMBIGUOUS = 0.3
 """Deviation of an image's extra length, in its length, where nothing tells it from a scatterer: on a short
 track, or in a crowd."""
 LOOSE = 0.2
@@ -99,7 +99,7 @@ def with_proposals(
             belief = replace(belief, extent=CROWD_EXTENT_M)
         for row, what in zip(table, kind, strict=True):
             entry = entries(row[:3], origin)
-            none = UNTOLD * entry[0] if crowded or len(segment) <= START_STEPS else NONE_M
+            none = AMBIGUOUS * entry[0] if crowded or len(segment) <= START_STEPS else NONE_M
             tied = max(LOOSE * entry[0], TIED_M) if crowded else TIED_M
             width = {IMAGE: none, SCATTERED: tied, FREE: EXTRA_SHARE * row[2]}[int(what)]
             spread = np.diag(np.square([LENGTH_STD_M, DIRECTION_STD_RAD, width]))

@@ -19,10 +19,10 @@ from gridslam.world.scan import Scan
 
 CHALLENGE_STEPS = 5
 """From one look at set clocks to the next; in as many first steps, each looks at them."""
-EXPECTED, SILENT_SHARE, HEARD_SHARE, DOUBTED = 0.5, 0.2, 0.5, 12.0
+EXPECTED, SILENT_SHARE, RECEIVED_SHARE, DOUBTED = 0.5, 0.2, 0.5, 12.0
 """Chance from which on a path is expected; shares of the expected paths that count as silence and as being
 heard; nats of surprise by silence after which a clock is opened again."""
-HEARD_RAY, WITNESSES = 0.9, 2
+SURE_RAY, WITNESSES = 0.9, 2
 """Existence of a ray that was heard of late; links whose single bounces must be, of a surface that tells of
 clocks where nothing says whose a measurement is."""
 
@@ -110,7 +110,7 @@ def witnessed_surfaces(state: NetworkState) -> NDArray[np.bool_]:
     bank = state.surfaces
     if state.labelled or len(state.clocks.unset) == 1:
         return np.ones(len(bank), np.bool_)
-    return np.asarray((bank.single > HEARD_RAY).sum(0) >= WITNESSES)
+    return np.asarray((bank.single > SURE_RAY).sum(0) >= WITNESSES)
 
 
 def loosened(state: NetworkState) -> NetworkState:
@@ -142,8 +142,8 @@ def doubt_clocks(state: NetworkState, exchanges: Sequence[Exchange], model: Netw
         received += np.bincount(sender, exchange.responsible[likely].sum(1), len(wide))
         surprise += np.bincount(sender, -np.log(missed), len(wide))
     silent = (expected > 0) & (received < SILENT_SHARE * expected)
-    others = received.sum() - received >= HEARD_SHARE * (expected.sum() - expected)
-    doubt = np.where(received > HEARD_SHARE * expected, 0.0, search.doubt)
+    others = received.sum() - received >= RECEIVED_SHARE * (expected.sum() - expected)
+    doubt = np.where(received > RECEIVED_SHARE * expected, 0.0, search.doubt)
     doubt = np.where(silent & others & ~search.unset, doubt + surprise, doubt)
     search = replace(search, doubt=doubt)
     for anchor in np.flatnonzero(wide & (doubt > DOUBTED)):

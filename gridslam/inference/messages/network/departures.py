@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import replace
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
-from gridslam.inference.messages.network.clock_setting import HEARD_RAY, WITNESSES
+from gridslam.inference.messages.network.clock_setting import SURE_RAY, WITNESSES
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
@@ -49,4 +49,4 @@ def without_doubtful_departures(
 
 def unproven(bank: SurfaceBank) -> NDArray[np.bool_]:
     """Which surfaces (S,) may be images of double bounces: young ones that one anchor alone shows."""
-    return np.asarray(((bank.single > HEARD_RAY).sum(0) < WITNESSES) & (bank.seen < PROVEN))
+    return np.asarray(((bank.single > SURE_RAY).sum(0) < WITNESSES) & (bank.seen < PROVEN))

@@ -213,9 +213,9 @@ def weighed_by_presence(paths: AnchorPaths, mode: Mode, there: Array) -> tuple[A
     joint = paths.joint
     shift = mode.distance[:joint] - paths.prior.mean[:joint]
     precision, root = _inverse(paths.covariance), np.sqrt(there)
-    told = root[:, None] * (_inverse(mode.covariance[:joint, :joint]) - precision) * root
-    covariance = _inverse(precision + told)
-    reached = paths.prior.mean[:joint] + covariance @ (there * (precision @ shift) + told @ shift)
+    gained = root[:, None] * (_inverse(mode.covariance[:joint, :joint]) - precision) * root
+    covariance = _inverse(precision + gained)
+    reached = paths.prior.mean[:joint] + covariance @ (there * (precision @ shift) + gained @ shift)
     return reached, covariance
 
 

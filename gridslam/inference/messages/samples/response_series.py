@@ -71,8 +71,8 @@ class ResponseSeries:
         samples, extra = turn * samples, turn[:, None] * extra * np.conj(turn)
         real = np.allclose(size, size[::-1], rtol=1e-12, atol=0)
         power, direction = _directions(extra, real)
-        kept = power > NEGLIGIBLE * noise
-        share, direction = power[kept] / (power[kept] + noise), direction[:, kept]
+        strong = power > NEGLIGIBLE * noise
+        share, direction = power[strong] / (power[strong] + noise), direction[:, strong]
         seen = samples - direction @ (share * (np.conj(direction).T @ samples))
         return cls(
             band.wavenumber - band.wavenumber.mean(), size, real,
